@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.core.config import Settings
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
-from slamgym.envs.sweep import sweep
+from slamgym.envs.coverage import sweep
 from slamgym.planning import Costmap, Reachable
 from slamgym.planning.frontiers import Point
 from slamgym.planning.grid_path import CoarsePaths
@@ -189,18 +189,8 @@ class CoverageTourPlanner:
         unseen = floor.copy()
         directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
         frame = self._frame
-        sweep(
-            unseen,
-            frame.origin_x,
-            frame.origin_y,
-            frame.resolution,
-            x,
-            y,
-            0.0,
-            directions,
-            ranges,
-            self._max_range,
-        )
+        grid = frame.origin_x, frame.origin_y, frame.resolution
+        sweep(unseen, grid, (x, y, 0.0), directions, ranges, self._max_range)
         seen: BoolArray = ~unseen.reshape(-1)[self.cells]
         return seen
 

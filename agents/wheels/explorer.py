@@ -6,7 +6,7 @@ from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.agents.wheels.policy import WHEELS, WheelsPolicy, read_wheels
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Observation, OccupancyGrid, Pose2D, Twist2D
-from slamgym.envs.compact import SCAN_SECTORS, CompactObserver, Lattice
+from slamgym.envs.compact import SCAN_SECTORS, CompactObserver, MapTiles
 from slamgym.envs.completion import CompletionDetector
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import crop_known
@@ -41,11 +41,11 @@ class WheelsPilot(Pilot):
         if self._steps % self._publication == 0:
             grid = crop_known(OccupancyGrid(cells, context.frame), pose)
             self.finished = self._detector.is_explored(grid, pose)
-            self._observer.refresh(Lattice.of(cells, context.frame))
+            self._shown = MapTiles.of_grid(cells, context.frame)
+            self._observer.refresh(self._shown)
         if self._steps % self._policy.network.hold == 0:
             velocity = Twist2D(*observation["velocity"].tolist())
-            shown = Lattice.of(cells, context.frame)
-            seen = self._observer.observe(shown, observation["scan"], pose, velocity)
+            seen = self._observer.observe(self._shown, observation["scan"], pose, velocity)
             linear, angular = self._policy.act(seen).tolist()
             self._command = Twist2D(linear * context.max_linear, angular * context.max_angular)
             self.decisions += 1

@@ -118,7 +118,7 @@ def wander(env: ExploreEnv, arguments: Arguments) -> Iterator[tuple[bool, bool]]
 
 def is_on_floor(env: ExploreEnv) -> bool:
     """Whether the whole body of a round robot lies on the plan's floor."""
-    x, y, _ = env.true_pose
+    x, y, _ = env.simulation.true_pose
     floor = env.plan.free_space
     shapely.prepare(floor)
     beside = shapely.dwithin(floor.boundary, shapely.Point(x, y), env.config.robot.radius - 1e-6)

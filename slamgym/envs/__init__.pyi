@@ -4,7 +4,7 @@ from .coverage import Coverage, ReachableFloor
 from .episode import Episode, EpisodeConfig, run_episode
 from .episode_log import EpisodeLog
 from .explore_env import ExploreEnv
-from .explore_frontiers_env import DiscountByTermination, ExploreFrontiersEnv
+from .explore_frontiers_env import ExploreFrontiersEnv
 from .rewards import RewardConfig, RewardFunction, StepRecord
 
 __all__ = [
@@ -13,7 +13,6 @@ __all__ = [
     "EpisodeConfig",
     "run_episode",
     "Coverage",
-    "DiscountByTermination",
     "EpisodeLog",
     "ExploreConfig",
     "ExploreEnv",

@@ -1,4 +1,4 @@
-"""How an exploration goes, measured against the truth: for rewards and ``info``."""
+"""An exploration measured against the truth: for rewards and ``info``."""
 
 import math
 from dataclasses import replace
@@ -51,10 +51,8 @@ class Assessment:
         self._reward = reward
         floor = prepared.floor
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
-        self.coverage.add(start, simulation.true_ranges)
-        self._measured = self._measure(None)
-        share = self.coverage.share
-        self.latest = self._record(0.0, 0.0, False, share, self._measured, False)
+        self.look()
+        self.latest = self._record(None, duration=0.0, distance=0.0, contact=False, terminated=False)
 
     def look(self) -> None:
         """Account for the newest scan."""
@@ -65,14 +63,11 @@ class Assessment:
 
         Args:
             motion: What the robot did.
-            duration: How long [s].
-            terminated: Whether the exploration is complete.
+            duration: In [s].
+            terminated: True if the exploration is complete.
         """
-        before = self._measured
-        self._measured = self._measure(before)
-        self.latest = self._record(
-            duration, motion.distance, motion.contact, self.latest.coverage, before, terminated
-        )
+        step = {"distance": motion.distance, "contact": motion.contact}
+        self.latest = self._record(self.latest, duration=duration, terminated=terminated, **step)
         return self.latest
 
     def conclude(self) -> tuple[float, dict[str, float]]:
@@ -106,7 +101,7 @@ class Assessment:
             "collisions": simulation.collisions,
             "pose_error": latest.pose_error,
             "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
-            "n_eff": latest.n_eff,
+            "n_eff": simulation.mapper.n_eff,
             "doubtful_scans": len(simulation.mapper.stats.doubtful),
             "is_doubtful": simulation.mapper.stats.is_doubtful,
             "true_pose": np.array(pose),
@@ -146,48 +141,33 @@ class Assessment:
                 coverage=latest.coverage,
                 path_length=simulation.path_length,
                 pose_error=latest.pose_error,
-                n_eff=latest.n_eff,
+                n_eff=simulation.mapper.n_eff,
                 contacts=simulation.collisions,
             ),
         )
 
-    def _record(
-        self,
-        duration: float,
-        distance: float,
-        contact: bool,
-        previous_coverage: float,
-        before: tuple[float, float],
-        terminated: bool,
-    ) -> StepRecord:
-        simulation = self._simulation
+    def _record(self, before: StepRecord | None, **step: Any) -> StepRecord:
+        """The record of a step, after that of the last one; what no reward looks at is nan."""
+        simulation, reward, share = self._simulation, self._reward, self.coverage.share
         mapper, pose, truth = simulation.mapper, simulation.believed_pose, simulation.true_map_pose
+        if before is not None and not simulation.is_new_scan_processed:
+            known_area, map_error = before.known_area, before.map_error  # the map is the same
+        else:
+            known_area = _known_area(mapper) if reward.needs_known_area else math.nan
+            map_error = self.map_error() if reward.needs_map_error else math.nan
         return StepRecord(
-            duration=duration,
+            **step,
             time=simulation.time,
-            distance=distance,
-            contact=contact,
-            coverage=self.coverage.share,
-            previous_coverage=previous_coverage,
+            coverage=share,
+            previous_coverage=before.coverage if before else share,
             pose_error=math.hypot(pose.x - truth.x, pose.y - truth.y),
-            n_eff=mapper.n_eff,
-            terminated=terminated,
-            known_area=self._measured[0],
-            previous_known_area=before[0],
-            map_error=self._measured[1],
-            previous_map_error=before[1],
-            position_sigma=_position_sigma(mapper) if self._reward.needs_covariance else math.nan,
+            known_area=known_area,
+            previous_known_area=before.known_area if before else known_area,
+            map_error=map_error,
+            previous_map_error=before.map_error if before else map_error,
+            position_sigma=_position_sigma(mapper) if reward.needs_covariance else math.nan,
             floor_area=self.coverage.floor_area,
             exposure=self.exposure,
-        )
-
-    def _measure(self, before: tuple[float, float] | None) -> tuple[float, float]:
-        """Known area [m2] and map error [m], nan where no reward looks at them."""
-        if before is not None and not self._simulation.is_new_scan_processed:
-            return before  # the map is the same
-        return (
-            _known_area(self._simulation.mapper) if self._reward.needs_known_area else math.nan,
-            self.map_error() if self._reward.needs_map_error else math.nan,
         )
 
 

@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.jit import kernel
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Pose2D, Twist2D
+from slamgym.core.jit import kernel, plain
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, GridFrame, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FAR_SIZE, FarLook
 
@@ -25,10 +25,10 @@ _TILE_BITS = 2
 MAP_TILE = 1 << _TILE_BITS
 """Cells along a side of the tiles of :func:`pack_tiles`."""
 _WINDOW = 3  # tiles along a side, about which a tile knows whether they are alike
-_NO_TILES = np.zeros((0, 0), dtype=np.uint32), np.zeros((0, 0), dtype=np.uint8)
 _ALL_UNKNOWN, _ALL_FREE, _MIXED = range(3)
 _FREE_BITS, _PAIR, _OCCUPIED_SHIFT = np.uint64(0xFFFF), np.uint64(0x10001), np.uint64(16)
 _NONE, _ALL = np.uint64(0), np.uint64(_POINTS * _POINTS)
+_IN_TILE = MAP_TILE - 1
 _LOW_BITS, _TO_FOURTH_BYTE = np.uint64(0x01010101), np.uint64(0x01020408)
 
 _ONLY = np.zeros(1, dtype=np.int64)
@@ -39,28 +39,15 @@ _ONE = float(1 << _FRACTION)
 
 @kernel
 def write_compact(
-    cells: ByteArray,
-    tiles: tuple[np.ndarray, ByteArray],
-    grows_upward: bool,
-    corner: tuple[int, int],
-    resolution: float,
-    pose: FloatArray,
-    side: float,
-    ranges: Float32Array,
-    velocity: FloatArray,
-    limits: FloatArray,
-    out: Float32Array,
-) -> None:
+    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float], pose: FloatArray, side: float,
+    ranges: Float32Array, velocity: FloatArray, limits: FloatArray, out: Float32Array,
+) -> None:  # fmt: skip
     """Write the observation.
 
     Convention: in the crop the robot is in the middle, ahead is up, its left is left.
 
     Args:
-        cells: The map, shape (H, W), contiguous.
-        tiles: The same map from :func:`pack_tiles`, if it grows upward; or of no tiles.
-        grows_upward: Whether its row 0 is at the bottom, else at the top.
-        corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
-        resolution: Cell size [m].
+        tiles: The map: :class:`MapTiles` without names.
         pose: The robot in the map frame, shape (3,) [m, m, rad].
         side: Of the crop [m].
         ranges: The scan, shape (num_beams,) [m]; infinite where nothing returned.
@@ -68,8 +55,7 @@ def write_compact(
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m], shape (3,).
         out: Receives the blocks' shares of free space, row by row, those of occupied space, ranges, and velocity.
     """
-    pitch = side / (BLOCKS * _POINTS * resolution)
-    _write_shares(cells, tiles, grows_upward, corner, pitch, resolution, pose, out)
+    _write_shares(tiles, side / (BLOCKS * _POINTS * tiles[3]), pose, out)
     groups = min(SCAN_SECTORS, len(ranges))
     begin = 2 * BLOCKS * BLOCKS
     for g in range(groups):
@@ -83,19 +69,13 @@ def write_compact(
 
 @kernel
 def _write_shares(
-    cells: ByteArray,
-    tiles: tuple[np.ndarray, ByteArray],
-    grows_upward: bool,
-    corner: tuple[int, int],
-    pitch: float,
-    resolution: float,
-    pose: FloatArray,
-    out: Float32Array,
-) -> None:
+    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float], pitch: float, pose: FloatArray, out: Float32Array
+) -> None:  # fmt: skip
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
-    rows, cols = cells.shape
-    flat = cells.reshape(-1)
-    begin_cell, stride = (0, cols) if grows_upward else ((rows - 1) * cols, -cols)
+    packed, kinds, corner, resolution = tiles
+    tile_cols, shift = packed.shape[1], _FRACTION + _TILE_BITS
+    rows, cols = MAP_TILE * packed.shape[0], MAP_TILE * tile_cols
+    packed, kinds = packed.reshape(-1), kinds.reshape(-1)
     # Positions in 1 / 2^32 of a cell, exact to the lattice whatever part of the map is given. From point to point:
     # (sin, -cos) to the right, (-cos, -sin) down.
     cos, sin = round(pitch * _ONE * math.cos(pose[2])), round(pitch * _ONE * math.sin(pose[2]))
@@ -106,12 +86,6 @@ def _write_shares(
     # How far a block's points lie from its first.
     low = (_POINTS - 1) * (min(0, -sin) + min(0, -cos)), (_POINTS - 1) * (min(0, -cos) + min(0, sin))
     high = (_POINTS - 1) * (max(0, -sin) + max(0, -cos)), (_POINTS - 1) * (max(0, -cos) + max(0, sin))
-    packed, kinds, tile_cols, shift = (
-        tiles[0].reshape(-1),
-        tiles[1].reshape(-1),
-        tiles[0].shape[1],
-        _FRACTION + _TILE_BITS,
-    )
     for i in range(BLOCKS):
         for j in range(BLOCKS):
             row, col = top - _POINTS * (i * sin + j * cos), left - _POINTS * (i * cos - j * sin)
@@ -119,38 +93,27 @@ def _write_shares(
             is_inside = bottom >= 0 and begin >= 0
             is_inside &= (row + high[0]) >> _FRACTION < rows and (col + high[1]) >> _FRACTION < cols
             found = _NONE  # free cells in the lower bits, occupied ones from the 16th on
-            if is_inside and tile_cols > 0:
+            kind = _MIXED
+            if is_inside:
                 # Most blocks are unknown or free all over.
                 first_row, first_col = bottom >> shift, begin >> shift
-                kind = kinds[np.uint64(first_row * tile_cols + first_col)]
-                is_within = (row + high[0]) >> shift < first_row + _WINDOW
-                if kind != _MIXED and is_within and (col + high[1]) >> shift < first_col + _WINDOW:
-                    found = _ALL if kind == _ALL_FREE else _NONE
-                else:
-                    for a in range(_POINTS):
-                        for b in range(_POINTS):
-                            found += _packed_cell(
-                                packed, tile_cols, row - a * sin - b * cos, col - a * cos + b * sin
-                            )
-            else:
+                if (row + high[0]) >> shift < first_row + _WINDOW and (
+                    col + high[1]
+                ) >> shift < first_col + _WINDOW:
+                    kind = kinds[np.uint64(first_row * tile_cols + first_col)]
+            if kind == _ALL_FREE:
+                found = _ALL
+            elif kind == _MIXED:
                 for a in range(_POINTS):
                     for b in range(_POINTS):
                         r, c = (row - a * sin - b * cos) >> _FRACTION, (col - a * cos + b * sin) >> _FRACTION
                         if is_inside or (0 <= r < rows and 0 <= c < cols):
-                            value = np.uint64(flat[np.uint64(begin_cell + r * stride + c)])
-                            # Bits that tell 254, 205 and 0 apart, without a branch.
-                            found += (value >> np.uint64(1)) & np.uint64(1)
-                            found += (np.uint64(1) - (value >> np.uint64(7))) << _OCCUPIED_SHIFT
+                            tile = np.uint64(
+                                packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))]
+                            )
+                            found += (tile >> np.uint64(MAP_TILE * (r & _IN_TILE) + (c & _IN_TILE))) & _PAIR
             out[i * BLOCKS + j] = share * np.float32(found & _FREE_BITS)
             out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(found >> _OCCUPIED_SHIFT)
-
-
-@kernel
-def _packed_cell(packed: np.ndarray, tile_cols: int, row: int, col: int) -> np.uint64:
-    """Whether a place, in 1 / 2^32 of a cell, is free, and 2^16 if it is occupied."""
-    r, c, mask = row >> _FRACTION, col >> _FRACTION, MAP_TILE - 1
-    tile = np.uint64(packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))])
-    return (tile >> np.uint64(MAP_TILE * (r & mask) + (c & mask))) & _PAIR
 
 
 @kernel
@@ -204,19 +167,30 @@ def compact_size(num_beams: int) -> int:
     return 2 * BLOCKS * BLOCKS + min(SCAN_SECTORS, num_beams) + 2
 
 
-class Lattice(NamedTuple):
-    """A map whose cells lie on a lattice through the origin of the map frame."""
+class MapTiles(NamedTuple):
+    """A map whose cells lie on a lattice through the origin of the map frame, packed as :func:`pack_tiles` does."""
 
-    cells: ByteArray  # (H, W), contiguous
-    corner: tuple[int, int]  # row, counted upwards, and column of the lattice at which they begin
-    resolution: float  # [m]
-    grows_upward: bool  # whether row 0 is at the bottom
+    packed: np.ndarray  # (h, w) uint32, row 0 at the bottom
+    kinds: ByteArray  # (h, w)
+    corner: tuple[int, int]  # row and column of the lattice at which they begin, multiples of four
+    resolution: float  # [m], of a cell
 
     @staticmethod
-    def of(cells: ByteArray, frame: GridFrame) -> "Lattice":
-        """A map (H, W) whose row 0 is at the top."""
+    def of(cells: ByteArray, corner: tuple[int, int], resolution: float) -> "MapTiles":
+        """Pack cells, shape (H, W), row 0 at the bottom, that begin at a row and column of the lattice."""
+        below, left = corner[0] % MAP_TILE, corner[1] % MAP_TILE
+        shape = -(-(below + cells.shape[0]) // MAP_TILE), -(-(left + cells.shape[1]) // MAP_TILE)
+        padded = np.full((MAP_TILE * shape[0], MAP_TILE * shape[1]), UNKNOWN, dtype=np.uint8)
+        padded[below : below + cells.shape[0], left : left + cells.shape[1]] = cells
+        tiles = np.empty(shape, dtype=np.uint32), np.empty(shape, dtype=np.uint8)
+        pack_tiles(padded, (0, 0, *padded.shape), tiles)
+        return MapTiles(*tiles, (corner[0] - below, corner[1] - left), resolution)
+
+    @staticmethod
+    def of_grid(cells: ByteArray, frame: GridFrame) -> "MapTiles":
+        """Pack a map (H, W) whose row 0 is at the top."""
         corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
-        return Lattice(cells, corner, frame.resolution, grows_upward=False)
+        return MapTiles.of(cells[::-1], corner, frame.resolution)
 
 
 class CompactObserver:
@@ -226,7 +200,7 @@ class CompactObserver:
         num_beams: Of the scanner.
         limits: Largest speed [m/s], largest turning rate [rad/s] and largest range [m].
         side: Of the map's crop [m].
-        looks_far: Whether the far look follows (:mod:`slamgym.envs.far_look`).
+        looks_far: True if the far look follows (:mod:`slamgym.envs.far_look`).
 
     Attributes:
         limits: As given, shape (3,).
@@ -240,8 +214,8 @@ class CompactObserver:
         self.limits = np.array(limits, dtype=np.float64)
         self.side = side
         self._far = FarLook(1) if looks_far else None
-        self._size = compact_size(num_beams) + (FAR_SIZE if looks_far else 0)
-        self.space = spaces.Box(-1.0, 1.0, (self._size,), np.float32)
+        size = compact_size(num_beams) + (FAR_SIZE if looks_far else 0)
+        self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     @classmethod
     def of(cls, config: ExploreConfig) -> "CompactObserver":
@@ -251,12 +225,12 @@ class CompactObserver:
         observation = config.observation
         return cls(lidar.num_beams, limits, observation.crop_side, observation.preset == "compact_far")
 
-    def refresh(self, published: Lattice) -> None:
+    def refresh(self, published: MapTiles) -> None:
         """Look far, at a map that was published just now."""
         if self._far:
-            self._far.refresh(0, *published)
+            self._far.refresh(0, published.packed, published.corner, published.resolution)
 
-    def observe(self, shown: Lattice, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
+    def observe(self, shown: MapTiles, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
         """The observation.
 
         Args:
@@ -265,28 +239,8 @@ class CompactObserver:
             pose: Believed pose, map frame.
             velocity: Measured velocity.
         """
-        out = np.empty(self._size, dtype=np.float32)
-        where = np.array(pose)
-        self.write(shown, ranges, where, np.array(velocity), out)
+        out, where = np.empty(self.space.shape, dtype=np.float32), np.array(pose)
+        write_compact(plain(shown), where, self.side, ranges, np.array(velocity), self.limits, out)
         if self._far:
             self._far.write(_ONLY, where[np.newaxis], out[np.newaxis])
         return out
-
-    def write(
-        self, shown: Lattice, ranges: Float32Array, pose: FloatArray, velocity: FloatArray, out: Float32Array
-    ) -> None:
-        """Write the observation but for the far look; arguments as for :meth:`observe`, as arrays."""
-        cells, corner, resolution, grows_upward = shown
-        write_compact(
-            cells,
-            _NO_TILES,
-            grows_upward,
-            corner,
-            resolution,
-            pose,
-            self.side,
-            ranges,
-            velocity,
-            self.limits,
-            out,
-        )

@@ -1,40 +1,43 @@
-"""Whether anything is left to explore, by the robot's map alone."""
+"""When an exploration is complete, by the robot's map alone."""
 
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, OccupancyGrid, Pose2D
-from slamgym.planning import CostmapConfig, Frontier, find_frontiers, free_body, make_costmap, reachable_space
+from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.envs.config import ExploreConfig
+from slamgym.planning import CostmapConfig, find_frontiers, free_body, make_costmap, reachable_space
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.remaining import measure_remains
+
+SMALLEST_FRONTIER = 0.35
+"""Shorter frontiers don't keep an episode going [m]: half a frontier of Explore Lite's launch file is still worth a
+visit, the pinholes that noise leaves in walls are not."""
 
 
 @kernel
 def open_cells_left(
-    cells: ByteArray, points: FloatArray, left: float, bottom: float, resolution: float
+    cells: ByteArray, points: FloatArray, corner: tuple[float, float], resolution: float
 ) -> int:
-    """How many of some points lie on unknown cells beside free ones.
+    """Number of those points that lie on unknown cells next to free ones.
 
     Args:
         cells: ROS map values, shape (H, W); unknown beyond.
         points: Shape (N, 2) [m].
-        left: Where the map begins [m].
-        bottom: The same upwards [m].
+        corner: Where the map begins [m].
         resolution: Cell size [m].
     """
     height, width = cells.shape
     count = 0
     for i in range(len(points)):
-        row = height - 1 - int(np.floor((points[i, 1] - bottom) / resolution))
-        col = int(np.floor((points[i, 0] - left) / resolution))
+        row = height - 1 - int(np.floor((points[i, 1] - corner[1]) / resolution))
+        col = int(np.floor((points[i, 0] - corner[0]) / resolution))
         if 0 <= row < height and 0 <= col < width and cells[row, col] != UNKNOWN:
             continue
-        beside_free = False
         for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
             r, c = row + down, col + right
             if 0 <= r < height and 0 <= c < width and cells[r, c] == FREE:
-                beside_free = True
-        count += int(beside_free)
+                count += 1
+                break
     return count
 
 
@@ -42,7 +45,7 @@ class CompletionDetector:
     """Looks for reachable frontiers, and skips the search while the last one found is still there.
 
     A full search costs about a millisecond. Its furthest frontier is remembered; as long as most of that
-    frontier is still unknown beside free space, something is left to explore and no search is needed.
+    frontier is still unknown next to free space, something is left to explore and no search is needed.
 
     Args:
         robot_radius: [m].
@@ -62,8 +65,13 @@ class CompletionDetector:
         self._min_size = min_size
         self._remembered: FloatArray | None = None  # cell centres (N, 2), map frame [m]
 
+    @classmethod
+    def of(cls, config: ExploreConfig) -> "CompletionDetector":
+        """The detector that the settings of an environment ask for."""
+        return cls(config.robot.radius, SMALLEST_FRONTIER, config.lidar.range_max, config.promise)
+
     def is_explored(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
-        """Whether the map shows no frontier that the robot could reach.
+        """True if the map shows no frontier that the robot could reach.
 
         A map on which the robot finds no place for itself doesn't count as explored.
 
@@ -71,51 +79,31 @@ class CompletionDetector:
             grid: The map.
             pose: The believed pose.
         """
-        return not self.is_last_one_left(grid) and not self.finds_one(grid, pose)
-
-    def is_last_one_left(self, grid: OccupancyGrid) -> bool:
-        """Whether the frontier that was found last is still there."""
-        known = None if self._promise else self._remembered
-        return known is not None and self._is_still_there(grid, known)
-
-    def finds_one(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
-        """Search, whatever was found before; as if there were one where the robot finds no place for itself."""
+        if self._remembered is not None and self._is_still_there(grid, self._remembered):
+            return False
+        self._remembered = None
         grid = free_body(_with_border(grid), pose, self._radius)
         costmap = make_costmap(grid, self._costs)
         space = reachable_space(costmap, pose)
         if space is None:
-            self._remembered = None
-            return True
+            return False
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
         if self._promise is not None:
             offered = [frontier.middle for frontier in frontiers]
             remains = measure_remains(grid, pose, self._radius, self._range_max, offered)
-            return not is_kept(self._promise, remains)
-        self._remembered = _centres(frontiers[-1], grid) if frontiers else None
-        return bool(frontiers)
+            return is_kept(self._promise, remains)
+        if frontiers:
+            self._remembered = grid.frame.to_points(*frontiers[-1].cells.T)
+        return not frontiers
 
     def _is_still_there(self, grid: OccupancyGrid, points: FloatArray) -> bool:
-        """Whether enough of a frontier is still unknown beside free space."""
-        frame = grid.frame
-        left = open_cells_left(grid.cells, points, frame.origin_x, frame.origin_y, frame.resolution)
-        return bool(left * frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
+        """True if enough of a frontier is still unknown next to free space."""
+        resolution, corner = grid.frame.resolution, (grid.frame.origin_x, grid.frame.origin_y)
+        left = open_cells_left(grid.cells, points, corner, resolution)
+        return bool(left * resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
 
 
 def _with_border(grid: OccupancyGrid) -> OccupancyGrid:
     """A map with one unknown cell more on every side: a tight map may end in free cells."""
-    frame = grid.frame
-    cells = np.pad(grid.cells, 1, constant_values=UNKNOWN)
-    return OccupancyGrid(
-        cells,
-        type(frame)(
-            frame.resolution,
-            frame.origin_x - frame.resolution,
-            frame.origin_y - frame.resolution,
-            frame.height_px + 2,
-            frame.width_px + 2,
-        ),
-    )
-
-
-def _centres(frontier: Frontier, grid: OccupancyGrid) -> FloatArray:
-    return np.column_stack(grid.frame.to_point(frontier.cells[:, 0], frontier.cells[:, 1]))
+    cells, (size, x, y, height, width) = np.pad(grid.cells, 1, constant_values=UNKNOWN), grid.frame
+    return OccupancyGrid(cells, GridFrame(size, x - size, y - size, height + 2, width + 2))

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import field
 from typing import Any, Literal
 
-from slamgym.core.config import Count, NonNegative, Positive, PositiveShare, Settings, from_dict, suggest
+from slamgym.core.config import Count, Positive, PositiveShare, Settings, from_dict, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
@@ -14,6 +14,9 @@ from slamgym.envs.rewards import RewardConfig
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig, LidarConfig, OdometryConfig, RobotConfig, lidar_level, odometry_level
 from slamgym.slam import SlamConfig
+
+MAP_UPDATE_INTERVAL = 2.0
+"""Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""
 
 
 class ObservationConfig(Settings, section="observation"):
@@ -47,7 +50,7 @@ class ObservationConfig(Settings, section="observation"):
 
     @property
     def is_compact(self) -> bool:
-        """Whether a vector is observed."""
+        """True if a vector is observed."""
         return self.preset in ("compact", "compact_far")
 
     @property
@@ -78,7 +81,9 @@ class ObservationConfig(Settings, section="observation"):
         return GridFrame(self.map_resolution, origin, origin, 2 * half, 2 * half)
 
 
-class ExploreConfig(Settings):
+class ExploreConfig(
+    Settings, dropped={"min_frontier_size": 0.35, "map_update_interval": MAP_UPDATE_INTERVAL}
+):
     """Everything about an exploration but the floor plan."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)
@@ -113,9 +118,6 @@ class ExploreConfig(Settings):
     time_limit: Positive | None = 420.0
     """Robot time after which an episode is truncated: the 7 minutes of Daher et al.; None for none [s]."""
 
-    map_update_interval: NonNegative = 2.0
-    """Time between two publications of the map (``map_update_interval`` of TurtleBot3's GMapping) [s]."""
-
     coverage_goal: PositiveShare | None = None
     """An episode terminates once this share of the reachable floor has truly been seen. The truth decides
     that, so it is a privileged training signal, which no robot has; None turns it off."""
@@ -124,12 +126,8 @@ class ExploreConfig(Settings):
     """An episode terminates once the published map shows no frontier that the robot could reach; or, with a promise
     such as ``"98%:95%"``, once the map keeps it (:class:`~slamgym.planning.promise.Promise`)."""
 
-    min_frontier_size: NonNegative = 0.35
-    """Shorter frontiers don't keep an episode going: half a frontier of Explore Lite's launch file is still
-    worth a visit, the pinholes that noise leaves in walls are not [m]."""
-
     record: bool = False
-    """Whether the environment keeps an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
+    """True to keep an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
 
     def _check(self) -> None:
         _ = self.promise
@@ -148,14 +146,13 @@ class ExploreConfig(Settings):
     @property
     def max_steps(self) -> int | None:
         """Environment steps until the time limit."""
-        return (
-            None if self.time_limit is None else max(1, math.ceil(self.time_limit * self.lidar.rate - 1e-9))
-        )
+        limit = self.time_limit
+        return None if limit is None else max(1, math.ceil(limit * self.lidar.rate - 1e-9))
 
     @property
     def publication_steps(self) -> int:
         """Environment steps between two publications of the map."""
-        return max(1, round(self.map_update_interval * self.lidar.rate))
+        return max(1, round(MAP_UPDATE_INTERVAL * self.lidar.rate))
 
     @property
     def usable_range(self) -> float:

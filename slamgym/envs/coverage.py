@@ -1,4 +1,4 @@
-"""How much of a building has truly been seen.
+"""The share of a building that has truly been seen.
 
 The floor that counts is what a robot could be expected to see: the part of the free space that the robot's
 centre can reach from its start (the connected component of the free space, eroded by the robot's radius,
@@ -19,8 +19,8 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import compose, unit_vectors
+from slamgym.core.jit import kernel, plain
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
-from slamgym.envs.sweep import sweep
 from slamgym.sim.passages import Passages
 from slamgym.sim.space import fitting_area
 
@@ -29,6 +29,10 @@ CELL = 0.1
 
 CORNER = math.sqrt(2.0) - 1.0
 """What a disc leaves out of a square corner, along its diagonal, in radii."""
+
+
+_FRACTION = 32
+_HALF = 1 << (_FRACTION - 1)
 
 
 class ReachableFloor:
@@ -141,22 +145,67 @@ class Coverage:
             pose: True pose of the robot's base, world frame.
             true_ranges: Ranges without noise from there, shape (num_beams,) [m].
         """
-        sensor = compose(pose, self._mount)
-        frame = self.frame
-        self._seen += sweep(
-            self._unseen,
-            frame.origin_x,
-            frame.origin_y,
-            frame.resolution,
-            sensor.x,
-            sensor.y,
-            sensor.theta,
-            self._directions,
-            true_ranges,
-            self._usable,
-        )
+        grid, sensor = (self.frame.origin_x, self.frame.origin_y, CELL), plain(compose(pose, self._mount))
+        self._seen += sweep(self._unseen, grid, sensor, self._directions, true_ranges, self._usable)
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:
     """All edges of an area's polygons, shape (S, 4) [m]."""
     return ring_segments([ring for part in polygon_parts(area) for ring in (part.exterior, *part.interiors)])
+
+
+@kernel
+def sweep(
+    unseen: BoolArray, grid: tuple[float, float, float], sensor: tuple[float, float, float],
+    directions: FloatArray, ranges: FloatArray, usable: float,
+) -> int:  # fmt: skip
+    """Mark the cells along each beam as seen.
+
+    Convention: ``unseen`` has row 0 at the *bottom*, so that row and y grow together. The sensor's pose
+    is in the frame of the grid.
+
+    Args:
+        unseen: Cells still to be seen, shape (H, W); changed in place.
+        grid: Its lower left corner and the size of its cells [m].
+        sensor: Its pose [m, m, rad].
+        directions: Unit vectors of the beams in the sensor frame, shape (num_beams, 2).
+        ranges: True ranges, shape (num_beams,) [m]; inf where nothing was met.
+        usable: Beams are followed no further than this [m].
+
+    Returns:
+        How many cells were seen for the first time.
+    """
+    (origin_x, origin_y, cell_size), (x, y, theta), (height, width) = grid, sensor, unseen.shape
+    flat = unseen.reshape(-1)
+    cos, sin = math.cos(theta), math.sin(theta)
+    scale = 1.0 / cell_size
+    start_col = math.floor((x - origin_x) * scale)
+    start_row = math.floor((y - origin_y) * scale)
+    if not (0 <= start_row < height and 0 <= start_col < width):
+        return 0
+    start = start_row * width + start_col
+    fresh = 0
+    for i in range(len(ranges)):
+        length = min(ranges[i], usable)
+        end_x = x + length * (cos * directions[i, 0] - sin * directions[i, 1])
+        end_y = y + length * (sin * directions[i, 0] + cos * directions[i, 1])
+        # Beams end at a wall or at the usable range; rounding may put the end a cell outside the grid.
+        d_col = min(max(math.floor((end_x - origin_x) * scale), 0), width - 1) - start_col
+        d_row = min(max(math.floor((end_y - origin_y) * scale), 0), height - 1) - start_row
+        major_stride = 1 if d_col >= 0 else -1
+        minor_stride = width if d_row >= 0 else -width
+        major, minor = abs(d_col), abs(d_row)
+        if minor > major:
+            major, minor = minor, major
+            major_stride, minor_stride = minor_stride, major_stride
+        slope = (minor << _FRACTION) // max(major, 1)
+        offset, along = _HALF, start
+        for _ in range(major + 1):
+            # An unsigned index isn't asked whether it counts from the end.
+            cell = np.uint64(along + (offset >> _FRACTION) * minor_stride)
+            if flat[cell]:
+                flat[cell] = False
+                fresh += 1
+            along += major_stride
+            offset += slope
+    return fresh

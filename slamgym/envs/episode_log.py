@@ -1,4 +1,4 @@
-"""What an episode leaves behind: a log, one entry for each scan."""
+"""The log of an episode: one entry for each scan."""
 
 from typing import TypeVar
 
@@ -24,9 +24,8 @@ class EpisodeLog:
 
     def __init__(self, num_beams: int) -> None:
         self._size = 0
-        self._stamps = np.empty(_FIRST_CAPACITY)
-        # True world-frame pose, odometry pose, estimated map-frame pose.
-        self._poses = np.empty((_FIRST_CAPACITY, 3, 3))
+        # Stamp, true world-frame pose, odometry pose, estimated map-frame pose.
+        self._rows = np.empty((_FIRST_CAPACITY, 10))
         self._ranges = np.empty((_FIRST_CAPACITY, num_beams), dtype=np.float32)
 
     def __len__(self) -> int:
@@ -41,30 +40,29 @@ class EpisodeLog:
             odometry: As the wheels' encoders have it; starts in the map frame and drifts off.
             estimate: What SLAM believed then, map frame.
         """
-        if self._size == len(self._stamps):
-            self._grow()
         i = self._size
-        self._stamps[i] = scan.stamp
-        self._poses[i, 0] = true_pose
-        self._poses[i, 1] = odometry
-        self._poses[i, 2] = estimate
+        if i == len(self._rows):
+            self._rows, self._ranges = (
+                np.concatenate([table, np.empty_like(table)]) for table in (self._rows, self._ranges)
+            )
+        self._rows[i] = (scan.stamp, *true_pose, *odometry, *estimate)
         self._ranges[i] = scan.ranges
         self._size += 1
 
     @property
     def stamps(self) -> FloatArray:
         """Times since the start of the episode, shape (N,) [s]."""
-        return _so_far(self._stamps, self._size)
+        return _read_only(self._rows[: self._size, 0])
 
     @property
     def true_poses(self) -> FloatArray:
         """True poses in the world frame, shape (N, 3) [m, m, rad]."""
-        return _so_far(self._poses, self._size)[:, 0]
+        return _read_only(self._rows[: self._size, 1:4])
 
     @property
     def odometry(self) -> FloatArray:
         """Poses by wheel odometry alone, shape (N, 3) [m, m, rad]; they begin in the map frame."""
-        return _so_far(self._poses, self._size)[:, 1]
+        return _read_only(self._rows[: self._size, 4:7])
 
     @property
     def estimates(self) -> FloatArray:
@@ -73,12 +71,12 @@ class EpisodeLog:
         It is what the observations said: later corrections of the path, which ``mapper.trajectory()`` has,
         are not in it.
         """
-        return _so_far(self._poses, self._size)[:, 2]
+        return _read_only(self._rows[: self._size, 7:])
 
     @property
     def ranges(self) -> Float32Array:
         """Measured ranges as REP 117 has them, shape (N, num_beams) [m]."""
-        return _so_far(self._ranges, self._size)
+        return _read_only(self._ranges[: self._size])
 
     def true_trajectory(self, start: Pose2D) -> Trajectory:
         """The true path in the map frame.
@@ -88,15 +86,7 @@ class EpisodeLog:
         """
         return Trajectory(self.stamps.copy(), self.true_poses - np.array([start.x, start.y, 0.0]))
 
-    def _grow(self) -> None:
-        for name in ("_stamps", "_poses", "_ranges"):
-            old = getattr(self, name)
-            new = np.empty((2 * len(old), *old.shape[1:]), dtype=old.dtype)
-            new[: len(old)] = old
-            setattr(self, name, new)
 
-
-def _so_far(array: _Array, size: int) -> _Array:
-    view: _Array = array[:size]  # type: ignore[assignment]
+def _read_only(view: _Array) -> _Array:
     view.flags.writeable = False
     return view

@@ -12,17 +12,16 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, LaserScan, Pose2D
 from slamgym.envs.assessment import Assessment
-from slamgym.envs.compact import CompactObserver
 from slamgym.envs.completion import CompletionDetector
-from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.episode_log import EpisodeLog
-from slamgym.envs.observations import MapView, Observer, make_view, observation_space
-from slamgym.envs.plan_cache import PlanCache, PlansArgument, PreparedPlan, ResetOptions
+from slamgym.envs.observations import Measurements, Moment, make_view, observation_space
+from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
 from slamgym.envs.rewards import Reward, RewardFunction
-from slamgym.envs.simulation import Actions, Simulation, Streams
+from slamgym.envs.simulation import Actions, Simulation
 from slamgym.planning import ExplorerContext
-from slamgym.sim import Clutter, Lidar, make_clutter
+from slamgym.sim import Clutter, Lidar
 from slamgym.sim.raycast import cast_sweep
 from slamgym.slam import Mapper
 from slamgym.viz.exploration import Renderer, Scene
@@ -163,8 +162,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self.action_space = self._actions.space
         self._lidar = Lidar(self.config.lidar)
         self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
-        is_compact = self.config.observation.is_compact
-        self._observer = CompactObserver.of(self.config) if is_compact else Observer(self.config)
+        self._measurements = Measurements(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
         self._renderer = Renderer()
         self._window: Window | None = None
@@ -187,23 +185,20 @@ class ExploreEnv(gym.Env[Any, Any]):
         announce_compilation(cast_sweep)
         config, wanted = self.config, ResetOptions.read(options)
         streams = Streams.spawn(self.np_random)
-        self._prepared = prepared = self._choose_site(wanted, streams)
-        start = wanted.start or prepared.sample_start(streams.start)
-        self._refuse_too_large(prepared.plan, start)
+        self._prepared, start = self._plan_cache.choose_site(wanted, streams, config.clutter)
+        self._refuse_too_large(self._prepared.plan, start)
 
-        self._simulation = simulation = Simulation(prepared, start, config, self._lidar, streams)
+        self._simulation = simulation = Simulation(self._prepared, start, config, self._lidar, streams)
         self.assessment = Assessment(
-            prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
+            self._prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
-        self._view: MapView = make_view(config)
-        self._frontiers = CompletionDetector(
-            config.robot.radius, config.min_frontier_size, config.lidar.range_max, config.promise
-        )
+        self._view = make_view(config)
+        self._frontiers = CompletionDetector.of(config)
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
         self._record()
         observation = self._observe(is_publication_due=True)
         self._show()
-        return observation, {**self.assessment.info(), "plan": prepared.plan.id}
+        return observation, {**self.assessment.info(), "plan": self.plan.id}
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
@@ -267,19 +262,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         return self.simulation.start
 
     @property
-    def true_pose(self) -> Pose2D:
-        """Where the robot is, world frame. Privileged."""
-        return self.simulation.true_pose
-
-    @property
     def world_from_map(self) -> Pose2D:
         """The map frame in the world, a translation. Privileged."""
         return self.simulation.world_from_map
-
-    @property
-    def odometry_pose(self) -> Pose2D:
-        """Integrated wheel odometry; it starts in the map frame and drifts off."""
-        return self.simulation.odometry_pose
 
     @property
     def scan(self) -> LaserScan:
@@ -328,24 +313,16 @@ class ExploreEnv(gym.Env[Any, Any]):
             max_linear=robot.max_linear,
             max_angular=robot.max_angular,
             control_step=config.control_step,
-            map_update_interval=config.map_update_interval,
+            map_update_interval=MAP_UPDATE_INTERVAL,
             normalized_actions=config.actions == "normalized",
         )
 
     # The parts of reset and step.
 
-    def _choose_site(self, wanted: ResetOptions, streams: Streams) -> PreparedPlan:
-        """The building, furnished and populated where the settings want it."""
-        prepared = self._plan_cache.choose(wanted.plan, streams.plan)
-        clutter = self.config.clutter
-        if clutter.is_empty:
-            return prepared
-        return prepared.furnished(make_clutter(prepared.plan, streams.clutter, clutter, self.config.robot))
-
     def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
         """Refuse a plan that reaches out of the canvas, because its map would be cut off."""
         observation = self.config.observation
-        if observation.map != "global":
+        if observation.map != "global" or observation.is_compact:
             return
         min_x, min_y, max_x, max_y = plan.bounds
         extent = max(start.x - min_x, max_x - start.x, start.y - min_y, max_y - start.y)
@@ -358,7 +335,7 @@ class ExploreEnv(gym.Env[Any, Any]):
             )
 
     def _is_complete(self, is_publication_due: bool) -> bool:
-        """Whether the exploration is complete by one of the rules in force."""
+        """True if the exploration is complete by one of the rules in force."""
         config, simulation = self.config, self.simulation
         if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
             return True
@@ -368,17 +345,12 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def _observe(self, is_publication_due: bool) -> Any:
         simulation = self.simulation
-        pose, velocity = simulation.believed_pose, simulation.velocity
-        mapper, is_new = simulation.mapper, simulation.is_new_scan_processed
-        if isinstance(self._observer, CompactObserver):
-            shown = self._view.lattice(mapper, is_new, is_publication_due)
-            if is_publication_due:
-                self._observer.refresh(shown)
-            return self._observer.observe(shown, simulation.scan.ranges, pose, velocity)
-        cells = self._view.view(mapper, pose, is_new, is_publication_due)
-        if self.config.observation.preset == "map":
-            return cells
-        return self._observer.observe(cells, simulation.scan, pose, velocity)
+        ranges, pose, velocity = simulation.scan.ranges, simulation.believed_pose, simulation.velocity
+        is_new = simulation.is_new_scan_processed
+        seen = self._view.look(Moment(simulation.mapper, ranges, pose, velocity, is_new, is_publication_due))
+        if self.config.observation.preset != "dict":
+            return seen
+        return self._measurements.observe(seen, ranges, pose, velocity, (simulation.scan.stamp,))
 
     def _record(self) -> None:
         if self.log is not None:

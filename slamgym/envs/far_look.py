@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.core.types import Float32Array, FloatArray, Int32Array, IntArray
 from slamgym.envs.batch.arrays import put
 
 SECTORS = 24
@@ -33,47 +33,12 @@ _STRAIGHT, _DIAGONAL = 2, 3  # chamfer lengths, in half blocks
 
 
 @kernel
-def draw_blocks(cells: ByteArray, grows_upward: bool, corner: tuple[int, int], blocks: Int32Array) -> None:
+def draw_blocks(packed: np.ndarray, blocks: Int32Array) -> None:
     """Tell blocks that hold an occupied cell, those of which nothing is known, and those that can be crossed.
 
     Args:
-        cells: The map, shape (H, W).
-        grows_upward: Whether its row 0 is at the bottom, else at the top.
-        corner: Row, counted upwards, and column of the map's lattice at which ``cells`` begins at its lower left.
-        blocks: Receives the blocks that have a part in the map, and one more to every side.
-    """
-    rows, cols = cells.shape
-    below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
-    width = BLOCK_SIDE * blocks.shape[1]
-    # Bytes are 254, 205 or 0: a block with an occupied cell loses all bits, and one without a free cell wins none.
-    lost, won = np.empty(width, dtype=np.uint8), np.empty(width, dtype=np.uint8)
-    lost_in_four, won_in_four = lost.view(np.uint32), won.view(np.uint32)
-    blocks[:] = _UNKNOWN_BLOCK
-    for i in range(1, blocks.shape[0] - 1):
-        lost[:], won[:] = UNKNOWN, UNKNOWN
-        begin = BLOCK_SIDE + left
-        for k in range(max(BLOCK_SIDE * (i - 1) - below, 0), min(BLOCK_SIDE * i - below, rows)):
-            line = cells[k if grows_upward else rows - 1 - k]
-            for c in range(cols):
-                lost[begin + c] &= line[c]
-                won[begin + c] |= line[c]
-        for j in range(1, blocks.shape[1] - 1):
-            all_lost, all_won = lost_in_four[j], won_in_four[j]
-            all_lost, all_won = all_lost & (all_lost >> 16), all_won | (all_won >> 16)
-            all_lost, all_won = (all_lost & (all_lost >> 8)) & 255, (all_won | (all_won >> 8)) & 255
-            if all_lost == 0:
-                blocks[i, j] = _BLOCKED
-            elif all_won != UNKNOWN:
-                blocks[i, j] = _UNREACHED
-
-
-@kernel
-def draw_packed(packed: np.ndarray, blocks: Int32Array) -> None:
-    """As :func:`draw_blocks`, from the tiles of a map that begins where a block does.
-
-    Args:
-        packed: From :func:`slamgym.envs.compact.pack_tiles`, shape (h, w).
-        blocks: Receives the blocks, shape (h + 2, w + 2).
+        packed: From :func:`slamgym.envs.compact.pack_tiles`, shape (h, w): a tile is a block.
+        blocks: Receives the blocks, and one more to every side, shape (h + 2, w + 2).
     """
     blocks[:] = _UNKNOWN_BLOCK
     for i in range(packed.shape[0]):
@@ -227,41 +192,17 @@ class FarLook:
         self._shapes, self._corners = (np.zeros((count, 2), dtype=np.int64) for _ in range(2))
         self._size = 1.0
 
-    def refresh_packed(
-        self, index: int, packed: np.ndarray, corner: tuple[int, int], resolution: float
-    ) -> None:
-        """As :meth:`refresh`, by :func:`draw_packed`; ``corner`` is a multiple of 4."""
-        blocks = self._begin(
-            index, corner, (BLOCK_SIDE * packed.shape[0], BLOCK_SIDE * packed.shape[1]), resolution
-        )
-        draw_packed(packed, blocks)
-        measure_ways(blocks)
-
-    def refresh(
-        self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float, grows_upward: bool
-    ) -> None:
-        """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.Lattice`."""
-        rows, cols = cells.shape
-        blocks = self._begin(index, corner, (rows, cols), resolution)
-        draw_blocks(cells, grows_upward, corner, blocks)
-        measure_ways(blocks)
-
-    def _begin(
-        self, index: int, corner: tuple[int, int], size: tuple[int, int], resolution: float
-    ) -> Int32Array:
-        """Room for the blocks of a map of so many rows and columns."""
-        first = [place // BLOCK_SIDE for place in corner]
-        shape = [
-            (place + length - 1) // BLOCK_SIDE - begin + 3
-            for place, length, begin in zip(corner, size, first, strict=True)
-        ]
+    def refresh(self, index: int, packed: np.ndarray, corner: tuple[int, int], resolution: float) -> None:
+        """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.MapTiles`."""
+        shape = [size + 2 for size in packed.shape]
         count = shape[0] * shape[1]
         if count > self._ways.shape[1]:
             self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
-        self._shapes[index], self._corners[index] = shape, [begin - 1 for begin in first]
+        self._shapes[index], self._corners[index] = shape, [first // BLOCK_SIDE - 1 for first in corner]
         self._size = resolution * BLOCK_SIDE
-        blocks: Int32Array = self._ways[index, :count].reshape(shape)
-        return blocks
+        blocks = self._ways[index, :count].reshape(shape)
+        draw_blocks(packed, blocks)
+        measure_ways(blocks)
 
     def write(self, ids: IntArray, poses: FloatArray, out: Float32Array) -> None:
         """Write the last numbers of observations, shape (N, n), for believed poses, shape (N, 3) [m, m, rad]."""

@@ -4,8 +4,7 @@ Everything here comes from the mapper, the scanner and the wheels. Nothing takes
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from gymnasium import spaces
@@ -16,13 +15,13 @@ from slamgym.core.types import (
     UNKNOWN,
     ByteArray,
     Float32Array,
+    FloatArray,
     GridFrame,
-    LaserScan,
     Observation,
     Pose2D,
     Twist2D,
 )
-from slamgym.envs.compact import CompactObserver, Lattice
+from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.slam import Mapper
 
@@ -38,33 +37,22 @@ def _cell(position: int) -> np.uint32:
 
 @kernel
 def cut_crop(
-    cells: ByteArray,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    x: float,
-    y: float,
-    theta: float,
-    crop_resolution: float,
-    samples: int,
-    out: ByteArray,
-) -> None:
+    cells: ByteArray, origin: tuple[float, float], resolution: float, pose: tuple[float, float, float],
+    crop_resolution: float, samples: int, out: ByteArray,
+) -> None:  # fmt: skip
     """Read a map on a grid that stands on the robot and looks where it looks.
 
     Each cell of the crop is read at ``samples`` x ``samples`` points; occupied wins over free and free over
     unknown.
 
-    Convention: ``cells`` has row 0 at the top, its origin is the lower left corner; ``x, y, theta`` is the
-    robot in the frame of the cells. In the crop the robot is in the middle, ahead is up, its left is left.
+    Convention: ``cells`` has row 0 at the top, its origin is the lower left corner; the pose is in the
+    frame of the cells. In the crop the robot is in the middle, ahead is up, its left is left.
 
     Args:
         cells: The map, shape (H, W).
-        origin_x: Of the map [m].
-        origin_y: Of the map [m].
+        origin: Of the map [m].
         resolution: Cell size of the map [m].
-        x: The robot [m].
-        y: The robot [m].
-        theta: Its heading [rad].
+        pose: The robot [m, m, rad].
         crop_resolution: Cell size of the crop [m].
         samples: Points per side of a crop cell.
         out: Receives the crop, shape (h, w).
@@ -72,6 +60,7 @@ def cut_crop(
     rows, cols = cells.shape
     flat = cells.reshape(-1)
     height, width = out.shape
+    (origin_x, origin_y), (x, y, theta) = origin, pose
     # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
     # (-cos, sin) down.
     step = crop_resolution / (samples * resolution) * _ONE
@@ -119,71 +108,79 @@ def observation_space(config: ExploreConfig) -> spaces.Space[Any]:
     """The space of the observations of the preset."""
     if config.observation.is_compact:
         return CompactObserver.of(config).space
-    space = dict_space(config)
+    space = Measurements(config).space
     return space["map"] if config.observation.preset == "map" else space
 
 
-def dict_space(config: ExploreConfig) -> spaces.Dict:
-    """The space of the preset ``dict``."""
-    extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
-    speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
-    limit = np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
-    return spaces.Dict(
-        {
-            "map": spaces.Box(0, 255, config.observation.shape, np.uint8),
-            "scan": spaces.Box(0.0, config.lidar.range_max, (config.lidar.num_beams,), np.float32),
-            "pose": spaces.Box(-extent, extent, dtype=np.float32),
-            "velocity": spaces.Box(-speed, speed, dtype=np.float32),
-            "time": spaces.Box(0.0, np.float32(limit), (1,), np.float32),
-        }
-    )
+class Measurements:
+    """Observations of the preset ``dict``, of one robot or of many.
 
-
-class Observer:
-    """Makes observations that lie in :func:`dict_space`."""
+    Attributes:
+        space: Of one robot's.
+    """
 
     def __init__(self, config: ExploreConfig) -> None:
-        space = dict_space(config)
-        self._range_max = np.float32(config.lidar.range_max)
-        self._pose_limit: list[float] = space["pose"].high.tolist()  # type: ignore[attr-defined]
-        self._speed_limit: list[float] = space["velocity"].high.tolist()  # type: ignore[attr-defined]
+        extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
+        speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
+        limit = (
+            np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
+        )
+        range_max, num_beams = config.lidar.range_max, config.lidar.num_beams
+        self.space = spaces.Dict(
+            {
+                "map": spaces.Box(0, 255, config.observation.shape, np.uint8),
+                "scan": spaces.Box(0.0, range_max, (num_beams,), np.float32),
+                "pose": spaces.Box(-extent, extent, dtype=np.float32),
+                "velocity": spaces.Box(-speed, speed, dtype=np.float32),
+                "time": spaces.Box(0.0, np.float32(limit), (1,), np.float32),
+            }
+        )
+        self._range_max = np.float32(range_max)
+        # As double precision holds them, which the estimates have.
+        self._extent, self._speed = extent.astype(np.float64), speed.astype(np.float64)
 
-    def observe(self, cells: ByteArray, scan: LaserScan, pose: Pose2D, velocity: Twist2D) -> Observation:
-        """Put an observation together.
+    def observe(
+        self, cells: ByteArray, ranges: Float32Array, pose: Any, velocity: Any, time: Any
+    ) -> Observation:
+        """Put observations together; with many robots each argument has a row for each.
 
         Args:
             cells: The map as observed, shape (1, H, W).
-            scan: The scan. No return becomes the largest range, and too near to measure becomes 0.
+            ranges: The scan, shape (num_beams,). No return becomes the largest range, and too near to measure 0.
             pose: Believed pose, map frame; cut off at :data:`FURTHEST`.
             velocity: Measured velocity; cut off at twice the robot's limits.
+            time: Robot time, shape (1,) [s].
         """
-        ranges = np.minimum(scan.ranges, self._range_max)
-        np.maximum(ranges, np.float32(0.0), out=ranges)
         return {
             "map": cells,
-            "scan": ranges,
-            "pose": _within(pose, self._pose_limit),
-            "velocity": _within(velocity, self._speed_limit),
-            "time": np.array([scan.stamp], dtype=np.float32),
+            "scan": np.maximum(np.minimum(ranges, self._range_max), np.float32(0.0)),
+            "pose": _within(pose, self._extent),
+            "velocity": _within(velocity, self._speed),
+            "time": np.array(time, dtype=np.float32),
         }
 
 
+def _within(values: Any, limits: FloatArray) -> Float32Array:
+    """Values cut off at plus and minus their limits, which single precision holds exactly."""
+    return np.minimum(np.maximum(values, -limits), limits).astype(np.float32)
+
+
+class Moment(NamedTuple):
+    """What is observed at the end of a step."""
+
+    mapper: Mapper
+    ranges: Float32Array  # of the scan, shape (num_beams,) [m]
+    pose: Pose2D  # believed, map frame
+    velocity: Twist2D  # measured
+    is_new: bool  # the mapper has processed the scan
+    is_published: bool  # the map is to be published again
+
+
 class MapView(Protocol):
-    """How the map is shown."""
+    """One episode's view of the map; what it looks at is the observation's map, or the whole one if it is compact."""
 
-    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
-        """The observation's map, shape (1, H, W).
-
-        Args:
-            mapper: The map's source.
-            pose: Believed pose, map frame.
-            is_new: Whether the mapper processed a scan since the last call.
-            is_publication_due: Whether the map is to be published again.
-        """
-        ...
-
-    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
-        """The map from which compact observations are made; arguments as above."""
+    def look(self, now: Moment) -> Any:
+        """The map, shape (1, H, W), or a compact observation; to be called at every step."""
         ...
 
 
@@ -192,71 +189,78 @@ class GlobalView:
 
     def __init__(self, config: ObservationConfig) -> None:
         self._frame = config.frame()
-        self._shared = config.shared_map
+        self._is_shared = config.shared_map
         self._cells: ByteArray | None = None
 
-    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
-        """The canvas as it was last published."""
-        del pose, is_new  # what was processed shows at the next publication
-        cells = self._published(mapper, is_publication_due)
-        return cells if self._shared else cells.copy()
-
-    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
-        """The canvas."""
-        del is_new
-        return Lattice.of(self._published(mapper, is_publication_due)[0], self._frame)
-
-    def _published(self, mapper: Mapper, is_due: bool) -> ByteArray:
-        """The very same array until the next publication, by which explorers know a new one."""
-        if is_due or self._cells is None:
-            cells = mapper.render(self._frame)
-            cells.flags.writeable = False
-            self._cells = cells[np.newaxis]
-        return self._cells
+    def look(self, now: Moment) -> ByteArray:
+        """The canvas: if shared the very same array until the next publication, by which explorers know a new one."""
+        if now.is_published or self._cells is None:
+            self._cells = now.mapper.render(self._frame)[np.newaxis]
+            self._cells.flags.writeable = False
+        return self._cells if self._is_shared else self._cells.copy()
 
 
 class EgocentricView:
-    """The map about the robot, turned into its heading."""
+    """The newest map about the robot, turned into its heading."""
 
     def __init__(self, config: ObservationConfig, map_resolution: float) -> None:
         self._config = config
         self._resolution = map_resolution
         self._radius_px, self._samples = window_sizes(config, map_resolution)
-        self._lattice: Lattice | None = None
         self._window: ByteArray | None = None
-        self._window_frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
-        self._window_centre = (0.0, 0.0)
+        self._frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
+        self._centre = (0.0, 0.0)
 
-    def view(self, mapper: Mapper, pose: Pose2D, is_new: bool, is_publication_due: bool) -> ByteArray:
+    def look(self, now: Moment) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
-        del is_publication_due
-        off = math.hypot(pose.x - self._window_centre[0], pose.y - self._window_centre[1])
-        if is_new or self._window is None or off > WINDOW_MARGIN:
-            self._window = self._cut_window(mapper, pose)
-        window, frame, config = self._window, self._window_frame, self._config
+        pose, config = now.pose, self._config
+        off = math.hypot(pose.x - self._centre[0], pose.y - self._centre[1])
+        if now.is_new or self._window is None or off > WINDOW_MARGIN:
+            # The part of the map that the crop can need, on the map's own lattice.
+            size, resolution = self._radius_px, self._resolution
+            left, bottom = (resolution * (math.floor(place / resolution) - size) for place in pose[:2])
+            self._centre = (pose.x, pose.y)
+            self._frame = GridFrame(resolution, left, bottom, 2 * size + 1, 2 * size + 1)
+            self._window = now.mapper.render(self._frame)
         crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
+        origin = self._frame.origin_x, self._frame.origin_y
         cut_crop(
-            window, frame.origin_x, frame.origin_y, frame.resolution, pose.x, pose.y, pose.theta,
-            config.crop_resolution, self._samples, crop[0],
-        )  # fmt: skip
+            self._window,
+            origin,
+            self._resolution,
+            tuple(pose),
+            config.crop_resolution,
+            self._samples,
+            crop[0],
+        )
         return crop
 
-    def lattice(self, mapper: Mapper, is_new: bool, is_publication_due: bool) -> Lattice:
-        """The newest map."""
-        del is_publication_due
-        if is_new or self._lattice is None:
-            self._lattice = Lattice(*mapper.lattice(), self._resolution, True)
-        return self._lattice
 
-    def _cut_window(self, mapper: Mapper, pose: Pose2D) -> ByteArray:
-        """The part of the map that the crop can need, on the map's own lattice."""
-        size, resolution = self._radius_px, self._resolution
-        col, row = math.floor(pose.x / resolution) - size, math.floor(pose.y / resolution) - size
-        self._window_centre = (pose.x, pose.y)
-        self._window_frame = GridFrame(
-            resolution, col * resolution, row * resolution, 2 * size + 1, 2 * size + 1
-        )
-        return mapper.render(self._window_frame)
+class CompactView:
+    """The compact observation of the newest map, or of the map as last published."""
+
+    def __init__(self, config: ExploreConfig) -> None:
+        self._observer = CompactObserver.of(config)
+        self._waits = config.observation.map == "global"
+        self._resolution = config.slam.resolution
+        self._tiles: MapTiles | None = None
+
+    def look(self, now: Moment) -> Float32Array:
+        """The observation."""
+        if self._tiles is None or (now.is_published if self._waits else now.is_new):
+            self._tiles = MapTiles.of(*now.mapper.lattice(), self._resolution)
+        if now.is_published:
+            self._observer.refresh(self._tiles)
+        return self._observer.observe(self._tiles, now.ranges, now.pose, now.velocity)
+
+
+def make_view(config: ExploreConfig) -> MapView:
+    """The view that the settings name, for one episode."""
+    if config.observation.is_compact:
+        return CompactView(config)
+    if config.observation.map == "global":
+        return GlobalView(config.observation)
+    return EgocentricView(config.observation, config.slam.resolution)
 
 
 def window_sizes(config: ObservationConfig, map_resolution: float) -> tuple[int, int]:
@@ -265,16 +269,3 @@ def window_sizes(config: ObservationConfig, map_resolution: float) -> tuple[int,
     radius = 0.5 * math.sqrt(2.0) * config.crop_side + WINDOW_MARGIN
     samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
     return math.ceil(radius / map_resolution) + 1, samples
-
-
-def make_view(config: ExploreConfig) -> MapView:
-    """The view that the settings name, for one episode."""
-    if config.observation.map == "global":
-        return GlobalView(config.observation)
-    return EgocentricView(config.observation, config.slam.resolution)
-
-
-def _within(values: Sequence[float], limits: Sequence[float]) -> Float32Array:
-    """Values cut off at plus and minus their limits, which single precision holds exactly."""
-    cut = [min(max(value, -limit), limit) for value, limit in zip(values, limits, strict=True)]
-    return np.array(cut, dtype=np.float32)

@@ -15,7 +15,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
-from slamgym.sim import Clutter, RobotConfig, SurfaceConfig
+from slamgym.sim import Clutter, ClutterConfig, RobotConfig, SurfaceConfig, make_clutter
 from slamgym.sim.space import sample_pose, sample_start, start_area
 from slamgym.sim.surfaces import Surfaces, furnished_surfaces, wall_surfaces
 
@@ -29,6 +29,27 @@ KEPT_SITES = 64
 
 # Plans tried in a row before a source counts as useless.
 _TRIES = 100
+
+
+class Streams(NamedTuple):
+    """Independent sources of randomness of one episode.
+
+    Each is seeded by its own draw from the environment's generator, so a setting that makes one of them draw
+    more often (more particles, say) leaves all the others as they were.
+    """
+
+    plan: np.random.Generator
+    clutter: np.random.Generator
+    start: np.random.Generator
+    odometry: np.random.Generator
+    lidar: np.random.Generator
+    slam: np.random.Generator
+
+    @classmethod
+    def spawn(cls, rng: np.random.Generator) -> "Streams":
+        """Derive the streams of the next episode."""
+        seeds = rng.integers(2**63, size=len(cls._fields))
+        return cls(*(np.random.default_rng(int(seed)) for seed in seeds))
 
 
 class PreparedPlan:
@@ -133,16 +154,28 @@ class PlanCache:
             error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
         )
 
-    def choose(self, wanted: str | FloorPlan | None, rng: np.random.Generator) -> PreparedPlan:
-        """The plan of this id, this plan, or one that is drawn.
+    def choose_site(
+        self, wanted: "ResetOptions", streams: Streams, clutter: ClutterConfig
+    ) -> tuple[PreparedPlan, Pose2D]:
+        """A building, furnished and populated where the settings want it, and where the robot starts.
+
+        Args:
+            wanted: The plan or its id, and the start; what is None is drawn.
+            streams: Sources of randomness.
+            clutter: Furniture and people.
 
         Raises:
             ConfigError: If the source has no such plan.
             PlanError: If it can't be explored.
         """
-        if wanted is None:
-            return self.draw(rng)
-        return self.of(wanted) if isinstance(wanted, FloorPlan) else self.named(wanted)
+        plan = wanted.plan
+        if plan is None:
+            prepared = self.draw(streams.plan)
+        else:
+            prepared = self.of(plan) if isinstance(plan, FloorPlan) else self.named(plan)
+        if not clutter.is_empty:
+            prepared = prepared.furnished(make_clutter(prepared.plan, streams.clutter, clutter, self._robot))
+        return prepared, wanted.start or prepared.sample_start(streams.start)
 
     def named(self, plan_id: str) -> PreparedPlan:
         """A plan by its id.

@@ -10,7 +10,6 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,16 +33,14 @@ class StepRecord:
     distance: float
     """True path length of the robot during the step [m]."""
     contact: bool
-    """Whether an obstacle stopped or deflected the robot."""
+    """True if an obstacle stopped or deflected the robot."""
     coverage: float
     """Share of the reachable floor that was truly seen, in [0, 1]."""
     previous_coverage: float
     pose_error: float
     """Distance of the believed from the true position [m]."""
-    n_eff: float
-    """Effective number of particles."""
     terminated: bool
-    """Whether the exploration is complete: the coverage goal is reached or no frontier is left."""
+    """True if the exploration is complete: the coverage goal is reached or no frontier is left."""
     known_area: float = math.nan
     """Area that the robot's map shows as free or occupied [m2]."""
     previous_known_area: float = math.nan
@@ -117,14 +114,6 @@ def completion_bonus(step: StepRecord) -> float:
     return 0.0 + step.terminated
 
 
-def floor_left_cost(step: StepRecord) -> float:
-    """Minus the share of the reachable floor that is unseen when the exploration ends.
-
-    Without it who is paid by the second does well to make a promise look kept that isn't.
-    """
-    return (step.coverage - 1.0) * step.terminated
-
-
 def potential_shaping(step: StepRecord, discount: float) -> float:
     """Potential-based shaping F = discount * Phi(s') - Phi(s) (Ng, Harada and Russell, ICML 1999, eq. 2).
 
@@ -139,7 +128,7 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
-class RewardConfig(Settings, section="reward"):
+class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0}):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
     coverage_gain: float = 10.0
@@ -172,9 +161,6 @@ class RewardConfig(Settings, section="reward"):
     completion: float = 1.0
     """Once, at the end (:func:`completion_bonus`)."""
 
-    floor_left: float = 0.0
-    """Per share of the reachable floor, once, at the end (:func:`floor_left_cost`)."""
-
     shaping: float = 0.0
     """Of the potential (:func:`potential_shaping`)."""
 
@@ -198,17 +184,8 @@ FUNCTIONS: dict[str, RewardFunction] = {
     "pose_uncertainty": uncertainty_cost,
     "exposure": exposure_cost,
     "completion": completion_bonus,
-    "floor_left": floor_left_cost,
 }
 """The terms by the name of their weight; shaping comes with its discount."""
-
-
-class RewardTerm(NamedTuple):
-    """A weighted function under the name that ``info["reward_terms"]`` shows."""
-
-    name: str
-    weight: float
-    function: RewardFunction
 
 
 class Reward:
@@ -219,10 +196,10 @@ class Reward:
         extra: Terms of the user's own: name to (weight, function).
 
     Attributes:
-        terms: The active terms.
-        needs_known_area: Whether a term looks at the area of the robot's map.
-        needs_map_error: Whether a term looks at the map's error.
-        needs_covariance: Whether a term looks at the pose's uncertainty.
+        terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
+        needs_known_area: True if a term looks at the area of the robot's map.
+        needs_map_error: True if a term looks at the map's error.
+        needs_covariance: True if a term looks at the pose's uncertainty.
 
     Raises:
         ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function).
@@ -231,43 +208,33 @@ class Reward:
     def __init__(
         self, config: RewardConfig, extra: Mapping[str, tuple[float, RewardFunction]] | None = None
     ) -> None:
-        functions: dict[str, RewardFunction] = {
-            **FUNCTIONS,
-            "shaping": partial(potential_shaping, discount=config.discount),
-        }
-        self.terms = [
-            RewardTerm(name, getattr(config, name), function)
-            for name, function in functions.items()
-            if getattr(config, name) != 0.0
-        ]
+        functions = FUNCTIONS | {"shaping": partial(potential_shaping, discount=config.discount)}
+        terms = {name: (getattr(config, name), function) for name, function in functions.items()}
+        self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
         for name, entry in (extra or {}).items():
-            self.terms.append(_own_term(name, entry, functions))
-        active = {term.name for term in self.terms}
-        self.needs_known_area = bool(extra) or "information_gain" in active
-        self.needs_map_error = bool(extra) or "map_error" in active
-        self.needs_covariance = bool(extra) or "pose_uncertainty" in active
+            self.terms[name] = _own_term(name, entry, functions)
+        self.needs_known_area = bool(extra) or "information_gain" in self.terms
+        self.needs_map_error = bool(extra) or "map_error" in self.terms
+        self.needs_covariance = bool(extra) or "pose_uncertainty" in self.terms
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""
-        contributions = {term.name: term.weight * float(term.function(step)) for term in self.terms}
+        contributions = {name: weight * float(term(step)) for name, (weight, term) in self.terms.items()}
         return float(sum(contributions.values())), contributions
 
     def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
         """The same of many transitions, of a record whose fields are arrays, shape (N,)."""
         total = np.zeros(np.shape(steps.coverage))
         contributions = {}
-        for term in self.terms:
-            contribution = term.weight * np.asarray(term.function(steps), np.float64)
-            total += contribution
-            contributions[term.name] = (
-                np.full(total.shape, contribution) if contribution.ndim == 0 else contribution
-            )
+        for name, (weight, term) in self.terms.items():
+            contributions[name] = np.broadcast_to(weight * np.asarray(term(steps), np.float64), total.shape)
+            total += contributions[name]
         return total, contributions
 
 
 def _own_term(
     name: str, entry: tuple[float, RewardFunction], taken: Mapping[str, RewardFunction]
-) -> RewardTerm:
+) -> tuple[float, RewardFunction]:
     if name in taken:
         raise ConfigError(f"reward_terms: {name!r} is a term already; set its weight by reward.{name}")
     try:
@@ -278,4 +245,4 @@ def _own_term(
     if not callable(function) or not math.isfinite(weight):
         hint = suggest(function, taken) if isinstance(function, str) else "give a function of a StepRecord"
         raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}")
-    return RewardTerm(name, weight, function)
+    return weight, function

@@ -1,16 +1,17 @@
 """One episode of a robot in a building: actions, truth, sensors and belief, stepped together."""
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.cad import FloorPlan
 from slamgym.core.errors import ActionError
 from slamgym.core.geometry import between
-from slamgym.core.types import FloatArray, LaserScan, Pose2D, Twist2D
+from slamgym.core.types import UNKNOWN, FloatArray, LaserScan, OccupancyGrid, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.finished_map import finished_map
-from slamgym.envs.plan_cache import PreparedPlan
+from slamgym.envs.plan_cache import PreparedPlan, Streams
+from slamgym.interop import read_ros_map
 from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
 
@@ -72,27 +73,6 @@ class Actions:
         except (TypeError, ValueError, KeyError):
             raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None
         return commands
-
-
-class Streams(NamedTuple):
-    """Independent sources of randomness of one episode.
-
-    Each is seeded by its own draw from the environment's generator, so a setting that makes one of them draw
-    more often (more particles, say) leaves all the others as they were.
-    """
-
-    plan: np.random.Generator
-    clutter: np.random.Generator
-    start: np.random.Generator
-    odometry: np.random.Generator
-    lidar: np.random.Generator
-    slam: np.random.Generator
-
-    @classmethod
-    def spawn(cls, rng: np.random.Generator) -> "Streams":
-        """Derive the streams of the next episode."""
-        seeds = rng.integers(2**63, size=len(cls._fields))
-        return cls(*(np.random.default_rng(int(seed)) for seed in seeds))
 
 
 class Simulation:
@@ -208,3 +188,25 @@ class Simulation:
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
         self.believed_pose = self.mapper.pose
+
+
+def finished_map(plan: FloorPlan, start: Pose2D, config: ExploreConfig) -> OccupancyGrid | None:
+    """The finished map that a robot is given to localise on, in the map frame; None where the settings ask for none.
+
+    Args:
+        plan: The building.
+        start: Where the robot stands at first, world frame.
+        config: Names the map's file, if it isn't the plan as a drawing.
+
+    Raises:
+        InputFileError: If the map's file can't be read.
+    """
+    if config.slam.mode != "map":
+        return None
+    if config.finished_map is None:
+        return plan.raster(config.slam.resolution, offset=(start.x, start.y), outside=UNKNOWN)
+    grid = read_ros_map(config.finished_map)
+    frame = grid.frame._replace(
+        origin_x=grid.frame.origin_x - start.x, origin_y=grid.frame.origin_y - start.y
+    )
+    return OccupancyGrid(grid.cells, frame)

@@ -32,7 +32,7 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.envs.batch import kernels as batch_kernels
+from slamgym.envs.batch import stepping
 from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.explore_env import ExploreEnv
@@ -171,7 +171,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     "rbpf": (functools.partial(_match, "rbpf"), copy_maps),
     "drive": (_drive, settle),
     "navigate": (_navigate, short_paths),
-    BATCHED: (_step_many, batch_kernels.crop_all),
+    BATCHED: (_step_many, stepping.crop_all),
     "pose_graph": (functools.partial(_match, "pose_graph"), search_window),
     "furnish": (_furnish, next_clear),
     "decide": (_decide, cut_frontier_crop),

@@ -84,7 +84,7 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan, weights,
             break
         observation, *_ = env.step(action)
     assert float(observation["time"][0]) == pytest.approx(info["time"], abs=1e-3)
-    np.testing.assert_allclose(env.true_pose, info["true_pose"], atol=1e-6)
+    np.testing.assert_allclose(env.simulation.true_pose, info["true_pose"], atol=1e-6)
 
 
 def test_what_is_foreseen_stands_behind_the_other_features(plan):

@@ -174,7 +174,6 @@ def test_gymnasium_makes_it_by_name():
         ({"clutter": {"people": 1}}, "clutter.people"),
         ({"clutter": {"furniture": 1.0, "changes": 1.0}}, "furniture that is moved"),
         ({"observation": {"map": "global"}}, "preset='compact'"),
-        ({"observation": {"map": "global", "preset": "compact", "map_resolution": 0.1}}, "alike"),
         ({"reward": {"map_error": 1.0}}, "map_error"),
         ({"record": True}, "record=False"),
         ({"lidar": {"sweep": 0.1}}, "lidar.sweep"),

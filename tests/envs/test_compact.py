@@ -8,15 +8,7 @@ import pytest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, Pose2D, Twist2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.compact import (
-    BLOCKS,
-    MAP_TILE,
-    CompactObserver,
-    Lattice,
-    compact_size,
-    pack_tiles,
-    write_compact,
-)
+from slamgym.envs.compact import BLOCKS, CompactObserver, MapTiles, compact_size, pack_tiles
 
 FRAME = GridFrame(0.05, -8.0, -8.0, 320, 320)
 NOTHING = np.full(180, np.inf, dtype=np.float32)
@@ -24,7 +16,7 @@ NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 def observe(cells, pose=Pose2D(0.0, 0.0, 0.0), ranges=NOTHING, velocity=Twist2D(0.0, 0.0), frame=FRAME):
     observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
-    seen = observer.observe(Lattice.of(cells, frame), ranges, pose, velocity)
+    seen = observer.observe(MapTiles.of_grid(cells, frame), ranges, pose, velocity)
     shares, rest = seen[: 2 * BLOCKS**2].reshape(2, BLOCKS, BLOCKS), seen[2 * BLOCKS**2 :]
     return shares[0], shares[1], rest[:60], rest[60:]
 
@@ -60,13 +52,10 @@ def test_it_doesnt_matter_which_part_of_the_map_is_given():
         np.testing.assert_array_equal(whole, cut)
 
 
-def test_it_doesnt_matter_whether_the_map_is_packed():
-    rng, corner, limits = np.random.default_rng(0), (3, -7), np.array([0.26, 1.82, 3.5])
-    rows, cols = 200, 240
+def test_a_map_packed_part_by_part_shows_what_its_cells_show():
+    rng, rows, cols, pitch = np.random.default_rng(0), 200, 240, 8.4 / (21 * 4 * 0.05)
     cells = np.full((rows, cols), UNKNOWN, dtype=np.uint8)
-    tiles = np.zeros((rows // MAP_TILE, cols // MAP_TILE), np.uint32)
-    packed = tiles, tiles.astype(np.uint8)
-    nothing = np.zeros((0, 0), np.uint32), np.zeros((0, 0), np.uint8)
+    tiles = MapTiles.of(cells, (4, -8), 0.05)
     kinds = set()
     for _ in range(40):
         row, col, height, width = rng.integers(rows), rng.integers(cols), *rng.integers(1, 90, 2)
@@ -74,22 +63,24 @@ def test_it_doesnt_matter_whether_the_map_is_packed():
         part = cells[box[0] : box[2], box[1] : box[3]]
         values = [FREE] if rng.random() < 0.7 else [FREE, UNKNOWN, OCCUPIED]
         part[:] = rng.choice(values, part.shape)
-        pack_tiles(cells, box, packed)
-        pose = np.array([rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0), rng.uniform(-4.0, 4.0)])
-        seen = np.empty((3, compact_size(180)), np.float32)
-        for k, (view, tables, up) in enumerate(
-            (
-                (cells, packed, True),
-                (cells, nothing, True),
-                (np.ascontiguousarray(cells[::-1]), nothing, False),
-            )
-        ):
-            write_compact(
-                view, tables, up, corner, 0.05, pose, 8.4, NOTHING, np.zeros(2), limits, seen[k]
-            )  # fmt: skip
-        np.testing.assert_array_equal(seen[1], seen[0])
-        np.testing.assert_array_equal(seen[2], seen[0])
-        kinds |= set(packed[1].ravel().tolist())
+        pack_tiles(cells, box, tiles[:2])
+        for one, other in zip(tiles[:2], MapTiles.of(cells, (4, -8), 0.05)[:2], strict=True):
+            np.testing.assert_array_equal(one, other)
+        x, y, theta = rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0), rng.uniform(-4.0, 4.0)
+        observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
+        seen = observer.observe(tiles, NOTHING, Pose2D(x, y, theta), Twist2D(0.0, 0.0))
+        # Point by point, from the left of the first row: in the middle of the crop is the robot.
+        down, right = (pitch * (np.indices((84, 84)) - 41.5)).reshape(2, -1)
+        at_row = y / 0.05 - down * np.sin(theta) - right * np.cos(theta) - 4
+        at_col = x / 0.05 - down * np.cos(theta) + right * np.sin(theta) + 8
+        padded = np.pad(cells, 400, constant_values=UNKNOWN)
+        read = padded[np.floor(at_row).astype(int) + 400, np.floor(at_col).astype(int) + 400].reshape(84, 84)
+        for k, value in enumerate((FREE, OCCUPIED)):
+            shares = (read == value).reshape(21, 4, 21, 4).mean(axis=(1, 3))
+            assert (
+                np.mean(shares.ravel() != seen[441 * k : 441 * (k + 1)]) < 0.01
+            )  # on a border between cells
+        kinds |= set(tiles.kinds.ravel().tolist())
     assert kinds == {0, 1, 2}
 
 

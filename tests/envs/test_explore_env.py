@@ -301,11 +301,11 @@ def test_the_log_holds_every_scan(flat: FloorPlan) -> None:
 def test_odometry_without_errors_follows_the_truth(flat: FloorPlan) -> None:
     env = ExploreEnv(flat, odometry="ideal")
     env.reset(seed=0)
-    start = env.true_pose
+    start = env.simulation.true_pose
     for _ in range(20):
         env.step((0.5, 0.4))
-    moved = between(start, env.true_pose)
-    believed = between(Pose2D(0.0, 0.0, start.theta), env.odometry_pose)
+    moved = between(start, env.simulation.true_pose)
+    believed = between(Pose2D(0.0, 0.0, start.theta), env.simulation.odometry_pose)
     assert believed == pytest.approx(moved, abs=1e-9)
 
 

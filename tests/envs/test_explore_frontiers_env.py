@@ -9,7 +9,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from slamgym.core.errors import ConfigError
-from slamgym.envs import DiscountByTermination, ExploreFrontiersEnv
+from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, action_mask, exposures
 from slamgym.envs.rewards import FRONTIER_REWARD
 
@@ -107,8 +107,8 @@ def test_undiscounted_shaping_and_time_make_up_the_reward(env):
 
 
 @pytest.mark.parametrize("discount", [1.0, 0.99])
-def test_saying_done_too_soon_is_charged_for_the_floor_that_is_left(two_room_plan, discount):
-    reward = {"completion": 1.0, "floor_left": 5.0, "shaping": 2.0, "time": 0.0, "collision": 0.0}
+def test_saying_done_ends_the_episode_with_the_bonus_and_no_potential(two_room_plan, discount):
+    reward = {"completion": 1.0, "shaping": 2.0, "time": 0.0, "collision": 0.0}
     env = ExploreFrontiersEnv(
         two_room_plan,
         **SMALL,
@@ -117,7 +117,7 @@ def test_saying_done_too_soon_is_charged_for_the_floor_that_is_left(two_room_pla
         loop={"promise": {"seen": 0.5, "confidence": 0.1}},
     )
     _, first = env.reset(seed=0)
-    sums, over = dict.fromkeys(("completion", "floor_left", "shaping"), 0.0), False
+    sums, over = dict.fromkeys(("completion", "shaping"), 0.0), False
     while not over:
         _, total, over, _, info = env.step(0)
         assert total == pytest.approx(sum(info["reward_terms"].values()))
@@ -125,7 +125,6 @@ def test_saying_done_too_soon_is_charged_for_the_floor_that_is_left(two_room_pla
     last = discount ** (info["duration"] - env.config.control_step)
     assert 0.5 < info["coverage"] < 0.9
     assert sums["completion"] == pytest.approx(last)
-    assert sums["floor_left"] == pytest.approx(5.0 * last * (info["coverage"] - 1.0))
     if discount == 1.0:  # the potential is 0 in the end, whatever was seen
         assert sums["shaping"] == pytest.approx(2.0 * (1.0 - first["coverage"]))
 
@@ -208,41 +207,3 @@ def test_unknown_and_senseless_settings_are_refused(two_room_plan, settings):
 def test_a_step_before_the_first_reset_is_refused(env):
     with pytest.raises(gym.error.ResetNeeded):
         env.step(0)
-
-
-class _Fixed(gym.Env):
-    """Ten steps of a given duration, each with a reward of one."""
-
-    observation_space = gym.spaces.Discrete(11)
-    action_space = gym.spaces.Discrete(1)
-
-    def __init__(self, duration):
-        self.duration = duration
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        self.count = 0
-        return 0, {}
-
-    def step(self, action):
-        self.count += 1
-        return self.count, 1.0, self.count == 10, False, {"duration": self.duration}
-
-
-def test_a_constant_gamma_with_termination_gives_the_semi_markov_value():
-    """The mean discounted return over many episodes is that of a discount by seconds."""
-    duration, per_second, gamma = 5.0, 0.97, 0.95
-    env = DiscountByTermination(_Fixed(duration), per_second=per_second, gamma=gamma)
-    env.reset(seed=0)
-    env.np_random = np.random.default_rng(0)
-    returns = []
-    for _ in range(3000):
-        env.reset()
-        total, weight, over = 0.0, 1.0, False
-        while not over:
-            _, reward, terminated, truncated, _ = env.step(0)
-            total, weight, over = total + weight * reward, weight * gamma, terminated or truncated
-        returns.append(total)
-    expected = sum(per_second ** (duration * i) for i in range(10))
-    # 4 standard errors of the mean of 3000 episodes.
-    assert np.mean(returns) == pytest.approx(expected, abs=4 * np.std(returns) / 3000**0.5)

@@ -7,8 +7,8 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, Pose2D, Twist2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.compact import CompactObserver, Lattice, compact_size, pack_tiles
-from slamgym.envs.far_look import FAR_SIZE, SECTORS, FarLook
+from slamgym.envs.compact import CompactObserver, MapTiles, compact_size
+from slamgym.envs.far_look import FAR_SIZE, SECTORS
 
 FRAME = GridFrame(0.05, -12.8, -12.8, 512, 512)
 NOTHING = np.full(180, np.inf, dtype=np.float32)
@@ -16,7 +16,10 @@ NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 def observe(cells, pose, frame=FRAME):
     """The near numbers, those of the directions, the length of the shortest way [m], and where it leaves."""
-    observer, shown = CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True), Lattice.of(cells, frame)
+    observer, shown = (
+        CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True),
+        MapTiles.of_grid(cells, frame),
+    )
     observer.refresh(shown)
     seen = observer.observe(shown, NOTHING, pose, Twist2D(0.0, 0.0))
     assert seen in observer.space
@@ -89,17 +92,3 @@ def test_it_is_looked_at_anew_where_the_map_is_published(flat, shown):
         np.testing.assert_array_equal(observation[: len(plain)], plain)
         observation, *_ = env.step((1.0, 0.3))
         plain, *_ = twin.step((1.0, 0.3))
-
-
-def test_it_doesnt_matter_whether_the_map_is_packed():
-    rng, poses = np.random.default_rng(0), np.array([(6.0, 5.0, 1.0)])
-    cells = rng.choice([FREE, UNKNOWN, OCCUPIED], (200, 240), p=[0.97, 0.01, 0.02]).astype(np.uint8)
-    cells[100:130, 120:150] = UNKNOWN
-    tiles = np.zeros((50, 60), np.uint32), np.zeros((50, 60), np.uint8)
-    pack_tiles(cells, (0, 0, 200, 240), tiles)
-    far, seen = FarLook(2), np.zeros((2, FAR_SIZE), np.float32)
-    far.refresh(0, cells, (8, -12), 0.05, True)
-    far.refresh_packed(1, tiles[0], (8, -12), 0.05)
-    far.write(np.arange(2), np.vstack([poses, poses]), seen)
-    np.testing.assert_array_equal(seen[0], seen[1])
-    assert seen[0].any()

@@ -19,7 +19,7 @@ HALF = 0.5 * SIZE * RESOLUTION
 
 def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1):
     out = np.empty((size, size), dtype=np.uint8)
-    cut_crop(cells, -HALF, -HALF, RESOLUTION, x, y, theta, resolution, samples, out)
+    cut_crop(cells, (-HALF, -HALF), RESOLUTION, (x, y, theta), resolution, samples, out)
     return out
 
 
@@ -130,8 +130,10 @@ def test_pose_is_the_belief_in_the_map_frame(flat: FloorPlan):
     env = ExploreEnv(flat, odometry="high", localization="dead_reckoning")
     observation = observations(env, (2.0, 2.0, 0.3))[-1]
     assert observation["pose"] == pytest.approx(env.mapper.pose, abs=1e-6)
-    assert observation["pose"] == pytest.approx(env.odometry_pose, abs=1e-6)
-    assert not np.allclose(observation["pose"][:2] + np.array([2.0, 2.0]), env.true_pose[:2], atol=1e-3)
+    assert observation["pose"] == pytest.approx(env.simulation.odometry_pose, abs=1e-6)
+    assert not np.allclose(
+        observation["pose"][:2] + np.array([2.0, 2.0]), env.simulation.true_pose[:2], atol=1e-3
+    )
 
 
 def test_no_return_reads_as_the_range_and_too_near_as_zero():

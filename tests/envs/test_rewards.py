@@ -25,7 +25,6 @@ records = st.builds(
     coverage=share,
     previous_coverage=share,
     pose_error=st.floats(0.0, 5.0),
-    n_eff=st.floats(1.0, 30.0),
     terminated=st.booleans(),
     known_area=st.floats(0.0, 100.0),
     previous_known_area=st.floats(0.0, 100.0),
@@ -48,7 +47,6 @@ AT_REST = StepRecord(
     coverage=0.5,
     previous_coverage=0.5,
     pose_error=0.0,
-    n_eff=30.0,
     terminated=False,
 )
 
@@ -105,7 +103,6 @@ def test_costs_are_negative_and_gains_positive():
             "pose_uncertainty": -0.1,
             "exposure": -0.1,
             "completion": 1.0,
-            "floor_left": -0.4,
         }
     )
 

@@ -99,6 +99,6 @@ def test_the_robot_stays_on_the_floor_whatever_it_does(seed: int, kind: str, fur
         action = (9.0 * rng.standard_normal(2)) if kind == "pushing" else env.action_space.sample()
         for _ in range(int(rng.integers(1, 30))):
             env.step(action)
-            centre = shapely.Point(env.true_pose[:2])
+            centre = shapely.Point(env.simulation.true_pose[:2])
             assert free.contains(centre)
             assert free.boundary.distance(centre) > env.config.robot.radius - 1e-6

@@ -11,68 +11,59 @@ from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
 
+def zeros(count: int, dtype: Any, *shapes: tuple[int, ...]) -> list[Any]:
+    """Tables of zeros with a row for each of so many robots."""
+    return [np.zeros((count, *shape), dtype=dtype) for shape in shapes]
+
+
 class Robots(NamedTuple):
     """Bodies and wheels; poses are true."""
 
     drive: FloatArray  # (N, 8) drive states, see slamgym.sim.motion
     pose: FloatArray  # (N, 3) world frame
     start: FloatArray  # (N, 3) world frame
-    path: FloatArray  # (N,) [m]
     odometry: FloatArray  # (N, 3) integrated by the wheels, map frame
     velocity: FloatArray  # (N, 2) measured [m/s, rad/s]
     rolled: FloatArray  # (N, 2) what the encoders counted [m]
     wheels: FloatArray  # (N, 3) gains of the left and right encoder, believed wheel base [m]
     slips: FloatArray  # (N, 3) standard normal draws of this step
+    path: FloatArray  # (N,) [m]
     steps: IntArray  # (N,) since the episode began
-    contact: BoolArray  # (N,) whether the last step had contact
     collisions: IntArray  # (N,) contacts begun
+    contact: BoolArray  # (N,) the last step had contact
 
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-        drive, pose, start, odometry, velocity, rolled, wheels, slips = (
-            np.zeros((count, k)) for k in (8, 3, 3, 3, 2, 2, 3, 3)
-        )
-        steps, collisions = (np.zeros(count, dtype=np.int64) for _ in range(2))
-        path, contact = np.zeros(count), np.zeros(count, dtype=np.bool_)
-        return cls(
-            drive, pose, start, path, odometry, velocity, rolled, wheels, slips, steps, contact, collisions
-        )
+        numbers = zeros(count, np.float64, (8,), (3,), (3,), (3,), (2,), (2,), (3,), (3,), ())
+        return cls(*numbers, *zeros(count, np.int64, (), ()), *zeros(count, np.bool_, ()))
 
 
 class Scenes(NamedTuple):
     """What the robots touch and see; each table has a number of rows that count."""
 
     segments: FloatArray  # (N, S, 4) [m]
-    num_segments: IntArray  # (N,)
-    first: IntArray  # (N, F) where each segment's patches begin, see slamgym.sim.surfaces
-    num_first: IntArray
     patches: FloatArray  # (N, P, 5)
-    num_patches: IntArray
     outside: FloatArray  # (N, K, 4) [m]
+    roughness: FloatArray  # (N,) [m]
+    floor_corner: FloatArray  # (N, 2) lower left corner [m]
+    first: IntArray  # (N, F) where each segment's patches begin, see slamgym.sim.surfaces
+    num_segments: IntArray  # (N,)
+    num_first: IntArray
+    num_patches: IntArray
     num_outside: IntArray
     materials: IntArray  # (N, 2) how many segments are walls, and the seed of what varies with the place
-    roughness: FloatArray  # (N,) [m]
-    unseen: BoolArray  # (N, cells) floor still to be seen, row by row
     floor_shape: IntArray  # (N, 2) rows and columns
-    floor_corner: FloatArray  # (N, 2) lower left corner [m]
     seen: IntArray  # (N,) cells seen
     floor_cells: IntArray  # (N,) cells of the floor
+    unseen: BoolArray  # (N, cells) floor still to be seen, row by row
 
     @classmethod
     def empty(cls, count: int) -> "Scenes":
         """Room for so many scenes; the tables grow with what is put into them."""
-
-        def numbers() -> IntArray:
-            return np.zeros(count, dtype=np.int64)
-
-        return cls(
-            np.zeros((count, 0, 4)), numbers(), np.zeros((count, 0), dtype=np.int64), numbers(),
-            np.zeros((count, 0, 5)), numbers(), np.zeros((count, 0, 4)), numbers(),
-            np.zeros((count, 2), dtype=np.int64), np.zeros(count),
-            np.zeros((count, 0), dtype=np.bool_), np.zeros((count, 2), dtype=np.int64), np.zeros((count, 2)),
-            numbers(), numbers(),
-        )  # fmt: skip
+        numbers = zeros(count, np.float64, (0, 4), (0, 5), (0, 4), (), (2,))
+        indices = zeros(count, np.int64, (0,), (), (), (), (), (2,), (2,), (), ())
+        return cls(*numbers, *indices, *zeros(count, np.bool_, (0,)))
 
 
 class Scanner(NamedTuple):
@@ -90,66 +81,54 @@ class Scanner(NamedTuple):
 class Scans(NamedTuple):
     """Draws and ranges of the newest scans."""
 
-    kind: IntArray  # (N,) a value of ScanKind
     normal: FloatArray  # (N, 2, num_beams) standard normal draws
     fate: FloatArray  # (N, 2, num_beams + 1) even draws
-    burst: IntArray  # (N, 2) first beam and number of beams that a burst of cross-talk hits
-    pulses: FloatArray  # (N, most) the ranges that it makes [m]
+    pulses: FloatArray  # (N, most) the ranges that a burst of cross-talk makes [m]
     true: FloatArray  # (N, num_beams) [m]
+    kind: IntArray  # (N,) a value of ScanKind
+    burst: IntArray  # (N, 2) first beam and number of beams that a burst hits
     ranges: Float32Array  # (N, num_beams) measured [m]
 
     @classmethod
     def blank(cls, count: int, num_beams: int, longest_burst: int) -> "Scans":
         """So many scans not taken yet."""
-        return cls(
-            np.zeros(count, dtype=np.int64),
-            np.zeros((count, 2, num_beams)),
-            np.zeros((count, 2, num_beams + 1)),
-            np.zeros((count, 2), dtype=np.int64),
-            np.zeros((count, longest_burst)),
-            np.zeros((count, num_beams)),
-            np.zeros((count, num_beams), dtype=np.float32),
-        )
+        draws = zeros(count, np.float64, (2, num_beams), (2, num_beams + 1), (longest_burst,), (num_beams,))
+        return cls(*draws, *zeros(count, np.int64, (), (2,)), *zeros(count, np.float32, (num_beams,)))
 
 
 class Maps(NamedTuple):
     """What robots with known poses believe: path and hit counts, see slamgym.slam.PoseTracker."""
 
-    counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
-    cells: ByteArray  # (N, cells) the map as it is shown
-    tiles: (
-        np.ndarray
-    )  # (N, tiles) uint32, see slamgym.envs.compact.pack_tiles; none where nobody asks for them
-    kinds: ByteArray  # (N, tiles) likewise
-    shape: IntArray  # (N, 2) rows and columns, multiples of four
-    corner: IntArray  # (N, 2) row and column of the lattice where they begin
-    dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
-    box: IntArray  # (N, 4) first row and column and last row and column of the last scan
-    warmth: IntArray  # (N,) no meaning; what fetching the counts leaves, so that the compiler keeps it
-    begun: BoolArray  # (N,) whether a scan was taken
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
     anchor: FloatArray  # (N, 3) estimate at the last processed scan
     since: FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad] since
     believed: FloatArray  # (N, 3) estimate now
-    is_new: BoolArray  # (N,) whether the newest scan was processed
+    shape: IntArray  # (N, 2) rows and columns, multiples of four
+    corner: IntArray  # (N, 2) row and column of the lattice where they begin, multiples of four
+    dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
+    box: IntArray  # (N, 4) first row and column and last row and column of the last scan
+    warmth: IntArray  # (N,) no meaning; the result of fetching the counts, so that the compiler keeps it
+    begun: BoolArray  # (N,) a scan was taken
+    is_new: BoolArray  # (N,) the newest scan was processed
+    counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
+    tiles: np.ndarray  # (N, tiles) uint32, see slamgym.envs.compact.pack_tiles; none for other presets
+    cells: ByteArray  # (N, cells) the map as it is shown
+    kinds: ByteArray  # (N, tiles) as the tiles
 
     @classmethod
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
-        last, processed, anchor, since, believed = (np.zeros((count, 3)) for _ in range(5))
-        shape, corner, dirty, box = (np.zeros((count, k), dtype=np.int64) for k in (2, 2, 4, 4))
-        warmth = np.zeros(count, dtype=np.int64)
-        begun, is_new = (np.zeros(count, dtype=np.bool_) for _ in range(2))
-        counts, tiles = np.zeros((count, 0, 2), dtype=np.int32), np.zeros((count, 0), dtype=np.uint32)
-        cells, kinds = (np.zeros((count, 0), dtype=np.uint8) for _ in range(2))
-        return cls(
-            counts, cells, tiles, kinds, shape, corner, dirty, box, warmth, begun, last, processed, anchor, since,
-            believed, is_new,
-        )  # fmt: skip
+        poses, places = (
+            zeros(count, np.float64, *[(3,)] * 5),
+            zeros(count, np.int64, (2,), (2,), (4,), (4,), ()),
+        )
+        flags, tables = zeros(count, np.bool_, (), ()), zeros(count, np.uint8, (0,), (0,))
+        counts, tiles = *zeros(count, np.int32, (0, 2)), *zeros(count, np.uint32, (0,))
+        return cls(*poses, *places, *flags, counts, tiles, *tables)
 
 
-class MapLaw(NamedTuple):
+class MapModel(NamedTuple):
     """How maps are drawn, and when."""
 
     beams: BeamTable
@@ -161,7 +140,7 @@ class MapLaw(NamedTuple):
     keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
 
 
-class DriveLaw(NamedTuple):
+class DriveModel(NamedTuple):
     """What all robots' drives and bodies have in common."""
 
     dt: float  # duration of a step [s]
@@ -171,13 +150,13 @@ class DriveLaw(NamedTuple):
     disc: DiscBody
 
     @classmethod
-    def of(cls, robot: RobotConfig, dt: float) -> "DriveLaw":
-        """The law of a robot."""
+    def of(cls, robot: RobotConfig, dt: float) -> "DriveModel":
+        """The model of a robot."""
         limits = np.array([robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation])
         return cls(dt, limits, robot.radius + SKIN, float(robot.radius), DiscBody.of(robot))
 
 
-class WheelLaw(NamedTuple):
+class WheelModel(NamedTuple):
     """Random errors of the wheel odometry, which all robots have alike."""
 
     is_ideal: bool
@@ -188,9 +167,7 @@ class WheelLaw(NamedTuple):
 def put(table: Any, index: int, rows: np.ndarray) -> Any:
     """Write rows to the head of one environment's part of a table (N, capacity, ...); returns it, grown at need."""
     if len(rows) > table.shape[1]:
-        larger = np.zeros(
-            (len(table), max(len(rows), 2 * table.shape[1]), *table.shape[2:]), dtype=table.dtype
-        )
+        (larger,) = zeros(len(table), table.dtype, (max(len(rows), 2 * table.shape[1]), *table.shape[2:]))
         larger[:, : table.shape[1]] = table
         table = larger
     table[index, : len(rows)] = rows

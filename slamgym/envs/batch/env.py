@@ -15,16 +15,15 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
-from slamgym.envs.batch.kernels import drive_all
 from slamgym.envs.batch.observing import BatchObserver
+from slamgym.envs.batch.stepping import drive_all
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.observations import observation_space
-from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
+from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
 from slamgym.envs.rewards import Reward, StepRecord
-from slamgym.envs.simulation import Actions, Streams
-from slamgym.sim import make_clutter
+from slamgym.envs.simulation import Actions
 
 BATCH_SITES = 1024
 """Buildings that a batch keeps ready: a training draws from hundreds again and again."""
@@ -179,28 +178,20 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         config = self.config
         for i in ids.tolist():
             streams = Streams.spawn(self._generators[i])
-            prepared = self._plan_cache.choose(wanted.plan, streams.plan)
-            if not config.clutter.is_empty:
-                clutter = make_clutter(prepared.plan, streams.clutter, config.clutter, config.robot)
-                prepared = prepared.furnished(clutter)
-            self._fleet.begin(i, prepared, wanted.start or prepared.sample_start(streams.start), streams)
-            self._detectors[i] = CompletionDetector(
-                config.robot.radius, config.min_frontier_size, config.lidar.range_max, config.promise
-            )
+            self._fleet.begin(i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams)
+            self._detectors[i] = CompletionDetector.of(config)
         self._observer.begin(ids)
 
     def _are_complete(self, published: BoolArray) -> BoolArray:
-        """Whose exploration is complete by one of the rules in force."""
+        """Mask of explorations that are complete by one of the rules in force."""
         config, fleet = self.config, self._fleet
         complete = np.zeros(self.num_envs, dtype=np.bool_)
         if config.coverage_goal is not None:
             complete = fleet.shares >= config.coverage_goal
         if config.terminate_when_explored:
             for i in np.flatnonzero(published & ~complete).tolist():
-                detector, pose = self._detectors[i], Pose2D(*fleet.maps.believed[i].tolist())
-                complete[i] = not detector.is_last_one_left(fleet.whole_grid(i)) and not detector.finds_one(
-                    fleet.occupancy_grid(i), pose
-                )
+                pose = Pose2D(*fleet.maps.believed[i].tolist())
+                complete[i] = self._detectors[i].is_explored(fleet.grid(i), pose)
         return complete
 
     def _rewards(
@@ -215,14 +206,14 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "previous_coverage": coverage,
             "floor_area": fleet.scenes.floor_cells * CELL**2,
             "terminated": terminations,
-            **{name: figures[name] for name in ("coverage", "pose_error", "n_eff")},
+            **{name: figures[name] for name in ("coverage", "pose_error")},
         }
         return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
 
     def _figures(self) -> dict[str, Any]:
         """What ``info`` shows of every robot."""
         fleet = self._fleet
-        stats = [robot.mapper.stats for robot in fleet.each if robot.mapper]
+        stats = [] if fleet.is_mapped_together else [fleet.mapper(i).stats for i in range(self.num_envs)]
         return {
             "coverage": fleet.shares,
             "path_length": fleet.robots.path.copy(),
@@ -290,7 +281,6 @@ def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str 
     """Refuse what single environments have and a batch doesn't."""
     observation, clutter = config.observation, config.clutter
     shows_whole_map = observation.map == "global" and not observation.is_compact
-    other_cells = observation.map == "global" and observation.map_resolution != config.slam.resolution
     for is_asked, what in (
         (render_mode is not None, "pictures; leave out render_mode"),
         (config.record, "a log of every scan; set record=False"),
@@ -302,10 +292,6 @@ def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str 
         (
             shows_whole_map,
             "the whole map as a picture; give observation.map='egocentric' or preset='compact'",
-        ),
-        (
-            other_cells,
-            "other cells than the map's; give observation.map_resolution and slam.resolution alike",
         ),
         (
             reward.needs_map_error or reward.needs_known_area or reward.needs_covariance,

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import unit_vectors
+from slamgym.core.jit import plain
 from slamgym.core.types import (
     UNKNOWN,
     FloatArray,
@@ -15,28 +16,34 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw, put
-from slamgym.envs.batch.kernels import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
+from slamgym.envs.batch.arrays import (
+    DriveModel,
+    MapModel,
+    Maps,
+    Robots,
+    Scanner,
+    Scans,
+    Scenes,
+    WheelModel,
+    put,
+)
+from slamgym.envs.batch.stepping import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
 from slamgym.envs.compact import MAP_TILE
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.coverage import CELL
-from slamgym.envs.finished_map import finished_map
-from slamgym.envs.plan_cache import PreparedPlan
-from slamgym.envs.simulation import Streams
+from slamgym.envs.plan_cache import PreparedPlan, Streams
+from slamgym.envs.simulation import finished_map
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.sim.contact import DiscContacts, wall_order
 from slamgym.sim.lidar import LONGEST_BURST
-from slamgym.sim.robot import WHEEL_RADIUS
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
-from slamgym.slam.hit_counts import cropped_to_known
 from slamgym.slam.motion_model import update_thresholds
 
 _SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
 
 
 class Robot(NamedTuple):
-    """What one environment has beside the arrays."""
+    """One environment's part that is no array."""
 
     prepared: PreparedPlan
     world: World
@@ -57,8 +64,8 @@ class Fleet:
         scans: The newest scans.
         maps: What they believe; path and map only where kernels map.
         each: What belongs to one robot alone.
-        map_law: How kernels draw maps.
-        is_mapped_together: Whether kernels map; else each robot has a mapper of its own.
+        map_model: How kernels draw maps.
+        is_mapped_together: True if kernels map; else each robot has a mapper of its own.
     """
 
     def __init__(self, config: ExploreConfig, count: int) -> None:
@@ -67,24 +74,27 @@ class Fleet:
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
         self.each: list[Robot] = []
         self.lidar = Lidar(config.lidar)
-        self._scanner = Scanner(
-            self.lidar.law,
-            tuple(self.lidar.geometry.mount),  # type: ignore[arg-type]
-            unit_vectors(self.lidar.geometry.angles),
-            float(config.lidar.range_min),
-            float(config.lidar.lost),
-            float(config.lidar.stray),
-            float(config.usable_range),
+        robot, lidar, odometry, slam = config.robot, config.lidar, config.odometry, config.slam
+        geometry, failures = (
+            self.lidar.geometry,
+            (float(lidar.range_min), float(lidar.lost), float(lidar.stray)),
         )
-        self.map_law = _map_law(config, self.lidar)
-        self.is_mapped_together = (
-            config.slam.mode in ("ground_truth", "dead_reckoning") and config.slam.counting == "beams"
+        directions, mount = unit_vectors(geometry.angles), plain(geometry.mount)
+        self._scanner = Scanner(self.lidar.law, mount, directions, *failures, float(config.usable_range))
+        beams, shows = BeamTable.of(geometry, slam), config.observation.map
+        thresholds = float(slam.occupied_threshold), int(slam.min_passes), update_thresholds(slam)
+        believes_truth = slam.mode == "ground_truth"
+        self.map_model = MapModel(
+            beams, float(slam.resolution), *thresholds, believes_truth, shows == "egocentric"
         )
-        robot = config.robot
+        self.is_mapped_together = slam.mode in ("ground_truth", "dead_reckoning") and slam.counting == "beams"
         self._contacts = DiscContacts.none(count, 0)
-        self._drive_law = DriveLaw.of(robot, float(config.control_step))
+        self._drive_model = DriveModel.of(robot, float(config.control_step))
         self._fastest = np.array([robot.max_linear, robot.max_angular])
-        self._wheel_law = _wheel_law(config)
+        ticks = odometry.ticks_per_revolution
+        tick = 2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0
+        slips = float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)
+        self._wheel_model = WheelModel(odometry.model == "ideal", tick, slips)
 
     def __len__(self) -> int:
         return len(self.robots.steps)
@@ -92,48 +102,41 @@ class Fleet:
     @property
     def times(self) -> FloatArray:
         """Robot time, shape (N,) [s]."""
-        times: FloatArray = np.asarray(self.robots.steps * self._config.control_step, dtype=np.float64)
-        return times
+        return self.robots.steps * self._config.control_step
 
     @property
     def shares(self) -> FloatArray:
         """Shares of the reachable floor that were seen, shape (N,)."""
         totals = self.scenes.floor_cells
-        seen = self.scenes.seen / np.maximum(totals, 1)
-        shares: FloatArray = np.asarray(np.where(totals > 0, seen, 1.0), dtype=np.float64)
-        return shares
+        return np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
 
     @property
     def pose_errors(self) -> FloatArray:
         """Distances of the believed from the true positions, shape (N,) [m]."""
         true = self.robots.pose[:, :2] - self.robots.start[:, :2]
-        off = self.maps.believed[:, :2] - true
-        errors: FloatArray = np.asarray(np.hypot(off[:, 0], off[:, 1]), dtype=np.float64)
-        return errors
+        return np.hypot(*(self.maps.believed[:, :2] - true).T)
 
     @property
     def n_eff(self) -> FloatArray:
         """Effective numbers of particles, shape (N,)."""
         if self.is_mapped_together:
             return np.ones(len(self))
-        return np.array([robot.mapper.n_eff for robot in self.each if robot.mapper])
+        return np.array([self.mapper(i).n_eff for i in range(len(self))])
 
-    def whole_grid(self, index: int) -> OccupancyGrid:
-        """One robot's map, with what is unknown around it."""
-        mapper, maps, resolution = self.each[index].mapper, self.maps, self.map_law.resolution
-        if mapper is not None:
-            return mapper.occupancy_grid()
+    def mapper(self, index: int) -> Mapper:
+        """One robot's, where they are not mapped together."""
+        mapper = self.each[index].mapper
+        assert mapper is not None, "begin() made one"
+        return mapper
+
+    def grid(self, index: int) -> OccupancyGrid:
+        """One robot's map, which may have what is unknown around it."""
+        if not self.is_mapped_together:
+            return self.mapper(index).occupancy_grid()
+        maps, resolution = self.maps, self.map_model.resolution
         (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
         frame = GridFrame(resolution, col * resolution, row * resolution, rows, cols)
         return OccupancyGrid(maps.cells[index, : rows * cols].reshape(rows, cols)[::-1], frame)
-
-    def occupancy_grid(self, index: int) -> OccupancyGrid:
-        """One robot's map, cropped to what is known."""
-        mapper = self.each[index].mapper
-        if mapper is not None:
-            return mapper.occupancy_grid()
-        row, col = self.maps.corner[index].tolist()
-        return cropped_to_known(self.whole_grid(index).cells[::-1], (row, col), self.map_law.resolution)
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
         """Put one robot down in a building; :meth:`sense` takes its first scan.
@@ -142,10 +145,8 @@ class Fleet:
             ConfigError: If the start leaves no room for the robot.
         """
         config, robots = self._config, self.robots
-        world = World(
-            prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces,
-            state=robots.drive[index],
-        )  # fmt: skip
+        seen = {"clutter": prepared.clutter, "surfaces": prepared.surfaces}
+        world = World(prepared.plan, config.robot, **seen, state=robots.drive[index])
         world.reset(start)
         wheels = WheelOdometry(config.odometry, config.robot, streams.odometry)
         initial = Pose2D(0.0, 0.0, start.theta)
@@ -160,11 +161,7 @@ class Fleet:
         else:
             finished = finished_map(prepared.plan, start, config)
             mapper = make_mapper(config.slam, self.lidar.geometry, initial, streams.slam, finished)
-        robot = Robot(prepared, world, streams, mapper)
-        if index == len(self.each):
-            self.each.append(robot)
-        else:
-            self.each[index] = robot
+        self.each[index : index + 1] = [Robot(prepared, world, streams, mapper)]
 
     def _place(self, index: int, prepared: PreparedPlan, world: World, start: Pose2D) -> None:
         """Fill in what one robot touches and sees."""
@@ -203,7 +200,7 @@ class Fleet:
 
     def _blank_map(self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D) -> None:
         """An empty map that reaches as far as a robot in the plan can see."""
-        maps, resolution = self.maps, self.map_law.resolution
+        maps, resolution = self.maps, self.map_model.resolution
         reach = self._config.lidar.range_max + _SPARE
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [
@@ -235,11 +232,11 @@ class Fleet:
             raise ValueError(f"commands {commands[ids]} hold what is not a number")
         targets = np.clip(commands, -self._fastest, self._fastest)
         robots = self.robots
-        drive_all(robots, self.scenes, self._contacts, self._drive_law, ids, targets)
-        if not self._wheel_law.is_ideal:
+        drive_all(robots, self.scenes, self._contacts, self._drive_model, ids, targets)
+        if not self._wheel_model.is_ideal:
             for i in ids.tolist():
                 self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
-        integrate_wheels(robots, self._wheel_law, ids, self._drive_law.dt)
+        integrate_wheels(robots, self._wheel_model, ids, self._drive_model.dt)
         robots.steps[ids] += 1
 
     def sense(self, ids: IntArray) -> None:
@@ -248,31 +245,23 @@ class Fleet:
         # The read-only type, with which a single scanner has its kernels compiled already.
         segments = self.scenes.segments.view()
         segments.flags.writeable = False
-        look_all(self.robots, self.scenes._replace(segments=segments), self._scanner, self.scans, CELL, ids)
+        look_all(self.robots, self.scenes._replace(segments=segments), self._scanner, self.scans, ids)
         if self.is_mapped_together:
-            map_all(self.robots, self.scans, self.maps, self.map_law, ids, self.times)
+            map_all(self.robots, self.scans, self.maps, self.map_model, ids, self.times)
             return
+        poses = self.robots.odometry
+        if self.map_model.believes_truth:
+            poses = self.robots.pose - self.robots.start * (1.0, 1.0, 0.0)
         times, maps = self.times.tolist(), self.maps
         for i in ids.tolist():
-            mapper = self.each[i].mapper
-            assert mapper is not None, "begin() made one"
-            odometry = Pose2D(*self.robots.odometry[i].tolist())
-            if self.map_law.believes_truth:
-                x, y, theta = self.robots.pose[i].tolist()
-                odometry = Pose2D(
-                    x - float(self.robots.start[i, 0]), y - float(self.robots.start[i, 1]), theta
-                )
-            maps.is_new[i] = mapper.update(odometry, self.scan(i, times[i]))
-            maps.believed[i] = mapper.pose
-
-    def scan(self, index: int, time: float) -> LaserScan:
-        """The newest scan of one robot."""
-        return LaserScan(time, self.scans.ranges[index].copy(), self.lidar.geometry)
+            scan = LaserScan(times[i], self.scans.ranges[i].copy(), self.lidar.geometry)
+            maps.is_new[i] = self.mapper(i).update(Pose2D(*poses[i].tolist()), scan)
+            maps.believed[i] = self.mapper(i).pose
 
     def publish(self, ids: IntArray) -> None:
         """Bring the maps as they are shown up to date."""
         if self.is_mapped_together:
-            publish_all(self.maps, self.map_law, ids)
+            publish_all(self.maps, self.map_model, ids)
 
     def _draw_noise(self, ids: IntArray) -> None:
         """Draw what errs in a scan, each robot from its own stream, in the order of a scanner alone."""
@@ -282,32 +271,8 @@ class Fleet:
             rng.standard_normal(out=scans.normal[i])
             rng.random(out=scans.fate[i])
         scans.burst[ids] = 0
-        bursts = ids[
-            (scans.fate[ids, 0, -1] < self._config.lidar.bursts) & (scans.kind[ids] != ScanKind.PERFECT)
-        ]
-        for i in bursts.tolist():
+        has_burst = scans.fate[ids, 0, -1] < self._config.lidar.bursts
+        for i in ids[has_burst & (scans.kind[ids] != ScanKind.PERFECT)].tolist():
             first, pulses = self.lidar.draw_burst(self.each[i].streams.lidar)
             scans.burst[i] = first, len(pulses)
             scans.pulses[i, : len(pulses)] = pulses
-
-
-def _map_law(config: ExploreConfig, lidar: Lidar) -> MapLaw:
-    slam = config.slam
-    return MapLaw(
-        BeamTable.of(lidar.geometry, slam),
-        float(slam.resolution),
-        float(slam.occupied_threshold),
-        int(slam.min_passes),
-        update_thresholds(slam),
-        slam.mode == "ground_truth",
-        config.observation.map == "egocentric",
-    )
-
-
-def _wheel_law(config: ExploreConfig) -> WheelLaw:
-    odometry, ticks = config.odometry, config.odometry.ticks_per_revolution
-    return WheelLaw(
-        odometry.model == "ideal",
-        2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0,
-        (float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)),
-    )

@@ -12,10 +12,10 @@ import numpy as np
 from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
-from slamgym.envs.batch.arrays import DriveLaw, MapLaw, Maps, Robots, Scanner, Scans, Scenes, WheelLaw
+from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, Scanner, Scans, Scenes, WheelModel
 from slamgym.envs.compact import MAP_TILE, pack_tiles, write_compact
+from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
-from slamgym.envs.sweep import sweep
 from slamgym.sim import motion
 from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
 from slamgym.sim.contact import DiscContacts, solve_disc
@@ -45,7 +45,7 @@ def drive_all(
     robots: Robots,
     scenes: Scenes,
     contacts: DiscContacts,
-    drive: DriveLaw,
+    drive: DriveModel,
     ids: IntArray,
     targets: FloatArray,
 ) -> None:
@@ -59,20 +59,20 @@ def drive_all(
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
     """
-    nobody = np.empty((0, 3))
+    people = np.empty((0, 3))
     limits = drive.limits
     for i in ids:
         state, linear, angular = robots.drive[i], targets[i, 0], targets[i, 1]
         state[motion.LEFT :] = 0.0
         walls, touches, rest = scenes.segments[i, : scenes.num_segments[i]], False, drive.dt
         while rest > motion.NO_TIME:
-            rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, nobody)
+            rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, people)
             if rest > motion.NO_TIME:
                 span = min(rest, motion.contact_span(state, linear))
                 wished = motion.wished(state, linear, angular, limits, span)
                 wish = (wished[0] / span, wished[1] / span, wished[4])
                 solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
-                touches |= motion.settle(state, wished, solved, limits, span, drive.body, walls, nobody)[0]
+                touches |= motion.settle(state, wished, solved, limits, span, drive.body, walls, people)[0]
                 rest -= span
         robots.collisions[i] += touches and not robots.contact[i]
         robots.contact[i] = touches
@@ -89,12 +89,12 @@ def _put_pose(rows: FloatArray, i: int, pose: Pose2D) -> None:
 
 
 @kernel
-def integrate_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) -> None:
+def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float) -> None:
     """Note the poses after a drive and integrate the wheel odometry; see :mod:`slamgym.sim.wheel_odometry`.
 
     Args:
         robots: Changed in place.
-        law: Random errors.
+        model: Random errors.
         ids: Environments.
         dt: Duration of the step [s].
     """
@@ -104,7 +104,7 @@ def integrate_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) ->
         now = Pose2D(state[motion.X], state[motion.Y], theta)
         _put_pose(robots.pose, i, now)
         robots.path[i] += state[motion.DISTANCE]
-        moved = _between(before, now) if law.is_ideal else _rolled(robots, law, i)
+        moved = _between(before, now) if model.is_ideal else _rolled(robots, model, i)
         old = _pose(robots.odometry, i)
         new = _compose(old, moved)
         _put_pose(robots.odometry, i, new)
@@ -113,20 +113,18 @@ def integrate_wheels(robots: Robots, law: WheelLaw, ids: IntArray, dt: float) ->
 
 
 @kernel
-def _rolled(robots: Robots, law: WheelLaw, i: int) -> Pose2D:
+def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
     """What the encoders say of a step, with slip."""
     rolled, wheels, state, slips = robots.rolled[i], robots.wheels[i], robots.drive[i], robots.slips[i]
     before = rolled[0], rolled[1]
     rolled[0] += wheels[0] * state[motion.LEFT]
     rolled[1] += wheels[1] * state[motion.RIGHT]
-    counted = _count_ticks(before, (rolled[0], rolled[1]), law.tick)
-    return _slipped_arc(counted, wheels[2], law.slips, (slips[0], slips[1], slips[2]))
+    counted = _count_ticks(before, (rolled[0], rolled[1]), model.tick)
+    return _slipped_arc(counted, wheels[2], model.slips, (slips[0], slips[1], slips[2]))
 
 
 @kernel
-def look_all(
-    robots: Robots, scenes: Scenes, scanner: Scanner, scans: Scans, cell: float, ids: IntArray
-) -> None:
+def look_all(robots: Robots, scenes: Scenes, scanner: Scanner, scans: Scans, ids: IntArray) -> None:
     """Scan, and account for the floor that is truly seen.
 
     Args:
@@ -134,7 +132,6 @@ def look_all(
         scenes: What they see; the floor is changed in place.
         scanner: The scanner.
         scans: Draws; receives the ranges.
-        cell: Size of the floor's cells [m].
         ids: Environments.
     """
     num_beams = scans.true.shape[1]
@@ -147,26 +144,16 @@ def look_all(
         walls, true = scenes.segments[i, : scenes.num_segments[i]], scans.true[i]
         sensor = _compose(_pose(robots.pose, i), mount)
         _put_pose(sensors, 0, sensor)
-        cast_hits(
-            sensor.x,
-            sensor.y,
-            sensor.theta,
-            law.angle_min,
-            law.angle_increment,
-            walls,
-            law.range_max,
-            true,
-            hits,
-        )
+        x, y, theta = sensor
+        cast_hits(x, y, theta, law.angle_min, law.angle_increment, walls, law.range_max, true, hits)
         if scans.kind[i] == ScanKind.PLACES:
-            materials = (
+            first, patches = (
                 scenes.first[i, : scenes.num_first[i]],
                 scenes.patches[i, : scenes.num_patches[i]],
-                scenes.outside[i, : scenes.num_outside[i]],
-                scenes.materials[i, 0],
-                scenes.materials[i, 1],
-                scenes.roughness[i],
             )
+            outside = scenes.outside[i, : scenes.num_outside[i]]
+            num_walls, seed = scenes.materials[i, 0], scenes.materials[i, 1]
+            materials = (first, patches, outside, num_walls, seed, scenes.roughness[i])
             measure_beams(sensors, walls, true, hits, materials, law[:], scans.normal[i], measured)  # type: ignore[arg-type]
         elif scans.kind[i] == ScanKind.NOISE:
             blur_beams(true, law, scans.normal[i, 0], measured)
@@ -174,50 +161,50 @@ def look_all(
             assign(true, measured)
         if scans.kind[i] != ScanKind.PERFECT:
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
-            first = scans.burst[i, 0]
+            begin = scans.burst[i, 0]
             for k in range(scans.burst[i, 1]):
-                measured[first + k] = min(measured[first + k], scans.pulses[i, k])
+                measured[begin + k] = min(measured[begin + k], scans.pulses[i, k])
         write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
         rows, cols = scenes.floor_shape[i, 0], scenes.floor_shape[i, 1]
         unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
-        scenes.seen[i] += sweep(
-            unseen, scenes.floor_corner[i, 0], scenes.floor_corner[i, 1], cell, sensor.x, sensor.y, sensor.theta,
-            scanner.directions, true, scanner.usable,
-        )  # fmt: skip
+        grid = (scenes.floor_corner[i, 0], scenes.floor_corner[i, 1], CELL)
+        scenes.seen[i] += sweep(unseen, grid, (x, y, theta), scanner.directions, true, scanner.usable)
 
 
 @kernel
-def map_all(robots: Robots, scans: Scans, maps: Maps, law: MapLaw, ids: IntArray, times: FloatArray) -> None:
+def map_all(
+    robots: Robots, scans: Scans, maps: Maps, model: MapModel, ids: IntArray, times: FloatArray
+) -> None:
     """Let the robots believe their poses and draw the scans that are due; see :class:`slamgym.slam.PoseTracker`.
 
     Args:
         robots: Where they stand, or believe to.
         scans: The newest scans.
         maps: Changed in place.
-        law: How maps are drawn.
+        model: How maps are drawn.
         ids: Environments.
         times: Robot time, shape (N,) [s].
     """
     for i in ids:
-        if law.believes_truth:
+        if model.believes_truth:
             true, start = robots.pose[i], robots.start[i]
             odometry = Pose2D(true[0] - start[0], true[1] - start[1], true[2])
         else:
             odometry = _pose(robots.odometry, i)
-        maps.is_new[i] = _is_due(maps, law, i, odometry, times[i])
+        maps.is_new[i] = _is_processed(maps, model, i, odometry, times[i])
         believed = _compose(_pose(maps.anchor, i), _between(_pose(maps.processed, i), odometry))
         if maps.is_new[i]:
             _put_pose(maps.anchor, i, believed)
             _put_pose(maps.processed, i, odometry)
             maps.since[i, 0], maps.since[i, 1], maps.since[i, 2] = times[i], 0.0, 0.0
-            _draw(maps, law, i, scans.ranges)
+            _draw(maps, model, i, scans.ranges)
             believed = _compose(believed, _between(odometry, odometry))
         _put_pose(maps.believed, i, believed)
 
 
 @kernel
-def _is_due(maps: Maps, law: MapLaw, i: int, odometry: Pose2D, time: float) -> bool:
-    """Take the odometry of a scan; whether the scan must be processed."""
+def _is_processed(maps: Maps, model: MapModel, i: int, odometry: Pose2D, time: float) -> bool:
+    """Take the odometry of a scan; returns True if the scan must be processed."""
     since = maps.since[i]
     if not maps.begun[i]:
         maps.begun[i] = True
@@ -227,19 +214,19 @@ def _is_due(maps: Maps, law: MapLaw, i: int, odometry: Pose2D, time: float) -> b
     increment = _between(_pose(maps.last, i), odometry)
     _put_pose(maps.last, i, odometry)
     since[1], since[2] = _add_way(since[1], since[2], increment)
-    return _is_far_enough(since[1], since[2], time - since[0], law.updates)
+    return _is_far_enough(since[1], since[2], time - since[0], model.updates)
 
 
 @kernel
-def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
+def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     """Draw a scan from the last processed pose."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     corner = (maps.corner[i, 0], maps.corner[i, 1])
     maps.warmth[i] = _fetch(counts, maps.box[i])
-    ranges, beams, resolution = ranges[i : i + 1], law.beams[:], law.resolution
+    ranges, beams, resolution = ranges[i : i + 1], model.beams[:], model.resolution
     bounds = draw_scans(counts, corner, resolution, maps.anchor[i : i + 1], ranges, beams, 1)  # type: ignore[arg-type]
-    box = cells_of(bounds, corner, law.resolution)
+    box = cells_of(bounds, corner, model.resolution)
     for k in range(4):
         maps.box[i, k] = box[k]
     dirty = maps.dirty[i]
@@ -247,8 +234,8 @@ def _draw(maps: Maps, law: MapLaw, i: int, ranges: Float32Array) -> None:
         dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
     for k in range(2):
         dirty[k], dirty[2 + k] = min(dirty[k], box[k]), max(dirty[2 + k], box[2 + k] + 1)
-    if law.keeps_current:
-        _classify(maps, law, i)
+    if model.keeps_current:
+        _classify(maps, model, i)
 
 
 @kernel
@@ -265,75 +252,47 @@ def _fetch(counts: np.ndarray, box: IntArray) -> int:
 
 
 @kernel
-def _classify(maps: Maps, law: MapLaw, i: int) -> None:
+def _classify(maps: Maps, model: MapModel, i: int) -> None:
     """Bring the shown cells up to date."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
     box = maps.dirty[i, 0], maps.dirty[i, 1], maps.dirty[i, 2], maps.dirty[i, 3]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)
-    classify_counts(counts, box, law.threshold, (0.0, 0.0), law.min_passes, cells)
+    classify_counts(counts, box, model.threshold, (0.0, 0.0), model.min_passes, cells)
     if maps.tiles.shape[1] > 0:
-        pack_tiles(cells, box, _tiles(maps, i))
+        rows, cols = rows // MAP_TILE, cols // MAP_TILE
+        tiles, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
+        pack_tiles(cells, box, (tiles.reshape(rows, cols), kinds.reshape(rows, cols)))
     maps.dirty[i] = 0
 
 
 @kernel
-def _tiles(maps: Maps, i: int) -> tuple[np.ndarray, ByteArray]:
-    rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
-    tiles, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
-    return tiles.reshape(rows, cols), kinds.reshape(rows, cols)
-
-
-@kernel
-def publish_all(maps: Maps, law: MapLaw, ids: IntArray) -> None:
+def publish_all(maps: Maps, model: MapModel, ids: IntArray) -> None:
     """Bring the shown cells up to date."""
     for i in ids:
         if maps.dirty[i, 0] < maps.dirty[i, 2]:
-            _classify(maps, law, i)
+            _classify(maps, model, i)
 
 
 @kernel
 def compact_all(
-    robots: Robots,
-    scans: Scans,
-    maps: Maps,
-    resolution: float,
-    side: float,
-    limits: FloatArray,
-    ids: IntArray,
-    out: Float32Array,
-) -> None:
+    robots: Robots, scans: Scans, maps: Maps, resolution: float, side: float,
+    limits: FloatArray, ids: IntArray, out: Float32Array,
+) -> None:  # fmt: skip
     """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
     for i in ids:
-        rows, cols = maps.shape[i, 0], maps.shape[i, 1]
-        cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+        rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
+        packed, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
         corner = (maps.corner[i, 0], maps.corner[i, 1])
-        write_compact(
-            cells,
-            _tiles(maps, i),
-            True,
-            corner,
-            resolution,
-            maps.believed[i],
-            side,
-            scans.ranges[i],
-            robots.velocity[i],
-            limits,
-            out[i],
-        )
+        tiles = packed.reshape(rows, cols), kinds.reshape(rows, cols), corner, resolution
+        write_compact(tiles, maps.believed[i], side, scans.ranges[i], robots.velocity[i], limits, out[i])
 
 
 @kernel
 def crop_all(
-    maps: Maps,
-    windows: ByteArray,
-    centres: FloatArray,
-    resolution: float,
-    crop_resolution: float,
-    samples: int,
-    ids: IntArray,
-    out: ByteArray,
-) -> None:
+    maps: Maps, windows: ByteArray, centres: FloatArray, resolution: float, crop_resolution: float,
+    samples: int, ids: IntArray, out: ByteArray,
+) -> None:  # fmt: skip
     """Cut the crops about the robots from windows of the maps; see :class:`slamgym.envs.observations.EgocentricView`.
 
     Args:
@@ -353,14 +312,10 @@ def crop_all(
         if maps.is_new[i] or off > WINDOW_MARGIN:
             centres[i, 0], centres[i, 1] = pose[0], pose[1]
             _cut_window(maps, i, centres[i], resolution, windows[i])
-        col, row = (
-            math.floor(centres[i, 0] / resolution) - size,
-            math.floor(centres[i, 1] / resolution) - size,
-        )
-        cut_crop(
-            windows[i], col * resolution, row * resolution, resolution, pose[0], pose[1], pose[2], crop_resolution,
-            samples, out[i, 0],
-        )  # fmt: skip
+        left = (math.floor(centres[i, 0] / resolution) - size) * resolution
+        bottom = (math.floor(centres[i, 1] / resolution) - size) * resolution
+        here = (pose[0], pose[1], pose[2])
+        cut_crop(windows[i], (left, bottom), resolution, here, crop_resolution, samples, out[i, 0])
 
 
 @kernel
