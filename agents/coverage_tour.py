@@ -190,7 +190,7 @@ class CoverageTourPlanner:
         directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
         frame = self._frame
         grid = frame.origin_x, frame.origin_y, frame.resolution
-        sweep(unseen, grid, (x, y, 0.0), directions, ranges, self._max_range)
+        sweep(unseen, *grid, x, y, 0.0, directions, ranges, self._max_range)
         seen: BoolArray = ~unseen.reshape(-1)[self.cells]
         return seen
 

@@ -16,7 +16,6 @@ from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
 from slamgym.agents.rules import Nearest
 from slamgym.core.config import Settings, config_hash
 from slamgym.core.geometry import compose, unit_vectors
-from slamgym.core.jit import plain
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, Observation, Pose2D, Twist2D
 from slamgym.envs.coverage import sweep
 from slamgym.planning.context import ExplorerContext
@@ -116,7 +115,7 @@ class _Driver(Pilot):
         sensor = compose(Pose2D(*observation["pose"].tolist()), laser.mount)
         open_ranges = np.where(scan >= laser.range_max, np.inf, 0.0)
         place = (frame.origin_x, frame.origin_y, frame.resolution)
-        sweep(self._unseen, place, plain(sensor), self._directions, open_ranges, _VIEW * laser.range_max)
+        sweep(self._unseen, *place, *sensor, self._directions, open_ranges, _VIEW * laser.range_max)
         shown = published.copy()
         cells = shown.reshape(frame.shape)
         cells[(cells == UNKNOWN) & ~self._unseen[::-1]] = FREE

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.jit import kernel, plain
+from slamgym.core.jit import kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, GridFrame, Pose2D, Twist2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FAR_SIZE, FarLook
@@ -93,27 +93,34 @@ def _write_shares(
             is_inside = bottom >= 0 and begin >= 0
             is_inside &= (row + high[0]) >> _FRACTION < rows and (col + high[1]) >> _FRACTION < cols
             found = _NONE  # free cells in the lower bits, occupied ones from the 16th on
-            kind = _MIXED
             if is_inside:
                 # Most blocks are unknown or free all over.
                 first_row, first_col = bottom >> shift, begin >> shift
-                if (row + high[0]) >> shift < first_row + _WINDOW and (
-                    col + high[1]
-                ) >> shift < first_col + _WINDOW:
-                    kind = kinds[np.uint64(first_row * tile_cols + first_col)]
-            if kind == _ALL_FREE:
-                found = _ALL
-            elif kind == _MIXED:
+                kind = kinds[np.uint64(first_row * tile_cols + first_col)]
+                is_within = (row + high[0]) >> shift < first_row + _WINDOW
+                if kind != _MIXED and is_within and (col + high[1]) >> shift < first_col + _WINDOW:
+                    found = _ALL if kind == _ALL_FREE else _NONE
+                else:
+                    for a in range(_POINTS):
+                        for b in range(_POINTS):
+                            r, c = row - a * sin - b * cos, col - a * cos + b * sin
+                            found += _packed_cell(packed, tile_cols, r, c)
+            else:
                 for a in range(_POINTS):
                     for b in range(_POINTS):
-                        r, c = (row - a * sin - b * cos) >> _FRACTION, (col - a * cos + b * sin) >> _FRACTION
-                        if is_inside or (0 <= r < rows and 0 <= c < cols):
-                            tile = np.uint64(
-                                packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))]
-                            )
-                            found += (tile >> np.uint64(MAP_TILE * (r & _IN_TILE) + (c & _IN_TILE))) & _PAIR
+                        r, c = row - a * sin - b * cos, col - a * cos + b * sin
+                        if 0 <= r >> _FRACTION < rows and 0 <= c >> _FRACTION < cols:
+                            found += _packed_cell(packed, tile_cols, r, c)
             out[i * BLOCKS + j] = share * np.float32(found & _FREE_BITS)
             out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(found >> _OCCUPIED_SHIFT)
+
+
+@kernel
+def _packed_cell(packed: np.ndarray, tile_cols: int, row: int, col: int) -> np.uint64:
+    """1 if a place, in 1 / 2^32 of a cell, is free, 2^16 if it is occupied, else 0."""
+    r, c = row >> _FRACTION, col >> _FRACTION
+    tile = np.uint64(packed[np.uint64((r >> _TILE_BITS) * tile_cols + (c >> _TILE_BITS))])
+    return (tile >> np.uint64(MAP_TILE * (r & _IN_TILE) + (c & _IN_TILE))) & _PAIR
 
 
 @kernel
@@ -240,7 +247,7 @@ class CompactObserver:
             velocity: Measured velocity.
         """
         out, where = np.empty(self.space.shape, dtype=np.float32), np.array(pose)
-        write_compact(plain(shown), where, self.side, ranges, np.array(velocity), self.limits, out)
+        write_compact(shown[:], where, self.side, ranges, np.array(velocity), self.limits, out)
         if self._far:
             self._far.write(_ONLY, where[np.newaxis], out[np.newaxis])
         return out

@@ -5,7 +5,14 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs.config import ExploreConfig
-from slamgym.planning import CostmapConfig, find_frontiers, free_body, make_costmap, reachable_space
+from slamgym.planning import (
+    CostmapConfig,
+    crop_known,
+    find_frontiers,
+    free_body,
+    make_costmap,
+    reachable_space,
+)
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.remaining import measure_remains
 
@@ -82,7 +89,7 @@ class CompletionDetector:
         if self._remembered is not None and self._is_still_there(grid, self._remembered):
             return False
         self._remembered = None
-        grid = free_body(_with_border(grid), pose, self._radius)
+        grid = free_body(_with_border(crop_known(grid, pose)), pose, self._radius)
         costmap = make_costmap(grid, self._costs)
         space = reachable_space(costmap, pose)
         if space is None:

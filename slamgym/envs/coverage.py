@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import compose, unit_vectors
-from slamgym.core.jit import kernel, plain
+from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
 from slamgym.sim.passages import Passages
 from slamgym.sim.space import fitting_area
@@ -145,8 +145,8 @@ class Coverage:
             pose: True pose of the robot's base, world frame.
             true_ranges: Ranges without noise from there, shape (num_beams,) [m].
         """
-        grid, sensor = (self.frame.origin_x, self.frame.origin_y, CELL), plain(compose(pose, self._mount))
-        self._seen += sweep(self._unseen, grid, sensor, self._directions, true_ranges, self._usable)
+        place, sensor = (self.frame.origin_x, self.frame.origin_y, CELL), compose(pose, self._mount)
+        self._seen += sweep(self._unseen, *place, *sensor, self._directions, true_ranges, self._usable)
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:
@@ -156,18 +156,22 @@ def _outlines(area: BaseGeometry) -> FloatArray:
 
 @kernel
 def sweep(
-    unseen: BoolArray, grid: tuple[float, float, float], sensor: tuple[float, float, float],
+    unseen: BoolArray, origin_x: float, origin_y: float, resolution: float, x: float, y: float, theta: float,
     directions: FloatArray, ranges: FloatArray, usable: float,
 ) -> int:  # fmt: skip
     """Mark the cells along each beam as seen.
 
-    Convention: ``unseen`` has row 0 at the *bottom*, so that row and y grow together. The sensor's pose
-    is in the frame of the grid.
+    Convention: ``unseen`` has row 0 at the *bottom*, so that row and y grow together; ``x, y, theta`` is the
+    pose of the sensor in the frame of the grid.
 
     Args:
         unseen: Cells still to be seen, shape (H, W); changed in place.
-        grid: Its lower left corner and the size of its cells [m].
-        sensor: Its pose [m, m, rad].
+        origin_x: Lower left corner of the grid [m].
+        origin_y: Lower left corner of the grid [m].
+        resolution: Cell size [m].
+        x: Sensor position [m].
+        y: Sensor position [m].
+        theta: Sensor heading [rad].
         directions: Unit vectors of the beams in the sensor frame, shape (num_beams, 2).
         ranges: True ranges, shape (num_beams,) [m]; inf where nothing was met.
         usable: Beams are followed no further than this [m].
@@ -175,10 +179,10 @@ def sweep(
     Returns:
         How many cells were seen for the first time.
     """
-    (origin_x, origin_y, cell_size), (x, y, theta), (height, width) = grid, sensor, unseen.shape
+    height, width = unseen.shape
     flat = unseen.reshape(-1)
     cos, sin = math.cos(theta), math.sin(theta)
-    scale = 1.0 / cell_size
+    scale = 1.0 / resolution
     start_col = math.floor((x - origin_x) * scale)
     start_row = math.floor((y - origin_y) * scale)
     if not (0 <= start_row < height and 0 <= start_col < width):

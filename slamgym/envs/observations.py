@@ -15,7 +15,6 @@ from slamgym.core.types import (
     UNKNOWN,
     ByteArray,
     Float32Array,
-    FloatArray,
     GridFrame,
     Observation,
     Pose2D,
@@ -37,7 +36,7 @@ def _cell(position: int) -> np.uint32:
 
 @kernel
 def cut_crop(
-    cells: ByteArray, origin: tuple[float, float], resolution: float, pose: tuple[float, float, float],
+    cells: ByteArray, origin_x: float, origin_y: float, resolution: float, x: float, y: float, theta: float,
     crop_resolution: float, samples: int, out: ByteArray,
 ) -> None:  # fmt: skip
     """Read a map on a grid that stands on the robot and looks where it looks.
@@ -45,14 +44,17 @@ def cut_crop(
     Each cell of the crop is read at ``samples`` x ``samples`` points; occupied wins over free and free over
     unknown.
 
-    Convention: ``cells`` has row 0 at the top, its origin is the lower left corner; the pose is in the
-    frame of the cells. In the crop the robot is in the middle, ahead is up, its left is left.
+    Convention: ``cells`` has row 0 at the top, its origin is the lower left corner; ``x, y, theta`` is the
+    robot in the frame of the cells. In the crop the robot is in the middle, ahead is up, its left is left.
 
     Args:
         cells: The map, shape (H, W).
-        origin: Of the map [m].
+        origin_x: Of the map [m].
+        origin_y: Of the map [m].
         resolution: Cell size of the map [m].
-        pose: The robot [m, m, rad].
+        x: The robot [m].
+        y: The robot [m].
+        theta: Its heading [rad].
         crop_resolution: Cell size of the crop [m].
         samples: Points per side of a crop cell.
         out: Receives the crop, shape (h, w).
@@ -60,7 +62,6 @@ def cut_crop(
     rows, cols = cells.shape
     flat = cells.reshape(-1)
     height, width = out.shape
-    (origin_x, origin_y), (x, y, theta) = origin, pose
     # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
     # (-cos, sin) down.
     step = crop_resolution / (samples * resolution) * _ONE
@@ -136,8 +137,7 @@ class Measurements:
             }
         )
         self._range_max = np.float32(range_max)
-        # As double precision holds them, which the estimates have.
-        self._extent, self._speed = extent.astype(np.float64), speed.astype(np.float64)
+        self._extent, self._speed = extent, speed
 
     def observe(
         self, cells: ByteArray, ranges: Float32Array, pose: Any, velocity: Any, time: Any
@@ -160,9 +160,10 @@ class Measurements:
         }
 
 
-def _within(values: Any, limits: FloatArray) -> Float32Array:
-    """Values cut off at plus and minus their limits, which single precision holds exactly."""
-    return np.minimum(np.maximum(values, -limits), limits).astype(np.float32)
+def _within(values: Any, limits: Float32Array) -> Float32Array:
+    """Values in single precision, cut off at plus and minus their limits."""
+    single: Float32Array = np.array(values, dtype=np.float32)
+    return np.minimum(np.maximum(single, -limits, out=single), limits, out=single)
 
 
 class Moment(NamedTuple):
@@ -208,8 +209,7 @@ class EgocentricView:
         self._resolution = map_resolution
         self._radius_px, self._samples = window_sizes(config, map_resolution)
         self._window: ByteArray | None = None
-        self._frame = GridFrame(map_resolution, 0.0, 0.0, 1, 1)
-        self._centre = (0.0, 0.0)
+        self._left, self._bottom, self._centre = 0.0, 0.0, (0.0, 0.0)  # of the window [m]
 
     def look(self, now: Moment) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
@@ -218,21 +218,13 @@ class EgocentricView:
         if now.is_new or self._window is None or off > WINDOW_MARGIN:
             # The part of the map that the crop can need, on the map's own lattice.
             size, resolution = self._radius_px, self._resolution
-            left, bottom = (resolution * (math.floor(place / resolution) - size) for place in pose[:2])
-            self._centre = (pose.x, pose.y)
-            self._frame = GridFrame(resolution, left, bottom, 2 * size + 1, 2 * size + 1)
-            self._window = now.mapper.render(self._frame)
+            self._left = resolution * (math.floor(pose.x / resolution) - size)
+            self._bottom = resolution * (math.floor(pose.y / resolution) - size)
+            self._centre, side = (pose.x, pose.y), 2 * size + 1
+            self._window = now.mapper.render(GridFrame(resolution, self._left, self._bottom, side, side))
         crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
-        origin = self._frame.origin_x, self._frame.origin_y
-        cut_crop(
-            self._window,
-            origin,
-            self._resolution,
-            tuple(pose),
-            config.crop_resolution,
-            self._samples,
-            crop[0],
-        )
+        place, sizes = (self._left, self._bottom, self._resolution), (config.crop_resolution, self._samples)
+        cut_crop(self._window, *place, *pose, *sizes, crop[0])
         return crop
 
 

@@ -15,7 +15,7 @@ from slamgym.agents.wheels.config import WheelsConfig
 from slamgym.agents.wheels.policy import WheelsNetwork, WheelsPolicy, read_wheels, shapes, write_wheels
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
-from slamgym.envs.compact import Lattice
+from slamgym.envs.compact import MapTiles
 from slamgym.envs.episode import EpisodeConfig, run_episode
 
 torch = pytest.importorskip("torch")
@@ -140,9 +140,8 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
         assert action == pytest.approx([0.5, 0.0])
         pilot = explorer._pilots[0]
         pose, velocity = observation["pose"], observation["velocity"]
-        seen = pilot._observer.observe(
-            Lattice.of(observation["map"][0], explorer.context.frame), observation["scan"], pose, velocity
-        )
+        shown = MapTiles.of_grid(observation["map"][0], explorer.context.frame)
+        seen = pilot._observer.observe(shown, observation["scan"], pose, velocity)
         np.testing.assert_allclose(
             seen, twin_observation, atol=0.07
         )  # single precision moves a point across a border

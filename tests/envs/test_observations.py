@@ -19,7 +19,7 @@ HALF = 0.5 * SIZE * RESOLUTION
 
 def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1):
     out = np.empty((size, size), dtype=np.uint8)
-    cut_crop(cells, (-HALF, -HALF), RESOLUTION, (x, y, theta), resolution, samples, out)
+    cut_crop(cells, -HALF, -HALF, RESOLUTION, x, y, theta, resolution, samples, out)
     return out
 
 

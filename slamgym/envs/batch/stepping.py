@@ -167,8 +167,10 @@ def look_all(robots: Robots, scenes: Scenes, scanner: Scanner, scans: Scans, ids
         write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
         rows, cols = scenes.floor_shape[i, 0], scenes.floor_shape[i, 1]
         unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
-        grid = (scenes.floor_corner[i, 0], scenes.floor_corner[i, 1], CELL)
-        scenes.seen[i] += sweep(unseen, grid, (x, y, theta), scanner.directions, true, scanner.usable)
+        left, bottom = scenes.floor_corner[i]
+        scenes.seen[i] += sweep(
+            unseen, left, bottom, CELL, x, y, theta, scanner.directions, true, scanner.usable
+        )
 
 
 @kernel
@@ -314,8 +316,8 @@ def crop_all(
             _cut_window(maps, i, centres[i], resolution, windows[i])
         left = (math.floor(centres[i, 0] / resolution) - size) * resolution
         bottom = (math.floor(centres[i, 1] / resolution) - size) * resolution
-        here = (pose[0], pose[1], pose[2])
-        cut_crop(windows[i], (left, bottom), resolution, here, crop_resolution, samples, out[i, 0])
+        x, y, theta = pose[0], pose[1], pose[2]
+        cut_crop(windows[i], left, bottom, resolution, x, y, theta, crop_resolution, samples, out[i, 0])
 
 
 @kernel
