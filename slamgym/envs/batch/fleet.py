@@ -35,6 +35,7 @@ from slamgym.envs.simulation import finished_map
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.sim.contact import DiscContacts, wall_order
 from slamgym.sim.lidar import LONGEST_BURST
+from slamgym.sim.robot import WHEEL_RADIUS
 from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.motion_model import update_thresholds
