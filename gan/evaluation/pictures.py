@@ -26,9 +26,8 @@ from slamgym.metrics import aligned_error
 from slamgym.metrics.cleaning import clean_map
 from slamgym.metrics.maps import resample_slam
 from slamgym.viz.canvas import write_picture
-from slamgym.viz.overlays import draw_agreement
 from slamgym.viz.plots import plot_boxes
-from slamgym.viz.sheets import draw_grid
+from slamgym.viz.sheets import draw_agreement, draw_grid
 
 WORST = 10
 

@@ -121,7 +121,7 @@ def _write(folder: Path, known: RobotMap, result: LocalizationResult, summary: d
     """Write the results; the summary goes last, so where it exists everything else is complete."""
     from slamgym.interop.tum import write_tum
     from slamgym.viz.canvas import write_picture
-    from slamgym.viz.localization import draw_localization
+    from slamgym.viz.map_pictures import draw_localization
 
     try:
         folder.mkdir(parents=True, exist_ok=True)

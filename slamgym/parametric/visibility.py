@@ -131,10 +131,8 @@ def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: S
     across = (x - frame.origin_x) / frame.resolution
     down = frame.height_px - (y - frame.origin_y) / frame.resolution
     angles = beam_angles(scanner, frame.resolution)
-    cells = SeenCells(
-        *(np.full(frame.shape, -1, dtype=np.int32) for _ in range(3)),
-        hits=np.empty((len(poses), len(angles)), dtype=np.int32),
-    )
+    first, last, best = (np.full(frame.shape, -1, dtype=np.int32) for _ in range(3))
+    cells = SeenCells(first, last, best, np.empty((len(poses), len(angles)), dtype=np.int32))
     observe_cells(
         np.ascontiguousarray(occupied),
         np.column_stack([across, down, heading]),

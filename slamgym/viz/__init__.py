@@ -1,3 +1,3 @@
-"""Pictures: sheets of maps and plans, overlays, films, the window."""
+"""Pictures: of maps, plans and explorations, sheets of them, films, the window."""
 
 __all__: list[str] = []

@@ -27,6 +27,7 @@ from slamgym.viz.canvas import (
     draw_path,
     draw_scale_bar,
     draw_text,
+    fixed_point,
     text_width,
 )
 
@@ -117,12 +118,12 @@ class _View:
     def pixels(self, points: FloatArray) -> np.ndarray:
         """World points (N, 2) as fixed-point pixels (column, row) of a panel."""
         pixels = np.column_stack([points[:, 0] - self.left, self.top - points[:, 1]]) * self.scale - 0.5
-        fixed: np.ndarray = np.rint(pixels * (1 << SHIFT)).astype(np.int32)
-        return fixed
+        return fixed_point(pixels)
 
-    def lines(self, segments: FloatArray) -> list[np.ndarray]:
-        """World segments (S, 4) as lines of fixed-point pixels."""
-        return list(self.pixels(segments.reshape(-1, 2)).reshape(-1, 2, 2))
+    def draw_segments(self, panel: ByteArray, segments: FloatArray, colour: Colour, thickness: int) -> None:
+        """Draw world segments (S, 4)."""
+        lines = list(self.pixels(segments.reshape(-1, 2)).reshape(-1, 2, 2))
+        cv2.polylines(panel, lines, False, colour, thickness, cv2.LINE_AA, SHIFT)
 
     def place(self, image: ByteArray, frame: GridFrame, fill: Colour, smooth: bool) -> ByteArray:
         """Bring an image whose pixels are the cells of a world frame onto a panel."""
@@ -131,11 +132,9 @@ class _View:
         shift_x = (frame.origin_x - self.left) * self.scale + 0.5 * factor - 0.5
         shift_y = (self.top - frame.bounds[3]) * self.scale + 0.5 * factor - 0.5
         matrix = np.array([[factor, 0.0, shift_x], [0.0, factor, shift_y]])
-        placed: ByteArray = cv2.warpAffine(
-            image, matrix, (_PANEL_WIDTH, _PANEL_HEIGHT),
-            flags=cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST, borderValue=fill,
-        )  # fmt: skip
-        return placed
+        method = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
+        size = (_PANEL_WIDTH, _PANEL_HEIGHT)
+        return np.asarray(cv2.warpAffine(image, matrix, size, flags=method, borderValue=fill))
 
     def paint(self, grid: OccupancyGrid) -> ByteArray:
         """The robot's map."""
@@ -174,11 +173,8 @@ def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)
     _draw_beams(panel, scene, view)
-    thickness = 2 if view.scale > 15 else 1
-    walls = view.lines(scene.plan.segments())
-    cv2.polylines(panel, walls, False, WALL_TINT, thickness, cv2.LINE_AA, SHIFT)
-    if len(scene.moving):
-        cv2.polylines(panel, view.lines(scene.moving), False, PERSON_COLOUR, 2, cv2.LINE_AA, SHIFT)
+    view.draw_segments(panel, scene.plan.segments(), WALL_TINT, 2 if view.scale > 15 else 1)
+    view.draw_segments(panel, scene.moving, PERSON_COLOUR, 2)
     draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR)
 
@@ -238,36 +234,35 @@ def _draw_robot(
 
 def _frame_panels(picture: ByteArray) -> None:
     """Borders and titles."""
-    titles = (("World", "true pose", TRUE_COLOUR), ("SLAM map", "believed pose", BELIEVED_COLOUR))
-    for index, (title, pose, colour) in enumerate(titles):
+    true, believed = ("true pose", TRUE_COLOUR), ("believed pose", BELIEVED_COLOUR)
+    titles = (("World", (*true, -1)), ("SLAM map", (*believed, -1), (*true, 2)))
+    for index, (title, *legend) in enumerate(titles):
         left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
-        corner = (left + _PANEL_WIDTH, _HEAD + _PANEL_HEIGHT)
-        cv2.rectangle(picture, (left - 1, _HEAD - 1), corner, FAINT, 1)
+        end = left + _PANEL_WIDTH
+        cv2.rectangle(picture, (left - 1, _HEAD - 1), (end, _HEAD + _PANEL_HEIGHT), FAINT, 1)
         draw_text(picture, title, left, 30, 0.7)
-        end = left + _PANEL_WIDTH - text_width(pose, 0.5)
-        draw_text(picture, pose, end, 29, 0.5, FAINT)
-        cv2.circle(picture, (end - 14, 24), 6, colour, -1, cv2.LINE_AA)
-        if index == 1:
-            end -= 40 + text_width("true pose", 0.5)
-            draw_text(picture, "true pose", end, 29, 0.5, FAINT)
-            cv2.circle(picture, (end - 14, 24), 6, TRUE_COLOUR, 2, cv2.LINE_AA)
+        for pose, colour, thickness in legend:
+            end -= text_width(pose, 0.5)
+            draw_text(picture, pose, end, 29, 0.5, FAINT)
+            cv2.circle(picture, (end - 14, 24), 6, colour, thickness, cv2.LINE_AA)
+            end -= 40
 
 
 def _draw_figures(picture: ByteArray, scene: Scene) -> None:
     """Time, coverage and errors in the foot of the picture."""
     figures, plan_id, top = scene.figures, scene.plan.id, _HEAD + _PANEL_HEIGHT
     minutes, seconds = divmod(int(figures.time), 60)
-    shown = [
-        ("time", f"{minutes}:{seconds:02d}"),
-        ("coverage", f"{100.0 * figures.coverage:.1f} %"),
-        ("path", f"{figures.path_length:.1f} m"),
-        ("pose error", f"{100.0 * figures.pose_error:.1f} cm"),
-        ("N_eff", f"{figures.n_eff:.1f}"),
-        ("contacts", f"{figures.contacts}"),
-        ("plan", plan_id if len(plan_id) <= 15 else plan_id[:13] + ".."),
-    ]
+    shown = {
+        "time": f"{minutes}:{seconds:02d}",
+        "coverage": f"{100.0 * figures.coverage:.1f} %",
+        "path": f"{figures.path_length:.1f} m",
+        "pose error": f"{100.0 * figures.pose_error:.1f} cm",
+        "N_eff": f"{figures.n_eff:.1f}",
+        "contacts": f"{figures.contacts}",
+        "plan": plan_id if len(plan_id) <= 15 else plan_id[:13] + "..",
+    }
     step = (WIDTH - 2 * _MARGIN - 40) // len(shown)
-    for index, (name, value) in enumerate(shown):
+    for index, (name, value) in enumerate(shown.items()):
         left = _MARGIN + index * step
         draw_text(picture, name, left, top + 28, 0.45, FAINT)
         draw_text(picture, value, left, top + 54, 0.65, INK)

@@ -17,32 +17,18 @@ _WALL_THICKNESS = 0.25  # drawn outside the outline [m]
 _DOOR: Colour = (208, 84, 38)
 _PLAIN_FLOOR: Colour = (238, 236, 232)
 
-# Pale colours for the uses of rooms; related uses share a hue.
-_COLOURS: dict[str, Colour] = {
-    "Bedroom": (196, 214, 236),
-    "Child_Room": (206, 222, 240),
-    "Guest_Room": (190, 206, 228),
-    "Living_Room": (250, 222, 192),
-    "Dining_Room": (244, 208, 176),
-    "Kitchen": (246, 226, 170),
-    "Bathroom": (178, 226, 226),
-    "Toilet": (160, 216, 216),
-    "Washroom": (160, 216, 216),
-    "Hallway": (216, 230, 222),
-    "Hall": (206, 226, 214),
-    "Lobby": (198, 222, 206),
-    "Entryway": (216, 230, 222),
-    "Entrance": (216, 230, 222),
-    "Corridor": (216, 230, 222),
-    "Office": (200, 224, 190),
-    "Classroom": (232, 232, 206),
-    "Room": (226, 208, 214),
-    "Gym": (222, 196, 204),
-    "Garage": (204, 204, 204),
-    "Storage": (222, 214, 206),
-    "Closet": (222, 214, 206),
-    "Wardrobe": (232, 212, 218),
+# Pale colours for the uses of rooms; related uses share one.
+_HUES: dict[Colour, str] = {
+    (196, 214, 236): "Bedroom Child_Room Guest_Room",
+    (250, 222, 192): "Living_Room Dining_Room",
+    (246, 226, 170): "Kitchen",
+    (178, 226, 226): "Bathroom Toilet Washroom",
+    (206, 226, 214): "Hallway Hall Lobby Entryway Entrance Corridor",
+    (200, 224, 190): "Office Classroom",
+    (226, 208, 214): "Room Gym",
+    (222, 214, 206): "Storage Closet Wardrobe Garage",
 }
+_COLOURS = {category: colour for colour, categories in _HUES.items() for category in categories.split()}
 _OVERSAMPLING = 2
 
 
@@ -64,7 +50,9 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     picture[(values == OCCUPIED) | _enclosed(values == UNKNOWN)] = WALL_TINT
     picture[values == FREE] = _PLAIN_FLOOR
     _paint_rooms(picture, plan, inside, frame)
-    _mark_doors(picture, plan, frame)
+    for door in plan.doors:
+        start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
+        cv2.line(picture, start, end, _DOOR, max(2, round(0.08 / frame.resolution)), cv2.LINE_AA)
     small = np.asarray(cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     draw_scale_bar(small, (10, size_px - 12), frame.resolution * _OVERSAMPLING, 0.2 * size_px)
     return small
@@ -111,12 +99,6 @@ def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame:
         corners = _to_px(shapely.get_coordinates(room.polygon.exterior), frame)
         cv2.fillPoly(floor, [corners], _COLOURS.get(room.category, _PLAIN_FLOOR))
     picture[inside] = floor[inside]
-
-
-def _mark_doors(picture: ByteArray, plan: FloorPlan, frame: GridFrame) -> None:
-    for door in plan.doors:
-        start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
-        cv2.line(picture, start, end, _DOOR, max(2, round(0.08 / frame.resolution)), cv2.LINE_AA)
 
 
 def _caption(plan: FloorPlan) -> str:

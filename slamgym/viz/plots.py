@@ -1,5 +1,6 @@
 """Plots by matplotlib: curves with bands, means with intervals, boxes."""
 
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -57,8 +58,7 @@ def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
     """
     with _figure(path, len(panels), (3.2 + 4.3 * len(panels), 4.7)) as axes:
         for axis, panel in zip(axes, panels, strict=True):
-            for number, curve in enumerate(panel.curves):
-                colour = _colour(number)
+            for curve, colour in zip(panel.curves, itertools.cycle(_COLOURS)):
                 axis.plot(curve.x, curve.y, color=colour, label=curve.label, linewidth=1.6)
                 if curve.band is not None:
                     axis.fill_between(curve.x, *curve.band, color=colour, alpha=0.15, linewidth=0.0)
@@ -86,8 +86,7 @@ def plot_spreads(path: Path, names: Sequence[str], columns: Mapping[str, Sequenc
     """
     with _figure(path, len(columns), (3.0 * len(columns), 0.45 * len(names) + 1.6)) as axes:
         for axis, (heading, spreads) in zip(axes, columns.items(), strict=True):
-            for row, spread in enumerate(spreads):
-                colour = _colour(row)
+            for row, (spread, colour) in enumerate(zip(spreads, itertools.cycle(_COLOURS))):
                 axis.plot([spread.low, spread.high], [row, row], color=colour, linewidth=3, alpha=0.4)
                 axis.plot(spread.values, [row] * len(spread.values), "o", color=colour, markersize=4)
             axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
@@ -115,22 +114,13 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
             widths=0.55,
             showmeans=True,
             medianprops={"color": "#1f5fa8", "linewidth": 1.6},
-            meanprops={
-                "marker": "D",
-                "markerfacecolor": "#d9822b",
-                "markeredgecolor": "none",
-                "markersize": 5,
-            },
+            meanprops=dict.fromkeys(("markerfacecolor", "markeredgecolor"), "#d9822b") | {"marker": "D"},
             flierprops={"marker": ".", "markersize": 3, "alpha": 0.5},
         )
         axis.set_yticks(range(1, len(samples) + 1), list(samples)[::-1])
         axis.axvline(0.0, color="0.5", linewidth=0.8, linestyle="--")
         axis.set_xlabel(label)
         axis.spines[["top", "right"]].set_visible(False)
-
-
-def _colour(number: int) -> str:
-    return _COLOURS[number % len(_COLOURS)]
 
 
 @contextmanager

@@ -14,27 +14,27 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import staged
 from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Pose2D
 from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, WALL_TINT, Colour, colour_cells
 from slamgym.viz.exploration import BAR_COLOUR, BEAM_COLOUR, FURNITURE_COLOUR, PERSON_COLOUR, Scene, beam_ends
 
-_FRONTIER_COLOURS: tuple[Colour, Colour] = ((132, 94, 247), (247, 103, 7))  # offered, chosen
-_NEEDED = "rerun"
-_LEVELS = {"floor": 0.0, "line": 0.02, "mark": 0.04}  # heights, so that lines lie over areas [m]
+_OFFERED, _CHOSEN = np.array([(132, 94, 247), (247, 103, 7)], np.uint8)
+_FLOOR, _LINE, _MARK = 0.0, 0.02, 0.04  # heights, so that lines lie over areas [m]
 
 
 @dataclass(frozen=True)
 class Deliberation:
-    """What the robot weighs, in the world frame. Whoever has no such thing leaves it empty."""
+    """What the robot weighs, in the world frame; explorers without frontiers have particles alone."""
 
     particles: FloatArray  # (N, 3) poses [m, m, rad]
     frontiers: Sequence[FloatArray] = ()  # (size, 2) centres of each one's cells [m]
     chosen: int | None = None  # which of them the robot drives to
     path: FloatArray | None = None  # (N, 2) the way there [m]
     foreseen: tuple[Float32Array, Float32Array, GridFrame] | None = (
-        None  # probabilities of unseen floor and of walls
+        None  # probabilities of floor and of walls
     )
 
 
@@ -46,7 +46,7 @@ def check_recording_name(path: Path) -> None:
     """
     if path.suffix.lower() != ".rrd":
         raise ConfigError(f"{path}: a recording's name must end in .rrd")
-    if importlib.util.find_spec(_NEEDED) is None:
+    if importlib.util.find_spec("rerun") is None:
         raise ConfigError(f"{path}: a recording needs rerun; install it with: pip install 'slamgym[viz]'")
 
 
@@ -59,126 +59,98 @@ def open_recording(path: Path) -> Iterator["Recording"]:
         StorageError: If it can't be written.
     """
     check_recording_name(path)
+    import rerun
+    from rerun import blueprint
+
+    views = [blueprint.Spatial3DView(origin=name, name=name) for name in ("world", "belief")]
+    figures = blueprint.TimeSeriesView(origin="figures", name="figures")
+    layout = blueprint.Vertical(blueprint.Horizontal(*views), figures, row_shares=[4, 1])
+    stream: Any = rerun.RecordingStream("slamgym")
     with staged(path) as part:
-        recording = Recording(part)
+        stream.save(str(part), default_blueprint=blueprint.Blueprint(layout))
         try:
-            yield recording
+            yield Recording(rerun, stream)
         finally:
-            recording.close()
+            stream.flush()
+            stream.disconnect()
 
 
 class Recording:
-    """Writes moments of an exploration; use :func:`open_recording` to get one.
+    """Writes moments of an exploration; use :func:`open_recording` to get one."""
 
-    Args:
-        path: The file.
-    """
-
-    def __init__(self, path: Path) -> None:
-        import rerun
-        from rerun import blueprint
-
-        self._rerun: Any = rerun
-        self._stream: Any = rerun.RecordingStream("slamgym")
-        views = [blueprint.Spatial3DView(origin=name, name=name) for name in ("world", "belief")]
-        figures = blueprint.TimeSeriesView(origin="figures", name="figures")
-        layout = blueprint.Vertical(blueprint.Horizontal(*views), figures, row_shares=[4, 1])
-        self._stream.save(str(path), default_blueprint=blueprint.Blueprint(layout))
-        self._last: dict[str, Any] = {}
+    def __init__(self, rerun: Any, stream: Any) -> None:
+        self._rerun, self._stream = rerun, stream
+        self._plan: FloorPlan | None = None
+        self._cells: ByteArray | None = None
+        self._deliberation: Deliberation | None = None
 
     def add(self, scene: Scene, deliberation: Deliberation) -> None:
         """Add a moment; the clock is the robot's."""
-        stream, figures = self._stream, scene.figures
-        stream.set_time("robot time", duration=figures.time)
-        if self._is_new("plan", scene.plan):
-            self._lines("world/plan", scene.plan.segments().reshape(-1, 2, 2), WALL_TINT, 0.03)
-        if self._is_new("furniture", scene.furniture):
+        self._stream.set_time("robot time", duration=scene.figures.time)
+        if scene.plan is not self._plan:
+            self._plan = scene.plan
+            self._lines("world/plan", scene.plan.segments().reshape(-1, 2, 2), WALL_TINT)
             outlines = [np.vstack([piece, piece[:1]]) for piece in scene.furniture]
-            self._lines("world/furniture", outlines, FURNITURE_COLOUR, 0.02)
-        self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR, 0.02)
+            self._lines("world/furniture", outlines, FURNITURE_COLOUR)
+        self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
         self._robot("world/robot", scene.true_pose, scene.robot_radius, TRUE_COLOUR)
         self._robot("belief/robot", scene.believed_pose, scene.robot_radius, BELIEVED_COLOUR)
-        for name, pose, ranges in (
-            ("world/beams", scene.true_pose, scene.true_ranges),
-            ("belief/scan", scene.believed_pose, scene.scan.ranges.astype(np.float64)),
-        ):
-            self._points(name, _ends(scene, pose, ranges), BEAM_COLOUR, 0.03)
-        if self._is_new("grid", scene.grid.cells):
-            self._grid("belief/map", _opaque(colour_cells(scene.grid.cells)), scene.grid.frame, order=0.0)
-            self._lines("world/path", [scene.true_path], TRUE_COLOUR, 0.02)
-            self._lines("belief/path", [scene.believed_path], BELIEVED_COLOUR, 0.02)
-            self._points("belief/particles", deliberation.particles[:, :2], BAR_COLOUR, 0.04)
-        self._deliberate(deliberation)
+        self._points("world/beams", _ends(scene, scene.true_pose, scene.true_ranges), BEAM_COLOUR)
+        ranges = scene.scan.ranges.astype(np.float64)
+        self._points("belief/scan", _ends(scene, scene.believed_pose, ranges), BEAM_COLOUR)
+        if scene.grid.cells is not self._cells:
+            self._cells = scene.grid.cells
+            self._grid("belief/map", _with_alpha(colour_cells(self._cells), 255), scene.grid.frame, 0.0)
+            self._lines("world/path", [scene.true_path], TRUE_COLOUR)
+            self._lines("belief/path", [scene.believed_path], BELIEVED_COLOUR)
+        if deliberation is not self._deliberation:
+            self._deliberation = deliberation
+            self._deliberate(deliberation)
         for name in ("coverage", "pose_error", "n_eff"):
-            stream.log(f"figures/{name}", self._rerun.Scalars(getattr(figures, name)))
-
-    def close(self) -> None:
-        """Write what is left."""
-        self._stream.flush()
-        self._stream.disconnect()
+            self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
 
     def _deliberate(self, deliberation: Deliberation) -> None:
-        """Frontiers, the way to the chosen one, and what is foreseen behind them."""
-        if self._is_new("frontiers", deliberation.frontiers):
-            cells = np.vstack([np.empty((0, 2)), *deliberation.frontiers])
-            is_chosen = np.repeat(
-                np.arange(len(deliberation.frontiers)) == deliberation.chosen,
-                [len(frontier) for frontier in deliberation.frontiers],
-            )
-            self._points(
-                "belief/frontiers", cells, np.array(_FRONTIER_COLOURS, np.uint8)[is_chosen.astype(int)], 0.03
-            )
-        if self._is_new("way", deliberation.path):
-            way = [] if deliberation.path is None else [deliberation.path]
-            self._lines("belief/way", way, _FRONTIER_COLOURS[1], 0.02)
-        if deliberation.foreseen is not None and self._is_new("foreseen", deliberation.foreseen):
+        """Particles, frontiers, the way to the chosen one, and what is foreseen behind them."""
+        self._points("belief/particles", deliberation.particles[:, :2], BAR_COLOUR)
+        frontiers = deliberation.frontiers
+        sizes = [len(frontier) for frontier in frontiers]
+        is_chosen = np.repeat(np.arange(len(frontiers)) == deliberation.chosen, sizes)
+        colours = np.where(is_chosen[:, None], _CHOSEN, _OFFERED)
+        self._points("belief/frontiers", np.vstack([np.empty((0, 2)), *frontiers]), colours)
+        self._lines("belief/way", [] if deliberation.path is None else [deliberation.path], _CHOSEN)
+        if deliberation.foreseen is not None:
             floor, wall, frame = deliberation.foreseen
-            picture = np.empty((*floor.shape, 4), np.uint8)
-            picture[..., :3] = np.where((wall > floor)[..., None], WALL_TINT, BAR_COLOUR)
-            picture[..., 3] = np.rint(200.0 * np.maximum(floor, wall))
-            self._grid("belief/foreseen", picture, frame, order=1.0)
-
-    def _is_new(self, name: str, value: Any) -> bool:
-        """Whether it is another object than at the moment before."""
-        if name in self._last and self._last[name] is value:
-            return False
-        self._last[name] = value
-        return True
+            colour = np.where((wall > floor)[..., None], WALL_TINT, BAR_COLOUR)
+            self._grid("belief/foreseen", _with_alpha(colour, 200.0 * np.maximum(floor, wall)), frame, 1.0)
 
     def _lines(
-        self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour, radius: float
+        self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray
     ) -> None:
-        lifted = [_lifted(strip, "line") for strip in strips]
-        self._stream.log(name, self._rerun.LineStrips3D(lifted, colors=[colour] * len(lifted), radii=radius))
+        lifted = [_lifted(strip, _LINE) for strip in strips]
+        self._stream.log(name, self._rerun.LineStrips3D(lifted, colors=[colour] * len(lifted), radii=0.02))
 
-    def _points(self, name: str, points: FloatArray, colours: Colour | ByteArray, radius: float) -> None:
-        self._stream.log(name, self._rerun.Points3D(_lifted(points, "mark"), colors=colours, radii=radius))
+    def _points(
+        self, name: str, points: FloatArray, colours: Colour | ByteArray, radius: float = 0.03
+    ) -> None:
+        self._stream.log(name, self._rerun.Points3D(_lifted(points, _MARK), colors=colours, radii=radius))
 
     def _robot(self, name: str, pose: Pose2D, radius: float, colour: Colour) -> None:
         nose = [2.0 * radius * math.cos(pose.theta), 2.0 * radius * math.sin(pose.theta), 0.0]
-        origin = _lifted(np.array([pose[:2]]), "mark")
-        self._points(name, np.array([pose[:2]]), colour, radius)
-        self._stream.log(
-            f"{name}/heading", self._rerun.Arrows3D(origins=origin, vectors=[nose], colors=[colour])
-        )
+        place = np.array([pose[:2]])
+        self._points(name, place, colour, radius)
+        arrow = self._rerun.Arrows3D(origins=_lifted(place, _MARK), vectors=[nose], colors=[colour])
+        self._stream.log(f"{name}/heading", arrow)
 
     def _grid(self, name: str, picture: ByteArray, frame: GridFrame, order: float) -> None:
         """Place an RGBA picture whose pixels are the cells of a frame."""
-        rerun, (height, width) = self._rerun, picture.shape[:2]
-        layout = rerun.components.ImageFormat(
-            width=width, height=height, color_model="RGBA", channel_datatype="U8"
+        layout = self._rerun.components.ImageFormat(
+            width=picture.shape[1], height=picture.shape[0], color_model="RGBA", channel_datatype="U8"
         )
-        corner = [frame.origin_x, frame.origin_y, _LEVELS["floor"]]
-        self._stream.log(
-            name,
-            rerun.GridMap(
-                data=picture.tobytes(),
-                format=layout,
-                cell_size=frame.resolution,
-                translation=corner,
-                draw_order=order,
-            ),
-        )
+        corner = [frame.origin_x, frame.origin_y, _FLOOR]
+        grid = self._rerun.GridMap(
+            data=picture.tobytes(), format=layout, cell_size=frame.resolution, translation=corner, draw_order=order
+        )  # fmt: skip
+        self._stream.log(name, grid)
 
 
 def _ends(scene: Scene, pose: Pose2D, ranges: FloatArray) -> FloatArray:
@@ -187,10 +159,12 @@ def _ends(scene: Scene, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     return beam_ends(scene.scan, pose, ranges)[met]
 
 
-def _lifted(points: FloatArray, level: str) -> FloatArray:
+def _lifted(points: FloatArray, height: float) -> FloatArray:
     """Points of the plane, (N, 2), in space, (N, 3)."""
-    return np.column_stack([points, np.full(len(points), _LEVELS[level])])
+    return np.column_stack([points, np.full(len(points), height)])
 
 
-def _opaque(picture: ByteArray) -> ByteArray:
-    return np.dstack([picture, np.full(picture.shape[:2], 255, np.uint8)])
+def _with_alpha(colours: np.ndarray, opacity: float | FloatArray | Float32Array) -> ByteArray:
+    """An RGB picture, (H, W, 3), with an opacity from 0 to 255."""
+    alpha = np.broadcast_to(np.rint(opacity), colours.shape[:2])
+    return np.dstack([colours, alpha]).astype(np.uint8)

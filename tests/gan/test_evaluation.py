@@ -36,9 +36,8 @@ from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
 from slamgym.metrics.cleaning import clean_map
-from slamgym.viz.overlays import draw_agreement
 from slamgym.viz.plots import plot_boxes
-from slamgym.viz.sheets import draw_grid
+from slamgym.viz.sheets import draw_agreement, draw_grid
 
 SCALE = 0.08
 SIZE = 128

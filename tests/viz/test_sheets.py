@@ -6,8 +6,15 @@ from slamgym.core.types import GridFrame
 from slamgym.metrics.map_error import wall_faces
 from slamgym.metrics.maps import distance_to
 from slamgym.viz.canvas import write_picture
-from slamgym.viz.overlays import ERROR_SCALE, draw_wall_errors, error_colour
-from slamgym.viz.sheets import Card, SheetEntry, draw_contact_sheet, draw_sheet
+from slamgym.viz.sheets import (
+    ERROR_SCALE,
+    Card,
+    SheetEntry,
+    draw_contact_sheet,
+    draw_sheet,
+    draw_wall_errors,
+    error_colour,
+)
 
 
 def entry(slam_shift_px=0):

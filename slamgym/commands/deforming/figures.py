@@ -31,9 +31,8 @@ from slamgym.parametric import (
 )
 from slamgym.parametric.config import ConversionMethod
 from slamgym.parametric.warp import warp
-from slamgym.viz.canvas import TRUE_COLOUR, write_picture
-from slamgym.viz.overlays import draw_paths
-from slamgym.viz.sheets import DEFORMATION_PX, draw_grid
+from slamgym.viz.canvas import TRUE_COLOUR, fitted, write_picture
+from slamgym.viz.sheets import DEFORMATION_PX, draw_grid, draw_paths
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -118,7 +117,7 @@ def _rows(
     return {
         "figure7": [cad.cells, *modelprog],
         "figure8": [
-            draw_paths(cad, {TRUE_COLOUR: path.poses}, DEFORMATION_PX),
+            draw_paths(fitted(cad.cells, DEFORMATION_PX), cad.frame, {TRUE_COLOUR: path.poses}),
             ekf.grid.cells,
             _enlarged(plan, ekf.field, coarse, frame),
             schur,
