@@ -68,10 +68,6 @@ class GeneratorConfig(
 class DiscriminatorConfig(Settings, section="discriminator"):
     """The two discriminators: of the pair (domain) and of the image alone (real/fake)."""
 
-    domain: bool = True
-    """Use the domain discriminator: does the output belong to the input?"""
-    real_fake: bool = True
-    """Use the real/fake discriminator, which sees patches of the output alone."""
     width: Annotated[int, Within(ge=8, le=MAX_WIDTH)] = 128
     """Channels of the deepest levels; a level of side s has min(16 * 256 / s * width / 128, width)."""
     patch_width: Annotated[int, Within(ge=8, le=MAX_WIDTH)] = 128
@@ -89,68 +85,42 @@ class DiscriminatorConfig(Settings, section="discriminator"):
 class LossConfig(Settings, section="loss"):
     """Weights of the terms; a term of weight 0 isn't computed."""
 
-    domain: NonNegative = 1.0
-    real_fake: NonNegative = 1.0
-    feature_matching: NonNegative = 1.0
-    input_consistency: NonNegative = 1.0
-    layer_weights: tuple[float, ...] = (5.0, 1.5, 1.5, 1.5, 1.0)
-    """Of the first layers in feature matching and input consistency (published code; in neither paper)."""
+    adversarial: NonNegative = 1.0
+    """Each of the four terms of the discriminators: both are to be deceived, feature matching, input consistency."""
     l1: NonNegative = 10.0
     """Omega of the paper."""
-    cross_entropy: NonNegative = 0.0
-    """Of free against not free, per pixel."""
-    dice: NonNegative = 0.0
-    """Overlap of the free space and of what isn't free."""
-    edge_weight: NonNegative = 0.0
-    """Pixels within two of a border count 1 + this in the cross entropy."""
+    overlap: NonNegative = 0.0
+    """Cross entropy of free against not free, per pixel, and Dice: overlap of the free space and of what isn't free."""
     wall_weight: NonNegative = 0.0
-    """Pixels in and beside walls of at most seven pixels count as much more in the cross entropy: one hole in such a
+    """Pixels in and next to walls of at most seven pixels count as much more in the cross entropy: one hole in such a
     wall joins two rooms."""
-
-    def _check(self) -> None:
-        if not self.layer_weights:
-            raise ConfigError("loss.layer_weights is empty; give at least one weight")
 
 
 class AugmentConfig(Settings, section="augment"):
-    """Changes to the training pairs; those from ``turn_deg`` on touch the SLAM map alone (slam2cad)."""
+    """Changes to the training pairs, on top of flips and quarter turns."""
 
-    flips: bool = True
-    """The eight flips and quarter turns, the same for both images and for the unassociated target."""
     zoom: ShareBelowOne = 0.0
     """Enlarge both images by up to this share, or shrink by it."""
     shift: ShareBelowOne = 0.0
     """Shift both images by up to this share of the side."""
     windows: bool = False
     """Cut a window of ``translator.input_size`` out of images that are larger, so that they keep their scale: for
-    pairs rendered at one scale. Without it images are shrunk to that size."""
-    rotated: Share = 0.0
-    """Share of the samples of which both images are turned by any angle: a direction that was misjudged, oblique
-    walls."""
+    pairs rendered at one scale. Some are turned by any angle: a direction that was misjudged, oblique walls. Without
+    it images are shrunk to that size."""
     resampled: Share = 1.0
     """Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a
     pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
-    turn_deg: Annotated[float, Within(ge=0.0, le=45.0)] = 0.0
-    """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
-    salt_noise: ShareBelowOne = 0.0
-    """Largest share of pixels that become occupied or free at random."""
-    wall_dropout: ShareBelowOne = 0.0
-    """Largest share of the walls that is erased in blobs."""
-    unknown: ShareBelowOne = 0.0
-    """Largest share of the image that becomes unknown in blobs."""
-    occlusion: ShareBelowOne = 0.0
-    """Probability that a half-plane of the SLAM map was never seen."""
-    wobble_px: Annotated[float, Within(ge=0.0, le=32.0)] = 0.0
-    """Amplitude of a smooth random distortion of the SLAM map [px]: more drift than the data has."""
+    damage: Annotated[float, Within(ge=0.0, le=10.0)] = 0.0
+    """What real maps have and clean simulation lacks, as a multiple of the usual amounts
+    (:mod:`slamgym.gan.training.sampler`): gaps, unknown, noise and distortion of the SLAM map alone (slam2cad)."""
 
 
-class OptimiserConfig(Settings, section="optimiser"):
+class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
     """Adam, one for each network."""
 
     learning_rate: Positive = 2e-4
     beta1: ShareBelowOne = 0.55
-    beta2: ShareBelowOne = 0.99
-    """The paper's betas; the published code has (0.5, 0.999)."""
+    """The paper's; the second beta is the paper's 0.99. The published code has (0.5, 0.999)."""
     warm_up: ShareBelowOne = 0.0
     """Share of the training over which the rate rises from 0."""
     decay: Share = 0.3
@@ -184,7 +154,7 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
     anywhere."""
     face_shift: Annotated[float, Within(ge=0.0, le=8.0)] = 0.0
     """By how much the network draws the faces of walls inside of the true ones [px of the network's image]: CAD maps
-    are drawn without it (:mod:`slamgym.gan.translation.faces`). 0 for networks that learnt true faces."""
+    are drawn without it (:mod:`slamgym.gan.translation.finishing`). 0 for networks that learnt true faces."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""
@@ -205,7 +175,7 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
                 )
 
 
-class TranslatorTrainingConfig(Settings):
+class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
     """Everything that decides what a training run makes, apart from the images."""
 
     preset: str = "model32"
@@ -224,8 +194,6 @@ class TranslatorTrainingConfig(Settings):
     seed: int = 0
     minutes: Positive | None = None
     """Wall-clock time of the whole training, to which the schedule is stretched; None goes by the stages' epochs."""
-    validation: Annotated[float, Within(ge=0.0, le=0.5)] = 0.04
-    """Share of the training plans that is held out to watch the training (at most 64 pairs are looked at)."""
 
     def _check(self) -> None:
         resolutions = [stage.resolution for stage in self.stages]
@@ -242,8 +210,3 @@ class TranslatorTrainingConfig(Settings):
                 raise ConfigError(f"a stage can't fade in longer than it lasts: {tuple(stage)}")
         if self.translator.generator.kind == "residual" and len(self.stages) > 1:
             raise ConfigError("the residual generator has one stage")
-
-    @property
-    def needs_unassociated(self) -> bool:
-        """Whether the domain discriminator is shown targets of other places."""
-        return self.discriminator.domain and max(self.loss.domain, self.loss.feature_matching) > 0.0

@@ -24,7 +24,7 @@ from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture, grey_picture
-from slamgym.core.types import UNKNOWN, BoolArray, ByteArray, FloatArray
+from slamgym.core.types import UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
 
@@ -51,7 +51,7 @@ class PairSet:
         """Metres per pixel of one pair; nan if they aren't known."""
         return float(self.metres_per_px[index])
 
-    def subset(self, indices: Sequence[int]) -> "PairSet":
+    def subset(self, indices: Sequence[int] | IntArray) -> "PairSet":
         """The pairs with these indices."""
         chosen = np.asarray(indices, dtype=np.int64)
         return PairSet(
@@ -79,14 +79,13 @@ class PairSet:
         """The pairs cut to windows of this side [px] about the middle of what their SLAM maps show."""
         if self.cad.shape[1] <= side:
             return self
-        corners = [window_corner(slam, side, _middle_of(slam)) for slam in self.slam]
-        cut = [
-            np.stack(
-                [image[r : r + side, c : c + side] for image, (r, c) in zip(images, corners, strict=True)]
-            )
-            for images in (self.cad, self.slam)
-        ]
-        return replace(self, cad=cut[0], slam=cut[1])
+        cut = []
+        for cad, slam in zip(self.cad, self.slam, strict=True):
+            row, col = window_corner(slam, side, _middle_of(slam))
+            window = slice(row, row + side), slice(col, col + side)
+            cut.append((cad[window], slam[window]))
+        cads, slams = zip(*cut, strict=True)
+        return replace(self, cad=np.stack(cads), slam=np.stack(slams))
 
     def split(self, share: float) -> tuple["PairSet", "PairSet"]:
         """Hold out the pairs of about this share of the plans; which ones follows from the plans' ids alone.
@@ -94,24 +93,21 @@ class PairSet:
         Returns:
             (the rest, the held-out ones).
         """
-        held_out = [_place(plan) < share for plan in self.plan_ids]
-        rest = [index for index, out in enumerate(held_out) if not out]
-        return self.subset(rest), self.subset([index for index, out in enumerate(held_out) if out])
+        is_out = np.array([_place(plan) < share for plan in self.plan_ids], dtype=np.bool_)
+        return self.subset(np.flatnonzero(~is_out)), self.subset(np.flatnonzero(is_out))
 
     def scale_percentiles(self) -> tuple[float, float, float] | None:
         """5th, 50th and 95th percentile of the metres per pixel; None if they aren't known."""
         known = self.metres_per_px[np.isfinite(self.metres_per_px)]
         if known.size == 0:
             return None
-        low, middle, high = np.percentile(known, [5.0, 50.0, 95.0])
-        return float(low), float(middle), float(high)
+        low, middle, high = np.percentile(known, [5.0, 50.0, 95.0]).tolist()
+        return low, middle, high
 
 
 def window_corner(image: ByteArray, side: int, centre: tuple[int, int]) -> tuple[int, int]:
     """First row and column of a window of this side about a place, moved as far as it takes to lie in the image."""
-    row, col = (
-        min(max(at - side // 2, 0), length - side) for at, length in zip(centre, image.shape, strict=True)
-    )
+    row, col = np.clip(np.subtract(centre, side // 2), 0, np.subtract(image.shape, side)).tolist()
     return row, col
 
 
@@ -243,11 +239,8 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
     lonely = sorted(sides[0].keys() ^ sides[1].keys())
     if lonely:
         side, other = ("A", "B") if lonely[0] in sides[0] else ("B", "A")
-        raise InputFileError(
-            folder,
-            f"holds images without a counterpart, {len(lonely)} of them; "
-            f"the first is {side}/{lonely[0]} without {other}/{lonely[0]}",
-        )
+        first = f"the first is {side}/{lonely[0]} without {other}/{lonely[0]}"
+        raise InputFileError(folder, f"holds images without a counterpart, {len(lonely)} of them; {first}")
     return {name: (sides[0][name], sides[1][name]) for name in sides[0]}
 
 
@@ -270,9 +263,8 @@ def _check_shapes(paths: tuple[Path, Path], a: ByteArray, b: ByteArray, side: in
     if a.shape[0] != a.shape[1]:
         raise InputFileError(paths[0], f"has shape {a.shape}; training images are square")
     if side is not None and a.shape[0] != side:
-        raise InputFileError(
-            paths[0], f"has {a.shape[0]} px a side but the images before it {side}; render all at one size"
-        )
+        what = f"has {a.shape[0]} px a side but the images before it {side}"
+        raise InputFileError(paths[0], f"{what}; render all at one size")
     return int(a.shape[0])
 
 

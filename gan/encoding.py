@@ -9,8 +9,6 @@ values lie in [-1, 1].
   the wall's black and the floor's white then means "unknown", so borders stay clean.
 """
 
-from typing import assert_never
-
 import cv2
 import numpy as np
 import torch
@@ -23,21 +21,21 @@ _BACK_PROJECTIONS = 10
 """After these the means are right to a few thousandths."""
 
 
-def resample_grey(image: ByteArray, shape: tuple[int, int]) -> ByteArray:
+def resample_grey(image: ByteArray, shape: tuple[int, ...]) -> ByteArray:
     """Resample a CAD map to (rows, cols), borders in shades of grey."""
     if image.shape == shape:
         return image
     return np.asarray(_resize(image, shape), dtype=np.uint8)
 
 
-def resample_probability(image: Float32Array, shape: tuple[int, int]) -> Float32Array:
+def resample_probability(image: Float32Array, shape: tuple[int, ...]) -> Float32Array:
     """Resample values in [0, 1] to (rows, cols)."""
     if image.shape == shape:
         return image
     return np.clip(_resize(image, shape), 0.0, 1.0).astype(np.float32)
 
 
-def enlarge_means(image: Float32Array, shape: tuple[int, int]) -> Float32Array:
+def enlarge_means(image: Float32Array, shape: tuple[int, ...]) -> Float32Array:
     """Enlarge values in [0, 1] that are means over their pixels, so that they stay the means.
 
     A generator that draws 32 x 32 pixels learns the share of floor in each. Plain interpolation would blur that share
@@ -58,7 +56,7 @@ def enlarge_means(image: Float32Array, shape: tuple[int, int]) -> Float32Array:
     return np.asarray(large, dtype=np.float32)
 
 
-def _resize(image: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+def _resize(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     shrinks = shape[0] < image.shape[0] or shape[1] < image.shape[1]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=method))
@@ -80,15 +78,11 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
     Returns:
         (B, C, H, W) float32 in [-1, 1].
     """
-    match encoding:
-        case "grey" | "rgb":
-            grey = (cells.float() / HALF_FREE - 1.0).clamp(-1.0, 1.0).unsqueeze(1)
-            return grey.expand(-1, CHANNELS[encoding], -1, -1)
-        case "free_occupied":
-            parts = torch.stack([cells >= MIN_FREE_GREY, cells <= MAX_OCCUPIED_GREY], dim=1)
-            return parts.float() * 2.0 - 1.0
-        case _ as unreachable:
-            assert_never(unreachable)
+    if encoding == "free_occupied":
+        parts = torch.stack([cells >= MIN_FREE_GREY, cells <= MAX_OCCUPIED_GREY], dim=1)
+        return parts.float() * 2.0 - 1.0
+    grey = (cells.float() / HALF_FREE - 1.0).clamp(-1.0, 1.0).unsqueeze(1)
+    return grey.expand(-1, CHANNELS[encoding], -1, -1)
 
 
 def free_probability(image: Float32Array, encoding: Encoding) -> Float32Array:
@@ -113,9 +107,8 @@ def decode_slam(image: Float32Array, encoding: Encoding) -> ByteArray:
         encoding: How it is encoded.
     """
     if encoding == "free_occupied":
-        free, occupied = image[0], image[1]
-        cells = np.where(free > 0.0, FREE, UNKNOWN)
-        return np.where((occupied > 0.0) & (occupied > free), OCCUPIED, cells).astype(np.uint8)
-    grey = (image.mean(axis=0) + 1.0) * HALF_FREE
-    cells = np.where(grey >= MIN_FREE_GREY, FREE, UNKNOWN)
-    return np.where(grey <= MAX_OCCUPIED_GREY, OCCUPIED, cells).astype(np.uint8)
+        is_free, is_occupied = image[0] > 0.0, (image[1] > 0.0) & (image[1] > image[0])
+    else:
+        grey = (image.mean(axis=0) + 1.0) * HALF_FREE
+        is_free, is_occupied = grey >= MIN_FREE_GREY, grey <= MAX_OCCUPIED_GREY
+    return np.where(is_occupied, OCCUPIED, np.where(is_free, FREE, UNKNOWN)).astype(np.uint8)

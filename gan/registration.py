@@ -23,7 +23,7 @@ from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
-from slamgym.metrics.wall_direction import transformed
+from slamgym.metrics.wall_direction import MAX_DRIFT_DEG, angle_to_undo_deg, transformed, turned
 
 
 def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") -> PairSet:
@@ -77,6 +77,16 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     if similarity == IDENTITY:
         return slam
     return np.asarray(transformed(slam, similarity.matrix(*slam.shape)), dtype=np.uint8)
+
+
+def derotated(pairs: PairSet) -> PairSet:
+    """The pairs with each SLAM map turned so that most of its walls lie along the axes, as the CAD map's do."""
+    slam = pairs.slam.copy()
+    for cells in slam:
+        angle = angle_to_undo_deg(cells)
+        if abs(angle) <= MAX_DRIFT_DEG:
+            cells[:] = turned(cells, -angle)
+    return replace(pairs, slam=slam)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:

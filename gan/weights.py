@@ -25,8 +25,7 @@ from slamgym.core.progress import duration
 from slamgym.core.provenance import check_origin, write_checksums
 from slamgym.core.text import markdown
 from slamgym.gan.config import Direction, TranslatorConfig
-from slamgym.gan.networks.factory import Generator, build_generator
-from slamgym.gan.networks.layers import count_parameters
+from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
 
 WEIGHTS_FORMAT = "slamgym-translator-2"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"

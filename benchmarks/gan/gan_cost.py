@@ -26,7 +26,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from slamgym.gan.config import DiscriminatorConfig, MemoryLayout, TranslatorTrainingConfig
 from slamgym.gan.device import Compute, choose_compute
-from slamgym.gan.networks.layers import count_parameters
+from slamgym.gan.networks.factory import count_parameters
 from slamgym.gan.presets import TRANSLATOR_PRESETS
 from slamgym.gan.training.learner import Learner
 from slamgym.gan.training.sampler import Batch

@@ -20,8 +20,7 @@ import numpy as np
 from slamgym.commands.gan.main import train_command
 from slamgym.gan.data import PairSet, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
-from slamgym.gan.presets import find_preset
-from slamgym.gan.training.train import MAX_VALIDATION_PAIRS
+from slamgym.gan.training.train import MAX_VALIDATION_PAIRS, VALIDATION_SHARE
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.metrics import improvement
 
@@ -57,7 +56,7 @@ def main() -> None:
             train_variant(arguments.images, folder, name, arguments.minutes)
     if arguments.only is not None:
         return
-    _, pairs = load_pairs(arguments.images, "train", 256).split(find_preset("slam2cad").validation)
+    _, pairs = load_pairs(arguments.images, "train", 256).split(VALIDATION_SHARE)
     pairs = pairs.subset(range(min(len(pairs), MAX_VALIDATION_PAIRS)))
     raw = np.array([score.mse for score in evaluate_method(baselines()[0], pairs)])
     true = true_faces(arguments.images)

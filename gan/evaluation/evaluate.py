@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array
+from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.translation.classical import outline_only
 from slamgym.gan.translation.translate import Translator
@@ -36,11 +36,14 @@ from slamgym.metrics import (
 )
 from slamgym.metrics.alignment import IDENTITY
 from slamgym.metrics.cleaning import clean_map
+from slamgym.metrics.maps import WallScore
 
 TOLERANCES = (0.1, 0.2)
 """Of the wall F1 [m]."""
 RIGID_TOLERANCES = (0.05, 0.1)
 """Of the wall F1 after a rigid alignment [m]."""
+OPENINGS = ("doors", "doors_kept", "doors_invented", "walls", "walls_opened")
+"""Numbers of doors and walls that are measures of a map."""
 THRESHOLD = 0.5
 """Probability from which a pixel counts as free."""
 
@@ -133,7 +136,14 @@ def evaluate_method(
         begun = time.process_time()
         probability = np.asarray(method.predict(pairs, i))
         seconds = time.process_time() - begun
-        _check(method.name, probability, pairs.slam[i].shape)
+        shape = pairs.slam[i].shape
+        if probability.shape != shape:
+            wrong = f"an image of shape {probability.shape} for a map of shape {shape}"
+            raise ConfigError(f"{method.name} returned {wrong}")
+        if not np.isfinite(probability).all():
+            raise ConfigError(
+                f"{method.name} returned values that are not finite; its weights may be damaged"
+            )
         score = score_map(probability, pairs.cad[i], pairs.scale(i), pairs.slam[i] != UNKNOWN)
         score.measures["seconds"] = seconds
         scores.append(replace(score, name=pairs.names[i], plan_id=pairs.plan_ids[i]))
@@ -155,94 +165,65 @@ def score_map(
     """
     truth: BoolArray = cad > 127
     free: BoolArray = predicted >= THRESHOLD
-    found = aligned_error(free.astype(np.float64), truth.astype(np.float64))
-    placed = aligned_mask(free, found.similarity)
-    near = boundary_score(placed, truth, metres_per_px, TOLERANCES[0])
+    found, rigid = (aligned_error(_as_float(free), _as_float(truth), scaling=s) for s in (True, False))
+    placed, rigidly = aligned_mask(free, found.similarity), aligned_mask(free, rigid.similarity)
+
+    def walls(mask: BoolArray, tolerance: float) -> WallScore:
+        return boundary_score(mask, truth, metres_per_px, tolerance)
+
+    near = walls(placed, TOLERANCES[0])
     distance = boundary_distance(placed, truth, metres_per_px)
     rooms = room_score(placed, truth, metres_per_px)
-    rigid, dimensions, openings = _score_rigidly(predicted, cad, metres_per_px)
+    shares = _placed(predicted, rigid.similarity).astype(np.float32)
+    true_shares = (cad / np.float32(FREE)).astype(np.float32)
+    dimensions = measure_dimensions(shares, true_shares, metres_per_px)
+    openings = compare_openings(shares, true_shares, metres_per_px)
+    # A map without any wall is as far off as the image is wide, so that means stay finite.
+    farthest = metres_per_px * math.hypot(*truth.shape)
     measures = {
         "mse": found.mse,
-        "mse_grey": _grey_error(predicted, truth, found.similarity),
+        "mse_grey": squared_error(_placed(predicted, found.similarity), _as_float(truth)),
         "mse_unaligned": found.unaligned,
         "wall_f1_10cm": near.f1,
-        "wall_f1_20cm": boundary_score(placed, truth, metres_per_px, TOLERANCES[1]).f1,
+        "wall_f1_20cm": walls(placed, TOLERANCES[1]).f1,
         "wall_precision_10cm": near.precision,
         "wall_recall_10cm": near.recall,
-        "wall_f1_10cm_unaligned": boundary_score(free, truth, metres_per_px, TOLERANCES[0]).f1,
+        "wall_f1_10cm_unaligned": walls(free, TOLERANCES[0]).f1,
         "free_iou": intersection_over_union(placed, truth),
-        "chamfer": _capped(distance.chamfer, truth.shape, metres_per_px),
-        "hausdorff_95": _capped(distance.hausdorff_95, truth.shape, metres_per_px),
+        "chamfer": min(distance.chamfer, farthest),
+        "hausdorff_95": min(distance.hausdorff_95, farthest),
         "rooms": rooms.count,
         "true_rooms": rooms.true_count,
         "room_error": abs(rooms.count - rooms.true_count),
         "room_f1": rooms.f1,
         "rotation_deg": math.degrees(found.similarity.angle),
         "scale": math.exp(found.similarity.log_scale),
-        **rigid,
+        "mse_rigid": rigid.mse,
+        **{f"wall_f1_{round(100 * t)}cm_rigid": walls(rigidly, t).f1 for t in RIGID_TOLERANCES},
+        "room_f1_rigid": room_score(rigidly, truth, metres_per_px).f1,
+        "area_ratio": dimensions.area_ratio,
+        **{name: getattr(openings, name) for name in OPENINGS},
         "unseen_share": math.nan if seen is None else unseen_share(free, seen),
         "seconds": 0.0,
     }
     return MapScore("", "", metres_per_px, measures, dimensions, openings)
 
 
-def _score_rigidly(
-    predicted: BoolArray | Float32Array, cad: ByteArray, metres_per_px: float
-) -> tuple[dict[str, float], Dimensions, Openings]:
-    """Errors and dimensions after a rigid motion."""
-    truth: BoolArray = cad > 127
-    free: BoolArray = predicted >= THRESHOLD
-    found = aligned_error(free.astype(np.float64), truth.astype(np.float64), scaling=False)
-    placed = aligned_mask(free, found.similarity)
-    shares = predicted.astype(np.float32)
-    if found.similarity != IDENTITY:
-        shares = apply_similarity(shares.astype(np.float64), found.similarity).astype(np.float32)
-    true_shares = (cad / np.float32(FREE)).astype(np.float32)
-    dimensions = measure_dimensions(shares, true_shares, metres_per_px)
-    openings = compare_openings(shares, true_shares, metres_per_px)
-    measures = {
-        "mse_rigid": found.mse,
-        **{
-            f"wall_f1_{round(100 * t)}cm_rigid": boundary_score(placed, truth, metres_per_px, t).f1
-            for t in RIGID_TOLERANCES
-        },
-        "room_f1_rigid": room_score(placed, truth, metres_per_px).f1,
-        "area_ratio": dimensions.area_ratio,
-        "doors": openings.doors,
-        "doors_kept": openings.doors_kept,
-        "doors_invented": openings.doors_invented,
-        "walls": openings.walls,
-        "walls_opened": openings.walls_opened,
-    }
-    return measures, dimensions, openings
+def _as_float(values: np.ndarray) -> FloatArray:
+    return values.astype(np.float64)
 
 
-def _grey_error(predicted: BoolArray | Float32Array, truth: BoolArray, similarity: Similarity) -> float:
-    values = predicted.astype(np.float64)
-    placed = values if similarity == IDENTITY else apply_similarity(values, similarity)
-    return squared_error(placed, truth.astype(np.float64))
+def _placed(values: BoolArray | Float32Array, similarity: Similarity) -> FloatArray:
+    """Values after a similarity; untouched by resampling if that does nothing."""
+    return _as_float(values) if similarity == IDENTITY else apply_similarity(_as_float(values), similarity)
 
 
 def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
-    """A mask after a similarity; untouched by resampling if that does nothing."""
-    if similarity == IDENTITY:
-        return free
-    moved: BoolArray = apply_similarity(free.astype(np.float64), similarity) >= THRESHOLD
+    """A mask after a similarity."""
+    moved: BoolArray = _placed(free, similarity) >= THRESHOLD
     return moved
 
 
 def evenly_spaced(count: int, wanted: int) -> Sequence[int]:
     """At most ``wanted`` indices below ``count``, evenly spaced: a choice that doesn't depend on the results."""
     return [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())] if count else []
-
-
-def _check(name: str, probability: np.ndarray, shape: tuple[int, ...]) -> None:
-    if probability.shape != shape:
-        raise ConfigError(f"{name} returned an image of shape {probability.shape} for a map of shape {shape}")
-    if not np.isfinite(probability).all():
-        raise ConfigError(f"{name} returned values that are not finite; its weights may be damaged")
-
-
-def _capped(distance: float, shape: tuple[int, ...], metres_per_px: float) -> float:
-    """A map without any wall is as far off as the image is wide, so that means stay finite."""
-    return min(distance, metres_per_px * math.hypot(*shape))

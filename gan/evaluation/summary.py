@@ -39,6 +39,8 @@ MEASURES: dict[str, str] = {
 """Name of a measure to the heading of its column."""
 
 TABLE_I_MAPS = 21
+_IMPROVEMENTS = (("", "mse", "mse"), ("_rigid", "mse_rigid", "mse_rigid"), ("_grey", "mse_grey", "mse"))
+"""Which error of a translation is compared with which of the SLAM map."""
 
 
 def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
@@ -52,24 +54,24 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         ``rooms_right`` and, but for the raw map, ``improvement`` (of the masks), ``improvement_rigid`` and
         ``improvement_grey`` (of the images as drawn).
     """
-    raw = np.array([score.mse for score in scores[RAW]])
     summary: dict[str, dict[str, Any]] = {}
     for method, rows in scores.items():
         plans = [row.plan_id for row in rows]
         entry: dict[str, Any] = {"maps": len(rows), "plans": len(set(plans))}
         for measure in MEASURES:
-            values = np.array([row[measure] for row in rows], dtype=np.float64)
-            entry[measure] = asdict(mean_interval(values, groups=plans))
+            entry[measure] = asdict(mean_interval(_column(rows, measure), groups=plans))
         entry["dimensions"] = summarise_dimensions(rows)
-        entry["rooms_right"] = float(np.mean([row["room_error"] == 0 for row in rows]))
+        entry["rooms_right"] = float((_column(rows, "room_error") == 0).mean())
         if method != RAW:
-            entry["improvement"] = asdict(improvement(np.array([row.mse for row in rows]), raw, plans))
-            rigid = np.array([[row["mse_rigid"] for row in these] for these in (rows, scores[RAW])])
-            entry["improvement_rigid"] = asdict(improvement(rigid[0], rigid[1], plans))
-            grey = np.array([row["mse_grey"] for row in rows])
-            entry["improvement_grey"] = asdict(improvement(grey, raw, plans))
+            for suffix, measure, of_raw in _IMPROVEMENTS:
+                better = improvement(_column(rows, measure), _column(scores[RAW], of_raw), plans)
+                entry[f"improvement{suffix}"] = asdict(better)
         summary[method] = entry
     return summary
+
+
+def _column(rows: Sequence[MapScore], measure: str) -> FloatArray:
+    return np.array([row[measure] for row in rows], dtype=np.float64)
 
 
 def summarise_dimensions(rows: Sequence[MapScore]) -> dict[str, Any]:
@@ -98,15 +100,8 @@ def _length_summary(errors: FloatArray) -> dict[str, Any]:
 
 def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: what is left after a rigid alignment, and the dimensions."""
-    headings = [
-        "method",
-        "MSE ratio, rigid",
-        "F1 5 cm",
-        "F1 10 cm",
-        "room F1",
-        "room width [cm]",
-        "in 2 / 5 / 10 cm",
-    ]
+    headings = ["method", "MSE ratio, rigid", "F1 5 cm", "F1 10 cm", "room F1", "room width [cm]"]
+    headings += ["in 2 / 5 / 10 cm"]
     headings += ["wall length [cm]", "in 5 cm", "thickness [cm]", "area", "doors kept", "door width [cm]"]
     headings += ["walls opened", "doors invented", "never seen"]
     rows = []
@@ -115,9 +110,7 @@ def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], lis
         width, length = found["room_width"], found["wall_length"]
         ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
         row = [method, ratio]
-        row += [
-            f"{entry[m]['value']:.2f}" for m in ("wall_f1_5cm_rigid", "wall_f1_10cm_rigid", "room_f1_rigid")
-        ]
+        row += [f"{entry[f'{m}_rigid']['value']:.2f}" for m in ("wall_f1_5cm", "wall_f1_10cm", "room_f1")]
         row += [_cm(width, "median"), " / ".join(_share(width, f"within_{n}cm") for n in (2, 5, 10))]
         row += [_cm(length, "median"), _share(length, "within_5cm"), _cm(found["wall_thickness"], "median")]
         row += [f"{entry['area_ratio']['value']:.3f}", _of(found["doors_kept"], found["doors"])]

@@ -8,10 +8,59 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from slamgym.gan.networks.layers import LEAK, SpectralConv2d, blend, halve, minibatch_stddev
+from slamgym.gan.networks.generators import LEAK, blend, halve
 
 SCORE_SIDE = 4
 """Side of the features that become one score [px]."""
+
+
+class SpectralConv2d(nn.Conv2d):
+    """A convolution without bias whose weight matrix is divided by its largest singular value.
+
+    Miyato et al., *Spectral Normalization for Generative Adversarial Networks* (2018): one power iteration per
+    forward pass in training. The vector ``u`` is a buffer and part of the state, so that a resumed training goes
+    on exactly.
+    """
+
+    u: Tensor  # (out channels,)
+
+    def __init__(self, inputs: int, outputs: int, kernel: int, padding: int = 0) -> None:
+        super().__init__(inputs, outputs, kernel, padding=padding, bias=False)
+        self.register_buffer("u", functional.normalize(torch.randn(outputs), dim=0))
+
+    def normalised_weight(self) -> Tensor:
+        """The weight with spectral norm 1, by the present estimate; updates the estimate in training."""
+        with torch.autocast(self.weight.device.type, enabled=False):
+            matrix = self.weight.flatten(1)  # (out, in * k * k)
+            with torch.no_grad():
+                v = functional.normalize(matrix.T @ self.u, dim=0)
+                u = functional.normalize(matrix @ v, dim=0)
+                if self.training:
+                    self.u.copy_(u)
+            sigma = torch.dot(u, matrix @ v)
+            return self.weight / sigma
+
+    def forward(self, input: Tensor) -> Tensor:
+        """Convolve (B, in, H, W) to (B, out, H', W')."""
+        return functional.conv2d(input, self.normalised_weight(), None, self.stride, self.padding)
+
+
+def minibatch_stddev(features: Tensor) -> Tensor:
+    """Append a channel with the mean standard deviation over the batch, so that a lack of variety shows.
+
+    Karras et al., *Progressive Growing of GANs* (2018), section 3.
+
+    Args:
+        features: (B, C, H, W).
+
+    Returns:
+        (B, C + 1, H, W).
+    """
+    wide = features.float()
+    # The small number keeps the gradient of the root finite where all samples agree (a batch of one).
+    deviation = (wide.var(dim=0, unbiased=False) + 1e-8).sqrt().mean()
+    channel = deviation.to(features.dtype).expand(features.shape[0], 1, *features.shape[2:])
+    return torch.cat([features, channel], dim=1)
 
 
 class DiscriminatorBody(nn.Module):
@@ -87,11 +136,6 @@ def copy_depths(resolution: int, fade: float = 1.0) -> list[int]:
     return [resolution // share for share in (1, 4, 16) if settled // share >= SCORE_SIDE]
 
 
-def pair_with(x: Tensor, y: Tensor) -> Tensor:
-    """Input and output beside each other in the channels: (B, in + out, S, S)."""
-    return torch.cat([x, y], dim=1)
-
-
 class DomainDiscriminator(nn.Module):
     """Three copies that see the pair in full, at a quarter and at a sixteenth of the resolution.
 
@@ -116,7 +160,7 @@ class DomainDiscriminator(nn.Module):
         Returns:
             For each copy its features, the last one the scores (B, 1, 1, 1).
         """
-        pair = pair_with(x, y)
+        pair = torch.cat([x, y], dim=1)
         resolution = y.shape[-1]
         depths = copy_depths(resolution, fade)
         return [

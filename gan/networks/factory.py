@@ -3,18 +3,19 @@
 import numpy as np
 import torch
 from torch import nn
+from torch.nn import functional
 
 from slamgym.core.types import ByteArray, Float32Array
-from slamgym.gan.config import CHANNELS, DiscriminatorConfig, LossConfig, TranslatorConfig
+from slamgym.gan.config import CHANNELS, DiscriminatorConfig, TranslatorConfig
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import encode
-from slamgym.gan.networks.discriminators import DomainDiscriminator, RealFakeDiscriminator
-from slamgym.gan.networks.generator import ProgressiveGenerator
-from slamgym.gan.networks.layers import initialise
-from slamgym.gan.networks.residual_unet import ResidualUNet
+from slamgym.gan.networks.discriminators import DomainDiscriminator, RealFakeDiscriminator, SpectralConv2d
+from slamgym.gan.networks.generators import ProgressiveGenerator, ResidualUNet
 
 Generator = ProgressiveGenerator | ResidualUNet
 
+INITIAL_STD = 0.02
+"""Convolutions start as N(0, 0.02), batch norms with gains N(1, 0.02) (anime2clothing)."""
 TRANSLATION_BATCH = 8
 """Maps that go through a generator at once."""
 
@@ -24,35 +25,57 @@ def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator
 
     Args:
         config: What it is.
-        seed: Equal seeds give equal weights; None leaves them to torch, for a network that will be loaded.
+        seed: Equal seeds give equal weights; None lets torch draw them, for a network that will be loaded.
     """
     inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
-    parts = config.generator
-    if parts.kind == "residual":
-        unet = ResidualUNet(inputs, outputs, parts)
+    if config.generator.kind == "residual":
+        unet = ResidualUNet(inputs, outputs, config.generator)
         if seed is not None:
             unet.start(torch.Generator().manual_seed(seed))
         return unet
-    progressive = ProgressiveGenerator(inputs, outputs, config.input_size, parts.width)
+    progressive = ProgressiveGenerator(inputs, outputs, config.input_size, config.generator.width)
     if seed is not None:
         initialise(progressive, torch.Generator().manual_seed(seed))
     return progressive
 
 
 def build_discriminators(
-    config: TranslatorConfig, parts: DiscriminatorConfig, loss: LossConfig, seed: int = 0
+    config: TranslatorConfig, parts: DiscriminatorConfig, seed: int = 0
 ) -> nn.ModuleDict:
-    """The discriminators that the losses need (``domain``, ``real_fake``), with freshly drawn weights, on the CPU."""
+    """The discriminators (``domain``, ``real_fake``), with freshly drawn weights, on the CPU."""
     inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
-    networks = nn.ModuleDict()
-    if parts.domain and max(loss.domain, loss.feature_matching) > 0.0:
-        networks["domain"] = DomainDiscriminator(inputs, outputs, config.output_size, parts.width)
-    if parts.real_fake and max(loss.real_fake, loss.input_consistency) > 0.0:
-        networks["real_fake"] = RealFakeDiscriminator(
-            outputs, config.output_size, parts.width, parts.patch_width
-        )
+    networks = nn.ModuleDict(
+        {
+            "domain": DomainDiscriminator(inputs, outputs, config.output_size, parts.width),
+            "real_fake": RealFakeDiscriminator(outputs, config.output_size, parts.width, parts.patch_width),
+        }
+    )
     initialise(networks, torch.Generator().manual_seed(seed + 1))
     return networks
+
+
+def initialise(network: nn.Module, generator: torch.Generator) -> None:
+    """Initialise all weights: convolutions N(0, 0.02), gains N(1, 0.02), power iteration vectors on the sphere.
+
+    Args:
+        network: Changed in place; it must be on the CPU.
+        generator: Source of the draws.
+    """
+    for module in network.modules():
+        if isinstance(module, nn.Conv2d):
+            nn.init.normal_(module.weight, 0.0, INITIAL_STD, generator=generator)
+            if module.bias is not None:
+                nn.init.zeros_(module.bias)
+        if isinstance(module, nn.BatchNorm2d):
+            nn.init.normal_(module.weight, 1.0, INITIAL_STD, generator=generator)
+            nn.init.zeros_(module.bias)
+        if isinstance(module, SpectralConv2d):
+            module.u.copy_(functional.normalize(torch.randn(module.u.shape, generator=generator), dim=0))
+
+
+def count_parameters(network: nn.Module) -> int:
+    """Number of trained values."""
+    return sum(parameter.numel() for parameter in network.parameters())
 
 
 def run_generator(
@@ -61,7 +84,7 @@ def run_generator(
     """Translate a stack of maps in evaluation mode.
 
     Args:
-        generator: Left in evaluation mode.
+        generator: It stays in evaluation mode.
         inputs: (N, S, S) uint8 cells.
         config: How to encode.
         compute: Device and precision.

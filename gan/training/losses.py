@@ -12,8 +12,10 @@ from torch.nn import functional
 
 Features = Sequence[Sequence[Tensor]]
 """Features per copy, the last one the scores."""
-FeaturesByName = dict[str, Features]
-"""By discriminator."""
+LAYER_WEIGHTS = (5.0, 1.5, 1.5, 1.5, 1.0)
+"""Of the first layers in feature matching and input consistency (published code; in neither paper)."""
+EDGE_WEIGHT = 3.0
+"""Pixels within two of a border count 1 + this in the cross entropy."""
 
 
 def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
@@ -31,26 +33,14 @@ def _over_copies(copies: Features, real: bool) -> Tensor:
     return torch.stack([adversarial_loss(features[-1], real) for features in copies]).sum()
 
 
-def domain_discriminator_loss(real: Features, fake: Features, other: Features | None) -> Tensor:
-    """Eq. (2) for the domain discriminator: (x, y) is real; (x, G(x)) and an unassociated target (x, y') are fake.
+def discriminator_loss(real: Features, *fakes: Features) -> Tensor:
+    """Eqs. (2) and (3) for a discriminator: the mean over the kinds of input of the sums over the copies.
 
     Args:
-        real: Of (x, y).
-        fake: Of (x, G(x)).
-        other: Of (x, y'), or None to leave it out.
-
-    Returns:
-        The mean over the three kinds of the sum over the copies.
+        real: Of (x, y), or of y for the real/fake discriminator.
+        fakes: Of (x, G(x)) and of an unassociated target (x, y'); or of G(x).
     """
-    terms = [_over_copies(real, True), _over_copies(fake, False)]
-    if other is not None:
-        terms.append(_over_copies(other, False))
-    return torch.stack(terms).mean()
-
-
-def real_fake_discriminator_loss(real: Features, fake: Features) -> Tensor:
-    """Eq. (3) for the real/fake discriminator: y is real, G(x) is fake; the mean of the sums over the copies."""
-    return 0.5 * (_over_copies(real, True) + _over_copies(fake, False))
+    return torch.stack([_over_copies(real, True), *(_over_copies(fake, False) for fake in fakes)]).mean()
 
 
 def taken_for_real_loss(fake: Features) -> Tensor:
@@ -58,30 +48,22 @@ def taken_for_real_loss(fake: Features) -> Tensor:
     return _over_copies(fake, True)
 
 
-def feature_matching_loss(fake: Features, reference: Features, layer_weights: Sequence[float]) -> Tensor:
+def feature_matching_loss(fake: Features, reference: Features) -> Tensor:
     """Eqs. (4) and (5): a discriminator's features of the output and of a reference shall agree. Sum over the copies.
 
     Eq. (4) compares the domain discriminator's features of (x, G(x)) and (x, y). Eq. (5), input consistency, compares
-    the real/fake discriminator's of G(x) and of y (the published code: of x).
+    the real/fake discriminator's of G(x) and of y (the published code: of x). The scores themselves never count.
 
     Args:
         fake: Of the output.
         reference: Taken as constants.
-        layer_weights: Of the first layers; the scores themselves never count.
     """
-    distances = [
-        _layer_distance(a[:-1], b[:-1], layer_weights)  # one copy each
-        for a, b in zip(fake, reference, strict=True)
-    ]
+    distances = []
+    for ours, theirs in zip(fake, reference, strict=True):  # one copy each
+        layers = zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False)
+        terms = [weight * functional.l1_loss(a.float(), b.detach().float()) for weight, a, b in layers]
+        distances.append(torch.stack(terms).sum())
     return torch.stack(distances).sum()
-
-
-def _layer_distance(fake: Sequence[Tensor], real: Sequence[Tensor], weights: Sequence[float]) -> Tensor:
-    terms = [
-        weight * functional.l1_loss(a.float(), b.detach().float())
-        for weight, a, b in zip(weights, fake, real, strict=False)
-    ]
-    return torch.stack(terms).sum()
 
 
 def l1_loss(image: Tensor, target: Tensor) -> Tensor:
@@ -95,7 +77,7 @@ def probabilities(image: Tensor) -> Tensor:
 
 
 def cross_entropy_loss(
-    image: Tensor, logits: Tensor | None, target: Tensor, edge_weight: float = 0.0, wall_weight: float = 0.0
+    image: Tensor, logits: Tensor | None, target: Tensor, wall_weight: float = 0.0
 ) -> Tensor:
     """Weighted mean binary cross entropy; soft targets are allowed.
 
@@ -103,18 +85,13 @@ def cross_entropy_loss(
         image: (B, C, H, W) in [-1, 1].
         logits: Log odds of the same, or None to take them from the image.
         target: Same shape, in [-1, 1].
-        edge_weight: Pixels within two of a border of the target count 1 + this.
-        wall_weight: Pixels in and beside thin walls of the target count as much more.
+        wall_weight: Pixels in and next to thin walls of the target count as much more.
     """
     wanted = probabilities(target)
     if logits is None:
         logits = torch.logit(probabilities(image), eps=1e-6)
     terms = functional.binary_cross_entropy_with_logits(logits.float(), wanted, reduction="none")
-    if max(edge_weight, wall_weight) <= 0.0:
-        return terms.mean()
-    weights = torch.ones_like(wanted)
-    if edge_weight > 0.0:
-        weights = weights + edge_weight * near_borders(wanted)
+    weights = torch.ones_like(wanted) + EDGE_WEIGHT * near_borders(wanted)
     if wall_weight > 0.0:
         weights = weights + wall_weight * near_thin_walls(wanted)
     return (weights * terms).sum() / weights.sum()

@@ -34,21 +34,15 @@ from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
-from slamgym.gan.registration import registered
-from slamgym.gan.training.checkpoint import (
-    TrainingState,
-    load_training_state,
-    restore_training_state,
-    save_training_state,
-)
-from slamgym.gan.training.learner import Learner, measure_seconds
-from slamgym.gan.training.sampler import BatchSampler, derotated
+from slamgym.gan.registration import derotated, registered
+from slamgym.gan.training.learner import Learner, load_training_state, measure_seconds
+from slamgym.gan.training.monitoring import TrainingLog, validate
+from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Budget, Span, plan_schedule
-from slamgym.gan.training.training_log import TrainingLog, training_bar
-from slamgym.gan.training.validation import validate
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
 
-MAX_VALIDATION_PAIRS = 64
+VALIDATION_SHARE, MAX_VALIDATION_PAIRS = 0.04, 64
+"""Share of the training plans that is held out to watch the training, and how many pairs of them are looked at."""
 MIN_PAIRS = 2
 SCALAR_INTERVAL = 20
 """Steps between two points of the loss curves."""
@@ -128,11 +122,9 @@ class _Training:
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
         start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
         self.pairs, self.held_out = _training_pairs(images, run, config)
-        scales = self.pairs.scale_percentiles()
-        if scales is not None:
-            config = dataclasses.replace(
-                config, translator=dataclasses.replace(config.translator, metres_per_px=scales)
-            )
+        if scales := self.pairs.scale_percentiles():
+            translator = dataclasses.replace(config.translator, metres_per_px=scales)
+            config = dataclasses.replace(config, translator=translator)
         self.config = config
         self.learner = Learner(config, compute)
         if start is not None:
@@ -163,34 +155,31 @@ class _Training:
                 say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
                 interruption.conclude()
             finished = self.learner.steps_done >= self.schedule.steps
-        weights = self._finish() if finished else None
-        return TrainingReport(
-            finished,
-            self.learner.steps_done,
-            self.schedule.images_before(self.learner.steps_done),
-            self.seconds_used,
-            self.figures,
-            weights,
-        )
+        weights, steps = self._finish() if finished else None, self.learner.steps_done
+        images = self.schedule.images_before(steps)
+        return TrainingReport(finished, steps, images, self.seconds_used, self.figures, weights)
 
     def _loop(self, interruption: Interruption) -> None:
         learner, options = self.learner, self.options
         began, used_before = time.monotonic(), self.seconds_used
         last_save, predicted_at_save = began, self._predicted()
-        with TrainingLog(self.folder, learner.steps_done, options.tensorboard) as log, training_bar() as bar:
+        with TrainingLog(self.folder, learner.steps_done, options.tensorboard) as log:
             while learner.steps_done < self.schedule.steps:
                 step = learner.steps_done
                 if interruption.requested or step == options.stop_after_steps:
                     break
                 moment = self.schedule.moment(step)
                 terms = learner.step(self.sampler.draw(moment.batch), moment)
-                self._require_finite(terms)
+                broken = [name for name, value in terms.items() if not math.isfinite(value)]
+                if broken:
+                    became = f"the loss became {terms[broken[0]]} at step {learner.steps_done}"
+                    raise self._diverged(f"{became} (term {broken[0]!r})")
                 if step % SCALAR_INTERVAL == 0:
                     log.scalars("loss", terms, step)
                     log.scalars("schedule", {"rate": moment.rate, "fade": moment.fade}, step)
                 done = self.schedule.images_before(step + 1)
                 left = None if self.budget is None else self._predicted()
-                bar.advance(done, self.schedule.images, terms["total"], left)
+                log.progress(done, self.schedule.images, terms["total"], left)
                 now = time.monotonic()
                 self.seconds_used = used_before + now - began
                 if now - last_save >= 60.0 * options.checkpoint_minutes:
@@ -210,16 +199,11 @@ class _Training:
     def _predicted(self) -> float:
         return 0.0 if self.budget is None else self.budget.predicted(self.schedule, self.learner.steps_done)
 
-    def _require_finite(self, terms: dict[str, float]) -> None:
-        broken = [name for name, value in terms.items() if not math.isfinite(value)]
-        if broken:
-            raise TrainingDivergedError(
-                f"the loss became {terms[broken[0]]} at step {self.learner.steps_done} "
-                f"(term {broken[0]!r}); {self._kept()}; train again with a smaller --learning-rate or in float32"
-            )
-
-    def _kept(self) -> str:
-        return f"the last good state is {self.checkpoint}" if self.checkpoint.exists() else "nothing was kept"
+    def _diverged(self, what: str) -> TrainingDivergedError:
+        kept = f"the last good state is {self.checkpoint}" if self.checkpoint.exists() else "nothing was kept"
+        return TrainingDivergedError(
+            f"{what}; {kept}; train again with a smaller --learning-rate or in float32"
+        )
 
     def _validate(self, log: TrainingLog, resolution: int) -> None:
         if len(self.held_out) == 0:
@@ -249,27 +233,25 @@ class _Training:
         write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
 
     def _resume(self) -> None:
-        saved = load_training_state(self.checkpoint)
+        tensors, facts = load_training_state(self.checkpoint)
+        identity = facts.get("identity")
         for name, value in self.identity.items():
-            identity = saved.facts.get("identity")
             if not isinstance(identity, dict) or identity.get(name) != value:
                 raise ConfigError(
                     f"{self.folder} holds a training with another {name}; repeat its own command, "
                     "or choose another folder with -o"
                 )
         try:
-            self._restore(saved)
+            self._restore(tensors, facts)
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError) as error:
             raise InputFileError(self.checkpoint, f"is damaged ({error}); delete it to begin again") from None
-        say(f"going on at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
+        say(f"resuming at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
 
-    def _restore(self, saved: TrainingState) -> None:
-        restore_training_state(saved, self.learner)
-        facts = saved.facts
+    def _restore(self, tensors: dict[str, torch.Tensor], facts: dict[str, Any]) -> None:
+        self.learner.restore(tensors, facts)
         self.sampler.restore(facts["sampler"])
-        self.schedule = dataclasses.replace(
-            self.schedule, spans=tuple(Span(*span) for span in facts["spans"])
-        )
+        spans = tuple(Span(*span) for span in facts["spans"])
+        self.schedule = dataclasses.replace(self.schedule, spans=spans)
         self.seconds_used, self.figures = float(facts["seconds_used"]), dict(facts["figures"])
         if facts["step_seconds"] is not None and self.config.minutes is not None:
             self.budget = Budget(60.0 * self.config.minutes, [float(s) for s in facts["step_seconds"]])
@@ -277,10 +259,8 @@ class _Training:
     def _save(self) -> None:
         for name, network in self.learner.networks().items():
             if not all(bool(torch.isfinite(value).all()) for value in network.parameters()):
-                raise TrainingDivergedError(
-                    f"the weights of the {name} are not finite after step {self.learner.steps_done}; "
-                    f"{self._kept()}; train again with a smaller --learning-rate or in float32"
-                )
+                where = f"after step {self.learner.steps_done}"
+                raise self._diverged(f"the weights of the {name} are not finite {where}")
         facts: dict[str, Any] = {
             "identity": self.identity,
             "sampler": self.sampler.state(),
@@ -289,7 +269,7 @@ class _Training:
             "step_seconds": None if self.budget is None else self.budget.step_seconds,
             "figures": self.figures,
         }
-        save_training_state(self.checkpoint, self.learner, facts)
+        self.learner.save(self.checkpoint, facts)
 
     def _finish(self) -> Path:
         path = self.folder / "weights.safetensors"
@@ -326,11 +306,10 @@ def _training_pairs(
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
     elif config.translator.derotate and config.translator.direction == "slam2cad":
         pairs = derotated(pairs)
-    rest, held_out = pairs.split(config.validation)
+    rest, held_out = pairs.split(VALIDATION_SHARE)
     if len(rest) < MIN_PAIRS:
-        raise ConfigError(
-            f"{_named(images)}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
-        )
+        needs = f"training needs at least {MIN_PAIRS} pairs beside the held-out ones"
+        raise ConfigError(f"{_named(images)}: {needs}, not {len(rest)}")
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS))).windows(side)
 
 
@@ -340,13 +319,12 @@ def _common_side(images: Sequence[Path]) -> int:
     Raises:
         InputFileError: If they differ: windows are cut at the images' own scale.
     """
-    sides = [image_side(folder, "train") for folder in images]
-    for folder, side in zip(images, sides, strict=True):
-        if side != sides[0]:
-            raise InputFileError(
-                folder, f"has images of {side} px but {images[0]} of {sides[0]}; render all with one --size"
-            )
-    return sides[0]
+    first = image_side(images[0], "train")
+    for folder in images:
+        if (side := image_side(folder, "train")) != first:
+            what = f"has images of {side} px but {images[0]} of {first}"
+            raise InputFileError(folder, f"{what}; render all with one --size")
+    return first
 
 
 def _starting_generator(config: TranslatorTrainingConfig) -> Generator:
@@ -360,10 +338,9 @@ def _starting_generator(config: TranslatorTrainingConfig) -> Generator:
     for name in ("input_size", "output_size", "input_encoding", "output_encoding", "generator"):
         theirs, ours = getattr(weights.config, name), getattr(config.translator, name)
         if theirs != ours:
-            raise ConfigError(
-                f"{config.start_from} can't be trained on with the preset {config.preset!r}: its {name} is "
-                f"{theirs}, not {ours}; choose the preset it was trained with ({weights.card.preset})"
-            )
+            what = f"{config.start_from} can't be trained on with the preset {config.preset!r}"
+            advice = f"choose the preset it was trained with ({weights.card.preset})"
+            raise ConfigError(f"{what}: its {name} is {theirs}, not {ours}; {advice}")
     return weights.generator
 
 

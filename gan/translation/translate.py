@@ -28,9 +28,7 @@ from slamgym.gan.encoding import (
 )
 from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
 from slamgym.gan.translation.elastic import drifted
-from slamgym.gan.translation.explored import explored_floor
-from slamgym.gan.translation.faces import moved_faces
-from slamgym.gan.translation.thinning import thinned_walls
+from slamgym.gan.translation.finishing import explored_floor, moved_faces, thinned_walls
 from slamgym.gan.weights import ModelCard, load_weights
 from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.wall_direction import (
@@ -83,10 +81,8 @@ def translate_tiled(
     for first in range(0, len(corners), TRANSLATION_BATCH):
         some = corners[first : first + TRANSLATION_BATCH]
         images = run(np.stack([padded[r : r + tile, c : c + tile] for r, c in some]))
-        if total is None:
-            total = np.full(
-                (images.shape[1], *padded.shape), -1e-9, np.float32
-            )  # nothing where nothing is known
+        if total is None:  # nothing where nothing is known
+            total = np.full((images.shape[1], *padded.shape), -1e-9, np.float32)
         for (r, c), part in zip(some, images, strict=True):
             total[:, r : r + tile, c : c + tile] += part * window
             weight[r : r + tile, c : c + tile] += window
@@ -250,7 +246,7 @@ class LearnedTranslator:
             metres_per_px: Scale, if it is known.
         """
         size = self.config.input_size
-        if cells.shape == (size, size) and self._is_usual(metres_per_px):
+        if self._fits(cells, metres_per_px):
             return self._run(cells[np.newaxis])[0]
         channels = 1 if self.config.output_encoding == "grey" else 2
         result = np.full((channels, *cells.shape), -1.0, np.float32)
@@ -258,32 +254,30 @@ class LearnedTranslator:
         part = cells[rows, cols]
         if part.size == 0:
             return result
-        shape = self._working_shape((part.shape[0], part.shape[1]), metres_per_px)
+        shape = self._working_shape(part.shape, metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
         image = translate_tiled(resampled, size, empty, self._run)
         if image.shape[0] == 3:
             image = image.mean(axis=0, keepdims=True)
         for channel in range(channels):
-            share = resample_probability(0.5 * (image[channel] + 1.0), (part.shape[0], part.shape[1]))
+            share = resample_probability(0.5 * (image[channel] + 1.0), part.shape)
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
 
     def _shift_px(self, cells: ByteArray, metres_per_px: float | None) -> float:
         """By how much the network draws faces inside of the true ones, in cells of the map."""
-        if cells.shape == (self.config.input_size,) * 2 and self._is_usual(metres_per_px):
+        part = cells[_content(cells, UNKNOWN)]
+        if self._fits(cells, metres_per_px) or part.size == 0:
             return self.config.face_shift
-        rows, cols = cells[_content(cells, UNKNOWN)].shape
-        if rows * cols == 0:
-            return 0.0
-        shape = self._working_shape((rows, cols), metres_per_px)
-        return self.config.face_shift * max(rows, cols) / max(shape)
+        return self.config.face_shift * max(part.shape) / max(self._working_shape(part.shape, metres_per_px))
 
-    def _is_usual(self, metres_per_px: float | None) -> bool:
-        """Whether an image of the network's size may go in as it is: its scale is near those of the training."""
+    def _fits(self, cells: ByteArray, metres_per_px: float | None) -> bool:
+        """Return True if an image may go in as it is: of the network's size, at a scale near those of the training."""
         low, _, high = self.config.metres_per_px
-        return metres_per_px is None or low / NEAR_SCALE <= metres_per_px <= NEAR_SCALE * high
+        is_usual = metres_per_px is None or low / NEAR_SCALE <= metres_per_px <= NEAR_SCALE * high
+        return cells.shape == (self.config.input_size,) * 2 and is_usual
 
-    def _working_shape(self, shape: tuple[int, int], metres_per_px: float | None) -> tuple[int, int]:
+    def _working_shape(self, shape: tuple[int, ...], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
         size, longest = self.config.input_size, max(shape)
         if metres_per_px is None:
@@ -332,9 +326,12 @@ def load_translator(
         ConfigError: If no such weights exist or they translate the other way.
     """
     weights = load_weights(name_or_path, direction)
-    config = weights.config if flips is None else dataclasses.replace(weights.config, flips=flips)
-    if not true_faces:
-        config = dataclasses.replace(config, face_shift=0.0)
+    config = weights.config
+    config = dataclasses.replace(
+        config,
+        flips=config.flips if flips is None else flips,
+        face_shift=config.face_shift if true_faces else 0.0,
+    )
     return LearnedTranslator(weights.generator, config, weights.card, choose_compute(device, "float32"))
 
 
@@ -352,7 +349,6 @@ def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
     if rows.size == 0:
         return slice(0, 0), slice(0, 0)
     margin = math.ceil(CONTENT_MARGIN * max(rows[-1] - rows[0], cols[-1] - cols[0]) + 1)
-    return (
-        slice(max(0, int(rows[0]) - margin), min(cells.shape[0], int(rows[-1]) + margin + 1)),
-        slice(max(0, int(cols[0]) - margin), min(cells.shape[1], int(cols[-1]) + margin + 1)),
-    )
+    # A slice may end beyond the image.
+    top, left = max(0, int(rows[0]) - margin), max(0, int(cols[0]) - margin)
+    return slice(top, int(rows[-1]) + margin + 1), slice(left, int(cols[-1]) + margin + 1)

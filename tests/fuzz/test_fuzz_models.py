@@ -158,7 +158,7 @@ class TestWithTorch:
         import torch
         from safetensors.torch import save
 
-        from slamgym.gan.training.checkpoint import STATE_FORMAT, load_training_state
+        from slamgym.gan.training.learner import STATE_FORMAT, load_training_state
 
         facts = {"identity": {"preset": "x"}, "sampler": {"position": 1}, "spans": [[1, 2]], "steps_done": 3}
         whole, path = folder / "whole.safetensors", folder / "state.safetensors"

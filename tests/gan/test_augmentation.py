@@ -3,13 +3,14 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.training.augmentation import augment
+from slamgym.gan.training import sampler
+from slamgym.gan.training.sampler import augment
 from slamgym.metrics.wall_direction import (
     NO_DIRECTION,
     find_wall_direction,
@@ -19,16 +20,12 @@ from slamgym.metrics.wall_direction import (
     unflipped,
 )
 
-EVERYTHING = AugmentConfig(
-    zoom=0.2,
-    shift=0.1,
-    turn_deg=2.0,
-    salt_noise=0.05,
-    wall_dropout=0.5,
-    unknown=0.3,
-    occlusion=0.5,
-    wobble_px=2.0,
-)
+EVERYTHING = AugmentConfig(zoom=0.2, shift=0.1, damage=3.0)
+
+
+@pytest.fixture
+def unflipped_samples(monkeypatch):
+    monkeypatch.setattr(sampler, "flipped", lambda image, symmetry: image)
 
 
 @pytest.mark.parametrize("symmetry", range(8))
@@ -75,39 +72,43 @@ def test_without_damage_the_slam_map_moves_as_the_cad_map_does():
 
 
 @given(seed=st.integers(0, 10_000))
-@settings(max_examples=20)
-def test_what_is_not_resampled_moves_by_whole_pixels(seed):
+@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_what_is_not_resampled_moves_by_whole_pixels(unflipped_samples, seed):
     cad = np.full((48, 48), OCCUPIED, np.uint8)
     cad[8:40, 8:40] = FREE
     cad[20, 8:30] = OCCUPIED  # a wall of one pixel
-    config = AugmentConfig(flips=False, zoom=0.2, shift=0.1, turn_deg=2.0, resampled=0.0)
+    config = AugmentConfig(zoom=0.2, shift=0.1, resampled=0.0)
     new_cad, new_slam = augment(cad, cad, config, np.random.default_rng(seed))
     assert np.array_equal(new_cad[5:-5, 5:-5], new_slam[5:-5, 5:-5])  # filled unlike each other beyond
     shifts = [np.roll(cad, (r, c), (0, 1)) for r in range(-5, 6) for c in range(-5, 6)]
     assert any(np.array_equal(new_cad, shifted) for shifted in shifts)
 
 
-@pytest.mark.parametrize(
-    ("setting", "value"), [("unknown", 0.4), ("wall_dropout", 0.9), ("salt_noise", 0.1), ("occlusion", 0.99)]
-)
-def test_each_kind_of_damage_does_something(setting, value):
+AMOUNTS = ("TURN_DEG", "WOBBLE_PX", "WALL_DROPOUT", "UNKNOWN_BLOBS", "SALT_NOISE", "OCCLUSION")
+
+
+@pytest.mark.parametrize("kind", AMOUNTS)
+def test_each_kind_of_damage_does_something(unflipped_samples, monkeypatch, kind):
+    for other in set(AMOUNTS) - {kind}:
+        monkeypatch.setattr(sampler, other, 0.0)
     slam = np.full((64, 64), FREE, np.uint8)
-    slam[::4] = OCCUPIED
-    config = AugmentConfig(flips=False, **{setting: value})
+    slam[::4, ::9] = OCCUPIED
     changed = [
-        not np.array_equal(augment(slam, slam, config, np.random.default_rng(s))[1], slam) for s in range(20)
+        not np.array_equal(augment(slam, slam, AugmentConfig(damage=4.0), np.random.default_rng(s))[1], slam)
+        for s in range(20)
     ]
     assert any(changed)
+    monkeypatch.setattr(sampler, kind, 0.0)
+    _, same = augment(slam, slam, AugmentConfig(damage=4.0), np.random.default_rng(0))
+    assert np.array_equal(same, slam)
 
 
 @pytest.mark.parametrize(
     "values",
     [
-        {"salt_noise": 1.0},
         {"zoom": -0.1},
-        {"turn_deg": 90.0},
-        {"wobble_px": -1.0},
-        {"occlusion": float("nan")},
+        {"damage": -1.0},
+        {"damage": float("nan")},
         {"resampled": 1.1},
     ],
 )
@@ -162,8 +163,9 @@ class TestWindows:
         return np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8), slam
 
     @pytest.mark.parametrize("rotated", [0.0, 1.0])
-    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, rotated):
-        config = AugmentConfig(flips=False, windows=True, rotated=rotated)
+    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, monkeypatch, rotated):
+        monkeypatch.setattr(sampler, "ROTATED", rotated)
+        config = AugmentConfig(windows=True)
         for seed in range(10):
             cad, slam = augment(*self.pair(), config, np.random.default_rng(seed), side=128)
             assert cad.shape == slam.shape == (128, 128)
@@ -171,8 +173,9 @@ class TestWindows:
             # Turned or not, what is floor in one is floor in the other, but for the cells at its borders.
             assert np.mean((slam == FREE) != (cad > 127)) < 0.02
 
-    def test_a_turned_sample_is_turned(self):
-        config = AugmentConfig(flips=False, windows=True, rotated=1.0)
+    def test_a_turned_sample_is_turned(self, monkeypatch):
+        monkeypatch.setattr(sampler, "ROTATED", 1.0)
+        config = AugmentConfig(windows=True)
         turned_share = [
             len(np.unique(augment(*self.pair(), config, np.random.default_rng(seed), side=256)[0])) > 2
             for seed in range(5)

@@ -109,6 +109,14 @@ def copying_translator(side: int):
     return LearnedTranslator(generator, config, ModelCard(), choose_compute("cpu", "float32"))
 
 
+@pytest.fixture
+def few_trees(monkeypatch):
+    """A tenth of the trees."""
+    ensemble = pytest.importorskip("sklearn.ensemble")
+    whole = ensemble.ExtraTreesClassifier
+    monkeypatch.setattr(ensemble, "ExtraTreesClassifier", lambda _, **settings: whole(50, **settings))
+
+
 @pytest.fixture(scope="module")
 def scored():
     """Six pairs and what the baselines make of them: measured once, for the tests that only read it."""
@@ -255,6 +263,7 @@ class TestTables:
 
 
 class TestRealism:
+    @pytest.mark.usefixtures("few_trees")
     def test_elastic_maps_are_recognised_and_simulated_ones_are_not(self):
         pytest.importorskip("sklearn")
         pairs = make_pairs(40)
@@ -423,6 +432,7 @@ class TestRealMaps:
 
 
 class TestCommand:
+    @pytest.mark.usefixtures("few_trees")
     def test_from_images_to_tables_and_pictures(self, tmp_path, capsys):
         pytest.importorskip("matplotlib")
         pytest.importorskip("sklearn")

@@ -15,7 +15,7 @@ from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
-from slamgym.gan.translation.explored import explored_floor, limited_to_explored
+from slamgym.gan.translation.finishing import explored_floor, limited_to_explored
 from slamgym.gan.translation.translate import LearnedTranslator
 from slamgym.gan.weights import ModelCard
 
@@ -75,10 +75,11 @@ def test_without_free_space_or_with_single_cells_nothing_is_explored(value):
 def training(margin):
     config = find_preset("slam2cad")
     translator = dataclasses.replace(config.translator, explored_margin=margin)
-    return dataclasses.replace(config, translator=translator, augment=AugmentConfig(flips=False))
+    return dataclasses.replace(config, translator=translator, augment=AugmentConfig())
 
 
-def test_training_targets_end_where_the_map_does():
+def test_training_targets_end_where_the_map_does(monkeypatch):
+    monkeypatch.setattr("slamgym.gan.training.sampler.flipped", lambda image, symmetry: image)
     cad, slam = (np.stack([image[:60, :60]]) for image in half_explored())
     slam[0, 30:] = UNKNOWN
     pairs = PairSet(cad, slam, ("a",), ("a",), np.array([SCALE]))

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.gan.translation.faces import CLOSED, moved_faces
+from slamgym.gan.translation.finishing import CLOSED, moved_faces
 from slamgym.metrics import measure_dimensions
 from slamgym.metrics.dimensions import floor_runs
 

@@ -16,7 +16,8 @@ from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import PairSet, image_side, load_pairs, load_training_pairs, read_grey, true_faces
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
-from slamgym.gan.training.sampler import BatchSampler, derotated
+from slamgym.gan.registration import derotated
+from slamgym.gan.training.sampler import BatchSampler
 from slamgym.metrics.maps import resample_slam
 
 
@@ -224,19 +225,20 @@ def test_shrinking_invents_no_unknown_and_loses_none():
 
 
 @pytest.fixture
-def pairs(tmp_path, make_images):
+def pairs(tmp_path, make_images, monkeypatch):
+    monkeypatch.setattr("slamgym.gan.training.sampler.flipped", lambda image, symmetry: image)
     return load_pairs(make_images(tmp_path, count=7), "train", 32)
 
 
 def test_every_pair_comes_once_a_pass(pairs):
-    sampler = BatchSampler(pairs, training("model32", AugmentConfig(flips=False)), np.random.default_rng(0))
+    sampler = BatchSampler(pairs, training("model32", AugmentConfig()), np.random.default_rng(0))
     drawn = np.concatenate([sampler.draw(3).slam for _ in range(7)])  # three passes over seven pairs
     counts = [sum(np.array_equal(image, slam) for image in drawn) for slam in pairs.slam]
     assert counts == [3] * 7
 
 
 def test_unassociated_targets_are_other_places(pairs):
-    sampler = BatchSampler(pairs, training("model32", AugmentConfig(flips=False)), np.random.default_rng(0))
+    sampler = BatchSampler(pairs, training("model32", AugmentConfig()), np.random.default_rng(0))
     for _ in range(5):
         batch = sampler.draw(4)
         for cad, other in zip(batch.cad, batch.other_cad, strict=True):
@@ -256,7 +258,7 @@ def test_unassociated_targets_go_through_the_same_changes(pairs):
 
 
 def test_the_stream_goes_on_where_it_was_stored(pairs):
-    config = AugmentConfig(zoom=0.1, salt_noise=0.05, wobble_px=1.0, unknown=0.3)
+    config = AugmentConfig(zoom=0.1, damage=3.0)
     sampler = BatchSampler(pairs, training("model32", config), np.random.default_rng(0))
     sampler.draw(5)
     state = json.loads(json.dumps(sampler.state()))

@@ -11,6 +11,7 @@ from slamgym.commands.gan.train import apply_settings, scaled_stages, training_c
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import OptimiserConfig, Stage
 from slamgym.gan.presets import TRANSLATOR_PRESETS, find_preset
+from slamgym.gan.training.learner import BETA_2
 from slamgym.gan.training.schedule import Budget, Schedule, Span, plan_schedule
 
 PAPER_PAIRS = 4224
@@ -102,7 +103,7 @@ def test_settings_are_put_in_by_path():
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("loss.feature_match=1", "did you mean 'feature_matching'"),
+        ("loss.adversary=1", "did you mean 'adversarial'"),
         ("los.l1=1", "no section 'los'"),
         ("l1", "takes path=value"),
         ("loss.l1=-1", r"loss\.l1 must be at least 0, not -1"),
@@ -127,9 +128,7 @@ def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
     preset = TRANSLATOR_PRESETS[name]
     assert preset.preset == name
     if name in ("model32", "modelprog"):
-        assert (preset.optimiser.learning_rate, preset.optimiser.beta1, preset.optimiser.beta2) == (
-            2e-4, 0.55, 0.99,
-        )  # fmt: skip
+        assert (preset.optimiser.learning_rate, preset.optimiser.beta1, BETA_2) == (2e-4, 0.55, 0.99)
         assert preset.loss.l1 == 10.0
         assert preset.translator.input_size == 256
 

@@ -5,18 +5,18 @@ import torch
 from torch import nn
 
 from slamgym.core.errors import ConfigError
-from slamgym.gan.config import DiscriminatorConfig, GeneratorConfig, LossConfig, TranslatorConfig
+from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.networks.discriminators import (
     DiscriminatorBody,
     DomainDiscriminator,
     RealFakeDiscriminator,
+    SpectralConv2d,
     channels_at,
     copy_depths,
+    minibatch_stddev,
 )
-from slamgym.gan.networks.factory import build_discriminators, build_generator
-from slamgym.gan.networks.generator import ProgressiveGenerator
-from slamgym.gan.networks.layers import SpectralConv2d, blend, count_parameters, initialise, minibatch_stddev
-from slamgym.gan.networks.residual_unet import ResidualUNet
+from slamgym.gan.networks.factory import count_parameters, initialise
+from slamgym.gan.networks.generators import ProgressiveGenerator, ResidualUNet, blend
 
 
 def test_counts_are_those_of_the_published_code():
@@ -170,16 +170,3 @@ def test_initial_weights_have_the_published_spread_and_follow_the_seed():
     assert float(weight.std()) == pytest.approx(0.02, rel=0.1)
     assert torch.equal(weight, same.down[1][0].weight)
     assert not torch.equal(weight, other.down[1][0].weight)
-
-
-def test_only_discriminators_that_some_term_needs_are_built():
-    config = TranslatorConfig(
-        input_size=32, output_size=32, input_encoding="grey", output_encoding="grey",
-        generator=GeneratorConfig(width=2),
-    )  # fmt: skip
-    parts = DiscriminatorConfig(width=8, patch_width=8)
-    off = {"domain": 0.0, "real_fake": 0.0, "feature_matching": 0.0, "input_consistency": 0.0}
-    assert set(build_discriminators(config, parts, LossConfig())) == {"domain", "real_fake"}
-    assert set(build_discriminators(config, parts, LossConfig(**off))) == set()
-    assert set(build_discriminators(config, parts, LossConfig(**off | {"domain": 1.0}))) == {"domain"}
-    assert count_parameters(build_generator(config, seed=None)) > 0

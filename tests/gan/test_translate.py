@@ -16,8 +16,8 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
-from slamgym.gan.networks.layers import GeneratorOutput
-from slamgym.gan.translation.thinning import thinned_walls
+from slamgym.gan.networks.generators import GeneratorOutput
+from slamgym.gan.translation.finishing import thinned_walls
 from slamgym.gan.translation.translate import (
     LearnedTranslator,
     Translator,

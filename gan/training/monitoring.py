@@ -1,12 +1,20 @@
-"""How good a generator is on held-out pairs, quickly, while it trains.
+"""How a training is watched: figures on held-out pairs, lines of progress, TensorBoard scalars, sample images.
 
 The figures are taken without alignment, which the full evaluation (``slamgym gan evaluate``) adds.
 """
 
+import time
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any
 
 import numpy as np
 
+from slamgym.core.files import own_folder, write_bytes
+from slamgym.core.pictures import encode_png
+from slamgym.core.progress import LINE_INTERVAL, duration, say
 from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
@@ -17,6 +25,8 @@ from slamgym.metrics import wall_score
 
 WALL_TOLERANCE_M = 0.1
 UNKNOWN_SCALE_TOLERANCE_PX = 2.0
+LOSS_SMOOTHING = 0.98
+"""Of the loss in lines of progress."""
 
 
 @dataclass(frozen=True)
@@ -56,28 +66,17 @@ def validate(
 def _validate_cad(
     translated: Float32Array, pairs: PairSet, config: TranslatorConfig
 ) -> tuple[ByteArray, dict[str, float]]:
-    shape = pairs.cad.shape[1:]
-    rows: list[tuple[float, float, float, float]] = []
-    probabilities = []
-    shown = np.empty_like(pairs.cad)
+    rows, probabilities = [], []
     for index, image in enumerate(translated):
-        free = enlarge_means(free_probability(image, config.output_encoding), (shape[0], shape[1]))
-        shown[index] = np.rint(free * FREE)
+        free = enlarge_means(free_probability(image, config.output_encoding), pairs.cad.shape[1:])
         probabilities.append(free)
-        truth = pairs.cad[index] > FREE // 2
-        slam = pairs.slam[index] == FREE
-        tolerance = _tolerance_px(pairs.scale(index))
-        walls = outline(truth)
-        rows.append(
-            (
-                float(np.mean(((free > 0.5) != truth))),
-                float(np.mean(slam != truth)),
-                wall_score(outline(free > 0.5), walls, tolerance).f1,
-                wall_score(outline(slam), walls, tolerance).f1,
-            )
-        )
+        truth, scale = pairs.cad[index] > FREE // 2, pairs.scale(index)
+        tolerance = WALL_TOLERANCE_M / scale if np.isfinite(scale) else UNKNOWN_SCALE_TOLERANCE_PX
+        masks = free > 0.5, pairs.slam[index] == FREE
+        errors = [float(np.mean(mask != truth)) for mask in masks]
+        rows.append(errors + [wall_score(outline(mask), outline(truth), tolerance).f1 for mask in masks])
     mse, mse_slam, f1, f1_slam = np.array(rows).T
-    return shown, {
+    return np.rint(np.stack(probabilities) * FREE).astype(np.uint8), {
         "mse": float(mse.mean()),
         "mse_slam": float(mse_slam.mean()),
         "mse_ratio": float(mse.mean() / max(mse_slam.mean(), 1e-9)),
@@ -130,5 +129,74 @@ def outline(free: BoolArray) -> BoolArray:
     return edge
 
 
-def _tolerance_px(metres_per_px: float) -> float:
-    return WALL_TOLERANCE_M / metres_per_px if np.isfinite(metres_per_px) else UNKNOWN_SCALE_TOLERANCE_PX
+class TrainingLog:
+    """Writes lines of progress, and ``tensorboard/`` and ``samples/`` below a run's folder; use it as a context."""
+
+    def __init__(self, folder: Path, first_step: int, enabled: bool = True) -> None:
+        """Open the logs.
+
+        Args:
+            folder: Of the run.
+            first_step: Where the training continues; what an interrupted run logged beyond it is hidden.
+            enabled: Whether to write TensorBoard files (they need the package ``tensorboard``).
+        """
+        self._samples = folder / "samples"
+        self._writer = _open_writer(own_folder(folder / "tensorboard"), first_step) if enabled else None
+        self._began = self._last = time.monotonic()
+        self._first: int | None = None
+        self._loss: float | None = None
+
+    def __enter__(self) -> "TrainingLog":
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._writer is not None:
+            self._writer.close()
+
+    def scalars(self, group: str, values: Mapping[str, float], step: int) -> None:
+        """Write values under ``group/``."""
+        if self._writer is not None:
+            for name, value in values.items():
+                self._writer.add_scalar(f"{group}/{name}", value, step)
+
+    def pictures(self, rows: ByteArray, step: int) -> None:
+        """Write a grid of input, translation and target, one row each: (N, H, W) uint8."""
+        grid = np.vstack(list(rows))
+        write_bytes(own_folder(self._samples) / f"{step:07d}.png", encode_png(grid))
+        if self._writer is not None:
+            self._writer.add_image("samples", grid, step, dataformats="HW")
+
+    def progress(self, images: int, total: int, loss: float, left: float | None = None) -> None:
+        """Say now and then how far the training is.
+
+        Args:
+            images: How many are done.
+            total: How many there shall be.
+            loss: Of the last step.
+            left: Seconds to go, where the cost of the coming steps is known; None goes by the rate so far, which
+                is wrong as soon as the stages differ.
+        """
+        now = time.monotonic()
+        if self._first is None or self._loss is None:
+            self._first, self._began, self._loss = images, now, loss
+        self._loss += (1.0 - LOSS_SMOOTHING) * (loss - self._loss)
+        if now - self._last < LINE_INTERVAL and images < total:
+            return
+        self._last = now
+        text = f"{100.0 * images / total:.1f} % of {total:,} images, loss {self._loss:.4g}"
+        if images > self._first and now > self._began:
+            rate = (images - self._first) / (now - self._began)
+            to_go = (total - images) / rate if left is None else left
+            text += f", {rate:.3g} images/s, {duration(to_go)} left"
+        say(text)
+
+
+def _open_writer(folder: Path, first_step: int) -> Any:
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        say("tensorboard isn't installed: no curves are written (pip install 'slamgym[gan]')")
+        return None
+    return SummaryWriter(str(folder), purge_step=first_step)
