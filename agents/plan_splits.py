@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Iterable
 from typing import Literal
 
-from slamgym.cad.sources import PlanSource, Subset
+from slamgym.cad.sources import PlanIndex, PlanSource, some_plans
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 
@@ -41,7 +41,7 @@ def ids_of(ids: Iterable[str], split: PlanSplit) -> list[str]:
     return [plan_id for plan_id in ids if split_of(plan_id) == split]
 
 
-def split_plans(source: PlanSource, split: PlanSplit) -> Subset:
+def split_plans(source: PlanSource, split: PlanSplit) -> PlanIndex:
     """The plans of a source that belong to a split.
 
     Args:
@@ -56,4 +56,4 @@ def split_plans(source: PlanSource, split: PlanSplit) -> Subset:
         raise ConfigError(
             f"none of the {len(source)} floor plans belongs to the split {split!r}; give more plans"
         )
-    return Subset(source, ids)
+    return some_plans(source, ids)

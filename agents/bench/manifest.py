@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.agents.evaluation.evaluate import Task
 from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.cad import FloorPlan, PlanSource, open_plans
-from slamgym.cad.sources import ArchiveSource
+from slamgym.cad.sources import archived_plans
 from slamgym.core.config import from_dict, suggest
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -152,7 +152,7 @@ def open_bench_plans(track: Track, houseexpo: str) -> PlanSource:
     """
     if track.shipped:
         check_origin(SHIPPED_PLANS)
-        return ArchiveSource(SHIPPED_PLANS)
+        return archived_plans(SHIPPED_PLANS)
     path = Path(houseexpo)
     if not path.exists():
         raise ConfigError(
@@ -161,7 +161,7 @@ def open_bench_plans(track: Track, houseexpo: str) -> PlanSource:
         )
     if path.is_dir() or path.suffix == ".json":
         return open_plans(houseexpo)
-    return ArchiveSource(path, frozenset(building.plan for building in track.buildings))
+    return archived_plans(path, frozenset(building.plan for building in track.buildings))
 
 
 def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:

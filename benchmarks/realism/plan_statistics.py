@@ -13,14 +13,61 @@ from pathlib import Path
 
 import numpy as np
 import tyro
+from shapely import Polygon
 
 from slamgym.cad import FloorPlan, PlanGeneratorConfig, PlanSource, open_plans
-from slamgym.cad.plan_statistics import PlanStatistics, measure_plan
-from slamgym.cad.sources import ProceduralSource
+from slamgym.cad.doors import SIMPLIFY, find_openings
+from slamgym.cad.sources import generated_plans
 from slamgym.core.errors import PlanError
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
+
+
+@dataclass(frozen=True)
+class PlanStatistics:
+    """The measured figures of one plan."""
+
+    rooms: int
+    area: float
+    """Free space [m2]."""
+    long_side: float
+    """Longer side of the bounding box [m]."""
+    aspect: float
+    """Longer side over shorter side."""
+    fill: float
+    """Free space over bounding box."""
+    vertices: int
+    """Corners after simplification by 3 cm."""
+    holes: int
+    """Walls, pillars and islands that can be walked round."""
+    opening_widths: tuple[float, ...]
+    """Clear widths of the doors and wider openings that :func:`find_openings` finds [m]."""
+
+    @property
+    def openings(self) -> int:
+        """Number of openings."""
+        return len(self.opening_widths)
+
+
+def measure_plan(plan: FloorPlan) -> PlanStatistics:
+    """Measure one plan."""
+    min_x, min_y, max_x, max_y = plan.bounds
+    short, long = sorted((max_x - min_x, max_y - min_y))
+    simple = plan.free_space.simplify(SIMPLIFY)
+    assert isinstance(simple, Polygon)
+    corners = [len(ring.coords) - 1 for ring in (simple.exterior, *simple.interiors)]
+    return PlanStatistics(
+        rooms=len(plan.rooms),
+        area=plan.area,
+        long_side=long,
+        aspect=long / short,
+        fill=plan.area / (short * long),
+        vertices=sum(corners),
+        holes=len(simple.interiors),
+        opening_widths=tuple(door.width for door in find_openings(simple)),
+    )
+
 
 FIGURES: dict[str, Callable[[PlanStatistics], float]] = {
     "rooms": lambda plan: plan.rooms,
@@ -65,7 +112,7 @@ class Arguments:
 
 def main(arguments: Arguments) -> None:
     columns = {
-        kind: describe(load(ProceduralSource(arguments.seed, config, arguments.count)))
+        kind: describe(load(generated_plans(arguments.seed, config, arguments.count)))
         for kind, config in (
             ("homes", PlanGeneratorConfig(kind="home")),
             ("offices", PlanGeneratorConfig(kind="office")),

@@ -1,6 +1,9 @@
+from .dxf import read_dxf
 from .floorplan import Door, FloorPlan, Room, check_plan, robot_space
 from .generator import PlanGeneratorConfig, generate_plan
+from .geojson import read_geojson
 from .houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
+from .ifc import read_ifc
 from .image_plan import read_image_plan, read_ros_plan, trace_plan
 from .plan_filter import Rejection, Rejections, usable_plans
 from .sources import PlanGroup, PlanSource, open_plan_mix, open_plans, plan_groups
@@ -21,7 +24,10 @@ __all__ = [
     "open_plans",
     "parse_houseexpo",
     "plan_groups",
+    "read_dxf",
+    "read_geojson",
     "read_houseexpo",
+    "read_ifc",
     "read_image_plan",
     "read_ros_plan",
     "robot_space",

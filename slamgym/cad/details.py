@@ -9,38 +9,32 @@ from shapely import Polygon
 
 from slamgym.cad.cells import Box, Cell, snap
 from slamgym.cad.doors import Opening
-from slamgym.core.config import Settings, Share
 
 OPENING_CLEARANCE = 0.9
 """Free width kept round pillars and islands, and before doors [m]."""
 _PILLAR_SPACING = (4.5, 6.5)
 _CHIMNEY_ROOMS = {"Living_Room", "Kitchen", "Bedroom", "Bathroom", "Dining_Room", "Hall"}
 _BAY_ROOMS = {"Living_Room", "Bedroom", "Dining_Room", "Kitchen"}
+_PILLARS = 0.35
+"""Probability that a room of more than 40 m2 has pillars."""
+_ISLANDS = 0.3
+"""Probability that a kitchen of more than 15 m2 has an island."""
+_CHIMNEYS = 0.05
+"""Probability that a wall of a room has a chimney breast or a shaft."""
+_BAYS = 0.1
+"""Probability that a room has a bay window, if it has an outer wall."""
 
 
-class Details(Settings, section="details"):
-    """How often details occur."""
-
-    pillars: Share = 0.35
-    """Probability that a room of more than 40 m2 has pillars."""
-    islands: Share = 0.3
-    """Probability that a kitchen of more than 15 m2 has an island."""
-    chimneys: Share = 0.05
-    """Probability that a wall of a room has a chimney breast or a shaft."""
-    bays: Share = 0.1
-    """Probability that a room has a bay window, if it has an outer wall."""
-
-
-def free_standing(cells: Sequence[Cell], rng: np.random.Generator, config: Details) -> list[Polygon]:
+def free_standing(cells: Sequence[Cell], rng: np.random.Generator) -> list[Polygon]:
     """Pillars and islands: what a robot can drive round."""
     solids: list[Polygon] = []
     for cell in cells:
         box = _inner_box(cell.polygon)
         if box is None:
             continue
-        if cell.category == "Kitchen" and box.area > 15.0 and rng.random() < config.islands:
+        if cell.category == "Kitchen" and box.area > 15.0 and rng.random() < _ISLANDS:
             solids += _island(box, rng)
-        elif box.area > 40.0 and rng.random() < config.pillars:
+        elif box.area > 40.0 and rng.random() < _PILLARS:
             solids += _pillars(box, rng)
     return solids
 
@@ -83,7 +77,6 @@ def wall_blocks(
     openings: Sequence[Opening],
     thickness: float,
     rng: np.random.Generator,
-    config: Details,
 ) -> list[Polygon]:
     """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
     keep_free = shapely.union_all(
@@ -91,20 +84,16 @@ def wall_blocks(
     )
     blocks = []
     for cell in cells:
-        if cell.category not in _CHIMNEY_ROOMS or min(_sides(cell)) < 2.6:
+        box = Box(*cell.polygon.bounds)
+        if cell.category not in _CHIMNEY_ROOMS or min(box.width, box.height) < 2.6:
             continue
         for wall in _edges(cell.polygon):
-            if rng.random() >= config.chimneys:
+            if rng.random() >= _CHIMNEYS:
                 continue
             block = _block(wall, thickness, rng)
             if block is not None and not block.intersects(keep_free):
                 blocks.append(block)
     return blocks
-
-
-def _sides(cell: Cell) -> tuple[float, float]:
-    box = Box(*cell.polygon.bounds)
-    return box.width, box.height
 
 
 def _edges(polygon: Polygon) -> list[tuple[float, float, float, float]]:
@@ -123,28 +112,24 @@ def _block(
         return None
     corner = rng.random() < 0.5
     start = 0.0 if corner else snap(rng.uniform(0.7, length - width - 0.7))
-    return _beside_wall(wall, start, width, 0.0, snap(depth + 0.5 * thickness))
+    far = snap(depth + 0.5 * thickness)
+    return _along_wall(wall, [(start, 0.0), (start + width, 0.0), (start + width, far), (start, far)])
 
 
-def _beside_wall(
-    wall: tuple[float, float, float, float], start: float, width: float, near: float, far: float
-) -> Polygon:
-    """A rectangle along a wall, between two distances to its left [m]."""
+def _along_wall(wall: tuple[float, float, float, float], corners: Sequence[tuple[float, float]]) -> Polygon:
+    """A polygon of corners by their distances along a wall and to its left [m]."""
     x0, y0, x1, y1 = wall
     length = math.hypot(x1 - x0, y1 - y0)
     ux, uy = (x1 - x0) / length, (y1 - y0) / length
-    corners = [(start, near), (start + width, near), (start + width, far), (start, far)]
     return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
 
 
-def bay_windows(
-    cells: Sequence[Cell], thickness: float, rng: np.random.Generator, config: Details
-) -> dict[int, Polygon]:
+def bay_windows(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> dict[int, Polygon]:
     """Free space that bulges out of outer walls, with oblique sides, for some of the cells by their index."""
     built = shapely.union_all([cell.polygon for cell in cells])
     bays: dict[int, Polygon] = {}
     for index, cell in enumerate(cells):
-        if cell.category not in _BAY_ROOMS or rng.random() >= config.bays:
+        if cell.category not in _BAY_ROOMS or rng.random() >= _BAYS:
             continue
         outer = [
             wall for wall in _edges(cell.polygon) if math.hypot(wall[2] - wall[0], wall[3] - wall[1]) > 3.0
@@ -161,9 +146,7 @@ def bay_windows(
 
 def _bay(wall: tuple[float, float, float, float], thickness: float, rng: np.random.Generator) -> Polygon:
     """A trapezium that leans out of a wall."""
-    x0, y0, x1, y1 = wall
-    length = math.hypot(x1 - x0, y1 - y0)
-    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
     width, depth = rng.uniform(1.6, min(3.0, length - 0.6)), rng.uniform(0.5, 0.9)
     start, inside, slant = 0.5 * (length - width), 0.5 * thickness, rng.uniform(0.2, 0.9) * depth
     corners = [
@@ -174,4 +157,4 @@ def _bay(wall: tuple[float, float, float, float], thickness: float, rng: np.rand
         (start + width, 0.0),
         (start + width, inside),
     ]
-    return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
+    return _along_wall(wall, corners)

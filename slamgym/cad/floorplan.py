@@ -13,8 +13,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.crowding import refuse_crowded
-from slamgym.cad.polygons import largest_part
+from slamgym.cad.polygons import largest_part, refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.types import (
     FREE,
@@ -74,6 +73,7 @@ class FloorPlan:
         rooms: Rooms where known.
         doors: Doors and wider openings where known.
         source: The file it came from, or the generator with its seed; errors name it.
+        doubts: Sentences about what a drawing left open, its unit above all.
     """
 
     id: str
@@ -81,6 +81,7 @@ class FloorPlan:
     rooms: tuple[Room, ...] = ()
     doors: tuple[Door, ...] = ()
     source: str = ""
+    doubts: tuple[str, ...] = ()
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:

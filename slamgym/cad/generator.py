@@ -1,6 +1,6 @@
 """A seeded generator of believable homes and offices.
 
-The layout comes first (:mod:`slamgym.cad.homes`, :mod:`slamgym.cad.offices`): cells that tile the building.
+The layout comes first (:mod:`slamgym.cad.layouts`): cells that tile the building.
 Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as
 pillars and chimneys break up the rooms (:mod:`slamgym.cad.details`). Sizes follow HouseExpo
 (``benchmarks/realism/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have
@@ -8,7 +8,6 @@ loops: second doors, rings of corridor, cores, pillars and islands.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import field
 from typing import Literal, TypeGuard
 
 import numpy as np
@@ -17,12 +16,11 @@ from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.cells import GRID, Cell
-from slamgym.cad.details import Details, bay_windows, free_standing, wall_blocks
+from slamgym.cad.details import bay_windows, free_standing, wall_blocks
 from slamgym.cad.doors import Opening, join_rooms
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
-from slamgym.cad.homes import lay_out_home, rooms_for_area
-from slamgym.cad.offices import lay_out_office
-from slamgym.core.config import NonNegative, Positive, Settings, Share
+from slamgym.cad.layouts import lay_out_home, lay_out_office, rooms_for_area
+from slamgym.core.config import Positive, Settings, Share
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import FloatArray
 
@@ -35,35 +33,25 @@ MAX_PLAN_ATTEMPTS = 100
 Kind = Literal["mixed", "home", "office"]
 
 
+# The defaults resemble HouseExpo, offices apart: its homes have a median area of 112 m2, 5th and 95th percentiles of 30
+# and 373 m2, and walls of 0.10-0.12 m. Thicknesses are even whole centimetres.
+_OFFICE_SHARE = 0.15
+_HOME_AREA, _HOME_AREA_SIGMA = 112.0, 0.74  # [m2], of the logarithm
+_HOME_AREA_RANGE = (20.0, 600.0)  # [m2]
+_WALL_THICKNESS = (0.1, 0.12, 0.14)  # [m]
+_OPEN_PLAN = {"home": 0.8, "office": 0.2}
+"""Probability that two living areas are joined by a wide opening or none of the wall is left."""
+
+
 class PlanGeneratorConfig(Settings):
-    """What kind of plans the generator makes; the defaults resemble HouseExpo, offices apart."""
+    """What kind of plans the generator makes."""
 
     kind: Kind = "mixed"
     """Homes, offices, or both."""
-    office_share: Share = 0.15
-    """Share of offices among mixed plans."""
-    home_area: Positive = 112.0
-    """Median free area of homes [m2]; HouseExpo's."""
-    home_area_sigma: NonNegative = 0.74
-    """Spread of the logarithm of a home's area; HouseExpo's 5th and 95th percentiles are 30 and 373 m2."""
-    home_area_range: tuple[Positive, Positive] = (20.0, 600.0)
-    """Smallest and largest home [m2]."""
     office_area: tuple[Positive, Positive] = (150.0, 700.0)
     """Smallest and largest office floor [m2]."""
-    wall_thickness: tuple[Positive, ...] = (0.1, 0.12, 0.14)
-    """Thickness of interior walls [m], even whole centimetres; HouseExpo's are 0.10-0.12 m."""
-    open_plan: Share = 0.8
-    """Probability that two living areas are joined by a wide opening or none of the wall is left."""
-    office_open_plan: Share = 0.2
-    """The same for the rooms of an office."""
     loops: Share = 0.35
     """Probability that a plan has doors that make loops; cores, pillars and islands make others."""
-    details: Details = field(default_factory=Details)
-    """Pillars, islands, chimneys, bay windows."""
-
-    def _check(self) -> None:
-        if any(round(100 * thickness) % 2 for thickness in self.wall_thickness):
-            raise ConfigError(f"wall_thickness must be even whole centimetres, not {self.wall_thickness}")
 
 
 def generate_plan(
@@ -80,7 +68,7 @@ def generate_plan(
     """
     config = config or PlanGeneratorConfig()
     rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(seed)
-    office = config.kind == "office" or (config.kind == "mixed" and rng.random() < config.office_share)
+    office = config.kind == "office" or (config.kind == "mixed" and rng.random() < _OFFICE_SHARE)
     kind = "office" if office else "home"
     if plan_id is None:
         plan_id = kind if isinstance(seed, np.random.Generator) else f"{kind}_{seed:06d}"
@@ -89,7 +77,7 @@ def generate_plan(
     rooms = rooms_for_area(area, rng)
     for _ in range(MAX_PLAN_ATTEMPTS):
         cells = lay_out_office(area, rng) if office else lay_out_home(area, rooms, rng)
-        plan = _build(plan_id, cells, config, config.office_open_plan if office else config.open_plan, rng)
+        plan = _build(plan_id, cells, config.loops, _OPEN_PLAN[kind], rng)
         if plan is not None:
             return plan
     raise ConfigError(
@@ -100,37 +88,29 @@ def generate_plan(
 def _draw_area(office: bool, config: PlanGeneratorConfig, rng: np.random.Generator) -> float:
     if office:
         return float(np.exp(rng.uniform(*np.log(config.office_area))))
-    smallest, largest = config.home_area_range
     for _ in range(MAX_PLAN_ATTEMPTS):
-        area = float(rng.lognormal(np.log(config.home_area), config.home_area_sigma))
-        if smallest <= area <= largest:
+        area = float(rng.lognormal(np.log(_HOME_AREA), _HOME_AREA_SIGMA))
+        if _HOME_AREA_RANGE[0] <= area <= _HOME_AREA_RANGE[1]:
             return area
-    return float(np.clip(config.home_area, smallest, largest))
+    return _HOME_AREA
 
 
 def _build(
-    plan_id: str,
-    cells: Sequence[Cell],
-    config: PlanGeneratorConfig,
-    open_plan: float,
-    rng: np.random.Generator,
+    plan_id: str, cells: Sequence[Cell], loops: float, open_plan: float, rng: np.random.Generator
 ) -> FloorPlan | None:
     """Turn a layout into a plan: openings, walls, details. None if it came out unusable."""
-    thickness = float(rng.choice(config.wall_thickness))
-    openings = join_rooms(cells, thickness, rng, open_plan, config.loops)
+    thickness = float(rng.choice(_WALL_THICKNESS))
+    openings = join_rooms(cells, thickness, rng, open_plan, loops)
     if openings is None:
         return None
     interiors = [_interior(cell.polygon, thickness) for cell in cells]
     if any(interior is None for interior in interiors):
         return None
-    for index, bay in bay_windows(cells, thickness, rng, config.details).items():
+    for index, bay in bay_windows(cells, thickness, rng).items():
         wider = shapely.union(interiors[index], bay, grid_size=GRID)
         interiors[index] = wider if isinstance(wider, Polygon) else None
     rooms = [room for room in interiors if isinstance(room, Polygon)]
-    solids = [
-        *free_standing(cells, rng, config.details),
-        *wall_blocks(cells, openings, thickness, rng, config.details),
-    ]
+    solids = [*free_standing(cells, rng), *wall_blocks(cells, openings, thickness, rng)]
     passages = [opening.box.polygon() for opening in openings]
     space = shapely.union_all([*rooms, *passages], grid_size=GRID)
     for solid in solids:

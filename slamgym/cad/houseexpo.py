@@ -23,8 +23,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.crowding import make_valid
 from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.cad.polygons import make_valid, polygon_parts
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes, write_text
@@ -147,7 +147,7 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     x, y = outline.T
     signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
     repaired = make_valid(polygon, source)
-    parts = [part for part in _polygons(repaired) if part.area > 0.0]
+    parts = [part for part in polygon_parts(repaired) if part.area > 0.0]
     area = sum(part.area for part in parts)
     if area < MIN_AREA:
         raise PlanError(source, "the outline encloses no area; give at least a closed room in metres")
@@ -162,13 +162,6 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
             f"{area:.1f} m2; connect them",
         )
     return largest
-
-
-def _polygons(geometry: Any) -> list[Polygon]:
-    """All polygons in a geometry, however nested its collections are."""
-    if isinstance(geometry, Polygon):
-        return [geometry]
-    return [polygon for part in getattr(geometry, "geoms", ()) for polygon in _polygons(part)]
 
 
 def _parse_json(text: str | bytes, source: str) -> Mapping[str, Any]:

@@ -5,7 +5,6 @@ gives the picture's free cells back. By default it is then smoothed by less than
 staircases of oblique walls into straight lines and leaves straight walls alone.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -171,27 +170,3 @@ def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
     covered = cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
     inner: BoolArray = covered[pad:-pad, pad:-pad]
     return inner
-
-
-class PictureSource:
-    """Plans that are traced from ROS maps or a picture when they are asked for."""
-
-    def __init__(self, paths: Sequence[Path], resolution: float | None = None) -> None:
-        self._paths = {path.stem: path for path in sorted(paths)}
-        self._resolution = resolution
-        self.ids: Sequence[str] = list(self._paths)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Trace the plan."""
-        path = self._paths[plan_id]
-        if self._resolution is not None:
-            return read_image_plan(path, self._resolution)
-        try:
-            return read_ros_plan(path)
-        except PlanError:
-            raise
-        except InputFileError as error:
-            raise PlanError(error.path, error.reason) from error

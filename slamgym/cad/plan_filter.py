@@ -14,8 +14,6 @@ from slamgym.core.files import write_text
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-
-if TYPE_CHECKING:
     from slamgym.cad.sources import PlanSource
 
 PlanFilter = Literal["none", "useful"]
@@ -52,21 +50,12 @@ class Rejection:
     reason: str
 
 
-class Rejections:
-    """Collects the plans that a batch leaves out, and writes them to ``rejected.jsonl``."""
-
-    def __init__(self) -> None:
-        self._rejections: list[Rejection] = []
-
-    def __len__(self) -> int:
-        return len(self._rejections)
-
-    def __iter__(self) -> Iterator[Rejection]:
-        return iter(self._rejections)
+class Rejections(list[Rejection]):
+    """The plans that a batch leaves out, which can be written to ``rejected.jsonl``."""
 
     def add(self, plan_id: str, error: PlanError) -> None:
         """Note that a plan was left out."""
-        self._rejections.append(Rejection(plan_id, error.path, error.reason))
+        self.append(Rejection(plan_id, error.path, error.reason))
 
     def write(self, path: Path | str) -> None:
         """Write one JSON object a line, ``{plan, source, reason}``; nothing if no plan was left out.
@@ -74,8 +63,8 @@ class Rejections:
         Raises:
             InputFileError: If the file can't be written.
         """
-        if self._rejections:
-            write_text(path, "".join(json.dumps(asdict(entry)) + "\n" for entry in self._rejections))
+        if self:
+            write_text(path, "".join(json.dumps(asdict(entry)) + "\n" for entry in self))
 
 
 def usable_plans(

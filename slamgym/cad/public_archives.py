@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamgym.cad.sources import ArchiveSource
+from slamgym.cad.sources import archived_plans
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
 from slamgym.core.streams import download
@@ -69,7 +69,7 @@ def fetch_plans(
     """
     if not path.exists():
         download(url or archive.url, path, advance)
-    source = ArchiveSource(path)
+    source = archived_plans(path)
     if len(source) < archive.min_plans or any(len(plan_id) != archive.id_length for plan_id in source.ids):
         raise InputFileError(
             path, f"holds {len(source)} plans and is not the public archive; delete it and fetch it again"

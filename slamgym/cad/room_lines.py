@@ -17,10 +17,9 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.crowding import make_valid, refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
-from slamgym.cad.polygons import largest_part, polygon_parts
+from slamgym.cad.polygons import largest_part, make_valid, polygon_parts, refuse_crowded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
@@ -39,36 +38,27 @@ MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
 
 
-class RoomLinesSource:
-    """All floors of one file, read when the source is opened and built when they are asked for."""
+def build_floor(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
+    """Build the plan of a line of a file.
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
-        self._floors = _read_lines(path)
-        self.ids: Sequence[str] = list(self._floors)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Build one plan."""
-        source = f"{self._path}:{plan_id}"
-        try:
-            with np.errstate(invalid="ignore"):  # of rooms without any width; the area tells
-                return _build(self._floors[plan_id], plan_id, source)
-        except (
-            TypeError,
-            ValueError,
-            LookupError,
-            AttributeError,
-            OverflowError,
-            shapely.GEOSException,
-        ) as error:
-            raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
+    Raises:
+        PlanError: If its rooms are malformed, or too little of the floor is connected.
+    """
+    malformed = TypeError, ValueError, LookupError, AttributeError, OverflowError, shapely.GEOSException
+    try:
+        with np.errstate(invalid="ignore"):  # of rooms without any width; the area tells
+            return _build(floor, plan_id, source)
+    except malformed as error:
+        raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
 
 
-def _read_lines(path: Path) -> dict[str, Mapping[str, Any]]:
-    floors: dict[str, Mapping[str, Any]] = {}
+def read_lines(path: Path) -> dict[str, tuple[Any, str, str]]:
+    """The arguments of :func:`build_floor` for all floors of a file, by their names.
+
+    Raises:
+        InputFileError: If it is no such file, or holds two floors of one name.
+    """
+    floors: dict[str, tuple[Any, str, str]] = {}
     try:
         with open_expanded(path) as file:
             lines = file.read_all().decode().split("\n")
@@ -89,7 +79,7 @@ def _read_lines(path: Path) -> dict[str, Mapping[str, Any]]:
             raise InputFileError(
                 f"{path}:{number}", f"holds a second floor called {shown(plan_id)}; rename it"
             )
-        floors[plan_id] = floor
+        floors[plan_id] = floor, plan_id, f"{path}:{plan_id}"
     return floors
 
 

@@ -2,21 +2,23 @@
 
 import dataclasses
 import tarfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
+from slamgym.cad.dxf import read_dxf
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
+from slamgym.cad.geojson import read_geojson
 from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
-from slamgym.cad.image_plan import PictureSource
-from slamgym.cad.plan_files.source import DRAWING_SUFFIXES, DrawingSource
-from slamgym.cad.room_lines import RoomLinesSource
+from slamgym.cad.ifc import read_ifc, storeys_of
+from slamgym.cad.image_plan import read_image_plan, read_ros_plan
+from slamgym.cad.room_lines import build_floor, read_lines
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 from slamgym.core.pictures import PICTURE_SUFFIXES
@@ -49,109 +51,215 @@ class PlanSource(Protocol):
         ...
 
 
-class FileSource:
-    """Plans in HouseExpo files of their own."""
+@dataclass(frozen=True)
+class PlanGroup:
+    """The plans of one source."""
 
-    def __init__(self, paths: Iterable[Path], root: Path | None = None) -> None:
-        places: dict[str, str] = {}
-        self._paths: dict[str, Path] = {}
-        for path in sorted(paths):
-            place = path.relative_to(root) if root else path.name
-            _note_place(places, path.stem, str(place), root or path.parent)
-            self._paths[path.stem] = path
-        self.ids: Sequence[str] = list(self._paths)
+    ids: Sequence[str]
+    weight: float
+    """Share of this source among all that are drawn, relative to the other weights."""
+
+
+class PlanIndex:
+    """Plans by their ids: one function reads them all.
+
+    Args:
+        places: The arguments of the function for each id, in the order of the plans.
+        read: Makes a plan of them.
+        groups: Of a mix of sources; else all plans are one group.
+    """
+
+    def __init__(
+        self,
+        places: Mapping[str, tuple[Any, ...]],
+        read: Callable[..., FloorPlan],
+        groups: Sequence[PlanGroup] = (),
+    ) -> None:
+        self._places, self._read = places, read
+        self.ids: Sequence[str] = list(places)
+        self.groups = tuple(groups) or (PlanGroup(self.ids, 1.0),)
 
     def __len__(self) -> int:
         return len(self.ids)
 
     def load(self, plan_id: str) -> FloorPlan:
         """Read one plan."""
-        return read_houseexpo(self._paths[plan_id])
+        return self._read(*self._places[plan_id])
 
 
-class ArchiveSource:
+def plan_files(paths: Iterable[Path], root: Path | None = None) -> PlanIndex:
+    """Plans in HouseExpo files of their own."""
+    places: dict[str, Path] = {}
+    for path in sorted(paths):
+        _refuse_second(places, path.stem, path, root or path.parent)
+        places[path.stem] = path
+    return PlanIndex({plan_id: (path,) for plan_id, path in places.items()}, read_houseexpo)
+
+
+def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanIndex:
     """Plans in HouseExpo's own ``.tar.gz``, which is read through once and kept as text.
 
     A gzip stream can't be read from the middle, so the choice is between reading 17 MB once (0.8 s for
     the 23,647 training plans, which take 60 MB) and reading on average half of it for every plan.
+
+    Args:
+        path: The archive.
+        wanted: Keep only these plans.
+
+    Raises:
+        InputFileError: If it can't be read, or holds two plans of one name.
     """
-
-    def __init__(self, path: Path, wanted: frozenset[str] | None = None) -> None:
-        self._path = path
-        self._texts: dict[str, bytes] = {}
-        places: dict[str, str] = {}
-        try:
-            # ignore: tarfile asks for no more of a file than read().
-            with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
-                for number, member in enumerate(archive, start=1):
-                    ENTRIES.check(path, number)
-                    name = Path(member.name)
-                    if not member.isfile() or name.suffix != ".json" or name.name.startswith("."):
-                        continue
-                    _note_place(places, name.stem, member.name, path)
-                    if wanted is None or name.stem in wanted:
-                        DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
-                        content = archive.extractfile(member)
-                        self._texts[name.stem] = content.read() if content else b""
-                    archive.members = []  # which would grow with every entry
-        except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
-            raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
-        self.ids: Sequence[str] = sorted(self._texts)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Read one plan."""
-        return parse_houseexpo(self._texts[plan_id], f"{self._path}:{plan_id}.json", plan_id)
+    texts: dict[str, bytes] = {}
+    members: dict[str, Path] = {}
+    try:
+        # ignore: tarfile asks for no more of a file than read().
+        with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
+            for number, member in enumerate(archive, start=1):
+                ENTRIES.check(path, number)
+                name = Path(member.name)
+                if not member.isfile() or name.suffix != ".json" or name.name.startswith("."):
+                    continue
+                _refuse_second(members, name.stem, name, path)
+                members[name.stem] = name
+                if wanted is None or name.stem in wanted:
+                    DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
+                    content = archive.extractfile(member)
+                    texts[name.stem] = content.read() if content else b""
+                archive.members = []  # which would grow with every entry
+    except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
+        raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
+    places = {plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)}
+    return PlanIndex(places, parse_houseexpo)
 
 
-def _note_place(places: dict[str, str], plan_id: str, place: str, where: Path) -> None:
+def _refuse_second(places: Mapping[str, Path], plan_id: str, place: Path, where: Path) -> None:
     """Refuse a second plan of the same name: splits and seeds go by the names, so neither may be renamed or lost."""
     if plan_id in places:
+        first, second = (
+            str(path.relative_to(where) if path.is_relative_to(where) else path)
+            for path in (places[plan_id], place)
+        )
         raise InputFileError(
             where,
-            f"holds two plans called {shown(plan_id)}, {shown(places[plan_id])} and {shown(place)}; rename one, or "
+            f"holds two plans called {shown(plan_id)}, {shown(first)} and {shown(second)}; rename one, or "
             "give the folders as two sources, with a comma between them",
         )
-    places[plan_id] = place
 
 
-class ProceduralSource:
-    """Plans that the generator makes when they are asked for."""
-
-    def __init__(
-        self,
-        seed: int = 0,
-        config: PlanGeneratorConfig | None = None,
-        count: int = PROCEDURAL_COUNT,
-        name: str = "procedural",
-    ) -> None:
-        self._config = config or PlanGeneratorConfig()
-        self._indices = {f"{name}_{seed}_{index:05d}": (seed, index) for index in range(count)}
-        self.ids: Sequence[str] = list(self._indices)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Make one plan; each has a random stream of its own, so the order doesn't matter."""
-        return generate_plan(np.random.default_rng(self._indices[plan_id]), self._config, plan_id)
+def generated_plans(
+    seed: int = 0,
+    config: PlanGeneratorConfig | None = None,
+    count: int = PROCEDURAL_COUNT,
+    name: str = "procedural",
+) -> PlanIndex:
+    """Plans that the generator makes when they are asked for; each has a random stream of its own."""
+    ids = [f"{name}_{seed}_{index:05d}" for index in range(count)]
+    config = config or PlanGeneratorConfig()
+    return PlanIndex(
+        {plan_id: ((seed, index), config, plan_id) for index, plan_id in enumerate(ids)}, _generate
+    )
 
 
-class Subset:
+def _generate(seeds: tuple[int, int], config: PlanGeneratorConfig, plan_id: str) -> FloorPlan:
+    return generate_plan(np.random.default_rng(seeds), config, plan_id)
+
+
+def some_plans(source: PlanSource, ids: Sequence[str]) -> PlanIndex:
     """Some plans of another source."""
+    return PlanIndex({plan_id: (plan_id,) for plan_id in ids}, source.load)
 
-    def __init__(self, source: PlanSource, ids: Sequence[str]) -> None:
-        self._source = source
-        self.ids = ids
 
-    def __len__(self) -> int:
-        return len(self.ids)
+def mixed_plans(sources: Sequence[PlanSource], weights: Sequence[float]) -> PlanIndex:
+    """Plans of several sources; where two have a plan of the same name, the later one's gets another.
 
-    def load(self, plan_id: str) -> FloorPlan:
-        """Read one plan."""
-        return self._source.load(plan_id)
+    Raises:
+        ConfigError: If names are the same even so.
+    """
+    places: dict[str, tuple[PlanSource, str, str]] = {}
+    groups = []
+    for number, (source, weight) in enumerate(zip(sources, weights, strict=True), start=1):
+        names = []
+        for plan_id in source.ids:
+            name = plan_id if plan_id not in places else f"{plan_id}~{number}"
+            if name in places:
+                raise ConfigError(f"two sources of plans both have a plan {name!r}; rename one")
+            places[name] = (source, plan_id, name)
+            names.append(name)
+        groups.append(PlanGroup(names, weight))
+    return PlanIndex(places, _load_renamed, groups)
+
+
+def _load_renamed(source: PlanSource, plan_id: str, name: str) -> FloorPlan:
+    """A plan with the name that it has in the mix."""
+    plan = source.load(plan_id)
+    return plan if plan.id == name else dataclasses.replace(plan, id=name)
+
+
+def plan_groups(source: PlanSource) -> tuple[PlanGroup, ...]:
+    """The groups of a mixed source; any other source is one group."""
+    return source.groups if isinstance(source, PlanIndex) else (PlanGroup(source.ids, 1.0),)
+
+
+def open_drawing(spec: str, layers: Sequence[str] = ()) -> PlanIndex | None:
+    """The plans of a DXF, IFC or GeoJSON drawing, each with what is doubtful about it.
+
+    Args:
+        spec: The file; a DXF drawing perhaps with the metres of its unit behind it, as in ``plan.dxf@0.001``.
+        layers: Of a DXF drawing's walls, see :func:`slamgym.cad.read_dxf`.
+
+    Returns:
+        The plan of a DXF or GeoJSON drawing, or those of an IFC model's storeys; None for anything else.
+
+    Raises:
+        InputFileError: If it is missing, or an IFC model with two storeys of one name.
+        ConfigError: If the unit makes no sense, or there are layers and no DXF drawing.
+    """
+    name, _, unit = spec.rpartition("@")
+    if not name.lower().endswith(".dxf"):
+        name, unit = spec, ""
+    path = Path(name)
+    suffix = path.suffix.lower()
+    if layers and suffix != ".dxf":
+        raise ConfigError("--layers needs a DXF drawing")
+    if suffix not in (".dxf", ".ifc", ".geojson") or path.is_dir():
+        return None
+    _existing(name)
+    if suffix == ".dxf":
+        metres = _metres_per_pixel(spec, unit) if unit else None
+        return PlanIndex({path.stem: (path, metres, layers)}, read_dxf)
+    if suffix == ".geojson":
+        return PlanIndex({path.stem: (path,)}, read_geojson)
+    storeys: dict[str, tuple[Path, str]] = {}
+    names = storeys_of(path)
+    for storey in names:
+        plan_id = path.stem if len(names) == 1 else f"{path.stem}-{storey}"
+        if plan_id in storeys:
+            raise InputFileError(path, f"has two storeys called {shown(storey)}; rename one")
+        storeys[plan_id] = (path, storey)
+    return PlanIndex(storeys, read_ifc)
+
+
+def _load_certain(drawing: PlanSource, plan_id: str) -> FloorPlan:
+    """A plan of a drawing that says its unit."""
+    plan = drawing.load(plan_id)
+    if plan.doubts:
+        example = f"{Path(plan.source).name}@0.001"
+        raise PlanError(plan.source, f"{plan.doubts[0]}; give the metres of a unit, as in {example}")
+    return plan
+
+
+def _traced_plans(paths: Sequence[Path], resolution: float | None = None) -> PlanIndex:
+    """Plans that are traced from ROS maps, or from a picture of a resolution, when they are asked for."""
+    return PlanIndex({path.stem: (path, resolution) for path in sorted(paths)}, _trace)
+
+
+def _trace(path: Path, resolution: float | None) -> FloorPlan:
+    try:
+        return read_ros_plan(path) if resolution is None else read_image_plan(path, resolution)
+    except PlanError:
+        raise
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
 
 
 def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSource:
@@ -188,7 +296,7 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
             ids_file,
             f"{len(missing)} of its {len(wanted)} ids are not in {spec}, the first is {shown(missing[0])}",
         )
-    return Subset(source, wanted)
+    return some_plans(source, wanted)
 
 
 def read_ids(path: Path | str) -> list[str]:
@@ -224,7 +332,7 @@ def _metres_per_pixel(spec: str, text: str) -> float:
     return resolution
 
 
-def _procedural(spec: str) -> ProceduralSource:
+def _procedural(spec: str) -> PlanIndex:
     """Read what stands behind ``procedural:``."""
     kind: Kind = "mixed"
     loops, seed = PlanGeneratorConfig.loops, 0
@@ -242,23 +350,23 @@ def _procedural(spec: str) -> ProceduralSource:
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
     name = "_".join(["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])])
-    return ProceduralSource(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
+    return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
 def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     """Choose the reader by what ``spec`` looks like."""
     if spec == "bundled":
         # In turns, by their numbers: a dataset begins with homes, and soon has its share of offices.
-        kinds = [FileSource(BUNDLED.glob(f"{kind}_*.json")) for kind in ("home", "office")]
-        return MixedSource(kinds, [len(kind) for kind in kinds])
+        kinds = [plan_files(BUNDLED.glob(f"{kind}_*.json")) for kind in ("home", "office")]
+        return mixed_plans(kinds, [len(kind) for kind in kinds])
     if spec == "procedural" or spec.startswith("procedural:"):
         return _procedural(spec)
     name, _, resolution = spec.rpartition("@")
     if name.lower().endswith(PICTURE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
-        return PictureSource([_existing(name)], metres_per_pixel)
-    if name.lower().endswith(".dxf"):
-        return DrawingSource(_existing(name), _metres_per_pixel(spec, resolution))
+        return _traced_plans([_existing(name)], metres_per_pixel)
+    if (drawing := open_drawing(spec)) is not None:
+        return PlanIndex({plan_id: (drawing, plan_id) for plan_id in drawing.ids}, _load_certain)
     path = Path(spec)
     if path.is_dir():
         return _open_folder(path)
@@ -268,15 +376,13 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         names = suggest(spec, ["bundled", "procedural"])
         raise ConfigError(f"there are no plans called {spec!r}; give a path or a known name: {names}")
     if path.name.endswith((".tar.gz", ".tgz", ".tar")):
-        return ArchiveSource(path, wanted)
+        return archived_plans(path, wanted)
     if path.suffix == ".json":
-        return FileSource([path])
+        return plan_files([path])
     if path.name.endswith((".jsonl", ".jsonl.xz")):
-        return RoomLinesSource(path)
+        return PlanIndex(read_lines(path), build_floor)
     if path.suffix in (".yaml", ".yml"):
-        return PictureSource([path])
-    if path.suffix.lower() in DRAWING_SUFFIXES:
-        return DrawingSource(path)
+        return _traced_plans([path])
     if spec.lower().endswith(PICTURE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
@@ -290,51 +396,9 @@ def _open_folder(path: Path) -> PlanSource:
     """HouseExpo plans, or else ROS maps."""
     plans, maps = list(path.glob("*.json")), list(path.glob("*.yaml"))
     if maps and not plans:
-        return PictureSource(maps)
+        return _traced_plans(maps)
     # HouseExpo unpacks into a folder within a folder.
-    return FileSource(plans or path.rglob("*.json"), path)
-
-
-@dataclass(frozen=True)
-class PlanGroup:
-    """The plans of one source."""
-
-    ids: Sequence[str]
-    weight: float
-    """Share of this source among all that are drawn, relative to the other weights."""
-
-
-class MixedSource:
-    """Plans of several sources; where two have a plan of the same name, the later one's gets another."""
-
-    def __init__(self, sources: Sequence[PlanSource], weights: Sequence[float]) -> None:
-        self._places: dict[str, tuple[PlanSource, str]] = {}
-        groups = []
-        for number, (source, weight) in enumerate(zip(sources, weights, strict=True), start=1):
-            names = []
-            for plan_id in source.ids:
-                name = plan_id if plan_id not in self._places else f"{plan_id}~{number}"
-                if name in self._places:
-                    raise ConfigError(f"two sources of plans both have a plan {name!r}; rename one")
-                self._places[name] = (source, plan_id)
-                names.append(name)
-            groups.append(PlanGroup(names, weight))
-        self.groups: tuple[PlanGroup, ...] = tuple(groups)
-        self.ids: Sequence[str] = list(self._places)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Read one plan; it carries the name that it has here."""
-        source, inner = self._places[plan_id]
-        plan = source.load(inner)
-        return plan if plan.id == plan_id else dataclasses.replace(plan, id=plan_id)
-
-
-def plan_groups(source: PlanSource) -> tuple[PlanGroup, ...]:
-    """The groups of a mixed source; any other source is one group."""
-    return source.groups if isinstance(source, MixedSource) else (PlanGroup(source.ids, 1.0),)
+    return plan_files(plans or path.rglob("*.json"), path)
 
 
 def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> PlanSource:
@@ -346,7 +410,7 @@ def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> P
         ids_file: As :func:`slamgym.cad.open_plans` takes it; needs a single source.
 
     Returns:
-        The source itself if there is one, else a :class:`MixedSource`.
+        The source itself if there is one, else a mix of them.
 
     Raises:
         InputFileError: If a file is missing, unreadable or holds no plans.
@@ -363,7 +427,7 @@ def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> P
         return open_plans(names[0], ids_file=ids_file)
     if ids_file is not None:
         raise ConfigError("a file of plan ids needs a single source of plans")
-    return MixedSource([open_plans(name) for name in names], [weight for _, weight in parts])
+    return mixed_plans([open_plans(name) for name in names], [weight for _, weight in parts])
 
 
 def _split_list(spec: str) -> list[str]:

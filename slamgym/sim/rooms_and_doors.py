@@ -194,7 +194,7 @@ def doors_of(plan: "FloorPlan") -> list["Door"]:
         return list(plan.doors)
     import shapely
 
-    from slamgym.cad.plan_statistics import SIMPLIFY, find_openings
+    from slamgym.cad.doors import SIMPLIFY, find_openings
 
     simple = plan.free_space.simplify(SIMPLIFY)
     return find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []

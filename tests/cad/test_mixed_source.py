@@ -6,7 +6,6 @@ import pytest
 from shapely import box
 
 from slamgym.cad import FloorPlan, check_plan, open_plan_mix, open_plans, plan_groups, write_houseexpo
-from slamgym.cad.sources import MixedSource
 from slamgym.core.errors import ConfigError, InputFileError
 
 
@@ -43,7 +42,7 @@ def test_a_file_with_a_comma_and_an_equals_sign_in_its_name_is_a_file(tmp_path):
 
 
 def test_a_single_source_is_itself(folders):
-    assert not isinstance(open_plan_mix(["procedural"]), MixedSource)
+    assert len(plan_groups(open_plan_mix(["procedural"]))) == 1
     assert plan_groups(open_plans("procedural"))[0].weight == 1.0
 
 

@@ -6,8 +6,8 @@ import drawn_flat as flat
 import numpy as np
 import pytest
 
-from slamgym.cad import check_plan, open_plans
-from slamgym.cad.plan_files import read_dxf, read_geojson, read_ifc, storeys_of
+from slamgym.cad import check_plan, open_plans, read_dxf, read_geojson, read_ifc
+from slamgym.cad.ifc import storeys_of
 from slamgym.core.errors import PlanError
 
 
@@ -46,22 +46,22 @@ def write(tmp_path):
 )
 def test_dxf(write, how):
     path = write("flat.dxf", flat.dxf(**how))
-    plan, doubts = read_dxf(path)
-    assert doubts == ()
+    plan = read_dxf(path)
+    assert plan.doubts == ()
     check_flat(plan)
     assert open_plans(path).load("flat").free_space.equals(plan.free_space)
 
 
 def test_coordinates_next_to_nothing_are_zeros(write):
     path = write("a.dxf", flat.dxf().replace("\n 10\n1.0\n 20\n-0.12\n", "\n 10\n1.0\n 20\n-1e-308\n"))
-    check_plan(read_dxf(path).plan)  # geometry would divide by zero
+    check_plan(read_dxf(path))  # geometry would divide by zero
 
 
 def test_dxf_without_a_unit_is_guessed_with_a_doubt_and_refused_as_a_source(write):
     path = write("flat.dxf", flat.dxf(unit=""))
-    plan, doubts = read_dxf(path)
+    plan = read_dxf(path)
     check_flat(plan)
-    assert "millimetres" in doubts[0]
+    assert "millimetres" in plan.doubts[0]
     with pytest.raises(PlanError, match=r"flat\.dxf@0\.001"):
         open_plans(path).load("flat")
     check_flat(open_plans(f"{path}@0.001").load("flat"))
@@ -71,7 +71,7 @@ def test_dxf_layers_are_named_or_chosen(write):
     path = write("flat.dxf", flat.dxf(walls="L1"))
     with pytest.raises(PlanError, match="it has 'DOORS', 'L1'"):
         read_dxf(path)
-    check_flat(read_dxf(path, layers=["l*"]).plan)
+    check_flat(read_dxf(path, layers=["l*"]))
 
 
 def test_dxf_walls_as_single_lines_and_wide_polylines(write):
@@ -88,7 +88,7 @@ def test_dxf_walls_as_single_lines_and_wide_polylines(write):
     space.add_circle((1.0, 3.0), 0.3, dxfattribs=wall)
     text = io.StringIO()
     document.write(text)
-    plan, _ = read_dxf(write("thin.dxf", text.getvalue()))
+    plan = read_dxf(write("thin.dxf", text.getvalue()))
     check_plan(plan)
     assert plan.area == pytest.approx(28.0 - 0.01 - 0.21 - 0.283, abs=0.02)
     assert plan.free_space.bounds == pytest.approx((0, 0, 7, 4))
@@ -96,7 +96,7 @@ def test_dxf_walls_as_single_lines_and_wide_polylines(write):
 
 def test_geojson(write):
     path = write("flat.geojson", flat.geojson_text())
-    plan, _ = read_geojson(path)
+    plan = read_geojson(path)
     check_flat(plan)
     assert sorted(room.category for room in plan.rooms) == ["Bedroom", "Kitchen"]
     assert open_plans(path).ids == ["flat"]
@@ -104,10 +104,10 @@ def test_geojson(write):
 
 def test_geojson_of_walls_alone_shuts_the_entrance(write):
     walls = {"type": "MultiPolygon", "coordinates": [[flat.ring(box)] for box in flat.bodies()]}
-    plan, _ = read_geojson(write("walls.geojson", json.dumps(walls)))
+    plan = read_geojson(write("walls.geojson", json.dumps(walls)))
     check_flat(plan, doors=0, tolerance=0.15)
     lines = {"type": "MultiLineString", "coordinates": [flat.ring(box) for box in flat.bodies()]}
-    check_flat(read_geojson(write("lines.geojson", json.dumps(lines))).plan, doors=0, tolerance=0.15)
+    check_flat(read_geojson(write("lines.geojson", json.dumps(lines))), doors=0, tolerance=0.15)
 
 
 def test_geojson_walls_that_run_through_a_door_are_opened(write):
@@ -117,14 +117,14 @@ def test_geojson_walls_that_run_through_a_door_are_opened(write):
     for box in boxes:
         geometry = {"type": "Polygon", "coordinates": [flat.ring(box)]}
         document["features"].append({"type": "Feature", "properties": {"kind": "wall"}, "geometry": geometry})
-    check_flat(read_geojson(write("flat.geojson", json.dumps(document))).plan)
+    check_flat(read_geojson(write("flat.geojson", json.dumps(document))))
 
 
 def test_ifc(write):
     path = write("house.ifc", flat.ifc(storeys=2))
     assert storeys_of(path) == ["Level 0", "Level 1"]
     for storey in (None, "Level 1"):
-        check_flat(read_ifc(path, storey).plan)
+        check_flat(read_ifc(path, storey))
     source = open_plans(path)
     assert source.ids == ["house-Level 0", "house-Level 1"]
     check_flat(source.load("house-Level 1"))

@@ -10,7 +10,7 @@ import pytest
 from shapely import affinity
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, write_houseexpo
-from slamgym.cad.sources import ProceduralSource, open_plan_mix
+from slamgym.cad.sources import generated_plans, open_plan_mix
 from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
 from slamgym.interop.ros_map import write_ros_map
 
@@ -120,7 +120,7 @@ def test_procedural_plans_depend_on_seed_and_index_alone():
     assert again.load(second) == later[0]
     assert later[0].id == second
     assert open_plans("procedural:6").ids[0] != first
-    assert len(ProceduralSource(count=7)) == 7
+    assert len(generated_plans(count=7)) == 7
 
 
 @pytest.mark.parametrize("spec", ["bundled", "procedural:2"])

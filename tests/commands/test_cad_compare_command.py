@@ -8,7 +8,7 @@ import drawn_flat as flat
 import numpy as np
 import pytest
 
-from slamgym.cad.plan_files import read_geojson
+from slamgym.cad import read_geojson
 from slamgym.commands.cli import main
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.interop import write_ros_map
@@ -30,7 +30,7 @@ def files(tmp_path):
     doors = [f for f in document["features"] if f["properties"]["kind"] == "door"]
     doors[0]["geometry"]["coordinates"] = [[4.3, 1.0], [4.3, 1.9]]
     (tmp_path / "built.geojson").write_text(json.dumps(document))
-    plan = read_geojson(tmp_path / "built.geojson").plan
+    plan = read_geojson(tmp_path / "built.geojson")
     write_ros_map(tmp_path / "built", plan.raster(0.05, outside=UNKNOWN, wall_thickness=0.05))
     return tmp_path
 

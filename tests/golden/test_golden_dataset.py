@@ -7,7 +7,7 @@ import pytest
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.cad.sources import Subset
+from slamgym.cad.sources import some_plans
 from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.format import read_dataset_config
@@ -26,7 +26,7 @@ def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("golden") / "dataset"
     build_dataset(
         root,
-        Subset(open_plans("bundled"), PLANS),
+        some_plans(open_plans("bundled"), PLANS),
         CONFIG,
         make_explorer,
         pairs=3,

@@ -165,14 +165,14 @@ def open_source(spec: str) -> PlanSource:
     """Plans as :func:`slamgym.cad.open_plans` opens them, or generated offices."""
     from slamgym.cad import open_plans
     from slamgym.cad.generator import PlanGeneratorConfig
-    from slamgym.cad.sources import ProceduralSource
+    from slamgym.cad.sources import generated_plans
 
     name, _, seed = spec.partition(":")
     if name != OFFICES:
         return open_plans(spec)
     if seed and not (seed.isascii() and seed.isdigit()):
         raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'offices:7'")
-    return ProceduralSource(int(seed or 0), PlanGeneratorConfig(kind="office"), name="office")
+    return generated_plans(int(seed or 0), PlanGeneratorConfig(kind="office"), name="office")
 
 
 def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:

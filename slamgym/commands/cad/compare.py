@@ -65,9 +65,9 @@ def main(argv: list[str]) -> int:
 
     if arguments.out.exists() and not arguments.out.is_dir():
         raise InputFileError(arguments.out, "is a file; name a folder for the results")
-    plan, doubts = _read_plan(arguments)
+    plan = _read_plan(arguments)
     robot_map = read_map(arguments.map, arguments.resolution)
-    notes = (*doubts, *robot_map.doubts)
+    notes = (*plan.doubts, *robot_map.doubts)
     found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
     command = shlex.join(["slamgym", "cad", "compare", *argv])
@@ -78,18 +78,11 @@ def main(argv: list[str]) -> int:
     return 0 if found.is_confident else EXIT_DIFFERENT
 
 
-def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]:
-    """The plan, and what is doubtful about it."""
-    from slamgym.cad.plan_files.source import DrawingSource
-    from slamgym.cad.sources import open_plans
+def _read_plan(arguments: CompareArguments) -> FloorPlan:
+    """The plan, with what is doubtful about it."""
+    from slamgym.cad.sources import open_drawing, open_plans
 
-    source = open_plans(arguments.plan)
-    if arguments.layers:
-        if not isinstance(source, DrawingSource) or not arguments.plan.lower().partition("@")[0].endswith(
-            ".dxf"
-        ):
-            raise ConfigError("--layers needs a DXF drawing")
-        source = source.with_layers(arguments.layers)
+    source = open_drawing(arguments.plan, arguments.layers) or open_plans(arguments.plan)
     ids = list(source.ids)
     chosen = arguments.storey
     if chosen is not None and chosen not in ids:
@@ -98,9 +91,7 @@ def _read_plan(arguments: CompareArguments) -> tuple[FloorPlan, tuple[str, ...]]
             raise ConfigError(f"{arguments.plan} has no plan {chosen!r}; {suggest(chosen, ids)}")
         chosen = fitting[0]
     plan_id = chosen or ids[0]
-    if isinstance(source, DrawingSource):
-        return source.read(plan_id)
-    return source.load(plan_id), ()
+    return source.load(plan_id)
 
 
 def _report(found: PlanComparison, folder: Path) -> None:

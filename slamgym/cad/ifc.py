@@ -14,15 +14,14 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.floorplan import Room
-from slamgym.cad.plan_files.drawn_plan import (
+from slamgym.cad.drawn_plan import (
     LINE_GRID,
-    DrawnPlan,
     DrawnWalls,
     edges_of,
     floor_of_walls,
     middle_line,
 )
+from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import require_file
@@ -66,7 +65,7 @@ def _apart(read: Callable[[Any], Any], item: Any, path: Path) -> Any:
     return result
 
 
-def read_ifc(path: Path | str, storey: str | None = None) -> DrawnPlan:
+def read_ifc(path: Path | str, storey: str | None = None) -> FloorPlan:
     """Read one storey of an IFC model.
 
     Args:
@@ -76,10 +75,11 @@ def read_ifc(path: Path | str, storey: str | None = None) -> DrawnPlan:
     Raises:
         PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
     """
-    return DrawnPlan(*_apart(_read, (Path(path), storey), Path(path)))
+    plan: FloorPlan = _apart(_read, (Path(path), storey), Path(path))
+    return plan
 
 
-def _read(file: tuple[Path, str | None]) -> DrawnPlan:
+def _read(file: tuple[Path, str | None]) -> FloorPlan:
     path, storey = file
     model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
     storeys = _storeys(model, path)

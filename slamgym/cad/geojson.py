@@ -12,8 +12,8 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.floorplan import Room
-from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls, middle_line
+from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, middle_line
+from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
@@ -29,7 +29,7 @@ _NESTING = {"LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon":
 """How many lists stand around the points of a geometry."""
 
 
-def read_geojson(path: Path | str) -> DrawnPlan:
+def read_geojson(path: Path | str) -> FloorPlan:
     """Read a floor plan from a GeoJSON file.
 
     Raises:

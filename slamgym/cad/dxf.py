@@ -20,12 +20,12 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from slamgym.cad.crowding import refuse_crowded
-from slamgym.cad.floorplan import Room
-from slamgym.cad.plan_files.drawn_plan import DrawnPlan, DrawnWalls, edges_of, floor_of_walls
+from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls
+from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.polygons import refuse_crossings
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.files import read_bytes
-from slamgym.core.limits import CROSSINGS, DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
+from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
 from slamgym.core.types import FloatArray
 
 LayerKind = Literal["wall", "door", "window", "room", "other"]
@@ -60,7 +60,7 @@ _DAMAGED = (
 )  # fmt: skip
 
 
-def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] = ()) -> DrawnPlan:
+def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] = ()) -> FloorPlan:
     """Read a floor plan from a DXF file.
 
     Args:
@@ -275,7 +275,7 @@ class _Found:
             return
         width = float(entity.dxf.get("const_width", 0.0) or 0.0) if name == "LWPOLYLINE" else 0.0
         if width > 0.0:
-            self._refuse_crossings(edges_of(points, closed))
+            self._crossings = refuse_crossings(edges_of(points, closed), self._source, self._crossings)
             line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
             body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
             for ring in [
@@ -284,14 +284,6 @@ class _Found:
                 self.lines[kind].append(edges_of(shapely.get_coordinates(ring), closed=False))
             return
         self.lines[kind].append(edges_of(points, closed))
-
-    def _refuse_crossings(self, edges: FloatArray) -> None:
-        """Refuse wide lines that cross themselves so often that their bodies would be innumerable."""
-        refuse_crowded(edges, 0.0, self._source)
-        lines: Any = shapely.linestrings(edges.reshape(-1, 2, 2))
-        pairs = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
-        self._crossings += max(pairs - 3 * len(lines), 0) // 2  # itself and two neighbours
-        CROSSINGS.check(self._source, self._crossings, PlanError)
 
     def _closed_leaves(self, walls: FloatArray, near: float) -> FloatArray:
         """From hinges to those ends of the arcs that lie at a wall, or at another leaf's arc, shape (N, 4)."""

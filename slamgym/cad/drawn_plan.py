@@ -15,10 +15,9 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.crowding import refuse_crowded
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_PLAN_COORDINATE
-from slamgym.cad.polygons import largest_part, polygon_parts
+from slamgym.cad.polygons import largest_part, polygon_parts, refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.limits import NEAR_PAIRS, PLAN_PARTS, VERTICES
 from slamgym.core.types import FloatArray
@@ -55,13 +54,6 @@ class DrawnWalls:
     """Sentences about what the drawing left open, its unit above all."""
 
 
-class DrawnPlan(NamedTuple):
-    """A floor plan and what is doubtful about how it was read."""
-
-    plan: FloorPlan
-    doubts: tuple[str, ...]
-
-
 class _Doorway(NamedTuple):
     """A door between two spaces."""
 
@@ -70,7 +62,7 @@ class _Doorway(NamedTuple):
     slab: Polygon  # what has to be opened between them
 
 
-def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
+def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
     """Make a plan of a drawing's walls.
 
     Args:
@@ -107,7 +99,7 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> DrawnPlan:
     shapely.prepare(floor)
     rooms = tuple(room for room in drawn.rooms if floor.intersects(room.polygon))
     doors = tuple(_door(drawn.doors[way.door]) for way in used)
-    return DrawnPlan(FloorPlan(plan_id, floor, rooms, doors, source), drawn.doubts)
+    return FloorPlan(plan_id, floor, rooms, doors, source, drawn.doubts)
 
 
 def edges_of(points: FloatArray, closed: bool) -> FloatArray:
