@@ -8,7 +8,7 @@ import hashlib
 from collections.abc import Iterable
 from typing import Literal
 
-from slamgym.cad.sources import PlanIndex, PlanSource, some_plans
+from slamgym.cad.plan_index import PlanIndex, PlanSource, some_plans
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 

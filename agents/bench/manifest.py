@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.agents.evaluation.evaluate import Task
 from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.cad import FloorPlan, PlanSource, open_plans
-from slamgym.cad.sources import archived_plans
+from slamgym.cad.archives import archived_plans
 from slamgym.core.config import from_dict, suggest
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError

@@ -22,7 +22,7 @@ from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationCon
 from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.summary import summarise_trials
 from slamgym.agents.registry import EXPLORERS
-from slamgym.cad.sources import PlanSource
+from slamgym.cad.plan_index import PlanSource
 from slamgym.commands.agents.evaluate import open_source
 from slamgym.core.errors import SlamgymError
 from slamgym.core.parallel.engine import Execution

@@ -6,7 +6,8 @@ from .houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_
 from .ifc import read_ifc
 from .image_plan import read_image_plan, read_ros_plan, trace_plan
 from .plan_filter import Rejection, Rejections, usable_plans
-from .sources import PlanGroup, PlanSource, open_plan_mix, open_plans, plan_groups
+from .plan_index import PlanGroup, PlanSource, plan_groups
+from .sources import open_plan_mix, open_plans
 
 __all__ = [
     "Door",

@@ -1,28 +1,25 @@
 """Where floor plans come from: files, folders, archives, drawings, maps, the generator, and several of them at once."""
 
-import dataclasses
-import tarfile
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 from pathlib import Path
-from typing import Any, Protocol
 
 import numpy as np
 
+from slamgym.cad.archives import archived_plans
 from slamgym.cad.dxf import read_dxf
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
 from slamgym.cad.geojson import read_geojson
-from slamgym.cad.houseexpo import parse_houseexpo, read_houseexpo
+from slamgym.cad.houseexpo import read_houseexpo
 from slamgym.cad.ifc import read_ifc, storeys_of
 from slamgym.cad.image_plan import read_image_plan, read_ros_plan
+from slamgym.cad.plan_index import PlanIndex, PlanSource, mixed_plans, refuse_second, some_plans
 from slamgym.cad.room_lines import build_floor, read_lines
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import read_text
-from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
+from slamgym.core.limits import shown
 from slamgym.core.pictures import PICTURE_SUFFIXES
-from slamgym.core.streams import DAMAGED, open_expanded
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -31,119 +28,13 @@ PROCEDURAL_COUNT = 10_000
 """Plans that ``procedural`` offers for one seed."""
 
 
-class PlanSource(Protocol):
-    """A set of floor plans, read one at a time when they are needed."""
-
-    @property
-    def ids(self) -> Sequence[str]:
-        """Names of all plans, in a fixed order."""
-        ...
-
-    def __len__(self) -> int: ...
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Read one plan.
-
-        Raises:
-            PlanError: If its file is missing or malformed.
-            KeyError: If the source has no plan of this name.
-        """
-        ...
-
-
-@dataclass(frozen=True)
-class PlanGroup:
-    """The plans of one source."""
-
-    ids: Sequence[str]
-    weight: float
-    """Share of this source among all that are drawn, relative to the other weights."""
-
-
-class PlanIndex:
-    """Plans by their ids: one function reads them all.
-
-    Args:
-        places: The arguments of the function for each id, in the order of the plans.
-        read: Makes a plan of them.
-        groups: Of a mix of sources; else all plans are one group.
-    """
-
-    def __init__(
-        self,
-        places: Mapping[str, tuple[Any, ...]],
-        read: Callable[..., FloorPlan],
-        groups: Sequence[PlanGroup] = (),
-    ) -> None:
-        self._places, self._read = places, read
-        self.ids: Sequence[str] = list(places)
-        self.groups = tuple(groups) or (PlanGroup(self.ids, 1.0),)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """Read one plan."""
-        return self._read(*self._places[plan_id])
-
-
 def plan_files(paths: Iterable[Path], root: Path | None = None) -> PlanIndex:
     """Plans in HouseExpo files of their own."""
     places: dict[str, Path] = {}
     for path in sorted(paths):
-        _refuse_second(places, path.stem, path, root or path.parent)
+        refuse_second(places, path.stem, path, root or path.parent)
         places[path.stem] = path
     return PlanIndex({plan_id: (path,) for plan_id, path in places.items()}, read_houseexpo)
-
-
-def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanIndex:
-    """Plans in HouseExpo's own ``.tar.gz``, which is read through once and kept as text.
-
-    A gzip stream can't be read from the middle, so the choice is between reading 17 MB once (0.8 s for
-    the 23,647 training plans, which take 60 MB) and reading on average half of it for every plan.
-
-    Args:
-        path: The archive.
-        wanted: Keep only these plans.
-
-    Raises:
-        InputFileError: If it can't be read, or holds two plans of one name.
-    """
-    texts: dict[str, bytes] = {}
-    members: dict[str, Path] = {}
-    try:
-        # ignore: tarfile asks for no more of a file than read().
-        with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
-            for number, member in enumerate(archive, start=1):
-                ENTRIES.check(path, number)
-                name = Path(member.name)
-                if not member.isfile() or name.suffix != ".json" or name.name.startswith("."):
-                    continue
-                _refuse_second(members, name.stem, name, path)
-                members[name.stem] = name
-                if wanted is None or name.stem in wanted:
-                    DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
-                    content = archive.extractfile(member)
-                    texts[name.stem] = content.read() if content else b""
-                archive.members = []  # which would grow with every entry
-    except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
-        raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
-    places = {plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)}
-    return PlanIndex(places, parse_houseexpo)
-
-
-def _refuse_second(places: Mapping[str, Path], plan_id: str, place: Path, where: Path) -> None:
-    """Refuse a second plan of the same name: splits and seeds go by the names, so neither may be renamed or lost."""
-    if plan_id in places:
-        first, second = (
-            str(path.relative_to(where) if path.is_relative_to(where) else path)
-            for path in (places[plan_id], place)
-        )
-        raise InputFileError(
-            where,
-            f"holds two plans called {shown(plan_id)}, {shown(first)} and {shown(second)}; rename one, or "
-            "give the folders as two sources, with a comma between them",
-        )
 
 
 def generated_plans(
@@ -162,42 +53,6 @@ def generated_plans(
 
 def _generate(seeds: tuple[int, int], config: PlanGeneratorConfig, plan_id: str) -> FloorPlan:
     return generate_plan(np.random.default_rng(seeds), config, plan_id)
-
-
-def some_plans(source: PlanSource, ids: Sequence[str]) -> PlanIndex:
-    """Some plans of another source."""
-    return PlanIndex({plan_id: (plan_id,) for plan_id in ids}, source.load)
-
-
-def mixed_plans(sources: Sequence[PlanSource], weights: Sequence[float]) -> PlanIndex:
-    """Plans of several sources; where two have a plan of the same name, the later one's gets another.
-
-    Raises:
-        ConfigError: If names are the same even so.
-    """
-    places: dict[str, tuple[PlanSource, str, str]] = {}
-    groups = []
-    for number, (source, weight) in enumerate(zip(sources, weights, strict=True), start=1):
-        names = []
-        for plan_id in source.ids:
-            name = plan_id if plan_id not in places else f"{plan_id}~{number}"
-            if name in places:
-                raise ConfigError(f"two sources of plans both have a plan {name!r}; rename one")
-            places[name] = (source, plan_id, name)
-            names.append(name)
-        groups.append(PlanGroup(names, weight))
-    return PlanIndex(places, _load_renamed, groups)
-
-
-def _load_renamed(source: PlanSource, plan_id: str, name: str) -> FloorPlan:
-    """A plan with the name that it has in the mix."""
-    plan = source.load(plan_id)
-    return plan if plan.id == name else dataclasses.replace(plan, id=name)
-
-
-def plan_groups(source: PlanSource) -> tuple[PlanGroup, ...]:
-    """The groups of a mixed source; any other source is one group."""
-    return source.groups if isinstance(source, PlanIndex) else (PlanGroup(source.ids, 1.0),)
 
 
 def open_drawing(spec: str, layers: Sequence[str] = ()) -> PlanIndex | None:

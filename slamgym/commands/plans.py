@@ -20,7 +20,7 @@ from slamgym.sim import RobotConfig
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.cad.plan_filter import Rejections
-    from slamgym.cad.sources import PlanSource
+    from slamgym.cad.plan_index import PlanSource
 
 MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
@@ -133,7 +133,7 @@ def _fetch(arguments: FetchPlans) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from slamgym.cad.public_archives import PUBLIC_ARCHIVES, fetch_plans
+    from slamgym.cad.archives import PUBLIC_ARCHIVES, fetch_plans
 
     archive = PUBLIC_ARCHIVES[arguments.archive]
     sys.stdout.write(archive.licence + "\n")

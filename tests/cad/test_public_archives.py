@@ -12,7 +12,7 @@ from typing import ClassVar
 
 import pytest
 
-from slamgym.cad.public_archives import PUBLIC_ARCHIVES, PublicArchive, fetch_plans
+from slamgym.cad.archives import PUBLIC_ARCHIVES, PublicArchive, fetch_plans
 from slamgym.commands.plans import main
 from slamgym.core.errors import InputFileError
 from slamgym.core.streams import DownloadError, download

@@ -7,7 +7,7 @@ import pytest
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
-from slamgym.cad.sources import some_plans
+from slamgym.cad.plan_index import some_plans
 from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
 from slamgym.dataset.format import read_dataset_config

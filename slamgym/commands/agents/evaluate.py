@@ -22,7 +22,7 @@ from slamgym.core.progress import counted, say, tell
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
     from slamgym.agents.plan_splits import PlanSplit
-    from slamgym.cad.sources import PlanSource
+    from slamgym.cad.plan_index import PlanSource
 
 OFFICES = "offices"
 

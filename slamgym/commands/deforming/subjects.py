@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slamgym.cad.plan_filter import passes
-from slamgym.cad.sources import PlanSource, open_plans
+from slamgym.cad.plan_index import PlanSource
+from slamgym.cad.sources import open_plans
 from slamgym.core.config import from_dict, suggest
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.names import exploration_seed

@@ -1,15 +1,54 @@
-"""Archives of floor plans that others publish: where they are, under which licence, and whether one arrived whole."""
+"""Archives of floor plans: read, and fetched from those who publish them, with their licence."""
 
 from __future__ import annotations
 
+import tarfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from slamgym.cad.sources import archived_plans
+from slamgym.cad.houseexpo import parse_houseexpo
+from slamgym.cad.plan_index import PlanIndex, refuse_second
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
-from slamgym.core.streams import download
+from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
+from slamgym.core.streams import DAMAGED, download, open_expanded
+
+
+def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanIndex:
+    """Plans in HouseExpo's own ``.tar.gz``, which is read through once and kept as text.
+
+    A gzip stream can't be read from the middle, so the choice is between reading 17 MB once (0.8 s for
+    the 23,647 training plans, which take 60 MB) and reading on average half of it for every plan.
+
+    Args:
+        path: The archive.
+        wanted: Keep only these plans.
+
+    Raises:
+        InputFileError: If it can't be read, or holds two plans of one name.
+    """
+    texts: dict[str, bytes] = {}
+    members: dict[str, Path] = {}
+    try:
+        # ignore: tarfile asks for no more of a file than read().
+        with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
+            for number, member in enumerate(archive, start=1):
+                ENTRIES.check(path, number)
+                name = Path(member.name)
+                if not member.isfile() or name.suffix != ".json" or name.name.startswith("."):
+                    continue
+                refuse_second(members, name.stem, name, path)
+                members[name.stem] = name
+                if wanted is None or name.stem in wanted:
+                    DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
+                    content = archive.extractfile(member)
+                    texts[name.stem] = content.read() if content else b""
+                archive.members = []  # which would grow with every entry
+    except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
+        raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
+    places = {plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)}
+    return PlanIndex(places, parse_houseexpo)
 
 
 @dataclass(frozen=True)
