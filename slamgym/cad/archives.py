@@ -1,10 +1,7 @@
 """Archives of floor plans: read, and fetched from those who publish them, with their licence."""
 
-from __future__ import annotations
-
 import tarfile
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad.houseexpo import parse_houseexpo
@@ -13,6 +10,18 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 from slamgym.core.streams import DAMAGED, download, open_expanded
+
+HOUSEEXPO_URL = "https://raw.githubusercontent.com/TeaganLi/HouseExpo/master/HouseExpo/json.tar.gz"
+HOUSEEXPO_LICENCE = (
+    "HouseExpo, https://github.com/TeaganLi/HouseExpo: MIT licence, copyright (c) 2019 Tingguang Li; the "
+    "plans were made from SUNCG.\nCite: T. Li et al., HouseExpo: A Large-scale 2D Indoor Layout Dataset for "
+    "Learning-based Algorithms on Mobile Robots, arXiv:1903.09845, 2019."
+)
+"""Licence, source and paper, as the user is shown them."""
+MIN_HOUSEEXPO_PLANS = 35_000
+"""An archive with fewer is not the one: the paper counts 35,126 plans, the repository's page has said 35,357."""
+_ID_LENGTH = 32
+"""Characters of an id."""
 
 
 def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanIndex:
@@ -51,50 +60,16 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
     return PlanIndex(places, parse_houseexpo)
 
 
-@dataclass(frozen=True)
-class PublicArchive:
-    """One archive of HouseExpo files."""
-
-    url: str
-    file_name: str
-    min_plans: int
-    """An archive with fewer is not the one."""
-    id_length: int
-    """Characters of an id."""
-    licence: str
-    """Licence, source and paper, as the user is shown them."""
-
-
-PUBLIC_ARCHIVES = {
-    "houseexpo": PublicArchive(
-        url="https://raw.githubusercontent.com/TeaganLi/HouseExpo/master/HouseExpo/json.tar.gz",
-        file_name="json.tar.gz",
-        # The paper counts 35,126 plans, the repository's page has said 35,357.
-        min_plans=35_000,
-        id_length=32,
-        licence=(
-            "HouseExpo, https://github.com/TeaganLi/HouseExpo: MIT licence, copyright (c) 2019 Tingguang Li; the "
-            "plans were made from SUNCG.\nCite: T. Li et al., HouseExpo: A Large-scale 2D Indoor Layout Dataset for "
-            "Learning-based Algorithms on Mobile Robots, arXiv:1903.09845, 2019."
-        ),
-    )
-}
-
-
-def fetch_plans(
-    archive: PublicArchive,
-    path: Path,
-    url: str | None = None,
-    advance: Callable[[int, int], None] | None = None,
+def fetch_houseexpo(
+    path: Path, url: str | None = None, advance: Callable[[int, int], None] | None = None
 ) -> int:
-    """Download an archive unless it is there, and verify it.
+    """Download the archive of HouseExpo unless it is there, and verify it.
 
     Its publishers give no checksum. What is verified on the first fetch is the structure: enough plans, ids of the
     right form, and a first plan that can be read. Its SHA-256 is then written beside it (``NAME.sha256``, as
     ``sha256sum -c`` reads it) and compared from then on.
 
     Args:
-        archive: Which one.
         path: Where it goes.
         url: Another address of the same file.
         advance: As :func:`slamgym.core.streams.download` takes it.
@@ -107,9 +82,9 @@ def fetch_plans(
         InputFileError: If what arrived, or what is there, is not the archive.
     """
     if not path.exists():
-        download(url or archive.url, path, advance)
+        download(url or HOUSEEXPO_URL, path, advance)
     source = archived_plans(path)
-    if len(source) < archive.min_plans or any(len(plan_id) != archive.id_length for plan_id in source.ids):
+    if len(source) < MIN_HOUSEEXPO_PLANS or any(len(plan_id) != _ID_LENGTH for plan_id in source.ids):
         raise InputFileError(
             path, f"holds {len(source)} plans and is not the public archive; delete it and fetch it again"
         )

@@ -23,7 +23,7 @@ from shapely import Polygon
 from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import refuse_crossings
-from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
 from slamgym.core.types import FloatArray
@@ -91,21 +91,18 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     windows = np.vstack([np.empty((0, 4)), *found.lines["window"]]) * unit
     doors = found.doors(walls / unit, unit)
     rooms = tuple(
-        Room("Room", ring) for ring in map(Polygon, found.rings) if ring.is_valid and ring.area > 0.0
+        Room("Room", shapely.transform(ring, lambda points: points * unit))
+        for ring in map(Polygon, found.rings)
+        if ring.is_valid and ring.area > 0.0
     )
-    scaled = tuple(
-        Room(room.category, shapely.transform(room.polygon, lambda points: points * unit)) for room in rooms
-    )
-    return floor_of_walls(DrawnWalls(walls, doors, windows, scaled, doubts), path.stem, str(path))
+    return floor_of_walls(DrawnWalls(walls, doors, windows, rooms, doubts), path.stem, str(path))
 
 
 def _open(path: Path) -> Any:
     from ezdxf import recover
 
-    try:
+    with as_plan_error():
         content = read_bytes(path, DRAWING_BYTES)
-    except InputFileError as error:
-        raise PlanError(error.path, error.reason) from error
     try:
         document, _ = recover.read(io.BytesIO(content))
     except (ezdxf.DXFError, *_DAMAGED):

@@ -15,7 +15,7 @@ from shapely import Polygon
 from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, middle_line
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.documents import parse_json
-from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DRAWING_BYTES, ENTRIES, shown
 from slamgym.core.types import FloatArray
@@ -37,10 +37,8 @@ def read_geojson(path: Path | str) -> FloorPlan:
     """
     path = Path(path)
     source = str(path)
-    try:
+    with as_plan_error():
         content = read_bytes(path, DRAWING_BYTES)
-    except InputFileError as error:
-        raise PlanError(error.path, error.reason) from error
     ENTRIES.check(source, content.count(b"["), PlanError)  # every point is a list
     features = list(_features(parse_json(content, path, PlanError, DRAWING_BYTES), source))
     named = any(kind for kind, _, _ in features)

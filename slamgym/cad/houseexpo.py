@@ -26,7 +26,7 @@ from shapely import Polygon
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.polygons import make_valid, polygon_parts
 from slamgym.core.documents import parse_json
-from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes, write_text
 from slamgym.core.limits import DOCUMENT_BYTES, PLAN_PARTS, VERTICES, shown
 from slamgym.core.provenance import check_origin
@@ -44,6 +44,7 @@ MAX_REPAIRED_SHARE = 0.005
 _DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
 
 
+@as_plan_error()
 def read_houseexpo(path: Path | str) -> FloorPlan:
     """Read one plan; its id is the name of the file.
 
@@ -51,12 +52,8 @@ def read_houseexpo(path: Path | str) -> FloorPlan:
         PlanError: If the file can't be read or isn't a plan; the sentence names the file.
     """
     path = Path(path)
-    try:
-        check_origin(path)
-        text = read_bytes(path, DOCUMENT_BYTES)
-    except InputFileError as error:
-        raise PlanError(error.path, error.reason) from error
-    return parse_houseexpo(text, str(path), path.stem)
+    check_origin(path)
+    return parse_houseexpo(read_bytes(path, DOCUMENT_BYTES), str(path), path.stem)
 
 
 def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) -> FloorPlan:

@@ -13,7 +13,7 @@ from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.errors import InputFileError, PlanError
+from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.geometry import transform_points
 from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
@@ -35,6 +35,7 @@ MIN_PATCH_SHARE = 0.8
 """The largest patch must make up this share of the free space, else the space counts as disjoint."""
 
 
+@as_plan_error()
 def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read the free space of a ROS map, which may have a yaw; unknown cells count as walls.
 
@@ -43,8 +44,7 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
         smoothing: Tolerance [cells]; 0 keeps the borders of the cells.
 
     Raises:
-        InputFileError: If the map can't be read.
-        PlanError: If it has no free space, or several disjoint parts of it.
+        PlanError: If the map can't be read, has no free space, or several disjoint parts of it.
     """
     path = Path(path)
     grid, placement = read_turned_map(path)
@@ -55,6 +55,7 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
     return FloorPlan(plan.id, placed, source=plan.source)
 
 
+@as_plan_error()
 def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
     """Read a black/white picture: white pixels are floor, black and grey ones are not.
 
@@ -73,11 +74,7 @@ def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN
     path = Path(path)
     if not resolution > 0.0:
         raise PlanError(path, f"the resolution must be above 0 m per pixel, not {resolution}")
-    try:
-        encoded = read_bytes(path)
-    except InputFileError as error:
-        raise PlanError(error.path, error.reason) from error
-    grey, _ = grey_picture(decode_picture(path, encoded, PlanError, upright=True))
+    grey, _ = grey_picture(decode_picture(path, read_bytes(path), upright=True))
     inside = _without_outside(grey > MAX_GREY, resolution)
     height, width = inside.shape
     frame = GridFrame(resolution, 0.0, 0.0, height, width)

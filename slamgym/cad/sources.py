@@ -103,20 +103,6 @@ def _load_certain(drawing: PlanSource, plan_id: str) -> FloorPlan:
     return plan
 
 
-def _traced_plans(paths: Sequence[Path], resolution: float | None = None) -> PlanIndex:
-    """Plans that are traced from ROS maps, or from a picture of a resolution, when they are asked for."""
-    return PlanIndex({path.stem: (path, resolution) for path in sorted(paths)}, _trace)
-
-
-def _trace(path: Path, resolution: float | None) -> FloorPlan:
-    try:
-        return read_ros_plan(path) if resolution is None else read_image_plan(path, resolution)
-    except PlanError:
-        raise
-    except InputFileError as error:
-        raise PlanError(error.path, error.reason) from error
-
-
 def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSource:
     """Open a set of floor plans.
 
@@ -219,7 +205,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     name, _, resolution = spec.rpartition("@")
     if name.lower().endswith(PICTURE_SUFFIXES):
         metres_per_pixel = _metres_per_pixel(spec, resolution)
-        return _traced_plans([_existing(name)], metres_per_pixel)
+        return PlanIndex({Path(name).stem: (_existing(name), metres_per_pixel)}, read_image_plan)
     if (drawing := open_drawing(spec)) is not None:
         return PlanIndex({plan_id: (drawing, plan_id) for plan_id in drawing.ids}, _load_certain)
     path = Path(spec)
@@ -237,7 +223,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if path.name.endswith((".jsonl", ".jsonl.xz")):
         return PlanIndex(read_lines(path), build_floor)
     if path.suffix in (".yaml", ".yml"):
-        return _traced_plans([path])
+        return PlanIndex({path.stem: (path,)}, read_ros_plan)
     if spec.lower().endswith(PICTURE_SUFFIXES):
         raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
     raise InputFileError(
@@ -251,7 +237,7 @@ def _open_folder(path: Path) -> PlanSource:
     """HouseExpo plans, or else ROS maps."""
     plans, maps = list(path.glob("*.json")), list(path.glob("*.yaml"))
     if maps and not plans:
-        return _traced_plans(maps)
+        return PlanIndex({map_.stem: (map_,) for map_ in sorted(maps)}, read_ros_plan)
     # HouseExpo unpacks into a folder within a folder.
     return plan_files(plans or path.rglob("*.json"), path)
 

@@ -133,17 +133,15 @@ def _fetch(arguments: FetchPlans) -> None:
     from rich.console import Console
     from rich.progress import Progress
 
-    from slamgym.cad.archives import PUBLIC_ARCHIVES, fetch_plans
+    from slamgym.cad.archives import HOUSEEXPO_LICENCE, HOUSEEXPO_URL, fetch_houseexpo
 
-    archive = PUBLIC_ARCHIVES[arguments.archive]
-    sys.stdout.write(archive.licence + "\n")
+    sys.stdout.write(HOUSEEXPO_LICENCE + "\n")
     sys.stdout.flush()
-    path = arguments.out or Path(archive.file_name)
+    path = arguments.out or Path(Path(HOUSEEXPO_URL).name)
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(path.name, total=None)
-        count = fetch_plans(
-            archive,
+        count = fetch_houseexpo(
             path,
             arguments.url,
             lambda done, total: progress.update(task, completed=done, total=total or None),

@@ -9,7 +9,7 @@ import math
 import numbers
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
@@ -108,9 +108,13 @@ class Arguments(Settings):
         return f"--{name.replace('_', '-')}"
 
 
-@functools.cache
 def _hints(cls: type) -> dict[str, Any]:
-    """Types of the fields of a dataclass or named tuple, with their bounds."""
+    """Types of the fields of a dataclass or named tuple, with their bounds; looked up once."""
+    return _look_up_hints(typing.cast(Hashable, cls))
+
+
+@functools.cache
+def _look_up_hints(cls: Any) -> dict[str, Any]:
     names = getattr(cls, "_fields", None) or [entry.name for entry in dataclasses.fields(cls)]
     hints = typing.get_type_hints(cls, include_extras=True)
     return {name: hints[name] for name in names}

@@ -220,7 +220,7 @@ def _conversion_of(hint: Any) -> Callable[[Any], Any] | None:
     if typing.get_origin(hint) is not tuple:
         return None
     item: Any = typing.get_args(hint)[0]
-    make = functools.partial(read_record, item) if dataclasses.is_dataclass(item) else None
+    make = functools.partial(read_record, cast(type, item)) if dataclasses.is_dataclass(item) else None
     return lambda value: tuple(map(make, value) if make else value) if type(value) is list else value
 
 

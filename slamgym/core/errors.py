@@ -4,6 +4,9 @@ Every one carries a single sentence that names the file or argument, says what i
 fix it. The command line prints that sentence alone; library users catch :class:`SlamgymError`.
 """
 
+import contextlib
+from collections.abc import Iterator
+
 from slamgym.core.text import printable
 
 
@@ -34,6 +37,17 @@ class InputFileError(SlamgymError):
 
 class PlanError(InputFileError):
     """A floor plan can't be explored; ``path`` may be a plan id."""
+
+
+@contextlib.contextmanager
+def as_plan_error() -> Iterator[None]:
+    """Turn an error of a file's reader in the block, or in the decorated function, into one of the floor plan."""
+    try:
+        yield
+    except PlanError:
+        raise
+    except InputFileError as error:
+        raise PlanError(error.path, error.reason) from error
 
 
 class ConfigError(SlamgymError):

@@ -43,7 +43,7 @@ def test_the_raster_has_the_area_of_the_polygon(centre, radii, resolution):
 
 
 @given(seed=st.integers(0, 50), column=st.integers(0, 10**6), row=st.integers(0, 10**6))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_a_cell_is_free_exactly_if_its_centre_is_in_the_free_space(seed, column, row):
     plan = generate_plan(seed)
     grid = plan.raster(0.07)

@@ -15,8 +15,8 @@ kinds = st.sampled_from(["home", "office"])
 
 
 @given(seeds, kinds)
-@settings(max_examples=120)
-def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
+@settings(max_examples=60)
+def test_every_plan_is_sound(seed, kind):
     plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
     assert isinstance(plan.free_space, Polygon)
     assert plan.free_space.is_valid
@@ -24,27 +24,25 @@ def test_every_plan_is_valid_and_connected_for_the_robot(seed, kind):
     robot = plan.free_space.buffer(-0.25)
     assert isinstance(robot, Polygon)
     assert all(room.polygon.intersects(robot) for room in plan.rooms)
+    _doors_are_passages_of_their_width(plan)
+    _rooms_lie_in_the_plan_and_apart(plan)
+    # Corners lie on whole centimetres in the positive quadrant.
+    points = 100 * plan.segments()
+    np.testing.assert_allclose(points, np.round(points), atol=1e-6)
+    assert plan.bounds[:2] == pytest.approx((0.1, 0.1))
 
 
-@given(seeds, kinds)
-@settings(max_examples=60)
-def test_doors_are_passages_of_their_width(seed, kind):
-    plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
-    wall = shapely.Polygon()
+def _doors_are_passages_of_their_width(plan):
     for door in plan.doors:
         assert 0.7 - 1e-9 <= door.width <= 2.4 + 1e-9
         line = shapely.LineString([door.start, door.end])
         assert plan.free_space.covers(line)
         # The jambs are solid: half a centimetre beyond either end there is wall.
         longer = shapely.affinity.scale(line, 1 + 0.01 / door.width, 1 + 0.01 / door.width)
-        wall = longer.difference(plan.free_space)
-        assert wall.length == pytest.approx(0.01, abs=1e-6)
+        assert longer.difference(plan.free_space).length == pytest.approx(0.01, abs=1e-6)
 
 
-@given(seeds, kinds)
-@settings(max_examples=60)
-def test_rooms_lie_in_the_plan_and_apart(seed, kind):
-    plan = generate_plan(seed, PlanGeneratorConfig(kind=kind))
+def _rooms_lie_in_the_plan_and_apart(plan):
     rooms = shapely.union_all([room.polygon for room in plan.rooms])
     assert rooms.area == pytest.approx(sum(room.area for room in plan.rooms))
     # Outside the rooms the free space is doorways; inside them pillars, islands and chimneys are missing.
@@ -53,7 +51,7 @@ def test_rooms_lie_in_the_plan_and_apart(seed, kind):
 
 
 @given(seeds)
-@settings(max_examples=30)
+@settings(max_examples=10)
 def test_the_same_seed_gives_the_same_plan(seed):
     first = generate_plan(seed)
     assert generate_plan(seed) == first
@@ -61,20 +59,11 @@ def test_the_same_seed_gives_the_same_plan(seed):
     assert generate_plan(seed + 1).free_space != first.free_space
 
 
-@given(seeds)
-@settings(max_examples=30)
-def test_corners_lie_on_whole_centimetres_in_the_positive_quadrant(seed):
-    plan = generate_plan(seed)
-    points = 100 * plan.segments()
-    np.testing.assert_allclose(points, np.round(points), atol=1e-6)
-    assert plan.bounds[:2] == pytest.approx((0.1, 0.1))
-
-
 def test_homes_resemble_houseexpo_and_unlike_it_have_ways_round():
-    homes = [generate_plan(seed, PlanGeneratorConfig(kind="home")) for seed in range(150)]
+    homes = [generate_plan(seed, PlanGeneratorConfig(kind="home")) for seed in range(100)]
     sides = np.array([(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1]) for plan in homes])
     areas = np.array([plan.area for plan in homes])
-    # HouseExpo's medians; the tolerances are some three standard errors of a median of 150 plans.
+    # HouseExpo's medians; the tolerances are some three standard errors of a median of 100 plans.
     assert np.median([len(plan.rooms) for plan in homes]) == pytest.approx(6.5, abs=1.5)
     assert np.median(areas) == pytest.approx(112, rel=0.2)
     assert np.median(sides.max(axis=1)) == pytest.approx(14.3, rel=0.15)
@@ -85,9 +74,9 @@ def test_homes_resemble_houseexpo_and_unlike_it_have_ways_round():
 
 
 def test_mixed_plans_are_mostly_homes():
-    names = [generate_plan(seed).id.split("_")[0] for seed in range(120)]
-    # Binomial with p = 0.15: 18 expected, standard deviation 3.9.
-    assert 5 <= names.count("office") <= 34
+    names = [generate_plan(seed).id.split("_")[0] for seed in range(60)]
+    # Binomial with p = 0.15: 9 expected, standard deviation 2.8.
+    assert 1 <= names.count("office") <= 20
     assert set(names) == {"home", "office"}
 
 

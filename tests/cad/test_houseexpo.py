@@ -159,7 +159,7 @@ keys = {
 
 
 @given(st.fixed_dictionaries({"verts": keys["verts"]}, optional={key: keys[key] for key in list(keys)[1:]}))
-@settings(max_examples=300)
+@settings(max_examples=150)
 def test_any_json_is_a_valid_plan_or_one_error(data):
     plan = None
     with contextlib.suppress(PlanError):

@@ -12,7 +12,8 @@ from typing import ClassVar
 
 import pytest
 
-from slamgym.cad.archives import PUBLIC_ARCHIVES, PublicArchive, fetch_plans
+from slamgym.cad import archives
+from slamgym.cad.archives import HOUSEEXPO_LICENCE, HOUSEEXPO_URL, fetch_houseexpo
 from slamgym.commands.plans import main
 from slamgym.core.errors import InputFileError
 from slamgym.core.streams import DownloadError, download
@@ -59,7 +60,8 @@ def served(tmp_path):
 
 
 @pytest.fixture
-def archive(served, tmp_path):
+def archive(served, tmp_path, monkeypatch):
+    """An address that serves three plans, which are taken for all of HouseExpo."""
     folder, address = served
     plans = tmp_path / "json"
     plans.mkdir()
@@ -68,16 +70,17 @@ def archive(served, tmp_path):
         (plans / f"{plan_id}.json").write_text(json.dumps({"id": plan_id, **SQUARE}))
     with tarfile.open(folder / "json.tar.gz", "w:gz") as file:
         file.add(plans, "json")
-    return PublicArchive(f"{address}/json.tar.gz", "json.tar.gz", 3, 32, "none")
+    monkeypatch.setattr(archives, "MIN_HOUSEEXPO_PLANS", 3)
+    return f"{address}/json.tar.gz"
 
 
 def test_an_archive_is_fetched_once_and_its_digest_kept(archive, served, tmp_path):
     path = tmp_path / "mine" / "json.tar.gz"
-    assert fetch_plans(archive, path) == 3
+    assert fetch_houseexpo(path, archive) == 3
     assert path.read_bytes() == (served[0] / "json.tar.gz").read_bytes()
     digest, name = (path.parent / "json.tar.gz.sha256").read_text().split()
     assert (digest, name) == (hashlib.sha256(path.read_bytes()).hexdigest(), "json.tar.gz")
-    assert fetch_plans(archive, path) == 3
+    assert fetch_houseexpo(path, archive) == 3
     assert len(Server.answers) == 1
 
 
@@ -93,9 +96,9 @@ def test_what_is_not_the_whole_file_is_refused_and_fetched_again(archive, tmp_pa
     path = tmp_path / "json.tar.gz"
     Server.changes.append(change)
     with pytest.raises(DownloadError, match=words):
-        fetch_plans(archive, path)
+        fetch_houseexpo(path, archive)
     assert not path.exists()
-    assert fetch_plans(archive, path) == 3
+    assert fetch_houseexpo(path, archive) == 3
     assert [found.name for found in tmp_path.iterdir() if "part" in found.name] == []
 
 
@@ -103,7 +106,7 @@ def test_what_is_not_the_whole_file_is_refused_and_fetched_again(archive, tmp_pa
 def test_a_length_that_is_no_number_is_not_known(archive, served, tmp_path, length):
     Server.changes.append({"length": length})
     seen = []
-    download(archive.url, tmp_path / "file", lambda done, total: seen.append((done, total)))
+    download(archive, tmp_path / "file", lambda done, total: seen.append((done, total)))
     assert (tmp_path / "file").read_bytes() == (served[0] / "json.tar.gz").read_bytes()
     assert seen == [(Server.answers[0], 0)]
 
@@ -111,7 +114,7 @@ def test_a_length_that_is_no_number_is_not_known(archive, served, tmp_path, leng
 def test_a_file_without_end_is_refused(archive, tmp_path, monkeypatch):
     monkeypatch.setenv("SLAMGYM_MAX_FILE_BYTES", "50")
     with pytest.raises(InputFileError, match="above the limit of 50"):
-        download(archive.url, tmp_path / "file")
+        download(archive, tmp_path / "file")
     assert not (tmp_path / "file").exists()
 
 
@@ -123,32 +126,34 @@ def test_what_is_no_address_is_refused(tmp_path, url):
         download(url, tmp_path / "file")
 
 
-def test_another_archive_and_a_changed_one_are_refused(archive, served, tmp_path):
+def test_another_archive_and_a_changed_one_are_refused(archive, tmp_path, monkeypatch):
     path = tmp_path / "json.tar.gz"
-    with pytest.raises(InputFileError, match="holds 3 plans and is not the public archive"):
-        fetch_plans(PublicArchive(archive.url, "json.tar.gz", 4, 32, ""), path)
-    fetch_plans(archive, path)
+    with monkeypatch.context() as patch:
+        patch.setattr(archives, "MIN_HOUSEEXPO_PLANS", 4)
+        with pytest.raises(InputFileError, match="holds 3 plans and is not the public archive"):
+            fetch_houseexpo(path, archive)
+    fetch_houseexpo(path, archive)
     (tmp_path / "json" / f"{7:032x}.json").write_text(json.dumps(SQUARE))
     with tarfile.open(path, "w:gz") as file:
         file.add(tmp_path / "json", "json")
     with pytest.raises(InputFileError, match="has changed since it was fetched"):
-        fetch_plans(archive, path)
+        fetch_houseexpo(path, archive)
 
 
 def test_the_command_shows_the_licence_and_says_what_is_wrong(archive, tmp_path, monkeypatch, capsys):
-    monkeypatch.setitem(PUBLIC_ARCHIVES, "houseexpo", archive)
+    monkeypatch.setattr(archives, "HOUSEEXPO_URL", archive)
     monkeypatch.chdir(tmp_path)
     shutil.rmtree(tmp_path / "json")
     assert main(["fetch", "houseexpo"]) == 0
     printed = capsys.readouterr().out
-    assert printed.startswith("none\n")
+    assert printed.startswith("HouseExpo")
     assert "json.tar.gz: 3 plans" in printed
     with pytest.raises(DownloadError, match="404"):
-        main(["fetch", "--url", archive.url + ".none", "--out", "other.tar.gz"])
+        main(["fetch", "--url", archive + ".none", "--out", "other.tar.gz"])
     with pytest.raises(DownloadError, match=r"can't be reached \(Connection refused\); is there a network\?"):
         main(["fetch", "--url", "http://127.0.0.1:9/json.tar.gz", "--out", "other.tar.gz"])
 
 
 def test_the_licence_of_houseexpo_is_named():
-    assert "MIT" in PUBLIC_ARCHIVES["houseexpo"].licence
-    assert PUBLIC_ARCHIVES["houseexpo"].url.startswith("https://")
+    assert "MIT" in HOUSEEXPO_LICENCE
+    assert HOUSEEXPO_URL.startswith("https://")

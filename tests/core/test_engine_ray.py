@@ -6,7 +6,6 @@ import os
 import random
 import signal
 import socket
-import subprocess
 import sys
 import threading
 import time
@@ -21,13 +20,12 @@ pytest.importorskip("ray")
 from shapely import box
 
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import FloorPlan, write_houseexpo
-from slamgym.commands import cli
+from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
 from slamgym.core.parallel.engine import Execution, open_engine
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU, check_address
-from slamgym.dataset import DatasetConfig, Layout, build_dataset, read_manifest
+from slamgym.dataset import DatasetConfig, build_dataset
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
@@ -35,7 +33,6 @@ CPUS = 2
 QUICK = DatasetConfig(
     seed=5, episode=EpisodeConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(particles=2)))
 )
-OPTIONS = ["--seed", "5", "--minutes", "0.1", "--particles", "2", "--contact-sheet", "0"]
 
 
 class Plans:
@@ -194,30 +191,6 @@ def _processes(title):
                     yield int(path.name)
 
 
-def test_a_killed_driver_s_run_is_completed_by_the_next(cluster, tmp_path):
-    plans = tmp_path / "plans"
-    plans.mkdir()
-    for i in range(2):
-        write_houseexpo(plans / f"room{i}.json", FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)))
-    local, out = tmp_path / "local", tmp_path / "ray"
-    options = ["generate", "--plans", str(plans), *OPTIONS]
-    assert cli.main([*options, "--out", str(local), "--pairs", "16", "--workers", "1"]) == 0
-    command = [*options, "--out", str(out), "--pairs", "16", "--engine", "ray", "--address", cluster]
-    driver = subprocess.Popen(
-        [sys.executable, "-m", "slamgym", *command],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    while driver.poll() is None and _committed(out) < 2:
-        time.sleep(0.01)
-    driver.kill()
-    driver.wait()
-    assert 2 <= _committed(out) < 16
-    assert cli.main(command) == 0
-    assert content(out) == content(local)
-    assert len(list(read_manifest(out))) == 16
-
-
 class FakeRay:
     """What the engine asks of Ray, done in this process."""
 
@@ -332,8 +305,3 @@ def test_without_ray_the_command_to_install_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ConfigError, match=r"pip install 'slamgym\[ray\]'"):
         open_engine("ray", 2)
-
-
-def _committed(root):
-    episodes = Layout(root).episodes
-    return len(list(episodes.iterdir())) if episodes.exists() else 0
