@@ -54,7 +54,7 @@ site: $(VENV)/.dev
 # The lowest versions that pyproject.toml allows of what the package leans on most, the others as pip finds them; the tests
 # of every day run with those of constraints.txt.
 LOWEST := .venv-lowest
-LEANS_ON := numpy|gymnasium|pymunk|stable-baselines3|sb3-contrib
+LEANS_ON := numpy|gymnasium|pymunk|stable-baselines3
 LOWEST_TESTS := tests/envs tests/sim tests/core/test_geometry.py tests/core/test_types.py tests/slam/test_particle_filter.py \
 	tests/agents/test_explorers.py tests/agents/test_explorers_in_sb3.py tests/agents/test_training.py tests/dataset/test_pair.py
 lowest:

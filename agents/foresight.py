@@ -27,7 +27,6 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.envs.frontier_features import ExtraFeatures
 from slamgym.planning.exploration_loop import ExplorationLoop
 
 WEIGHTS = Path(__file__).parent / "pretrained" / "foresight.safetensors"
@@ -177,15 +176,6 @@ def foresee(loop: ExplorationLoop) -> ExpectedArea:
     """What the pretrained network expects of a loop's candidates."""
     foreseen = pretrained_completion().complete(loop.known_map(), loop.pose)
     return expected_areas(foreseen, np.array([one.frontier.middle for one in loop.candidates]).reshape(-1, 2))
-
-
-def _as_features(loop: ExplorationLoop) -> FloatArray:
-    expected = foresee(loop)
-    return np.column_stack(expected) / (10.0, 5.0, 10.0, 5.0)
-
-
-FORESIGHT_FEATURES = ExtraFeatures(tuple(f"foreseen_{name}" for name in ExpectedArea._fields), _as_features)
-"""What the pretrained network expects of each candidate, for a policy that learns (``--network.foresight``)."""
 
 
 def _in_sight(foreseen: Foreseen, cells: FloatArray) -> FloatArray:

@@ -9,21 +9,14 @@ import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.core.geometry import transform_points, unit_vectors
-from slamgym.core.types import UNKNOWN, GridFrame, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import crop_known
 from slamgym.viz.map_pictures import GrowingView
 from slamgym.viz.window import Window
 
-_KEYS = {
-    "up": (1, 0),
-    "w": (1, 0),
-    "down": (-1, 0),
-    "s": (-1, 0),
-    "left": (0, 1),
-    "a": (0, 1),
-    "right": (0, -1),
-    "d": (0, -1),
-}
+_KEYS = {"up": (1, 0), "down": (-1, 0), "left": (0, 1), "right": (0, -1)}
+_KEYS |= {"w": _KEYS["up"], "s": _KEYS["down"], "a": _KEYS["left"], "d": _KEYS["right"]}
 """What a key asks for: signs of the speed and of the rate of turn."""
 _DONE = ("return", "enter")
 
@@ -47,7 +40,7 @@ class _Hands(Pilot):
         self._path.append(pose)
         ends = self._directions * np.minimum(observation["scan"], context.geometry.range_max)[:, None]
         sight = transform_points(pose, transform_points(context.geometry.mount, ends))
-        grid = _cropped(observation["map"].reshape(context.frame.shape), context.frame)
+        grid = crop_known(OccupancyGrid(observation["map"][0], context.frame), pose)
         paths = [np.array(self._path), transform_points(pose, _ARROW), sight]
         minutes, seconds = divmod(int(observation["time"][0]), 60)
         caption = f"{minutes}:{seconds:02d}   arrows or W A S D: drive   Enter: done, save   close the window: give up"
@@ -75,16 +68,3 @@ class Keyboard(BatchedExplorer):
 
     def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - there is one
         return _Hands(self.context, self._window)
-
-
-def _cropped(cells: np.ndarray, frame: GridFrame) -> OccupancyGrid:
-    """The part of a map that is known; one cell where nothing is."""
-    rows, cols = np.nonzero(cells != UNKNOWN)
-    if not len(rows):
-        rows = cols = np.array([cells.shape[0] // 2])
-    top, bottom, left, right = rows.min(), rows.max() + 1, cols.min(), cols.max() + 1
-    size = frame.resolution
-    corner = frame.origin_x + left * size, frame.origin_y + (cells.shape[0] - bottom) * size
-    return OccupancyGrid(
-        cells[top:bottom, left:right], GridFrame(size, *corner, int(bottom - top), int(right - left))
-    )

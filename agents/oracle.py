@@ -7,21 +7,19 @@ a context, so that no explorer gets the truth unasked.
 
 import math
 from collections.abc import Sequence
-from dataclasses import field, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import cv2
 import numpy as np
 
-from slamgym.agents.coverage_tour import CoverageTourConfig, CoverageTourPlanner
-from slamgym.agents.tour_search import TourSearch
+from slamgym.agents.coverage_tour import TourSearch, Viewpoints
 from slamgym.core.config import Count, Settings
 from slamgym.core.types import OCCUPIED, UNKNOWN, BoolArray, FloatArray, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreEnv
 from slamgym.envs.coverage import Coverage, ReachableFloor
 from slamgym.planning import CostmapConfig, crop_known, make_costmap, reachable_space
 from slamgym.planning.frontiers import Point
-from slamgym.planning.grid_path import CoarsePaths
 from slamgym.sim import Clutter
 
 
@@ -32,19 +30,15 @@ class TrueBuilding:
 
     Args:
         env: After its reset.
-        config: How tours through it are planned.
-        resolution: Cells of the drawing on which they are planned [m].
+        resolution: Cells of the drawing on which tours are planned [m].
 
     Attributes:
         drawing: Walls and furniture on the canvas of the robot's map.
-        planner: Plans tours through it.
-        paths: Lengths of paths in it.
+        viewpoints: Places in it, and the paths between them.
         start: Pose at which the robot began: the origin of the map frame.
     """
 
-    def __init__(
-        self, env: ExploreEnv, config: CoverageTourConfig | None = None, resolution: float = 0.05
-    ) -> None:
+    def __init__(self, env: ExploreEnv, resolution: float = 0.05) -> None:
         plan, clutter, robot = env.plan, env.clutter, env.config.robot
         self.start = env.start
         self._coverage: Coverage = env.coverage
@@ -62,22 +56,20 @@ class TrueBuilding:
         space = reachable_space(costmap, self.start)
         assert space is not None, "the robot stands in the building"
         floor = ReachableFloor(plan, robot.radius, clutter.passages)
-        self.paths = CoarsePaths(costmap, space)
-        self.planner = CoverageTourPlanner(
+        self.viewpoints = Viewpoints(
             costmap,
             space,
             floor.mask(self.start.x, self.start.y),
             floor.frame,
             np.vstack([plan.segments(), clutter.segments()]),
             env.config.usable_range,
-            config,
         )
 
     @property
     def unseen(self) -> BoolArray:
-        """Which of the planner's cells can be seen but truly have not been, shape (C,)."""
-        seen = self._coverage.seen[::-1].reshape(-1)[self.planner.cells]
-        unseen: BoolArray = self.planner.coverable & ~seen
+        """Which cells of the viewpoints can be seen but truly have not been, shape (C,)."""
+        seen = self._coverage.seen[::-1].reshape(-1)[self.viewpoints.cells]
+        unseen: BoolArray = self.viewpoints.views.any(axis=0) & ~seen
         return unseen
 
     def to_world(self, point: Sequence[float] | FloatArray) -> Point:
@@ -88,8 +80,6 @@ class TrueBuilding:
 class OracleConfig(Settings):
     """Settings of the oracle."""
 
-    tour: CoverageTourConfig = field(default_factory=CoverageTourConfig)
-    """Places and floor."""
     iterations: Count = 100
     """The budget: how often the tour for each level is taken apart and put together again."""
 
@@ -120,16 +110,18 @@ def bound_exploration(
     Returns:
         One for each share, in the same order; a larger share never takes less.
     """
-    config = config or OracleConfig()
-    building = TrueBuilding(env, config.tour, env.config.observation.map_resolution)
+    iterations = (config or OracleConfig()).iterations
+    viewpoints = TrueBuilding(env, env.config.observation.map_resolution).viewpoints
     start = (env.start.x, env.start.y)
-    search = TourSearch(building.planner, start, np.random.default_rng(seed))
+    seen_first = viewpoints.views[viewpoints.nearest(start)]
+    search = TourSearch(viewpoints, start, ~seen_first, np.random.default_rng(seed))
     robot, lidar = env.config.robot, env.config.lidar
     look = max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular  # [s]
     needs: dict[float, tuple[float, float]] = {}  # share to path and time
     tour: list[int] = []
     for share in sorted(set(shares)):
-        tour = search.shortest(share, config.iterations, tour)
+        needed = round(share * seen_first.size) - int(np.count_nonzero(seen_first))
+        tour = search.shortest(needed, iterations, tour)
         path = search.length(tour)
         needs[share] = path, path / robot.max_linear + len(tour) * look
     found = []

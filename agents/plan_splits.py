@@ -5,12 +5,17 @@ machine, and a plan that was once held out stays held out.
 """
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Literal
 
-from slamgym.cad.plan_index import PlanIndex, PlanSource, some_plans
+import numpy as np
+
+from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad.plan_filter import AREA, LONG_SIDE, passes
+from slamgym.cad.plan_index import PlanSource
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.sim import RobotConfig
 
 PlanSplit = Literal["train", "validation", "test"]
 PLAN_SPLITS: tuple[PlanSplit, ...] = ("train", "validation", "test")
@@ -41,19 +46,51 @@ def ids_of(ids: Iterable[str], split: PlanSplit) -> list[str]:
     return [plan_id for plan_id in ids if split_of(plan_id) == split]
 
 
-def split_plans(source: PlanSource, split: PlanSplit) -> PlanIndex:
-    """The plans of a source that belong to a split.
+def longest_side(largest_area: float) -> float:
+    """Longest side of plans up to an area [m], in proportion to homes."""
+    return LONG_SIDE * max(1.0, largest_area / AREA[1]) ** 0.5
+
+
+def draw_plans(
+    specs: Sequence[str], split: PlanSplit, count: int, seed: int = 0, largest_area: float = AREA[1]
+) -> list[FloorPlan]:
+    """Draw plans that are worth exploring from a split of some sources, as many from each.
+
+    Generated plans have to be of the size of homes too, which :func:`slamgym.cad.plan_filter.passes` asks of
+    HouseExpo's alone, if nothing else is asked for.
 
     Args:
-        source: Plans.
-        split: Name of the split.
+        specs: What :func:`slamgym.cad.open_plans` takes; one that is named twice gives twice as many.
+        split: Of which split.
+        count: How many in all; fewer if the sources have no more.
+        seed: Of the draw.
+        largest_area: Of a generated plan [m2].
 
     Raises:
-        ConfigError: If there is no split of that name, or the source has no plan in it.
+        ConfigError: If none is left.
     """
-    ids = ids_of(source.ids, split)
-    if not ids:
-        raise ConfigError(
-            f"none of the {len(source)} floor plans belongs to the split {split!r}; give more plans"
-        )
-    return some_plans(source, ids)
+    plans: dict[str, FloorPlan] = {}
+    for number, spec in enumerate(specs):
+        source = open_plans(spec)
+        ids = ids_of(source.ids, split)
+        wanted = (count * (number + 1)) // len(specs)
+        for index in np.random.default_rng(seed).permutation(len(ids)):
+            if len(plans) >= wanted:
+                break
+            plan = _load(source, ids[int(index)], largest_area)
+            if plan is not None:
+                plans[plan.id] = plan
+    if not plans:
+        raise ConfigError(f"{', '.join(specs)}: no plan of the split {split!r} is worth exploring; give more")
+    return list(plans.values())
+
+
+def _load(source: PlanSource, plan_id: str, largest_area: float) -> FloorPlan | None:
+    """A plan, if it is worth exploring."""
+    try:
+        plan = source.load(plan_id)
+        check_plan(plan, RobotConfig().radius)
+    except PlanError:
+        return None
+    is_large = plan.extent > longest_side(largest_area) or not AREA[0] <= plan.area <= largest_area
+    return None if is_large or not passes(plan, "useful") else plan

@@ -1,7 +1,7 @@
-"""Weights of a frontier policy on disk: a safetensors file with its configuration in the header.
+"""Weights of policies on disk, and the explorer ``rl``: safetensors files with their configuration in the header.
 
-Reading one executes nothing. The header names the version of the features and the sizes of the network, so
-that weights of another observation space are refused with one sentence.
+Reading one executes nothing. The header names what the network takes in and its sizes, so that weights of another
+observation space are refused with one sentence.
 """
 
 import hashlib
@@ -15,8 +15,9 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from slamgym.agents.scoring import FrontierScorer, NetworkConfig
-from slamgym.core.config import from_dict, to_dict
+from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
+from slamgym.agents.scoring import CROP_UNITS, FrontierScorer, NetworkConfig
+from slamgym.core.config import config_hash, from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import require_file, write_bytes, write_text
@@ -24,31 +25,68 @@ from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array
 from slamgym.envs.frontier_features import (
+    CANDIDATE_FEATURES,
     CROP_PX,
     FEATURE_VERSION,
     GLOBAL_FEATURES,
+    FrontierFeatures,
 )
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.exploration_loop import ExplorationLoopConfig
 
 PRETRAINED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""
+_SPACE = {
+    "env": "slamgym/ExploreFrontiers-v1",
+    "feature_version": FEATURE_VERSION,
+    "candidate_features": list(CANDIDATE_FEATURES),
+    "global_features": list(GLOBAL_FEATURES),
+    "crop_px": CROP_PX,
+}
+"""What the weights take in."""
 
 
 @dataclass(frozen=True)
 class PolicyFile:
-    """Weights and what they are for."""
+    """Weights of a frontier policy and what they are for."""
 
     network: NetworkConfig
     weights: Mapping[str, Float32Array]
     about: Mapping[str, Any]  # how they were trained
 
-    @property
-    def fingerprint(self) -> str:
-        """The first 12 hex digits of the SHA-256 of the weights in the order of their names."""
-        return fingerprint_of(self.weights)
-
     def scorer(self) -> FrontierScorer:
         """The network, ready to choose."""
-        return FrontierScorer(self.weights, self.network.heads)
+        return FrontierScorer(self.weights)
+
+
+class LearnedExplorer(BatchedExplorer):
+    """Chooses frontiers by a trained network, on the loop and the features that it learned with; without torch.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        policy: Weights, as ``slamgym agents train`` writes them; by default those that come with the package.
+        config: How frontiers are offered and driven to.
+
+    Raises:
+        InputFileError: If the weights are missing, damaged, or made for other observations.
+    """
+
+    def __init__(
+        self,
+        context: ExplorerContext,
+        policy: Path | str = PRETRAINED,
+        config: ExplorationLoopConfig | None = None,
+    ) -> None:
+        self.config = config or ExplorationLoopConfig()
+        file = read_policy(policy)
+        self._scorer = file.scorer()
+        super().__init__(context, f"{fingerprint_of(file.weights)}-{config_hash(self.config)}")
+
+    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
+        features = FrontierFeatures(self.config.max_candidates)
+        return FrontierPilot(
+            self.context, self.config, lambda loop: self._scorer.scores(features.observe(loop))
+        )
 
 
 def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
@@ -62,7 +100,7 @@ def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
 def write_policy(
     path: Path, network: NetworkConfig, weights: Mapping[str, Float32Array], about: Mapping[str, Any]
 ) -> None:
-    """Write weights as safetensors and their configuration as JSON beside them.
+    """Write the weights of a frontier policy.
 
     Args:
         path: The ``.safetensors`` file.
@@ -70,9 +108,7 @@ def write_policy(
         weights: By the names of the network's parameters.
         about: How they were trained.
     """
-    write_weights(
-        path, weights, {"space": _space(network), "network": to_dict(network), "about": dict(about)}
-    )
+    write_weights(path, weights, {"space": _SPACE, "network": to_dict(network), "about": dict(about)})
 
 
 def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
@@ -83,58 +119,29 @@ def write_weights(path: Path, weights: Mapping[str, Float32Array], description: 
 
 
 def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
-    """Read weights and check that they fit this version's observations.
+    """Read a frontier policy and check that it fits this version's observations.
 
     Raises:
         InputFileError: If the file is missing, damaged, or made for another observation space.
     """
     path = Path(path)
-    check_origin(path)
-    metadata, weights = read_tensors(path)
+    description, weights = read_weights(path, "frontier policy")
     try:
-        configuration = load_json(metadata["slamgym"])
-        space, about = configuration["space"], configuration["about"]
-    except (KeyError, TypeError, ValueError):
-        raise InputFileError(path, "holds no frontier policy; slamgym agents train writes one") from None
-    try:
-        network = from_dict(NetworkConfig, configuration["network"], "network")
-    except (KeyError, ConfigError) as error:
+        network = from_dict(NetworkConfig, description["network"], "network")
+    except ConfigError as error:
         raise InputFileError(path, f"describes no network that this version knows ({error})") from None
-    _refuse_other_space(path, space, network)
+    refuse_other_space(path, description["space"], _SPACE)
     refuse_other_shapes(path, weights, weight_shapes(network))
-    return PolicyFile(network, weights, about)
+    return PolicyFile(network, weights, description["about"])
 
 
-def _space(network: NetworkConfig) -> dict[str, Any]:
-    """What the weights take in."""
-    return {
-        "env": "slamgym/ExploreFrontiers-v1",
-        "feature_version": FEATURE_VERSION,
-        "candidate_features": list(network.candidate_features),
-        "global_features": list(GLOBAL_FEATURES),
-        "crop_px": CROP_PX,
-    }
+def read_weights(path: Path, what: str) -> tuple[dict[str, Any], dict[str, Float32Array]]:
+    """The description in a safetensors file and its tensors, which must be single precision and finite.
 
-
-def _refuse_other_space(path: Path, space: Any, network: NetworkConfig) -> None:
-    ours = _space(network)
-    if not isinstance(space, dict):
-        raise InputFileError(path, "doesn't say which observations it was trained on")
-    for name, value in ours.items():
-        if space.get(name) != value:
-            theirs, mine = space.get(name), value
-            if isinstance(mine, list):
-                count = len(theirs) if isinstance(theirs, list) else "no"
-                theirs, mine = f"{count} features", f"{len(mine)}, or others"
-            raise InputFileError(
-                path,
-                f"was trained on another observation space ({name} {theirs}, this version has {mine}); "
-                "train again or use the version it was made with",
-            )
-
-
-def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
-    """The metadata of a safetensors file and its tensors, which must be single precision and finite."""
+    Raises:
+        InputFileError: If the file is missing or damaged, or its header is none of a policy.
+    """
+    check_origin(path)
     require_file(path, WEIGHT_BYTES)
     try:
         with safe_open(path, framework="np") as file:
@@ -151,15 +158,41 @@ def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Float32Array]]:
     for name, array in weights.items():
         if not np.isfinite(array).all():
             raise InputFileError(path, f"has weights that are no numbers at {name!r}; train it again")
-    return metadata, weights
+    try:
+        found = load_json(metadata["slamgym"])
+        return {name: found[name] for name in ("space", "network", "about")}, weights
+    except (KeyError, TypeError, ValueError):
+        raise InputFileError(path, f"holds no {what}; slamgym agents train writes one") from None
+
+
+def refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> None:
+    """Refuse weights that were trained on other observations or in another network than this version's.
+
+    Raises:
+        InputFileError: Naming the first difference.
+    """
+    if not isinstance(theirs, dict):
+        raise InputFileError(path, "doesn't say which observations it was trained on")
+    for name, mine in ours.items():
+        their = theirs.get(name)
+        if their == mine:
+            continue
+        if isinstance(mine, list):
+            count = len(their) if isinstance(their, list) else "no"
+            their, mine = f"{count} features", f"{len(mine)}, or others"
+        raise InputFileError(
+            path,
+            f"was trained on another observation space ({name} {their}, this version has {mine}); "
+            "train again or use the version it was made with",
+        )
 
 
 def weight_shapes(network: NetworkConfig) -> dict[str, tuple[int, ...]]:
-    """Names and shapes of the weights."""
-    features, overall, width = len(network.candidate_features), len(GLOBAL_FEATURES), network.width
+    """Names and shapes of the weights of a frontier policy."""
+    features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), network.width
     linear = {
-        "crop": (2 * CROP_PX * CROP_PX, network.crop),
-        "embed_in": (features + network.crop + overall, width),
+        "crop": (2 * CROP_PX * CROP_PX, CROP_UNITS),
+        "embed_in": (features + CROP_UNITS + overall, width),
         "embed_out": (width, width),
         "query_key_value": (width, 3 * width),
         "attended": (width, width),

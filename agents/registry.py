@@ -1,12 +1,11 @@
 """Explorers by name: a rule, and settings of the exploration loop where its source has its own."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
-from slamgym.agents.learned import LearnedExplorer
-from slamgym.agents.pretrained_policy import PRETRAINED
+from slamgym.agents.pretrained_policy import PRETRAINED, LearnedExplorer
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
@@ -19,7 +18,7 @@ from slamgym.agents.rules import (
     Repairman,
 )
 from slamgym.agents.teleop import Teleop
-from slamgym.agents.wheels.explorer import WheelsExplorer
+from slamgym.agents.wheels import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.names import is_own_explorer, own_function
@@ -27,34 +26,34 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise, split_promise
 
-
-@dataclass(frozen=True)
-class HandWritten:
-    """An explorer by a hand-written rule."""
-
-    rule: Rule
-    loop: ExplorationLoopConfig = ExplorationLoopConfig()  # settings of the loop
-
-    def __call__(self, context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:  # noqa: ARG002 - no rule draws
-        """Make the explorer."""
-        return FrontierExplorer(context, self.rule, replace(self.loop, promise=promise))
+Make = Callable[[ExplorerContext, int, Promise | None], BatchedExplorer]
+"""Makes an explorer of the context, a seed and a promise."""
 
 
-CLASSICAL: dict[str, HandWritten] = {
-    "explore_lite": HandWritten(ExploreLite(), EXPLORE_LITE_LOOP),
-    "nearest": HandWritten(Nearest()),
-    "cost_utility": HandWritten(CostUtility()),
-    "next_best_view": HandWritten(NextBestView()),
-    "tour": HandWritten(FrontierTour()),
-    "repairman": HandWritten(Repairman()),
-    "foresight": HandWritten(ForesightTour()),
+def by_rule(rule: Rule, loop: ExplorationLoopConfig | None = None) -> Make:
+    """Explorers by a hand-written rule, with settings of the loop of their own."""
+
+    def make(context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:  # noqa: ARG001 - no rule draws
+        return FrontierExplorer(context, rule, replace(loop or ExplorationLoopConfig(), promise=promise))
+
+    return make
+
+
+CLASSICAL: dict[str, Make] = {
+    "explore_lite": by_rule(ExploreLite(), EXPLORE_LITE_LOOP),
+    "nearest": by_rule(Nearest()),
+    "cost_utility": by_rule(CostUtility()),
+    "next_best_view": by_rule(NextBestView()),
+    "tour": by_rule(FrontierTour()),
+    "repairman": by_rule(Repairman()),
+    "foresight": by_rule(ForesightTour()),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 
 OWN_END = ("explore_lite", "wheels", "random", "teleop")
 """Explorers that end as their source does: they promise nothing."""
 
-EXPLORERS: Mapping[str, Callable[[ExplorerContext, int, Promise | None], BatchedExplorer]] = {
+EXPLORERS: Mapping[str, Make] = {
     **CLASSICAL,
     "rl": lambda context, seed, promise: _learned(context, promise),  # noqa: ARG005 - the best score is taken
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
@@ -83,17 +82,18 @@ def make_explorer(
         InputFileError: If the weights can't be used.
     """
     base, own = split_promise(name)
-    if own is not None and base in OWN_END:
-        raise ConfigError(
-            f"{base} ends as its source does and promises nothing; leave {name[len(base) :]!r} out"
-        )
-    if base in OWN_END:
-        promise = None
     promise = own or promise
-    if base.startswith("rl:"):
-        return _learned(context, promise, base.removeprefix("rl:"))
-    if base.startswith("wheels:"):
-        return WheelsExplorer(context, base.removeprefix("wheels:"))
+    if base in OWN_END:
+        if own is not None:
+            raise ConfigError(
+                f"{base} ends as its source does and promises nothing; leave {name[len(base) :]!r} out"
+            )
+        promise = None
+    kind, _, path = base.partition(":")
+    if path and kind == "rl":
+        return _learned(context, promise, path)
+    if path and kind == "wheels":
+        return WheelsExplorer(context, path)
     if is_own_explorer(base):
         return _own(base, context, seed, promise)
     if base not in EXPLORERS:

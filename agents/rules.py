@@ -11,7 +11,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.agents.foresight import foresee
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
@@ -32,6 +31,12 @@ Its time-out of 30 s by the straight distance (``progress_timeout``) and its bla
 (``goalOnBlacklist``) are those of the loop. What it lacks, recovery behaviours and a goal that is kept once the map has
 stalled, comes from the loop too.
 """
+
+
+_TRUSTED_RANGE = 3.0
+"""How far the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
+_TURN_WEIGHT = 0.2
+"""What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
 
 
 @dataclass(frozen=True)
@@ -101,13 +106,11 @@ class NextBestView:
     path_weight: float = 0.5
     """Lambda: how fast the worth of a view falls with the path [1/m]; 0.2 in the paper, which is for rooms and
     ranges three times as large."""
-    max_range: float = 3.0
-    """How far the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
         # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
-        gains = np.maximum(view_gains(loop, self.max_range), 1e-3)
+        gains = np.maximum(view_gains(loop), 1e-3)
         scores: FloatArray = np.array([math.log(gain) for gain in gains]) - self.path_weight * path_lengths(
             loop
         )
@@ -122,8 +125,7 @@ class FrontierTour:
     Preucil, "On distance utility in the exploration task", ICRA 2011).
     """
 
-    turn_weight: float = 0.2
-    """What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
+    turn_weight: float = _TURN_WEIGHT
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
@@ -139,8 +141,6 @@ class ForesightTour:
     Frontiers that hide next to nothing, such as slits along walls, are left for the end, which a promise may spare.
     """
 
-    turn_weight: float = 0.2
-    """What a radian of turning before the first leg counts [m/rad]."""
     least_area: float = 0.3
     """A frontier is worth a visit if so much new floor is expected behind it [m2]."""
     optimism: float = 1.0
@@ -158,7 +158,7 @@ class ForesightTour:
         rest = by_length[area[by_length] < self.least_area]
         if len(worth) == 0:
             return _scores_of_order(rest)
-        lengths = _tour_lengths(loop, worth.tolist(), self.turn_weight)
+        lengths = _tour_lengths(loop, worth.tolist(), _TURN_WEIGHT)
         return _scores_of_order(np.concatenate([worth[open_tour(lengths) - 1], rest]))
 
 
@@ -170,28 +170,17 @@ class Repairman:
     along the path are taken first, and those that hide little and lie aside are left for the end.
     """
 
-    turn_weight: float = 0.2
-    """What a radian of turning before the first leg counts [m/rad]."""
+    turn_weight: float = _TURN_WEIGHT
     area_weight: float = 1.0
     """What a square metre of unknown in sight weighs while it waits [1/m2]."""
     wait_weight: float = 0.5
     """What any frontier weighs while it waits, however little it hides."""
-    max_range: float = 3.0
-    """How far the scanner is trusted when a gain is predicted [m]."""
-    max_places: int = EXACT_PLACES
-    """Only so many frontiers, the nearest, are ordered by the tour; the others come after."""
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.max_places <= EXACT_PLACES:
-            raise ConfigError(f"max_places must lie between 1 and {EXACT_PLACES}, not {self.max_places}")
-        if self.area_weight < 0.0 or self.wait_weight <= 0.0:
-            raise ConfigError("area_weight must not be negative, and wait_weight must be positive")
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
         by_length = np.argsort(path_lengths(loop), kind="stable")
-        near, rest = by_length[: self.max_places], by_length[self.max_places :]
-        weights = self.wait_weight + self.area_weight * view_gains(loop, self.max_range)[near]
+        near, rest = by_length[:EXACT_PLACES], by_length[EXACT_PLACES:]  # the tour orders only the nearest
+        weights = self.wait_weight + self.area_weight * view_gains(loop)[near]
         order = repairman_tour(_tour_lengths(loop, near.tolist(), self.turn_weight), weights) - 1
         return _scores_of_order(np.concatenate([near[order], rest]))
 
@@ -201,12 +190,12 @@ def path_lengths(loop: ExplorationLoop) -> FloatArray:
     return np.array([candidate.path_length for candidate in loop.candidates])
 
 
-def view_gains(loop: ExplorationLoop, max_range: float) -> FloatArray:
+def view_gains(loop: ExplorationLoop) -> FloatArray:
     """Unknown area in sight from where the path to each candidate ends, looking where most is, shape (N,) [m2]."""
     costmap = loop.navigator.costmap
     assert costmap is not None
     places = _path_ends(loop).tolist()
-    return np.array([view_gain(costmap, (x, y), max_range, loop.context.geometry) for x, y in places])
+    return np.array([view_gain(costmap, (x, y), _TRUSTED_RANGE, loop.context.geometry) for x, y in places])
 
 
 def _path_ends(loop: ExplorationLoop) -> FloatArray:

@@ -1,7 +1,7 @@
 """The network of :mod:`slamgym.agents.rl.policy` without torch: choosing doesn't wait for its start-up."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -10,53 +10,34 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array
 
-if TYPE_CHECKING:
-    from slamgym.envs.frontier_features import ExtraFeatures
+CROP_UNITS = 32
+"""Units that the crop about a candidate is reduced to."""
+HEADS = 4
+"""Heads of the attention."""
 
 
-class NetworkConfig(Settings, section="network"):
-    """Size of the network."""
+class NetworkConfig(
+    Settings,
+    section="network",
+    dropped={"crop": CROP_UNITS, "heads": HEADS, "foresight": False, "exposure_prior": 0.0},
+):
+    """Size of the network and the rule that it begins with."""
 
-    crop: int = 32
-    """Units that the crop about a candidate is reduced to."""
     width: Count = 64
     """Units of the vector of a candidate."""
-    heads: Count = 4
-    """Heads of the attention."""
     prior_feature: str = "gain_per_metre"
     """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
     next best view, and learning goes on from there (residual policy learning, Silver et al. 2018)."""
     prior_weight: float = 16.0
     """0 begins from scratch."""
-    foresight: bool = False
-    """Whether it also sees what the map completed by :mod:`slamgym.agents.foresight` promises of each candidate, some
-    10 ms a decision."""
-    exposure_prior: float = 0.0
-    """Added to the score for each 1.5 m that the path lies from walls, also on top of weights to start from: a
-    negative one begins as a rule that keeps to the walls (coastal navigation, Roy et al. 1999)."""
 
     def _check(self) -> None:
-        if self.width % self.heads:
-            raise ConfigError(f"network.width {self.width} must be a multiple of network.heads {self.heads}")
-        if self.prior_feature not in self.candidate_features:
+        from slamgym.envs.frontier_features import CANDIDATE_FEATURES  # help pages don't wait for it
+
+        if self.width % HEADS:
+            raise ConfigError(f"network.width {self.width} must be a multiple of {HEADS}")
+        if self.prior_feature not in CANDIDATE_FEATURES:
             raise ConfigError(f"network.prior_feature: there is no feature {self.prior_feature!r}")
-
-    @property
-    def extra_features(self) -> "ExtraFeatures | None":
-        """What it sees of each candidate beside the usual."""
-        if not self.foresight:
-            return None
-        from slamgym.agents.foresight import FORESIGHT_FEATURES
-
-        return FORESIGHT_FEATURES
-
-    @property
-    def candidate_features(self) -> tuple[str, ...]:
-        """All that it sees of each candidate."""
-        from slamgym.envs.frontier_features import CANDIDATE_FEATURES
-
-        extra = self.extra_features
-        return CANDIDATE_FEATURES + (extra.names if extra else ())
 
 
 _FAR_BELOW = np.float32(-1e8)
@@ -67,13 +48,11 @@ class FrontierScorer:
 
     Args:
         weights: Arrays by the names of :class:`slamgym.agents.rl.policy.FrontierNetwork`'s parameters.
-        heads: Heads of the attention.
     """
 
-    def __init__(self, weights: Mapping[str, Float32Array], heads: int) -> None:
+    def __init__(self, weights: Mapping[str, Float32Array]) -> None:
         # Of layers (inputs, outputs), as products take them.
         self._weights = {name: np.ascontiguousarray(value.T, np.float32) for name, value in weights.items()}
-        self._heads = heads
 
     def scores(self, observation: Mapping[str, Any]) -> Float32Array:
         """Score of each candidate, shape (N,) for the N rows that the mask shows.
@@ -107,10 +86,10 @@ class FrontierScorer:
 
     def _attend(self, vectors: Float32Array) -> Float32Array:
         count, width = vectors.shape
-        parts = self._linear("query_key_value", vectors).reshape(count, 3, self._heads, width // self._heads)
+        parts = self._linear("query_key_value", vectors).reshape(count, 3, HEADS, width // HEADS)
         attended = []
         for query, key, value in parts.transpose(2, 1, 0, 3):  # of each head, (N, width / heads) each
-            weights = product(query, key.T) / np.sqrt(np.float32(width // self._heads))
+            weights = product(query, key.T) / np.sqrt(np.float32(width // HEADS))
             weights = exp(weights - weights.max(axis=1, keepdims=True))
             attended.append(product(weights / weights.sum(axis=1, keepdims=True), value))
         return self._linear("attended", np.concatenate(attended, axis=1))

@@ -8,13 +8,11 @@ drawn: speed, rate of turn, how small an opening is still looked into, and how o
 """
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
 from slamgym.agents.rules import Nearest
-from slamgym.core.config import Settings, config_hash
 from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, Observation, Pose2D, Twist2D
 from slamgym.envs.coverage import sweep
@@ -29,61 +27,38 @@ _TRIES = 5
 """So many places are tried for a visit that no path leads to."""
 
 
-class TeleopConfig(Settings):
-    """Ranges from which each driver's habits are drawn evenly."""
-
-    speed: tuple[float, float] = (0.15, 0.26)
-    """Forward speed; the keys' limits are 0.22 m/s for a Burger and 0.26 m/s for a Waffle, at 0.01 a press [m/s]."""
-    turn_rate: tuple[float, float] = (0.4, 1.2)
-    """Rate of turn on the spot, at 0.1 a press; few dare the 1.82 that is possible [rad/s]."""
-    opening: tuple[float, float] = (0.4, 0.7)
-    """Narrower open parts of the map are not looked into at first [m]."""
-    visits: tuple[int, int] = (0, 4)
-    """Places that are driven to again once nothing is open."""
-    heading_error: float = 0.25
-    """The driver stops to turn at this error of the heading [rad]."""
-    patience: float = 120.0
-    """For so long a driver goes on who doesn't come nearer: slow, but with a view of the whole way [s]."""
-    straight: float = 0.05
-    """Slower turns are no press of a key: the robot goes straight [rad/s]."""
-
-
-class _Habits(NamedTuple):
-    """One driver."""
-
-    speed: float  # [m/s]
-    turn_rate: float  # [rad/s]
-    opening: float  # [m]
-    visits: int
-
-    @staticmethod
-    def draw(config: TeleopConfig, rng: np.random.Generator) -> "_Habits":
-        speed, rate, opening = (
-            rng.uniform(*ends) for ends in (config.speed, config.turn_rate, config.opening)
-        )
-        return _Habits(speed, rate, opening, int(rng.integers(config.visits[0], config.visits[1] + 1)))
+_SPEED = (0.15, 0.26)
+"""Forward speeds; the keys' limits are 0.22 m/s for a Burger and 0.26 m/s for a Waffle, at 0.01 a press [m/s]."""
+_TURN_RATE = (0.4, 1.2)
+"""Rates of turn on the spot, at 0.1 a press; few dare the 1.82 that is possible [rad/s]."""
+_OPENING = (0.4, 0.7)
+"""Narrower open parts of the map are not looked into at first [m]."""
+_VISITS = (0, 4)
+"""Places that are driven to again once nothing is open."""
+_HEADING_ERROR = 0.25
+"""The driver stops to turn at this error of the heading [rad]."""
+_PATIENCE = 120.0
+"""A driver who doesn't come nearer gives up after so long: slow, but with a view of the whole way [s]."""
+_STRAIGHT = 0.05
+"""Slower turns are no press of a key: the robot drives straight on [rad/s]."""
 
 
 class _Driver(Pilot):
     """First to what is open, then through the building again."""
 
-    def __init__(self, context: ExplorerContext, config: TeleopConfig, rng: np.random.Generator) -> None:
-        habits = _Habits.draw(config, rng)
-        follower = FollowerConfig(
-            turn_in_place=config.heading_error,
-            turned=0.05,
-            turn_rate=habits.turn_rate,
-        )
+    def __init__(self, context: ExplorerContext, rng: np.random.Generator) -> None:
+        speed, turn_rate, opening = (rng.uniform(*ends) for ends in (_SPEED, _TURN_RATE, _OPENING))
+        self._visits_left = int(rng.integers(_VISITS[0], _VISITS[1] + 1))
+        follower = FollowerConfig(turn_in_place=_HEADING_ERROR, turned=0.05, turn_rate=turn_rate)
         loop = ExplorationLoopConfig(
-            min_frontier_size=habits.opening,
-            progress_timeout=config.patience,
-            navigator=NavigatorConfig(follower=follower, progress_time=config.patience),
+            min_frontier_size=opening,
+            progress_timeout=_PATIENCE,
+            navigator=NavigatorConfig(follower=follower, progress_time=_PATIENCE),
         )
-        slow = replace(context, max_linear=min(habits.speed, context.max_linear))
-        self._config, self._rng = config, rng
+        slow = replace(context, max_linear=min(speed, context.max_linear))
+        self._rng = rng
         self._explorer = FrontierPilot(slow, loop, Nearest())
         self.loop = self._explorer.loop
-        self._visits_left = habits.visits
         self._directions = unit_vectors(context.geometry.angles)
         self._unseen = np.ones(context.frame.shape, dtype=np.bool_)  # row 0 at the bottom
         self._published: ByteArray | None = None
@@ -101,7 +76,7 @@ class _Driver(Pilot):
             if loop.navigator.status is not GoalStatus.ACTIVE:
                 self._visit()
             command = loop.navigator.step(loop.pose, observation["scan"], loop.time)
-        if command.linear > 0.0 and abs(command.angular) < self._config.straight:
+        if command.linear > 0.0 and abs(command.angular) < _STRAIGHT:
             return Twist2D(command.linear, 0.0)
         return command
 
@@ -125,27 +100,20 @@ class _Driver(Pilot):
 
     def _visit(self) -> None:
         """Drive to some place that the robot can get to, or be content."""
-        navigator, pose, time = (
-            self._explorer.loop.navigator,
-            self._explorer.loop.pose,
-            self._explorer.loop.time,
-        )
+        loop, navigator = self._explorer.loop, self._explorer.loop.navigator
         navigator.cancel()
-        self.finished = self._visits_left == 0 or navigator.costmap is None or navigator.reachable is None
+        costmap, space = navigator.costmap, navigator.reachable
+        if self._visits_left == 0 or costmap is None or space is None:
+            self.finished = True
+            return
         self._visits_left -= 1
         for _ in range(_TRIES):
-            if (
-                self.finished
-                or navigator.is_active
-                or navigator.costmap is None
-                or navigator.reachable is None
-            ):
-                return
             self.decisions += 1
-            cell = navigator.reachable.order[self._rng.integers(navigator.reachable.num_centre)]
-            row, col = divmod(int(cell), navigator.costmap.costs.shape[1])
-            x, y = navigator.costmap.frame.to_point(row, col)
-            navigator.set_goal(Goal(float(x), float(y)), pose, time)
+            row, col = divmod(int(space.order[self._rng.integers(space.num_centre)]), costmap.costs.shape[1])
+            x, y = costmap.frame.to_point(row, col)
+            navigator.set_goal(Goal(float(x), float(y)), loop.pose, loop.time)
+            if navigator.is_active:
+                return
 
 
 class Teleop(BatchedExplorer):
@@ -154,13 +122,11 @@ class Teleop(BatchedExplorer):
     Args:
         context: What the environment says about the robot and its map.
         seed: Of the drivers' habits and of the places that they visit again.
-        config: Ranges of the habits.
     """
 
-    def __init__(self, context: ExplorerContext, seed: int = 0, config: TeleopConfig | None = None) -> None:
-        self.config = config or TeleopConfig()
-        super().__init__(context, config_hash(self.config))
+    def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
+        super().__init__(context, "teleop")
         self._seed = seed
 
     def _begin(self, index: int) -> Pilot:
-        return _Driver(self.context, self.config, np.random.default_rng([self._seed, index]))
+        return _Driver(self.context, np.random.default_rng([self._seed, index]))

@@ -38,7 +38,7 @@ TERMS = [
     Term("completion detector", "decides from the robot's own map that no reachable place is left to explore", "slamgym.envs.completion:CompletionDetector"),
     Term("costmap", "occupancy grid with obstacles inflated by the robot's radius", "slamgym.planning.costmap:Costmap"),
     Term("coverage", "share of the reachable floor that the scanner has seen", "slamgym.envs.coverage:Coverage"),
-    Term("coverage tour", "short tour of viewpoints that shows a whole building, planned on the true plan", "slamgym.agents.coverage_tour:CoverageTourPlanner"),
+    Term("coverage tour", "short tour of viewpoints that shows a whole building, planned on the true plan", "slamgym.agents.coverage_tour:TourSearch"),
     Term("discriminator", "network that separates real outputs from generated ones", "slamgym.gan.networks.discriminators"),
     Term("episode", "one exploration from start to end, with its records", "slamgym.envs.episode:Episode"),
     Term("exploration loop", "offers frontiers, drives to the chosen one, and decides when to choose again and when to stop", "slamgym.planning.exploration_loop:ExplorationLoop"),

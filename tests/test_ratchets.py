@@ -23,9 +23,7 @@ MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.summary.ExplorerSummary": 17,
-    "slamgym.agents.evaluation.trial.Trial": 23,
-    "slamgym.agents.rl.train_config.TrainConfig": 27,
-    "slamgym.agents.wheels.config.WheelsConfig": 17,
+    "slamgym.agents.evaluation.trial.Trial": 19,
     "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.agents.evaluate.EvaluateArguments": 18,
     "slamgym.commands.deforming.arguments.DeformArguments": 20,

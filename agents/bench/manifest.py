@@ -1,4 +1,4 @@
-"""The frozen list of the benchmark: buildings, starts and seeds, and whether the plans at hand are those.
+"""The frozen list of the benchmark: buildings, starts and seeds, and the check that the plans at hand are those.
 
 ``v1/manifest.json`` lists each exploration of each track. Plans that may be passed on lie beside it in
 ``plans.tar.xz``, as HouseExpo files; HouseExpo's own are named by their ids alone, and read from the user's copy. Every
@@ -7,15 +7,12 @@ plan is compared by the SHA-256 of its outline, and furniture by its number of f
 
 import dataclasses
 import hashlib
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from slamgym.agents.evaluation.evaluate import Task
-from slamgym.agents.evaluation.trial import TrialConfig
+from slamgym.agents.evaluation.trial import Task, TrialConfig
 from slamgym.cad import FloorPlan, PlanSource, open_plans
 from slamgym.cad.archives import archived_plans
 from slamgym.core.config import from_dict, suggest
@@ -55,8 +52,8 @@ class Building:
     """Of noise, furniture, people and explorer."""
     start: tuple[float, float, float]
     """x [m], y [m], theta [rad] in the plan's frame."""
-    furniture: tuple[int, float] | None = None
-    """Faces of all furniture and their length [m]; None in an empty building."""
+    furniture: tuple[int, float] = (0, 0.0)
+    """Faces of all furniture and their length [m]."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +63,7 @@ class Track:
     name: str
     about: str
     shipped: bool
-    """Whether the plans come with the package; else they are HouseExpo's."""
+    """True if the plans come with the package; else they are HouseExpo's."""
     clutter: ClutterConfig
     buildings: tuple[Building, ...]
 
@@ -113,30 +110,11 @@ def read_bench(path: Path = MANIFEST) -> Manifest:
         if document["bench"] != BENCH or document["version"] != BENCH_VERSION:
             raise ConfigError(f"is not {BENCH} {BENCH_VERSION}")
         tracks = tuple(
-            Track(
-                name,
-                str(track["about"]),
-                bool(track["shipped"]),
-                from_dict(ClutterConfig, track["clutter"]),
-                tuple(_building(row) for row in track["buildings"]),
-            )
-            for name, track in document["tracks"].items()
+            from_dict(Track, {"name": name, **track}) for name, track in document["tracks"].items()
         )
     except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
         raise InputFileError(path, f"is no manifest of {BENCH} ({error}); install slamgym again") from None
     return Manifest(BENCH_VERSION, tracks, sha256_of(path))
-
-
-def _building(row: Mapping[str, Any]) -> Building:
-    x, y, theta = (float(value) for value in row["start"])
-    faces = row.get("furniture")
-    return Building(
-        str(row["plan"]),
-        str(row["outline"]),
-        int(row["seed"]),
-        (x, y, theta),
-        None if faces is None else (int(faces[0]), float(faces[1])),
-    )
 
 
 def open_bench_plans(track: Track, houseexpo: str) -> PlanSource:
@@ -171,8 +149,8 @@ def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:
         ConfigError: If plans are missing or differ, or furniture does; the sentence names the first.
         PlanError: If a plan can't be read.
     """
-    there = set(source.ids)
-    missing = [building.plan for building in track.buildings if building.plan not in there]
+    ids = set(source.ids)
+    missing = [building.plan for building in track.buildings if building.plan not in ids]
     if missing:
         raise ConfigError(
             f"{len(missing)} of the {len(track.buildings)} plans of the track {track.name!r} are not in these plans, "
@@ -186,7 +164,7 @@ def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:
                 f"the plan {plan.id} ({plan.where}) has another outline than {BENCH} {BENCH_VERSION} names (SHA-256), "
                 "so results would not be comparable; give HouseExpo's own files, unchanged"
             )
-        if building.furniture is not None:
+        if any(building.furniture):
             found = furniture_of(plan, building.seed, track)
             if not np.allclose(found, building.furniture, rtol=_FURNITURE_TOLERANCE):
                 raise ConfigError(

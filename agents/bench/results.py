@@ -1,9 +1,10 @@
-"""The result of an explorer on a track, as a file that anybody can read, check and rank."""
+"""The result of an explorer on a track, as a file to read, check and rank."""
 
 import dataclasses
 import json
 import platform
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,7 +16,7 @@ from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
 from slamgym.agents.evaluation.trial import FailedTrial, Trial
 from slamgym.cad import PlanSource
-from slamgym.core.config import Counted, Measured, Settings, Share, Within, from_dict
+from slamgym.core.config import Counted, Measured, Share, Within, from_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file, storage_errors
@@ -27,7 +28,8 @@ from slamgym.envs.episode import time_limit
 _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-headless")
 
 
-class BenchRow(Settings):
+@dataclass(frozen=True)
+class BenchRow:
     """One exploration."""
 
     plan: str
@@ -35,7 +37,7 @@ class BenchRow(Settings):
     area: Measured
     """[m2]"""
     success: bool
-    """Whether at least 98 % of the floor was truly seen when the explorer said that it was done, in time."""
+    """True if at least 98 % of the floor was truly seen when the explorer said that it was done, in time."""
     coverage: Share
     """Share truly seen at the end."""
     done: Annotated[float, Within(ge=1e-3, le=1e9)]
@@ -56,12 +58,13 @@ class BenchRow(Settings):
         return self.done / horizon(self.area)
 
 
-class BenchResult(Settings):
+@dataclass(frozen=True)
+class BenchResult:
     """An explorer on a track."""
 
     track: str
     quick: bool
-    """Whether only the quick subset was explored."""
+    """True if only the quick subset was explored."""
     entry: Label
     """Name on the leaderboard; results of one name are several trainings of one explorer."""
     explorer: str
@@ -128,34 +131,17 @@ def bench_result(
 
 
 def _row(trial: Trial | FailedTrial, track: Track, source: PlanSource) -> BenchRow:
+    """One exploration; one that crashed has driven at top speed until the time limit and seen nothing."""
     if isinstance(trial, FailedTrial):
         plan = source.load(trial.plan)
         limit = round(time_limit(plan, track.trial.minutes), 3)
-        return BenchRow(
-            plan=trial.plan,
-            seed=trial.seed,
-            area=round(plan.area, 3),
-            success=False,
-            coverage=0.0,
-            done=limit,
-            path=round(limit * track.trial.env.robot.max_linear, 3),
-            contacts=0,
-            map_error=0.0,
-            cpu=0.0,
-            error=f"{trial.error}: {trial.reason}",
-        )
-    return BenchRow(
-        plan=trial.plan,
-        seed=trial.seed,
-        area=trial.area,
-        success=succeeded(trial),
-        coverage=trial.coverage,
-        done=round(censored(trial, "time", DONE), 3),
-        path=round(censored(trial, "path", DONE), 3),
-        contacts=trial.collisions,
-        map_error=trial.map_error,
-        cpu=trial.cpu,
-    )
+        path = round(limit * track.trial.env.robot.max_linear, 3)
+        measured = (round(plan.area, 3), False, 0.0, limit, path, 0, 0.0, 0.0)
+        return BenchRow(trial.plan, trial.seed, *measured, error=f"{trial.error}: {trial.reason}")
+    done, path = (round(censored(trial, quantity, DONE), 3) for quantity in ("time", "path"))
+    success, contacts = succeeded(trial), trial.collisions
+    measured = (trial.area, success, trial.coverage, done, path, contacts, trial.map_error, trial.cpu)
+    return BenchRow(trial.plan, trial.seed, *measured)
 
 
 def _versions() -> dict[str, str]:

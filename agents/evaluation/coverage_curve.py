@@ -1,6 +1,6 @@
 """How much of a building had been seen when, and after how much driving: what explorers are compared by."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,13 +42,10 @@ class CoverageCurve:
         """Coverage at the end."""
         return float(self.coverage[-1])
 
-    def time_to(self, level: float) -> float | None:
-        """When a coverage was first reached [s]; None if it never was."""
-        return self._first(self.time, level)
-
-    def path_to(self, level: float) -> float | None:
-        """How far the robot had driven by then [m]; None if the coverage was never reached."""
-        return self._first(self.path, level)
+    def reached(self, level: float) -> tuple[float, float] | None:
+        """When a coverage was first reached [s], and how far the robot had driven [m]; None if it never was."""
+        there = np.flatnonzero(self.coverage >= level - 1e-12)
+        return (float(self.time[there[0]]), float(self.path[there[0]])) if len(there) else None
 
     def at(self, times: FloatArray) -> FloatArray:
         """Coverage at some times [s]; 0 before the first point, the final coverage after the last."""
@@ -90,36 +87,5 @@ class CoverageCurve:
         """
         return CoverageCurve(*(np.array(values.get(name, ()), dtype=np.float64) for name in _FIELDS))
 
-    def _first(self, values: FloatArray, level: float) -> float | None:
-        reached = np.flatnonzero(self.coverage >= level - 1e-12)
-        return float(values[reached[0]]) if len(reached) else None
-
 
 _FIELDS = ("time", "path", "coverage")
-
-
-class CurveRecorder:
-    """Collects a curve step by step."""
-
-    def __init__(self) -> None:
-        self._points: list[tuple[float, float, float]] = []
-
-    def add(self, time: float, path: float, coverage: float) -> None:
-        """Record the state after a step.
-
-        Args:
-            time: Robot time [s].
-            path: Distance so far [m].
-            coverage: Share of the reachable floor that was seen.
-        """
-        self._points.append((time, path, coverage))
-
-    def curve(self) -> CoverageCurve:
-        """The curve so far."""
-        points = np.array(self._points, dtype=np.float64).reshape(-1, 3)
-        return CoverageCurve(points[:, 0], points[:, 1], points[:, 2])
-
-
-def mean_coverage(curves: Sequence[CoverageCurve], times: FloatArray) -> FloatArray:
-    """Coverage of each curve at some times [s], shape (curves, times)."""
-    return np.vstack([curve.at(times) for curve in curves])

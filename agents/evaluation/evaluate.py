@@ -7,8 +7,9 @@ explorations in flight; a line that was cut short is dropped when the file is op
 import contextlib
 import dataclasses
 import functools
+import itertools
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
@@ -16,17 +17,17 @@ from typing import Generic, NamedTuple, TypeVar
 from slamgym.agents.evaluation.trial import (
     FailedTrial,
     Key,
-    MakeForEpisode,
+    Task,
     Trial,
     TrialConfig,
     bound_hash,
     bound_trial,
+    explorer_in,
     run_trial,
     trial_hash,
 )
 from slamgym.agents.oracle import OracleConfig
 from slamgym.agents.plan_splits import PlanSplit, split_of
-from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
@@ -37,10 +38,8 @@ from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.parallel.backlog import Lost, tried
 from slamgym.core.parallel.engine import Execution, try_out
 from slamgym.core.progress import show_progress
-from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreEnv
 from slamgym.envs.warmup import compile_for
-from slamgym.planning.promise import Promise
 
 _Entry = TypeVar("_Entry", Trial, FailedTrial)
 
@@ -129,15 +128,6 @@ class EvaluationConfig(Settings):
         return (*self.explorers, ORACLE) if self.oracle else self.explorers
 
 
-class Task(NamedTuple):
-    """One exploration to do."""
-
-    explorer: str
-    plan: FloorPlan
-    seed: int
-    start: Pose2D | None = None  # in the plan's frame; None draws it
-
-
 class Skipped(NamedTuple):
     """A plan that was left out."""
 
@@ -164,7 +154,6 @@ def evaluate(
     config: EvaluationConfig,
     out: Path,
     execution: Execution = Execution(),
-    only_done: bool = False,
 ) -> Evaluation:
     """Run every explorer on every plan, or what is left of that from an earlier run.
 
@@ -173,18 +162,19 @@ def evaluate(
         config: What to evaluate.
         out: Folder of the results: ``trials.jsonl``, ``failed.jsonl``, ``config.json``.
         execution: Where the explorations run.
-        only_done: Do nothing, and return what an earlier run has done.
 
     Raises:
-        ConfigError: If there is no explorer of a name, or no plan passes split and filter, or nothing is done.
+        ConfigError: If there is no explorer of a name, or no plan passes split and filter.
         StorageError: If the folder can't be written, or another run is at work in it.
         WorkerLostError: If exploration after exploration fails.
     """
     plans, skipped = choose_plans(source, config)
+    seeds = range(config.repetitions)
     wanted = [
-        Task(name, plan, seed) for plan in plans for seed in _seeds(plan, config) for name in config.names
+        Task(name, plan, exploration_seed(config.seed, plan.id, k))
+        for plan, k, name in itertools.product(plans, seeds, config.names)
     ]
-    evaluation = run_trials(wanted, config, out, execution, only_done)
+    evaluation = run_trials(wanted, config, out, execution)
     return dataclasses.replace(evaluation, skipped=skipped)
 
 
@@ -193,7 +183,6 @@ def run_trials(
     config: EvaluationConfig,
     out: Path,
     execution: Execution = Execution(),
-    only_done: bool = False,
 ) -> Evaluation:
     """Run explorations, at least one, by any of the explorers of ``config``; :func:`evaluate` says the rest."""
     workers = max(1, min(execution.workers, len(wanted)))
@@ -206,16 +195,12 @@ def run_trials(
         log, failures = TrialLog(out / "trials.jsonl", Trial), TrialLog(out / "failed.jsonl", FailedTrial)
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
-        if only_done:
-            wanted, tasks = [task for task in wanted if _key(task, hashes) in log.trials], []
-            if not wanted:
-                raise ConfigError(f"{out}: none of these explorations is done yet")
         with storage_errors(out):
             replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
         if tasks:
             compile_for(config.trial.env, execution)
         advance = stack.enter_context(show_progress("explorations", len(wanted) - len(tasks), len(wanted)))
-        explore = functools.partial(_explore, config, hashes.get(ORACLE, ""))
+        explore = functools.partial(_explore, config)
         for outcome in pool.run(functools.partial(tried, explore), tasks):
             if isinstance(outcome, Lost):
                 key = _key(outcome.item, hashes)
@@ -271,15 +256,6 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     return plans, skipped
 
 
-def make_for_episode(name: str, promise: Promise | None) -> MakeForEpisode:
-    """The constructor of an explorer, with what it promises, for an environment that was just reset."""
-    return lambda env, seed: make_explorer(name, env.explorer_context(), seed, promise)
-
-
-def _seeds(plan: FloorPlan, config: EvaluationConfig) -> Iterator[int]:
-    return (exploration_seed(config.seed, plan.id, k) for k in range(config.repetitions))
-
-
 def _key(task: Task, hashes: dict[str, str]) -> Key:
     return task.explorer, task.plan.id, task.seed, hashes[task.explorer]
 
@@ -289,12 +265,11 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
     if name == ORACLE:
         return bound_hash(config.trial, config.bound)
     env = ExploreEnv(plan, config.trial.env)
-    return trial_hash(config.trial, make_for_episode(name, config.trial.promise)(env, 0))
+    return trial_hash(config.trial, explorer_in(env, name, config.trial).fingerprint)
 
 
-def _explore(config: EvaluationConfig, settings: str, task: Task) -> Trial:
+def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
     if task.explorer == ORACLE:
-        return bound_trial(task.plan, task.seed, settings, config.trial, config.bound)
-    make = make_for_episode(task.explorer, config.trial.promise)
-    return run_trial(task.plan, task.seed, task.explorer, config.trial, make, task.start)
+        return bound_trial(task, config.trial, config.bound)
+    return run_trial(task, config.trial)

@@ -1,10 +1,13 @@
-"""An evaluation as Markdown tables, figures as JSON and a plot, in its folder beside the trials."""
+"""An evaluation as Markdown tables, figures as JSON and a plot of coverage over time, in the folder of the trials."""
 
 import dataclasses
+import itertools
 import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
+
+import numpy as np
 
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig
@@ -16,14 +19,18 @@ from slamgym.agents.evaluation.summary import (
     Summary,
     summarise_trials,
 )
+from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.files import replace_file, storage_errors
-from slamgym.core.intervals import Interval
+from slamgym.core.intervals import Interval, mean_band
 from slamgym.core.text import markdown
+from slamgym.viz.plots import Curve, CurvePanel, plot_curves
 
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
+_POINTS = 200
+"""Of a plotted curve."""
 
 
 def describe_evaluation(summary: Summary) -> str:
@@ -40,19 +47,16 @@ def describe_evaluation(summary: Summary) -> str:
     ]
     if summary.comparisons:
         reference = summary.comparisons[0].reference
-        for quantity in ("time", "path"):
-            parts += [
-                f"{quantity.capitalize()} against `{reference}`, ratio of means with 95 % interval; "
-                "below 1 is better:\n",
-                _ratio_table(summary.comparisons, quantity),
-            ]
-        parts += [f"Other differences from `{reference}`:\n", _difference_table(summary.comparisons)]
-    for reference in dict.fromkeys(comparison.reference for comparison in summary.others):
-        own = [comparison for comparison in summary.others if comparison.reference == reference]
-        what = ", the quickest hand-written rule to 99 %" if reference in CLASSICAL else ""
+        parts += [f"Differences from `{reference}`:\n", _difference_table(summary.comparisons)]
+    compared = (*summary.comparisons, *summary.others)
+    for reference in dict.fromkeys(comparison.reference for comparison in compared):
+        own = [comparison for comparison in compared if comparison.reference == reference]
+        is_best = reference in CLASSICAL and own[0] in summary.others
+        what = ", the quickest hand-written rule to 99 %" if is_best else ""
         parts += [
-            f"Against `{reference}`{what}; ratio of means where both reach the level, with 95 % interval:\n",
-            _further_table(own),
+            f"Time and path against `{reference}`{what}; ratio of means where both reach the level, with 95 % "
+            "interval; below 1 is better:\n",
+            _ratio_table(own),
         ]
     return "\n".join(parts)
 
@@ -115,64 +119,36 @@ def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
     return markdown(header, rows)
 
 
-def _ratio_table(comparisons: Sequence[Comparison], quantity: str) -> str:
-    header = ["explorer"]
-    for level in _RATIO_LEVELS:
-        name = f"{100 * float(level):g} %"
-        header += [f"{name}, both reach", f"{name}, mean of ratios", f"{name}, censored"]
-    rows = []
-    for comparison in comparisons:
-        cells = [f"`{comparison.explorer}`"]
-        for level in _RATIO_LEVELS:
-            found = level_of(comparison, quantity, level)
-            both = with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
-            cells += [both, with_bounds(found.mean_of_ratios), with_bounds(found.censored_ratio_of_means)]
-        rows.append(cells)
-    return markdown(header, rows)
-
-
-def _further_table(comparisons: Sequence[Comparison]) -> str:
+def _ratio_table(comparisons: Sequence[Comparison]) -> str:
     header = ["explorer"]
     header += [f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS]
     rows = []
     for comparison in comparisons:
         cells = [f"`{comparison.explorer}`"]
-        for quantity in ("time", "path"):
-            for level in _RATIO_LEVELS:
-                found = level_of(comparison, quantity, level)
-                ratio = found.ratio_of_means
-                cells.append("-" if ratio is None else f"{with_bounds(ratio)} n={found.both}")
+        for quantity, level in itertools.product(("time", "path"), _RATIO_LEVELS):
+            found = level_of(comparison, quantity, level)
+            cells.append(with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else ""))
         drives = comparison.explorer != ORACLE
-        error = comparison.ratios.get("map_error") if drives else None
-        rows.append([*cells, "-" if error is None else with_bounds(error)])
+        rows.append([*cells, with_bounds(comparison.ratios.get("map_error") if drives else None)])
     return markdown([*header, "map error"], rows)
 
 
 def _difference_table(comparisons: Sequence[Comparison]) -> str:
     header = [
-        "explorer",
-        "area under curve",
-        "success [%]",
-        "contacts",
-        "map error [cm]",
-        "map error, ratio",
-        "ATE [cm]",
+        "explorer", "area under curve", "success [%]", "contacts", "map error [cm]", "ATE [cm]",
+    ]  # fmt: skip
+    rows = [
+        [
+            f"`{c.explorer}`",
+            with_bounds(c.differences["mean_coverage"], 3, signed=True),
+            with_bounds(c.differences["success"], 0, 100.0, signed=True),
+            with_bounds(c.differences["collisions"], 2, signed=True),
+            with_bounds(c.differences["map_error"], 2, 100.0, signed=True),
+            with_bounds(c.differences["ate"], 1, 100.0, signed=True),
+        ]
+        for c in comparisons
+        if c.explorer != ORACLE
     ]
-    rows = []
-    for c in (comparison for comparison in comparisons if comparison.explorer != ORACLE):
-        d = c.differences
-        ratio = c.ratios.get("map_error")
-        rows.append(
-            [
-                f"`{c.explorer}`",
-                with_bounds(d["mean_coverage"], 3, signed=True),
-                with_bounds(d["success"], 0, 100.0, signed=True),
-                with_bounds(d["collisions"], 2, signed=True),
-                with_bounds(d["map_error"], 2, 100.0, signed=True),
-                "-" if ratio is None else with_bounds(ratio),
-                with_bounds(d["ate"], 1, 100.0, signed=True),
-            ]
-        )
     return markdown(header, rows)
 
 
@@ -241,3 +217,50 @@ def _as_json(summary: Summary, config: EvaluationConfig, evaluation: Evaluation)
         "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
     }
     return json.dumps(document, indent=1).encode() + b"\n"
+
+
+def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
+    """Draw mean coverage over time with bands, and how many explorations had seen 95 % and 99 % when.
+
+    Bands are 95 % bootstrap intervals of the mean over explorations. Time is robot time per floor area, so that
+    plans of different sizes can be averaged.
+
+    Args:
+        trials: Of all explorers.
+        path: PNG to write.
+        title: Heading of the picture.
+
+    Raises:
+        SlamgymError: If matplotlib is not installed.
+        InputFileError: If the picture can't be written.
+    """
+    end = _end(trials)
+    times = np.linspace(0.0, end, _POINTS)  # [s/m2]
+    means: list[Curve] = []
+    reached: dict[str, list[Curve]] = {level: [] for level in _RATIO_LEVELS}
+    for name in dict.fromkeys(trial.explorer for trial in trials):
+        own = [trial for trial in trials if trial.explorer == name]
+        curves = np.vstack([t.coverage_curve.at(times * t.area) for t in own])
+        means.append(Curve(f"{name} ({len(own)})", times, curves.mean(axis=0), mean_band(curves)))
+        for level, shares in reached.items():
+            share = (np.array([_per_area(t, level) for t in own])[:, None] <= times).mean(axis=0)
+            shares.append(Curve(name, times, share))
+    axis = "robot time per floor area [s/m²]"
+    title = title or "mean, with its 95 % interval"
+    panels = [CurvePanel(means, axis, "share of the reachable floor seen", title, is_share=True)]
+    for level, shares in reached.items():
+        title = f"explorations that have seen {100 * float(level):g} %"
+        panels.append(CurvePanel(shares, axis, "share of explorations", title, is_share=True))
+    plot_curves(path, panels)
+
+
+def _per_area(trial: Trial, level: str) -> float:
+    """Time to a level per floor area [s/m2]; inf if it was never reached."""
+    value = trial.time_to[level]
+    return np.inf if value is None else value / trial.area
+
+
+def _end(trials: Sequence[Trial]) -> float:
+    """Right end of the time axis [s/m2]: by then nine of ten explorations have reached 99 %."""
+    reached = [_per_area(trial, "0.99") for trial in trials if trial.time_to["0.99"] is not None]
+    return float(np.percentile(reached, 90.0)) if reached else 10.0

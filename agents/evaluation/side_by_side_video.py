@@ -6,9 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.agents.evaluation.evaluate import make_for_episode
 from slamgym.agents.evaluation.summary import censored
-from slamgym.agents.evaluation.trial import Trial, TrialConfig
+from slamgym.agents.evaluation.trial import Trial, TrialConfig, explorer_in
 from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
@@ -84,7 +83,7 @@ def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: 
     """Every n-th step of an exploration as a picture of half the size, with the explorer's name."""
     env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes), render_mode="rgb_array")
     start = env.reset(seed=seed, options={"plan": plan})
-    explorer = make_for_episode(name, config.promise)(env, seed)
+    explorer = explorer_in(env, name, config, seed)
     for step, _ in enumerate(episode_steps(env, explorer, start)):
         if step % stride == 0:
             yield _titled(env.render(), name)

@@ -9,7 +9,9 @@ Times and paths to a coverage level are compared in two ways, because either alo
 With each stands in how many explorations the level was reached.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import functools
+import operator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +33,8 @@ TAIL_FROM = "0.99"
 
 _LEVELS = (*map(level_name, COVERAGE_LEVELS), DONE)
 
-Pair = tuple[str, int]
-"""Plan and seed: what two trials must share to be compared."""
+_Figure = Callable[[Trial], float]
+"""A figure of a trial."""
 
 
 @dataclass(frozen=True)
@@ -177,17 +179,10 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         for quantity in ("time", "path")
         for level in _LEVELS
     ]
-    figures: Mapping[str, Callable[[Trial], float]] = {
-        "mean_coverage": lambda t: t.mean_coverage,
-        "success": lambda t: float(succeeded(t)),
-        "collisions": lambda t: float(t.collisions),
-        "map_error": lambda t: t.map_error,
-        "ate": lambda t: t.ate,
-        "time": lambda t: t.time,
-    }
     groups = _groups(trials)
     values = {
-        name: (_by_plan(trials, f, groups), _by_plan(reference, f, groups)) for name, f in figures.items()
+        name: (_by_plan(trials, _FIGURES[name], groups), _by_plan(reference, _FIGURES[name], groups))
+        for name in _COMPARED
     }
     return Comparison(
         trials[0].explorer,
@@ -203,7 +198,7 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
 
 
 def succeeded(trial: Trial) -> bool:
-    """Whether the explorer ended by itself with :data:`SUCCESS_COVERAGE` seen."""
+    """True if the explorer ended by itself with :data:`SUCCESS_COVERAGE` seen."""
     return trial.finished and trial.coverage >= SUCCESS_COVERAGE
 
 
@@ -232,7 +227,17 @@ def tail(trial: Trial) -> float:
     return 0.0 if reached is None else max(0.0, trial.time - reached)
 
 
-def _pair(trial: Trial) -> Pair:
+_FIGURES: dict[str, _Figure] = {
+    name: operator.attrgetter(name)
+    for name in ("mean_coverage", "coverage", "collisions", "map_error", "ate", "time", "path")
+} | {"success": succeeded}
+"""What is averaged of each explorer."""
+_COMPARED = ("mean_coverage", "success", "collisions", "map_error", "ate", "time")
+"""Which of them are compared with the reference's."""
+
+
+def _pair(trial: Trial) -> tuple[str, int]:
+    """What two trials must share to be compared."""
     return trial.plan, trial.seed
 
 
@@ -244,9 +249,7 @@ def _groups(trials: Sequence[Trial]) -> list[list[int]]:
     return list(groups.values())
 
 
-def _by_plan(
-    trials: Sequence[Trial], figure: Callable[[Trial], float], groups: Sequence[Sequence[int]]
-) -> FloatArray:
+def _by_plan(trials: Sequence[Trial], figure: _Figure, groups: Sequence[Sequence[int]]) -> FloatArray:
     """Mean of a figure over the repetitions of each plan, shape (plans,)."""
     return np.array([np.mean([figure(trials[i]) for i in group]) for group in groups])
 
@@ -262,8 +265,7 @@ def _compare_level(
         and (reached_at(other, quantity, level) or 0.0) > 0.0
     ]
 
-    def figure(trial: Trial) -> float:
-        return censored(trial, quantity, level)
+    figure = functools.partial(censored, quantity=quantity, level=level)
 
     def table(indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
         ours, theirs = [trials[i] for i in indices], [reference[i] for i in indices]
@@ -287,11 +289,11 @@ def _compare_level(
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
     groups = _groups(trials)
 
-    def mean(figure: Callable[[Trial], float]) -> Interval:
+    def mean(figure: _Figure) -> Interval:
         return mean_interval(_by_plan(trials, figure, groups))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
-        return {level: mean(lambda t, at=level: censored(t, quantity, at)) for level in _LEVELS}  # type: ignore[misc]
+        return {level: mean(functools.partial(censored, quantity=quantity, level=level)) for level in _LEVELS}
 
     reached = {
         level: float(np.mean([reached_at(t, "time", level) is not None for t in trials])) for level in _LEVELS
@@ -303,16 +305,9 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         reached=reached,
         time_to=to_levels("time"),
         path_to=to_levels("path"),
-        mean_coverage=mean(lambda t: t.mean_coverage),
-        coverage=mean(lambda t: t.coverage),
-        success=mean(lambda t: float(succeeded(t))),
-        collisions=mean(lambda t: float(t.collisions)),
-        map_error=mean(lambda t: t.map_error),
-        ate=mean(lambda t: t.ate),
-        time=mean(lambda t: t.time),
-        path=mean(lambda t: t.path),
         tail=mean_interval(_by_plan(successes, tail, _groups(successes))) if successes else None,
         decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
         decision_ms_max=1e3 * float(np.max([t.decision_cpu_max for t in trials])),
         step_ms=1e3 * float(np.mean([t.step_cpu for t in trials])),
+        **{name: mean(figure) for name, figure in _FIGURES.items()},
     )

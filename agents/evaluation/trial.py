@@ -1,31 +1,37 @@
 """One exploration by one explorer, run to its end and measured against the truth."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, CurveRecorder, horizon
+from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, horizon
 from slamgym.agents.oracle import OracleConfig, bound_exploration
+from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Counted, Measured, Positive, Settings, Share, config_hash
-from slamgym.core.types import Explorer, Float32Array, Observation, Pose2D
+from slamgym.core.types import Explorer, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
-from slamgym.envs.episode import episode_steps, explored_env, fitted_env, time_limit
+from slamgym.envs.episode import episode_steps, explored_env, fitted_env
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.planning.promise import Promise
-
-MakeForEpisode = Callable[[ExploreEnv, int], Explorer]
-"""Makes an explorer for an environment that was just reset, and a seed."""
 
 SUCCESS_COVERAGE = 0.98
 """An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
 
 Key = tuple[str, str, int, str]
 """What makes two trials the same: explorer, plan, seed, hash of the settings."""
+
+
+class Task(NamedTuple):
+    """One exploration to do."""
+
+    explorer: str
+    plan: FloorPlan
+    seed: int  # of start, noise and explorer; the same for every explorer gives all the same start and noise
+    start: Pose2D | None = None  # in the plan's frame; None draws it
 
 
 class TrialConfig(Settings):
@@ -46,21 +52,32 @@ class TrialConfig(Settings):
 
 
 @dataclass(frozen=True)
-class Trial:
-    """The outcome of an exploration. Keys of ``time_to`` and ``path_to`` are levels such as ``"0.95"``."""
+class Outcome:
+    """What an exploration is known by."""
 
     explorer: str
     plan: str
     seed: int
     settings: str
     """Hash of the settings of trial and explorer."""
+
+    @property
+    def key(self) -> Key:
+        """What makes two trials the same."""
+        return self.explorer, self.plan, self.seed, self.settings
+
+
+@dataclass(frozen=True)
+class Trial(Outcome):
+    """The outcome of an exploration. Keys of ``time_to`` and ``path_to`` are levels such as ``"0.95"``."""
+
     area: Measured
     """Free area of the plan [m2]."""
     rooms: Counted
     time_limit: Measured
     """[s]"""
     finished: bool
-    """Whether the explorer itself said that it is done; else the time was up."""
+    """True if the explorer itself said that it is done; else the time was up."""
     time: Measured
     """Robot time at the end [s]."""
     path: Measured
@@ -97,33 +114,24 @@ class Trial:
         CoverageCurve.from_dict(self.curve)  # a trial out of a file may have none
 
     @property
-    def key(self) -> Key:
-        """What makes two trials the same."""
-        return self.explorer, self.plan, self.seed, self.settings
-
-    @property
     def coverage_curve(self) -> CoverageCurve:
         """:attr:`curve` as an object."""
         return CoverageCurve.from_dict(self.curve)
 
 
 @dataclass(frozen=True)
-class FailedTrial:
+class FailedTrial(Outcome):
     """An exploration that crashed, hung or failed, so that it is not begun again and again."""
 
-    explorer: str
-    plan: str
-    seed: int
-    settings: str
-    """Hash of the settings of trial and explorer."""
     error: str
     """Kind of the failure."""
     reason: str
 
-    @property
-    def key(self) -> Key:
-        """What makes two trials the same."""
-        return self.explorer, self.plan, self.seed, self.settings
+
+@dataclass(frozen=True)
+class _Identity:
+    trial: TrialConfig
+    fingerprint: str
 
 
 def level_name(level: float) -> str:
@@ -131,20 +139,19 @@ def level_name(level: float) -> str:
     return f"{level:g}"
 
 
-def trial_hash(config: TrialConfig, explorer: Explorer) -> str:
-    """Hash of the settings of a trial and of its explorer."""
-    return config_hash(_Settings(config, explorer.fingerprint))
+def trial_hash(config: TrialConfig, fingerprint: str) -> str:
+    """Hash of the settings of a trial and of the fingerprint of its explorer."""
+    return config_hash(_Identity(config, fingerprint))
 
 
 def bound_hash(config: TrialConfig, bound: OracleConfig) -> str:
     """Hash of the settings of a trial and of the oracle's budget."""
-    return config_hash(_Settings(config, config_hash(bound)))
+    return trial_hash(config, config_hash(bound))
 
 
-@dataclass(frozen=True)
-class _Settings:
-    trial: TrialConfig
-    fingerprint: str
+def explorer_in(env: ExploreEnv, name: str, config: TrialConfig, seed: int = 0) -> Explorer:
+    """Make an explorer, with what it promises, for an environment."""
+    return make_explorer(name, env.explorer_context(), seed, config.promise)
 
 
 class _Stopwatch:
@@ -154,145 +161,48 @@ class _Stopwatch:
         self._explorer = explorer
         self.all: list[float] = []
         self.deciding: list[float] = []
-        self.fingerprint = explorer.fingerprint
 
-    @property
-    def finished(self) -> bool:
-        """Whether the explorer is done."""
-        return self._explorer.finished
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._explorer, name)
 
-    @property
-    def decisions(self) -> int:
-        """How often the explorer has chosen where to go."""
-        return self._explorer.decisions
-
-    def predict(
-        self,
-        observation: Observation,
-        state: Any = None,
-        episode_start: Any = None,
-        deterministic: bool = False,
-    ) -> tuple[Float32Array, Any]:
+    def predict(self, *arguments: Any) -> Any:
         """The explorer's action."""
         begin, decisions = time.thread_time(), self.decisions
-        answer = self._explorer.predict(observation, state, episode_start, deterministic)
+        answer = self._explorer.predict(*arguments)
         self.all.append(time.thread_time() - begin)
         if self.decisions > decisions:
             self.deciding.append(self.all[-1])
         return answer
 
 
-def run_trial(
-    plan: FloorPlan,
-    seed: int,
-    name: str,
-    config: TrialConfig,
-    make: MakeForEpisode,
-    start: Pose2D | None = None,
-) -> Trial:
+def run_trial(task: Task, config: TrialConfig) -> Trial:
     """Let an explorer explore a building until it is done or the time is up, and measure how well.
-
-    Args:
-        plan: The building.
-        seed: Of start, noise and explorer. The same for every explorer gives all the same start and streams
-            of noise.
-        name: Of the explorer, for the record.
-        config: The settings.
-        make: Makes the explorer.
-        start: In the plan's frame; None draws it.
 
     Raises:
         PlanError: If the robot fits nowhere in the plan.
-        ConfigError: If it doesn't fit at the start.
+        ConfigError: If it doesn't fit at the start, or there is no such explorer.
     """
+    plan = task.plan
     env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     began = time.process_time()
-    reset = env.reset(seed=seed, options={"plan": plan, "start": start})
-    watch, recorder = _Stopwatch(make(env, seed)), CurveRecorder()
-    for info in episode_steps(env, watch, reset):
-        recorder.add(env.simulation.time, info["path_length"], info["coverage"])
+    reset = env.reset(seed=task.seed, options={"plan": plan, "start": task.start})
+    watch: Any = _Stopwatch(explorer_in(env, task.explorer, config, task.seed))
+    points = [
+        (env.simulation.time, info["path_length"], info["coverage"])
+        for info in episode_steps(env, watch, reset)
+    ]
     cpu = time.process_time() - began
-    return _assess(env, seed, name, trial_hash(config, watch), recorder.curve(), watch, cpu)
-
-
-def bound_trial(plan: FloorPlan, seed: int, settings: str, config: TrialConfig, bound: OracleConfig) -> Trial:
-    """What one who knows the plan would need at least, in the form of a trial; nobody drives.
-
-    Contacts, errors of the map and of the pose, and the CPU time of decisions are 0.
-
-    Args:
-        plan: The building.
-        seed: The same start as that of the explorers with this seed.
-        settings: Hash of the settings.
-        config: How explorers are put to the test.
-        bound: The oracle's budget.
-    """
-    env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
-    began = time.process_time()
-    _, info = env.reset(seed=seed, options={"plan": plan})
-    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), seed % 2**32, bound)
-    levels = {b.share: b for b in bounds}
-    done = levels[SUCCESS_COVERAGE]
-    steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
-    curve = CoverageCurve(*np.array(steps).T)
-    return Trial(
-        explorer="oracle",
-        plan=plan.id,
-        seed=seed,
-        settings=settings,
-        area=round(plan.area, 3),
-        rooms=len(plan.rooms),
-        time_limit=round(time_limit(plan, config.minutes), 3),
-        finished=True,
-        time=round(done.time, 3),
-        path=round(done.path, 4),
-        coverage=SUCCESS_COVERAGE,
-        time_to={level_name(level): round(levels[level].time, 4) for level in COVERAGE_LEVELS},
-        path_to={level_name(level): round(levels[level].path, 4) for level in COVERAGE_LEVELS},
-        mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
-        collisions=0,
-        map_error=0.0,
-        ate=0.0,
-        decisions=0,
-        decision_cpu=0.0,
-        decision_cpu_max=0.0,
-        step_cpu=0.0,
-        cpu=round(time.process_time() - began, 4),
-        curve=curve.to_dict(),
-    )
-
-
-def _assess(
-    env: ExploreEnv,
-    seed: int,
-    name: str,
-    settings: str,
-    curve: CoverageCurve,
-    watch: _Stopwatch,
-    cpu: float,
-) -> Trial:
-    """Make the record of an exploration that has ended."""
-    plan, log = env.plan, env.log
-    assert log is not None, "for_explorer() has the environment keep a log"
-    assert env.config.time_limit is not None
-    estimate, truth = env.mapper.trajectory(), log.true_trajectory(env.start)
+    assert env.log is not None, "for_explorer() has the environment keep a log"
+    curve = CoverageCurve(*np.array(points, dtype=np.float64).T)
+    estimate, truth = env.mapper.trajectory(), env.log.true_trajectory(env.start)
     walls = ObstacleDistance(np.vstack([plan.segments(), env.clutter.segments()]))
     deciding = watch.deciding or watch.all
-    return Trial(
-        explorer=name,
-        plan=plan.id,
-        seed=seed,
-        settings=settings,
-        area=round(plan.area, 3),
-        rooms=len(plan.rooms),
-        time_limit=round(env.config.time_limit, 3),
+    return _record(
+        env,
+        task,
+        trial_hash(config, watch.fingerprint),
+        curve,
         finished=watch.finished,
-        time=round(float(curve.time[-1]), 3),
-        path=round(float(curve.path[-1]), 4),
-        coverage=round(curve.final, 6),
-        time_to={level_name(level): _rounded(curve.time_to(level)) for level in COVERAGE_LEVELS},
-        path_to={level_name(level): _rounded(curve.path_to(level)) for level in COVERAGE_LEVELS},
-        mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
         collisions=env.simulation.collisions,
         map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.world_from_map), 6),
         ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
@@ -305,5 +215,69 @@ def _assess(
     )
 
 
-def _rounded(value: float | None) -> float | None:
-    return None if value is None else round(value, 4)
+def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
+    """What one who knows the plan would need at least, in the form of a trial; nobody drives.
+
+    Contacts, errors of the map and of the pose, and the CPU time of decisions are 0.
+
+    Args:
+        task: The building, with the same start as that of the explorers with this seed.
+        config: How explorers are put to the test.
+        bound: The oracle's budget.
+    """
+    env = ExploreEnv(task.plan, fitted_env(task.plan, config.env, config.minutes))
+    began = time.process_time()
+    _, info = env.reset(seed=task.seed, options={"plan": task.plan})
+    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), task.seed % 2**32, bound)
+    done = next(b for b in bounds if b.share == SUCCESS_COVERAGE)
+    steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
+    curve = CoverageCurve(*np.array(steps).T)
+    levels = {level_name(b.share): b for b in bounds if b.share in COVERAGE_LEVELS}
+    unmeasured = (
+        "collisions",
+        "map_error",
+        "ate",
+        "decisions",
+        "decision_cpu",
+        "decision_cpu_max",
+        "step_cpu",
+    )
+    return _record(
+        env,
+        task,
+        bound_hash(config, bound),
+        curve,
+        finished=True,
+        time=round(done.time, 3),
+        path=round(done.path, 4),
+        coverage=SUCCESS_COVERAGE,
+        time_to={name: round(b.time, 4) for name, b in levels.items()},
+        path_to={name: round(b.path, 4) for name, b in levels.items()},
+        cpu=round(time.process_time() - began, 4),
+        curve=curve.to_dict(),
+        **dict.fromkeys(unmeasured, 0),
+    )
+
+
+def _record(env: ExploreEnv, task: Task, settings: str, found: CoverageCurve, **figures: Any) -> Trial:
+    """The record of an exploration that has ended; what isn't among the figures is read from the curve."""
+    plan, reached = task.plan, {level_name(level): found.reached(level) for level in COVERAGE_LEVELS}
+    assert env.config.time_limit is not None
+    from_curve = {
+        "time": round(float(found.time[-1]), 3),
+        "path": round(float(found.path[-1]), 4),
+        "coverage": round(found.final, 6),
+        "time_to": {name: at and round(at[0], 4) for name, at in reached.items()},
+        "path_to": {name: at and round(at[1], 4) for name, at in reached.items()},
+    }
+    return Trial(
+        explorer=task.explorer,
+        plan=plan.id,
+        seed=task.seed,
+        settings=settings,
+        area=round(plan.area, 3),
+        rooms=len(plan.rooms),
+        time_limit=round(env.config.time_limit, 3),
+        mean_coverage=round(found.mean_until(horizon(plan.area)), 6),
+        **{**from_curve, **figures},
+    )

@@ -1,7 +1,6 @@
 """The batched environment with Stable-Baselines3's interface."""
 
 import time
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -36,7 +35,7 @@ class BatchVecEnv(VecEnv):
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._hold, self._seconds = hold, seconds
         self._rng = np.random.default_rng(seed)
-        self._first_seed: int | None = seed
+        self.seed(seed)
         self._actions: Any = None
         self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
         self._limits = np.full(env.num_envs, np.inf)
@@ -44,16 +43,11 @@ class BatchVecEnv(VecEnv):
 
     def reset(self) -> Any:
         """Begin episodes in all environments."""
-        observations, self.reset_infos = self.env.reset(seed=self._first_seed)
-        self._first_seed = None
+        observations, self.reset_infos = self.env.reset(seed=self._seeds[0])
+        self._reset_seeds()
         self._returns[:], self._lengths[:] = 0.0, 0
         self._limits = self._draw_limits(self.num_envs) * self._rng.uniform(0.1, 1.0, self.num_envs)
         return observations
-
-    def seed(self, seed: int | None = None) -> Sequence[int | None]:
-        """Seed the environments at the next reset."""
-        self._first_seed = seed
-        return [None if seed is None else seed + i for i in range(self.num_envs)]
 
     def step_async(self, actions: Any) -> None:
         """Take the actions."""
@@ -67,21 +61,15 @@ class BatchVecEnv(VecEnv):
             observations, reward, terminations, truncations, all_infos = self.env.step(self._actions)
             rewards += np.where(over, 0.0, reward)  # what follows an end belongs to nobody
             for i in np.flatnonzero((terminations | truncations) & ~over).tolist():
-                last = {name: all_infos["final_info"][name][i] for name in ("coverage", "collisions")}
-                infos[i] = {"terminal_observation": all_infos["final_obs"][i], **last}
-                infos[i]["TimeLimit.truncated"] = bool(truncations[i] and not terminations[i])
+                is_cut = bool(truncations[i] and not terminations[i])
+                infos[i] = _last(all_infos["final_obs"][i], all_infos["final_info"], i, is_cut)
             over |= terminations | truncations
         self._returns += rewards
         self._lengths += 1
         late = (self._lengths * self._hold * self.env.config.control_step >= self._limits) & ~over
         if late.any():
             for i in np.flatnonzero(late).tolist():
-                last = {name: all_infos[name][i] for name in ("coverage", "collisions")}
-                infos[i] = {
-                    "terminal_observation": _row(observations, i),
-                    "TimeLimit.truncated": True,
-                    **last,
-                }
+                infos[i] = _last(_row(observations, i), all_infos, i, is_cut=True)
             observations, _ = self.env.reset(options={"reset_mask": late})
         self._close_episodes(np.flatnonzero(over | late), infos)
         return observations, rewards.astype(np.float32), over | late, infos
@@ -93,8 +81,8 @@ class BatchVecEnv(VecEnv):
                 "r": float(self._returns[i]),
                 "l": int(self._lengths[i]),
                 "t": round(time.time() - self._begun, 3),
-                "coverage": float(infos[i].pop("coverage")),
-                "collisions": int(infos[i].pop("collisions")),
+                "coverage": infos[i].pop("coverage"),
+                "collisions": infos[i].pop("collisions"),
             }
         self._returns[ids], self._lengths[ids] = 0.0, 0
         self._limits[ids] = self._draw_limits(len(ids))
@@ -121,7 +109,7 @@ class BatchVecEnv(VecEnv):
         raise ConfigError(f"environments of a batch have no methods of their own, so no {method_name}")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
-        """Whether environments are monitored: they are, by this class."""
+        """True for the monitor of Stable-Baselines3, whose work this class does."""
         return [wrapper_class.__name__ == "Monitor"] * self._count(indices)
 
     def _count(self, indices: Any) -> int:
@@ -132,3 +120,13 @@ def _row(observations: Any, index: int) -> Any:
     if isinstance(observations, dict):
         return {name: value[index] for name, value in observations.items()}
     return observations[index]
+
+
+def _last(observation: Any, infos: Any, index: int, is_cut: bool) -> dict[str, Any]:
+    """What is said of the end of an episode."""
+    return {
+        "terminal_observation": observation,
+        "TimeLimit.truncated": is_cut,
+        "coverage": float(infos["coverage"][index]),
+        "collisions": int(infos["collisions"][index]),
+    }

@@ -6,22 +6,27 @@ look alike.
 The policy itself drives, so that the data hold the situations that it gets itself into (AggreVaTe: Ross and Bagnell,
 "Reinforcement and imitation learning via interactive no-regret learning", 2014; here every action has its cost, not
 one a decision).
+
+Two losses are added. The expected regret of a policy that draws its choice by the scores is what is to be small, and
+falls only by what changes choices; a robust regression of all costs (Huber, "Robust estimation of a location
+parameter", 1964) teaches faster, since every candidate has its say.
 """
 
+import math
 from collections.abc import Callable, Sequence
-from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
+from torch import Tensor
+from torch.nn.functional import huber_loss
 
 from slamgym.agents.hindsight import HindsightCosts
-from slamgym.agents.rl.choice_costs import ChoiceCosts, fit_choices, fit_value
+from slamgym.agents.rl.environments import make_env
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
-from slamgym.agents.rl.training_envs import make_env
 from slamgym.cad import FloorPlan
-from slamgym.core.progress import show_progress
-from slamgym.core.types import Observation
+from slamgym.core.progress import say, show_progress
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray, Observation
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 
@@ -29,6 +34,16 @@ _RANDOM_SHARE = 0.1
 """So many choices are drawn at random, so that the data hold other choices than the policy's, too."""
 _ASKED_SHARE = 0.5
 """So many decisions are asked about: neighbouring ones are much alike, and asking costs as much as deciding."""
+_EPOCHS = 12
+"""Passes over the decisions after each round."""
+LARGEST_REGRET = 20.0
+"""Costs count up to so much more than the least [m]: what lies beyond, such as what no path leads to, is as bad."""
+_REGRESSION_WEIGHT = 0.3
+_NEAR_BEST = 5.0  # a candidate that costs so much more counts 1/e in the regression [m]
+_ROBUST = 2.0  # larger errors of the regression count linearly [m]
+_BATCH = 256
+_RATE = 1e-3
+_HELD = 10  # every so many-th exploration is held out
 
 Answer = Callable[[Observation], int]
 """From an observation to the action that an expert would take."""
@@ -40,9 +55,8 @@ def gain_per_metre(env: ExploreFrontiersEnv) -> Answer:
     column = CANDIDATE_FEATURES.index("gain_per_metre")
 
     def answer(observation: Observation) -> int:
-        return int(
-            np.where(observation["mask"] > 0.5, observation["candidates"][:, column], -np.inf).argmax()
-        )
+        gains = observation["candidates"][:, column]
+        return int(np.where(observation["mask"] > 0.5, gains, -np.inf).argmax())
 
     return answer
 
@@ -60,73 +74,70 @@ EXPERTS: dict[str, Callable[[ExploreFrontiersEnv], Answer]] = {
 """Who may choose where explorations are recorded, by name; each episode makes its own."""
 
 
-def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan], folder: Path) -> None:
-    """Fit a policy to what choices cost, and its value to the returns that its own choices brought.
+class CostedChoice(NamedTuple):
+    """A decision: what was observed, and what each candidate costs."""
 
-    Interrupted, it goes on after the last round that was collected: the decisions are kept in the folder until all
-    are fitted.
+    candidates: Float32Array  # (N, features)
+    crops: ByteArray  # (N, 2, crop, crop), in parts of 255
+    overall: Float32Array  # (features,)
+    regrets: Float32Array  # (N,) above the least cost [m]
+    episode: int
+
+    @staticmethod
+    def of(observation: Observation, costs: FloatArray, episode: int) -> "CostedChoice":
+        """A decision with the costs of its candidates, shape (N,) [m]."""
+        count = len(costs)
+        return CostedChoice(
+            observation["candidates"][:count].copy(),
+            np.round(255.0 * observation["crops"][:count]).astype(np.uint8),
+            observation["globals"].copy(),
+            np.minimum(costs - costs.min(), LARGEST_REGRET).astype(np.float32),
+            episode,
+        )
+
+
+def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None:
+    """Fit a policy to what choices cost.
 
     Args:
         model: The learner; its policy is changed. In each round it drives, at first as its prior does.
         config: The run.
         plans: Where to explore.
-        folder: Of the run.
     """
     envs = [make_env(config, list(plans))]
     if config.furnished:
         envs.append(make_env(config, list(plans), clutter=FURNISHED))
     network, settings = model.policy.features_extractor.network, config.imitation
-    known, paths = ChoiceCosts(), []
+    known: list[CostedChoice] = []
     for number in range(settings.rounds):
-        paths.append(folder / f"choices_{number}.npz")
-        if paths[-1].exists():
-            known.extend(ChoiceCosts.read(paths[-1]))
-        else:
-            missing = settings.decisions * (number + 1) // settings.rounds - len(known)
-            own = _collect(envs, network, max(1, missing), config, seed=number)
-            own.write(paths[-1])
-            known.extend(own)
-        fit_choices(network, known, settings.epochs, config.seed)
-    fit_value(network, known, config.seed)
-    for path in paths:
-        path.unlink()
+        rng = np.random.default_rng([config.seed, number])
+        wanted = max(len(known) + 1, settings.decisions * (number + 1) // settings.rounds)
+        with show_progress("choices with their costs", len(known), wanted) as advance:
+            while len(known) < wanted:
+                env = envs[int(rng.random() < config.furnished) if len(envs) > 1 else 0]
+                episode = known[-1].episode + 1 if known else 0
+                for choice in _explored(env, network, episode, rng):
+                    known.append(choice)
+                    advance()
+        fit_choices(network, known, _EPOCHS, config.seed)
 
 
-def _collect(
-    envs: Sequence[ExploreFrontiersEnv], network: Any, wanted: int, config: TrainConfig, seed: int
-) -> ChoiceCosts:
-    """Let a network explore whole buildings until there are so many decisions with their costs."""
-    rng, found = np.random.default_rng([config.seed, seed]), ChoiceCosts()
-    with show_progress("choices with their costs", 0, wanted) as advance:
-        while len(found) < wanted:
-            before = len(found)
-            env = envs[int(rng.random() < config.furnished) if len(envs) > 1 else 0]
-            _explore(env, network, found, config.discount, rng)
-            for _ in range(len(found) - before):
-                advance()
-    return found
-
-
-def _explore(
-    env: ExploreFrontiersEnv, network: Any, found: ChoiceCosts, discount: float, rng: np.random.Generator
-) -> None:
-    """Explore a building, and add half of the decisions to those that were found."""
+def _explored(
+    env: ExploreFrontiersEnv, network: Any, episode: int, rng: np.random.Generator
+) -> list[CostedChoice]:
+    """Explore a whole building by a network; half of the decisions."""
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
-    hindsight = HindsightCosts(env)
-    steps: list[tuple[float, float]] = []
-    asked: list[int] = []  # steps whose decisions were added
-    is_over, terminated = not env.loop.candidates, False
+    hindsight, found = HindsightCosts(env), []
+    is_over = not env.loop.candidates
     while not is_over:
         count = len(env.loop.candidates)
         if count > 1 and rng.random() < _ASKED_SHARE:
-            found.add(observation, hindsight.costs())
-            asked.append(len(steps))
+            found.append(CostedChoice.of(observation, hindsight.costs(), episode))
         is_random = count > 1 and rng.random() < _RANDOM_SHARE
         action = int(rng.integers(count)) if is_random else _best(network, observation)
-        observation, reward, terminated, truncated, info = env.step(action)
-        steps.append((float(reward), float(info["duration"])))
+        observation, _, terminated, truncated, _ = env.step(action)
         is_over = terminated or truncated
-    found.end_episode(steps, asked, discount, is_whole=terminated)
+    return found
 
 
 def _best(network: Any, observation: Observation) -> int:
@@ -134,3 +145,96 @@ def _best(network: Any, observation: Observation) -> int:
     with torch.no_grad():
         scores, _ = network({key: torch.as_tensor(value)[None] for key, value in observation.items()})
     return int(scores[0].argmax())
+
+
+def fit_choices(network: Any, known: Sequence[CostedChoice], epochs: int, seed: int) -> None:
+    """Fit the scores of a network.
+
+    The rate falls to nothing (Smith and Topin, "Super-convergence", 2019), so the last weights are kept: which epoch
+    did best on the few explorations that are held out is chance.
+
+    Args:
+        network: Is changed.
+        known: Decisions.
+        epochs: Passes over them.
+        seed: Of their order.
+    """
+    held = [choice for choice in known if choice.episode % _HELD == _HELD - 1]
+    rest = [choice for choice in known if choice.episode % _HELD != _HELD - 1]
+    before = mean_regret(network, held)
+    optimiser = torch.optim.Adam(network.parameters(), lr=_RATE)
+    total = max(1, epochs * math.ceil(len(rest) / _BATCH))
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=total, pct_start=0.1)
+    for epoch in range(epochs):
+        for indices in _batches(rest, np.random.default_rng([seed, epoch])):
+            observations, regrets = batch([rest[i] for i in indices])
+            scores, _ = network(observations)
+            loss = choice_loss(scores, regrets, observations["mask"])
+            optimiser.zero_grad()
+            loss.backward()
+            torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            optimiser.step()
+            schedule.step()
+    after = mean_regret(network, held)
+    say(
+        f"imitation: {len(known)} decisions; on those held out a choice costs {after:.2f} m too much, "
+        f"before {before:.2f}"
+    )
+
+
+def batch(choices: Sequence[CostedChoice]) -> tuple[dict[str, Tensor], Tensor]:
+    """Observations (B, N) and regrets (B, N) of some decisions; N is the most candidates of them."""
+    tensors = {
+        "candidates": _stacked([one.candidates for one in choices]),
+        "crops": _stacked([one.crops for one in choices]).float() / 255.0,
+        "globals": torch.from_numpy(np.stack([one.overall for one in choices])),
+        "mask": _stacked([np.ones(len(one.regrets), np.float32) for one in choices]),
+    }
+    return tensors, _stacked([one.regrets for one in choices])
+
+
+def choice_loss(scores: Tensor, regrets: Tensor, mask: Tensor) -> Tensor:
+    """Expected regret of a draw by the scores, and the error of the scores as costs [m].
+
+    Args:
+        scores: Shape (B, N).
+        regrets: Shape (B, N) [m].
+        mask: 1 for candidates, shape (B, N).
+    """
+    expected = (scores.softmax(dim=1) * regrets).sum(dim=1)
+    weights = mask * torch.exp(-regrets / _NEAR_BEST)
+    weights = weights / weights.sum(dim=1, keepdim=True)
+    costs = torch.where(mask > 0.5, -scores, torch.zeros_like(scores))
+    # Only differences between candidates count.
+    costs = costs - (weights * costs).sum(dim=1, keepdim=True)
+    wanted = regrets - (weights * regrets).sum(dim=1, keepdim=True)
+    errors = (weights * huber_loss(costs, wanted, reduction="none", delta=_ROBUST)).sum(dim=1)
+    return (expected + _REGRESSION_WEIGHT * errors).mean()
+
+
+def mean_regret(network: Any, choices: Sequence[CostedChoice]) -> float:
+    """What the choices of a network cost more than the best in the mean [m]; 0 for no decisions."""
+    regrets: list[float] = []
+    for first in range(0, len(choices), _BATCH):
+        observations, costs = batch(choices[first : first + _BATCH])
+        with torch.no_grad():
+            scores, _ = network(observations)
+        regrets += costs[torch.arange(len(costs)), scores.argmax(dim=1)].tolist()
+    return float(np.mean(regrets)) if regrets else 0.0
+
+
+def _batches(known: Sequence[CostedChoice], rng: np.random.Generator) -> list[IntArray]:
+    """Random batches of decisions with about as many candidates each, which spares computing empty rows."""
+    shuffled = rng.permutation(len(known))
+    counts = np.array([len(known[i].regrets) for i in shuffled])
+    ordered = shuffled[np.argsort(counts, kind="stable")]
+    batches = np.split(ordered, range(_BATCH, len(ordered), _BATCH))
+    return [batches[i] for i in rng.permutation(len(batches)) if len(batches[i])]
+
+
+def _stacked(arrays: Sequence[Any]) -> Tensor:
+    """Arrays of some rows each as one, missing rows 0."""
+    stacked = np.zeros((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), arrays[0].dtype)
+    for index, array in enumerate(arrays):
+        stacked[index, : len(array)] = array
+    return torch.from_numpy(stacked)

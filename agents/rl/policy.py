@@ -1,4 +1,4 @@
-"""Networks that choose among frontiers, as Stable-Baselines3 policies.
+"""The network that chooses among frontiers, as a policy of Stable-Baselines3.
 
 Every candidate is scored by the same weights, so their number K may vary: features and crop of a candidate
 pass a small perceptron, candidates attend to one another (Vaswani et al. 2017; masked rows are left out), and
@@ -10,12 +10,11 @@ from typing import Any
 
 import torch
 from gymnasium import spaces
-from sb3_contrib.common.maskable.policies import MaskableActorCriticPolicy
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from slamgym.agents.scoring import NetworkConfig
+from slamgym.agents.scoring import CROP_UNITS, HEADS, NetworkConfig
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 MASKED = -1e8
@@ -32,29 +31,23 @@ class FrontierNetwork(nn.Module):
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        features, num_globals, width = config.candidate_features, len(GLOBAL_FEATURES), config.width
-        self.crop = nn.Linear(2 * CROP_PX * CROP_PX, config.crop)
-        self.embed_in = nn.Linear(len(features) + config.crop + num_globals, width)
+        features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), config.width
+        self.crop = nn.Linear(2 * CROP_PX * CROP_PX, CROP_UNITS)
+        self.embed_in = nn.Linear(features + CROP_UNITS + num_globals, width)
         self.embed_out = nn.Linear(width, width)
         self.query_key_value = nn.Linear(width, 3 * width)
         self.attended = nn.Linear(width, width)
         self.norm = nn.LayerNorm(width)
         self.score_in = nn.Linear(3 * width, width)
         self.score_out = nn.Linear(width, 1)
-        self.prior = nn.Linear(len(features), 1, bias=False)
+        self.prior = nn.Linear(features, 1, bias=False)
         self.value_in = nn.Linear(2 * width + num_globals, width)
         self.value_out = nn.Linear(width, 1)
         nn.init.zeros_(self.score_out.weight)
         nn.init.zeros_(self.score_out.bias)
         nn.init.zeros_(self.prior.weight)
         with torch.no_grad():
-            self.prior.weight[0, features.index(config.prior_feature)] = config.prior_weight
-        self.prefer_walls()
-
-    def prefer_walls(self) -> None:
-        """Add the preference for paths along walls to the weights as they are."""
-        with torch.no_grad():
-            self.prior.weight[0, CANDIDATE_FEATURES.index("exposure")] += self.config.exposure_prior
+            self.prior.weight[0, CANDIDATE_FEATURES.index(config.prior_feature)] = config.prior_weight
 
     def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Scores (B, K) and values (B,) of a batch of observations."""
@@ -77,10 +70,9 @@ class FrontierNetwork(nn.Module):
 
     def _attend(self, vectors: Tensor, mask: Tensor) -> Tensor:
         batch, count, width = vectors.shape
-        heads = self.config.heads
-        parts = self.query_key_value(vectors).view(batch, count, 3, heads, width // heads)
-        query, key, value = parts.permute(2, 0, 3, 1, 4)  # each (B, heads, K, width / heads)
-        weights = query @ key.transpose(2, 3) / (width // heads) ** 0.5
+        parts = self.query_key_value(vectors).view(batch, count, 3, HEADS, width // HEADS)
+        query, key, value = parts.permute(2, 0, 3, 1, 4)  # each (B, HEADS, K, width / HEADS)
+        weights = query @ key.transpose(2, 3) / (width // HEADS) ** 0.5
         weights = weights.masked_fill(~mask[:, None, None], MASKED).softmax(dim=3)
         return self.attended((weights @ value).transpose(1, 2).reshape(batch, count, width))
 
@@ -115,8 +107,8 @@ class _Split(nn.Module):
         return features[:, -1:]
 
 
-class _FrontierHeads:
-    """Makes the network's outputs those of the policy."""
+class FrontierPolicy(ActorCriticPolicy):
+    """For ``PPO`` on ``slamgym/ExploreFrontiers-v1``: the network masks its scores itself."""
 
     def __init__(self, *args: Any, network: NetworkConfig | None = None, **kwargs: Any) -> None:
         kwargs |= {
@@ -127,21 +119,9 @@ class _FrontierHeads:
         super().__init__(*args, **kwargs)
 
     def _build_mlp_extractor(self) -> None:
-        self.mlp_extractor = _Split(self.features_dim - 1)  # type: ignore[attr-defined]
+        self.mlp_extractor = _Split(self.features_dim - 1)
 
     def _build(self, lr_schedule: Any) -> None:
-        super()._build(lr_schedule)  # type: ignore[misc]
+        super()._build(lr_schedule)
         self.action_net, self.value_net = nn.Identity(), nn.Identity()
-        self.optimizer = self.optimizer_class(  # type: ignore[attr-defined]
-            self.parameters(),  # type: ignore[attr-defined]
-            lr=lr_schedule(1),
-            **self.optimizer_kwargs,  # type: ignore[attr-defined]
-        )
-
-
-class MaskableFrontierPolicy(_FrontierHeads, MaskableActorCriticPolicy):
-    """For ``MaskablePPO`` on ``slamgym/ExploreFrontiers-v1``."""
-
-
-class FrontierPolicy(_FrontierHeads, ActorCriticPolicy):
-    """For ``PPO`` on the same: the network masks its scores itself."""
+        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)

@@ -1,20 +1,22 @@
-"""Reward presets for ``slamgym agents shape``: all of them, with their weights, in this one file.
+"""Reward presets for ``slamgym agents shape``, with their weights, and the settings of experiments that compare them.
 
-Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`, and two have a term of their own besides. Most pay for
-time; the others are in a hurry by the learner's discount alone.
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`. Most pay for time or path; the others are in a hurry only
+where the wheels are driven, by the learner's discount.
 A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
-from slamgym.core.config import suggest
+from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
+from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
-from slamgym.envs import RewardConfig, RewardFunction
-from slamgym.envs.rewards import StepRecord
+from slamgym.envs import RewardConfig
 
 BASE = "time"
 """What the others add to, and are compared with."""
+
+OWN = "own"
+"""Preset that a term of the user's own makes on top of :data:`BASE`."""
 
 _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
 
@@ -26,53 +28,14 @@ class RewardPreset:
     reward: RewardConfig
     about: str
     needs_filter: bool = False
-    """Whether the reward only makes sense with a particle filter: with true poses there is no error to pay."""
-    terms: Mapping[str, tuple[float, RewardFunction]] = field(default_factory=dict)
-    """Further terms: name to (weight, function)."""
-    exposure_prior: float = 0.0
-    """What the scores of its policies begin with beside what they begin with anyway; see
-    :class:`~slamgym.agents.scoring.NetworkConfig`."""
-
-    @property
-    def in_batch(self) -> bool:
-        """Whether a batch of environments can pay it, on which the wheels learn."""
-        reward = self.reward
-        asks_more = reward.map_error or reward.information_gain or reward.pose_uncertainty or reward.exposure
-        return not (asks_more or self.terms)
-
-
-def error_of_new_map(step: StepRecord) -> float:
-    """Minus the new map's area times the error of the pose that it is drawn from [m3].
-
-    A wall is drawn as wrongly as the robot is wrong about where it stands, so over an exploration this adds up
-    to about the map's mean error times its area, but each part is due when the decision that causes it is paid:
-    the growth of the mean error (:func:`~slamgym.envs.rewards.map_error_cost`) is spread over all later steps.
-    """
-    return -step.pose_error * _new_area(step)
-
-
-def uncertainty_of_new_map(step: StepRecord) -> float:
-    """The same by what a robot can know: the filter's position uncertainty instead of the true error [m3].
-
-    Nothing is due in known space, where the robot may be as unsure as it likes; exploring is worth more once
-    a loop is closed than before (active SLAM; Stachniss, Grisetti and Burgard 2005).
-    """
-    return -step.position_sigma * _new_area(step)
-
-
-def _new_area(step: StepRecord) -> float:
-    # The map of another particle may know less than that of the last step's best one.
-    return max(0.0, step.known_area - step.previous_known_area)
+    """True if the reward only makes sense with a particle filter: with true poses there is no error to pay, and a batch
+    of environments, on which the wheels learn, knows none."""
 
 
 REWARD_PRESETS: dict[str, RewardPreset] = {
-    "coverage_only": RewardPreset(replace(_NOTHING, coverage_gain=2.0), "floor truly seen, and nothing else"),
     "floor": RewardPreset(
         replace(_NOTHING, floor_gain=1.0, collision=1.0),
         "square metres truly seen, less contacts",
-    ),
-    "information_gain": RewardPreset(
-        replace(_NOTHING, information_gain=0.02), "growth of the robot's own map: needs no truth"
     ),
     "path_cost": RewardPreset(
         replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the path driven"
@@ -91,24 +54,6 @@ REWARD_PRESETS: dict[str, RewardPreset] = {
         "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
         "(Stachniss, Grisetti and Burgard 2005)",
         needs_filter=True,
-    ),
-    "coastal": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02, exposure=0.03),
-        "as time, less the distance from walls of the paths chosen: coastal navigation (Roy, Burgard, Fox and "
-        "Thrun 1999); begins with a preference for paths along walls, which the charge alone is too weak to teach",
-        exposure_prior=-8.0,
-    ),
-    "careful_mapping": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02),
-        "as time, less the true pose error under which each new part of the map is drawn",
-        needs_filter=True,
-        terms={"error_of_new_map": (0.4, error_of_new_map)},
-    ),
-    "certain_mapping": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02),
-        "the same with the filter's position uncertainty in the error's place: needs no truth but coverage",
-        needs_filter=True,
-        terms={"uncertainty_of_new_map": (0.8, uncertainty_of_new_map)},
     ),
     "potential": RewardPreset(
         replace(_NOTHING, time=0.02, shaping=2.0),
@@ -131,3 +76,51 @@ def reward_preset(name: str) -> RewardPreset:
     if name not in REWARD_PRESETS:
         raise ConfigError(f"no reward preset {name!r}; {suggest(name, REWARD_PRESETS)}")
     return REWARD_PRESETS[name]
+
+
+WHEELS_PRESETS = tuple(name for name, preset in REWARD_PRESETS.items() if not preset.needs_filter)
+"""Those that a batch of environments can pay: nothing about the map or the filter."""
+
+
+class ShapingConfig(Settings):
+    """An experiment."""
+
+    presets: tuple[str, ...] = tuple(REWARD_PRESETS)
+    """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter,
+    or may, as ``own``, all are trained with it, so that they differ in the reward alone."""
+    seeds: Count = 3
+    """Runs of each preset."""
+    test_plans: Count = 20
+    """Held-out plans that every policy explores at the end."""
+    particles: Count = 30
+    """Particles of the filter in that test."""
+    train: TrainConfig = field(
+        default_factory=lambda: TrainConfig(steps=15_000, plan_count=300, evaluate_every=0)
+    )
+    """Each run, but for its reward and seed."""
+
+    def _check(self) -> None:
+        for name in self.presets:
+            if name != OWN:
+                reward_preset(name)
+
+
+class WheelsShapingConfig(Settings):
+    """An experiment on the wheels."""
+
+    presets: tuple[str, ...] = WHEELS_PRESETS
+    """Names of presets; ``slamgym agents shape --list`` explains them."""
+    seeds: Count = 3
+    """Runs of each preset."""
+    test_plans: Count = 60
+    """Held-out plans that every policy explores at the end, for ``train.evaluate-seconds`` each."""
+    train: WheelsConfig = field(default_factory=lambda: WheelsConfig(steps=600_000, evaluate_every=0))
+    """Each run, but for its reward and seed."""
+
+    def _check(self) -> None:
+        for name in self.presets:
+            if reward_preset(name).needs_filter:
+                raise ConfigError(
+                    f"the preset {name!r} can't be paid on the wheels, whose environments are a batch without map "
+                    f"error and filter; choose from {', '.join(WHEELS_PRESETS)}"
+                )

@@ -1,109 +1,124 @@
-"""Train a policy by reinforcement learning: plans, environments, learner, and what is kept of the run.
+"""Train a policy that chooses frontiers: its environments, its network, imitation before rewards, and validation."""
 
-Main path: :func:`train` draws the plans, makes the environments and the learner (or takes up a checkpoint),
-lets it imitate an expert first where that is asked for, and learns to the end.
-"""
-
-import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
+import gymnasium as gym
+import numpy as np
 import torch
-from sb3_contrib import MaskablePPO
 from stable_baselines3 import PPO
-from stable_baselines3.common.base_class import BaseAlgorithm
-from stable_baselines3.common.callbacks import BaseCallback
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from slamgym import __version__
+from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.checkpoint import save_checkpoint
+from slamgym.agents.rl.environments import explore_plan, make_env, mean_outcome
 from slamgym.agents.rl.imitation import imitate
-from slamgym.agents.rl.policy import FrontierPolicy, MaskableFrontierPolicy
-from slamgym.agents.rl.run_folder import begin_run, go_on, learn, log_into_run
-from slamgym.agents.rl.semi_markov import MaskableSemiMarkovBuffer, SemiMarkovBuffer, SemiMarkovDiscounting
-from slamgym.agents.rl.train_config import FURNISHED, POLICY, TrainConfig
-from slamgym.agents.rl.training_callbacks import (
-    FollowCurriculum,
-    LogEpisodes,
-    SaveCheckpoints,
-    Validate,
-)
-from slamgym.agents.rl.training_envs import draw_plans, make_env, make_learning_envs
+from slamgym.agents.rl.policy import FrontierPolicy
+from slamgym.agents.rl.run import PolicyLearner, learn_policy, save_checkpoint
+from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
+from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import say
 from slamgym.envs import RewardFunction
+from slamgym.planning.promise import Promise
+from slamgym.sim import ClutterConfig
 
-_LOGGED = {
-    "rollout/episode_seconds": "time",
-    "rollout/episode_metres": "path_length",
-    "rollout/episode_coverage": "coverage",
-}
+Terms = Mapping[str, tuple[float, RewardFunction]]
+"""Terms of the reward of the user's own, name to (weight, function)."""
+_EPISODE = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
+"""What the log of episodes holds besides reward and length."""
 
 
-def train(
-    config: TrainConfig, out: Path, reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None
-) -> BaseAlgorithm:
-    """Train a policy; the same command again goes on where the run was interrupted.
+def train(config: TrainConfig, out: Path, reward_terms: Terms | None = None) -> PPO:
+    """Train a policy that chooses frontiers; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
+    return learn_policy(FrontierLearner(config, reward_terms), out)
+
+
+class FrontierLearner(PolicyLearner[TrainConfig]):
+    """Chooses frontiers.
 
     Args:
         config: The run.
-        out: Its folder: ``config.json``, ``progress.csv`` and TensorBoard events, ``validation.csv``,
-            ``checkpoint.pt``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
-        reward_terms: Terms of the reward of the user's own, name to (weight, function).
-
-    Returns:
-        The learner.
-
-    Raises:
-        ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
-        InputFileError: If plans or the checkpoint can't be read.
+        reward_terms: Terms of the user's own.
     """
-    torch.set_num_threads(1)
-    begin_run(config, out, free=("workers",))
-    plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
-    say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
-    envs = make_learning_envs(config, plans, reward_terms)
-    model = _make_model(config, envs)
-    is_resumed = go_on(model, out, config.seed, "step")
-    if config.start_from and not is_resumed:
-        _begin_with(config.start_from, model)
-    if config.imitation.decisions and not is_resumed:
-        imitate(model, config, plans, out)
-        save_checkpoint(out, model)
-    log_into_run(model, out)
-    learn(model, envs, out, config.steps, lambda: _callbacks(config, out, model), "step")
-    export_policy(config, model, out / POLICY)
-    return model
 
-
-def export_policy(config: TrainConfig, model: BaseAlgorithm, path: Path) -> None:
-    """Write a frontier policy's weights without the optimiser, as ``slamgym generate --explorer rl`` reads them."""
-    network: Any = model.policy.features_extractor.network
-    weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
-    about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(config)}
-    write_policy(path, network.config, weights, about)
-
-
-def _make_model(config: TrainConfig, envs: VecEnv) -> BaseAlgorithm:
-    """The learner on its environments."""
-    settings: dict[str, Any] = {
-        **dataclasses.asdict(config.ppo),
-        "gamma": config.discount,
-        "seed": config.seed,
-        "device": "cpu",
+    unit = "step"
+    logged: ClassVar[Mapping[str, str]] = {
+        "rollout/episode_seconds": "time",
+        "rollout/episode_metres": "path_length",
+        "rollout/episode_coverage": "coverage",
     }
-    rate = config.ppo.learning_rate
-    settings["learning_rate"] = lambda left: rate * left
-    kwargs = {"policy_kwargs": {"network": config.network}, **settings}
-    if config.algo == "ppo":
-        return PPO(FrontierPolicy, envs, rollout_buffer_class=SemiMarkovBuffer, **kwargs)
-    return MaskablePPO(MaskableFrontierPolicy, envs, rollout_buffer_class=MaskableSemiMarkovBuffer, **kwargs)
+
+    def __init__(self, config: TrainConfig, reward_terms: Terms | None = None) -> None:
+        super().__init__(config)
+        self._terms = reward_terms
+        self._plans: list[FloorPlan] = []  # of the validation
+
+    def draw(self, split: Any, count: int, seed: int = 0) -> list[FloorPlan]:
+        """Draw plans of a split."""
+        return draw_plans(self.config.plans, split, count, seed, self.config.largest_area)
+
+    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+        """The learner on its environments."""
+        config = self.config
+
+        def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
+            return lambda: Monitor(
+                make_env(config, list(plans), reward_terms=self._terms, clutter=clutter),
+                info_keywords=_EPISODE,
+            )
+
+        furnished = round(config.furnished * config.num_envs)
+        makers = [maker(FURNISHED if i < furnished else ClutterConfig()) for i in range(config.num_envs)]
+        envs = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="fork")
+        envs.seed(config.seed)
+        # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
+        return self.ppo(FrontierPolicy, envs, gamma=1.0, policy_kwargs={"network": config.network})
+
+    def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
+        """Take over earlier weights, and imitate."""
+        if self.config.start_from:
+            _begin_with(self.config.start_from, model)
+        if self.config.imitation.decisions:
+            imitate(model, self.config, plans)
+            save_checkpoint(out, model)
+
+    def validate(self, model: PPO) -> dict[str, float]:
+        """Means over validation plans, dealt out to an empty and a furnished environment in turns.
+
+        If episodes end by a promise, the score is the time until done, an exploration that breaks it counting twice;
+        else the time to 95 and 99 % of the floor.
+        """
+        config = self.config
+        self._plans = self._plans or self.draw("validation", config.evaluate_plans)
+        clutters = [ClutterConfig(), FURNISHED] if config.furnished else [ClutterConfig()]
+        envs = [make_env(config, self._plans, coverage_goal=None, clutter=one) for one in clutters]
+
+        def choose(observation: dict[str, Any]) -> int:
+            return int(model.predict(observation, deterministic=True)[0])
+
+        found = [explore_plan(envs[i % len(envs)], choose, plan, i) for i, plan in enumerate(self._plans)]
+        means = mean_outcome(found)
+        speed = means["decisions"] / max(means["seconds"], 1e-9)
+        score = means["time_95"] + means["time_99"]
+        if config.promise is not None:
+            promise = Promise.parse(config.promise)
+            kept = [promise.holds(one.coverage, p.area) for one, p in zip(found, self._plans, strict=True)]
+            score = float(np.mean([one.time * (2 - held) for one, held in zip(found, kept, strict=True)]))
+        return {**means, "decisions_per_second": speed, "score": score}
+
+    def export(self, model: PPO, path: Path) -> None:
+        """Write the weights as ``slamgym generate --explorer rl`` reads them."""
+        network: Any = model.policy.features_extractor.network
+        weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
+        about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(self.config)}
+        write_policy(path, network.config, weights, about)
 
 
-def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
+def _begin_with(start_from: str, model: PPO) -> None:
     """Replace the weights of a fresh frontier policy by those of an earlier run.
 
     Raises:
@@ -119,24 +134,3 @@ def _begin_with(start_from: str, model: BaseAlgorithm) -> None:
         raise ConfigError(
             f"start_from {start_from}: its network is {found.network}, not {network.config}; give the same sizes"
         ) from None
-    network.prefer_walls()
-
-
-def _callbacks(config: TrainConfig, out: Path, model: BaseAlgorithm) -> list[BaseCallback]:
-    callbacks: list[BaseCallback] = [
-        FollowCurriculum(config),
-        SaveCheckpoints(out, config.checkpoint_every),
-        SemiMarkovDiscounting(),
-        LogEpisodes(_LOGGED),
-    ]
-    if config.evaluate_every:
-        plans = draw_plans(
-            config.plans, "validation", config.evaluate_plans, largest_area=config.largest_area
-        )
-        envs = [make_env(config, plans, coverage_goal=None)]
-        if config.furnished:
-            envs.append(make_env(config, plans, coverage_goal=None, clutter=FURNISHED))
-        callbacks.append(
-            Validate(envs, plans, config.evaluate_every, out, lambda path: export_policy(config, model, path))
-        )
-    return callbacks

@@ -1,7 +1,7 @@
-"""Everything that decides a training run; saved beside it as JSON."""
+"""Everything that decides a training run, saved beside it as JSON: of frontier decisions, and of the wheels."""
 
 from dataclasses import field
-from typing import Literal
+from typing import Any, Literal
 
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad.plan_filter import AREA
@@ -19,29 +19,29 @@ BEST = "best.safetensors"
 FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 """What stands in furnished buildings: as on the track ``furnished`` of the benchmark."""
 
-Algorithm = Literal["maskable_ppo", "ppo"]
+FIXED_PPO: dict[str, Any] = {"gae_lambda": 0.95, "clip_range": 0.2, "vf_coef": 0.5, "target_kl": 0.03}
+"""What no run changes of PPO: lambda of the advantages, how far the probability of an action may change in an update,
+the weight of the value's error, and the divergence at which an update ends; the usual values of the literature."""
+TRAINING_PARTICLES = 10
+"""Particles while training, where there is a filter: fewer than an exploration has, for speed."""
+TRAINING_RESOLUTION = 0.1
+"""Cell size of the robot's map while training [m]: twice that of exploration halves the time, and the features are in
+metres."""
+CROP_SIDE = 8.4
+"""Side of the map's crop that the driver of the wheels sees [m]."""
+HOLD = 3
+"""An action holds for so many control steps."""
+LAYER_UNITS = (256, 128)
+"""Units of the first layer, which action and value share, and of the second of each."""
+WHEELS_NETWORK = {"crop_side": CROP_SIDE, "hold": HOLD, "first": LAYER_UNITS[0], "second": LAYER_UNITS[1]}
+"""What files say of the network."""
+WHEELS_GOAL = 0.98
+"""An episode of driving the wheels ends at this true coverage; privileged, never observed."""
+WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.0, collision=2.0, completion=0.0)
+"""A point for each new hundredth of the floor, two off for each control step in contact."""
 
 
-class Curriculum(Settings, section="curriculum"):
-    """Small buildings first (Bengio et al., "Curriculum learning", ICML 2009)."""
-
-    areas: tuple[float, ...] = (90.0, 160.0)
-    """Largest free area in each stage but the last, which has all plans [m2]."""
-    shares: tuple[float, ...] = (0.15, 0.4)
-    """Share of the training after which each stage ends."""
-
-    def _check(self) -> None:
-        if len(self.areas) != len(self.shares):
-            raise ConfigError("curriculum.areas and curriculum.shares must have the same length")
-        if sorted(self.areas) != list(self.areas) or sorted(self.shares) != list(self.shares):
-            raise ConfigError("curriculum.areas and curriculum.shares must ascend")
-
-    def stage(self, share: float) -> int:
-        """The stage at a share of the training, in [0, 1]."""
-        return sum(share >= end for end in self.shares)
-
-
-class PPOConfig(Settings, section="ppo"):
+class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
     n_steps: Count = 128
@@ -51,63 +51,68 @@ class PPOConfig(Settings, section="ppo"):
     n_epochs: Count = 6
     """Passes over a rollout."""
     learning_rate: Positive = 3e-4
-    """Of Adam; falls linearly, to a tenth where the wheels are driven, else to 0."""
-    gae_lambda: PositiveShare = 0.95
-    """Lambda of the advantages."""
-    clip_range: Positive = 0.2
-    """How far the probability of an action may change in an update."""
+    """Of Adam; falls linearly to a tenth."""
     ent_coef: NonNegative = 0.003
     """Weight of the entropy."""
-    vf_coef: NonNegative = 0.5
-    """Weight of the value's error."""
-    target_kl: Positive = 0.03
-    """An update ends where the policy has moved so far."""
 
 
-class ImitationConfig(Settings, section="imitation"):
+class ImitationConfig(Settings, section="imitation", dropped={"epochs": 12}):
     """What is learned of one who knows the plan, before the learning from rewards."""
 
     decisions: CountOrZero = 0
     """So many decisions, with what each candidate costs in hindsight, are learned from; 0 for none."""
     rounds: Count = 1
     """In how many rounds; after each the policy is fitted to all, and drives in the next."""
-    epochs: Count = 12
-    """Passes over the decisions after each round."""
 
 
-class TrainConfig(Settings):
-    """A training run."""
+class RunConfig(Settings):
+    """What all training runs have in common."""
 
-    algo: Algorithm = "maskable_ppo"
-    """``maskable_ppo`` or ``ppo``."""
-    env: Literal["explore_frontiers"] = "explore_frontiers"
-    """Choose frontiers; ``--env explore`` drives the wheels, with settings of its own (``--env explore --help``)."""
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
     split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
     plan_count: Count = 1500
     """So many plans are learned on."""
-    largest_area: Positive = AREA[1]
-    """Larger plans than this are not learned on [m2]."""
-    furnished: Share = 0.0
-    """In this share of the environments the plans are furnished, and leaves hang in half of their doors."""
     steps: CountOrZero = 100_000
     """Decisions of all environments together that are learned from by rewards; 0 for imitation alone."""
     seed: int = 0
     """Seed of everything random."""
     num_envs: Count = 8
     """Environments."""
+    reward: RewardConfig = FRONTIER_REWARD
+    """Weights of the reward terms."""
+    ppo: PPOConfig = field(default_factory=PPOConfig)
+    """The learner."""
+    evaluate_every: CountOrZero = 12_000
+    """Decisions between two evaluations on validation plans; 0 for none."""
+    evaluate_plans: Count = 16
+    """Plans of an evaluation."""
+
+
+class TrainConfig(
+    RunConfig,
+    dropped={
+        "algo": "ppo",
+        "env": "explore_frontiers",
+        "particles": TRAINING_PARTICLES,
+        "resolution": TRAINING_RESOLUTION,
+        "curriculum": {"areas": [], "shares": []},
+        "discount": 1.0,
+        "checkpoint_every": 4_000,
+    },
+):
+    """A training run on ``slamgym/ExploreFrontiers-v1``."""
+
+    largest_area: Positive = AREA[1]
+    """Larger plans than this are not learned on [m2]."""
+    furnished: Share = 0.0
+    """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
     workers: Count = 1
     """1 runs them in this process; more gives each environment a process of its own."""
     localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
     odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry, which matter where poses are estimated."""
-    particles: Count = 10
-    """Particles, where there is a filter."""
-    resolution: Positive = 0.1
-    """Cell size of the robot's map while training [m]: twice that of exploration halves the time, and the
-    features are in metres."""
     coverage_goal: PositiveShare | None = 0.995
     """An episode of training ends at this true coverage; privileged, never observed."""
     promise: str | None = None
@@ -115,14 +120,6 @@ class TrainConfig(Settings):
     goes by the time until done."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
-    discount: PositiveShare = 0.998
-    """Per second."""
-    curriculum: Curriculum = field(default_factory=Curriculum)
-    """Order of the plans."""
-    reward: RewardConfig = FRONTIER_REWARD
-    """Weights of the reward terms."""
-    ppo: PPOConfig = field(default_factory=PPOConfig)
-    """The learner."""
     network: NetworkConfig = field(default_factory=NetworkConfig)
     """The network."""
     start_from: str = ""
@@ -130,13 +127,48 @@ class TrainConfig(Settings):
     network."""
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
     """What is imitated first."""
-    evaluate_every: CountOrZero = 12_000
-    """Steps between two evaluations on validation plans; 0 for none."""
-    evaluate_plans: int = 16
-    """Plans of an evaluation."""
-    checkpoint_every: Count = 4_000
-    """Steps between two checkpoints."""
 
     def _check(self) -> None:
         if self.promise is not None:
             Promise.parse(self.promise)
+
+
+def _wheels_ppo() -> PPOConfig:
+    return PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
+
+
+class WheelsConfig(
+    RunConfig,
+    dropped={
+        "localization": "ground_truth",
+        "odometry": "medium",
+        "coverage_goal": WHEELS_GOAL,
+        "network": WHEELS_NETWORK,
+        "checkpoint_every": 20_000,
+    },
+):
+    """A training run on ``slamgym/Explore-v1`` with the observations ``compact_far``, at true poses."""
+
+    steps: Count = 6_000_000
+    """Decisions of all environments together."""
+    num_envs: Count = 32
+    """Environments, all in one batch."""
+    discount: PositiveShare = 0.99
+    """Per decision."""
+    reward: RewardConfig = WHEELS_REWARD
+    """Weights of the reward terms."""
+    ppo: PPOConfig = field(default_factory=_wheels_ppo)
+    """The learner."""
+    evaluate_every: CountOrZero = 250_000
+    """Decisions between two evaluations on validation plans; 0 for none."""
+    evaluate_plans: Count = 64
+    """Plans of an evaluation."""
+    episode_seconds: tuple[Positive, Positive] = (90.0, 180.0)
+    """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would
+    have followed counts."""
+    evaluate_seconds: Positive = 90.0
+    """How long each plan of an evaluation is explored [s]."""
+
+    def _check(self) -> None:
+        if self.episode_seconds[0] > self.episode_seconds[1]:
+            raise ConfigError(f"episode_seconds must be (shortest, longest), not {self.episode_seconds}")

@@ -15,10 +15,10 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import read_policy
+from slamgym.agents.rl.environments import Choose, explore_plan
 from slamgym.agents.rl.imitation import oracle
-from slamgym.agents.rl.training_envs import draw_plans
-from slamgym.agents.rl.validation import Choose, explore_plan
 from slamgym.agents.rules import FrontierTour, Nearest
 from slamgym.core.intervals import ratio_of_means
 from slamgym.core.names import exploration_seed

@@ -4,8 +4,8 @@
 
 It runs ``slamgym agents evaluate`` on HouseExpo's test plans and on generated offices of the test split,
 the oracle included. What was done before, in ``--out``, is not done again, so the same command after
-Ctrl-C or a kill goes on, and once all is done it only writes the tables again. ``--only-done`` shows the tables of
-what is done so far; ``--no-page`` leaves page, plot and results of the repository as they are.
+Ctrl-C or a kill goes on, and once all is done it only writes the tables again. ``--no-page`` leaves page, plot and
+results of the repository as they are.
 """
 
 import dataclasses
@@ -17,9 +17,8 @@ from pathlib import Path
 
 import tyro
 
-from slamgym.agents.evaluation.coverage_plot import draw_coverage
 from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, evaluate
-from slamgym.agents.evaluation.report import write_report
+from slamgym.agents.evaluation.report import draw_coverage, write_report
 from slamgym.agents.evaluation.summary import summarise_trials
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.plan_index import PlanSource
@@ -56,8 +55,6 @@ class Arguments:
     """Processes."""
     out: Path = Path("out/explorers")
     """Folder of the trials."""
-    only_done: bool = False
-    """Explore nothing; tables of the plans that every explorer has done so far."""
     page: bool = True
     """Write docs/explorers.md, its plot and benchmarks/results; --no-page for a trial run."""
 
@@ -97,7 +94,7 @@ def run(
 ) -> Evaluation:
     """Evaluate on one kind of plans; write its figures, and for the homes the table of the page."""
     out = arguments.out / name
-    evaluation = evaluate(source, config, out, Execution(workers=arguments.workers), arguments.only_done)
+    evaluation = evaluate(source, config, out, Execution(workers=arguments.workers))
     text = write_report(out, evaluation, config, arguments.against)
     print(f"### {heading}\n\n{text}")
     if not arguments.page:

@@ -211,7 +211,7 @@ def write_manifest(tracks: Sequence[Track]) -> None:
     parts = []
     for track in tracks:
         rows = [
-            {key: value for key, value in dataclasses.asdict(building).items() if value is not None}
+            {key: value for key, value in dataclasses.asdict(building).items() if value != (0, 0.0)}
             for building in track.buildings
         ]
         head = {"about": track.about, "shipped": track.shipped, "clutter": to_dict(track.clutter)}

@@ -13,8 +13,14 @@ import matplotlib as mpl
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from slamgym.agents.rl.decision_shaping import DecisionShaping
-from slamgym.agents.rl.reward_shaping import read_curve
+
+def read_curve(folder: Path) -> list[tuple[float, ...]]:
+    """Steps, and the mean duration of the latest hundred episodes of training then [s]."""
+    rows: list[dict[str, str]] = []
+    for path in sorted(folder.glob("log/*/progress.csv")):
+        rows += csv.DictReader(path.read_text(encoding="utf-8").splitlines())
+    names = ("time/total_timesteps", "rollout/episode_seconds")
+    return [tuple(float(row[name]) for name in names) for row in rows if all(map(row.get, names))]
 
 
 def main() -> None:
@@ -24,7 +30,7 @@ def main() -> None:
     arguments = parser.parse_args()
     folder, target = arguments.run, arguments.png
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
-    curve = read_curve(folder, DecisionShaping.curve)
+    curve = read_curve(folder)
     left.plot([steps for steps, _ in curve], [seconds for _, seconds in curve], color="#1971c2")
     left.set(xlabel="decisions", ylabel="s", title="latest 100 episodes of training")
     with (folder / "validation.csv").open(newline="") as file:

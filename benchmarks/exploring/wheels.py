@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents import make_explorer
-from slamgym.agents.rl.training_envs import draw_plans
+from slamgym.agents.plan_splits import draw_plans
 from slamgym.cad import FloorPlan
 from slamgym.core.intervals import mean_interval
 from slamgym.envs import ExploreConfig, ExploreEnv

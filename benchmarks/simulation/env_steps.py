@@ -18,8 +18,8 @@ import cv2
 import numpy as np
 import shapely
 
+from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.rl.training_envs import draw_plans
 from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv

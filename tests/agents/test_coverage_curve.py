@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.agents.evaluation.coverage_curve import CoverageCurve, CurveRecorder, horizon, mean_coverage
+from slamgym.agents.evaluation.coverage_curve import CoverageCurve, horizon
 
 
 def linear(seconds=100, speed=0.2):
@@ -14,17 +14,16 @@ def linear(seconds=100, speed=0.2):
 
 def test_levels_are_reached_when_a_linear_curve_passes_them():
     curve = linear()
-    assert curve.time_to(0.5) == 50.0
-    assert curve.path_to(0.95) == pytest.approx(19.0)
-    assert curve.time_to(1.0) == 100.0
+    assert curve.reached(0.5) == (50.0, 10.0)
+    assert curve.reached(0.95)[1] == pytest.approx(19.0)
+    assert curve.reached(1.0)[0] == 100.0
     assert curve.final == 1.0
 
 
 def test_a_level_that_was_never_reached_is_none():
     curve = CoverageCurve(np.array([0.0, 10.0]), np.array([0.0, 2.0]), np.array([0.1, 0.6]))
-    assert curve.time_to(0.8) is None
-    assert curve.path_to(0.8) is None
-    assert curve.time_to(0.1) == 0.0
+    assert curve.reached(0.8) is None
+    assert curve.reached(0.1) == (0.0, 0.0)
 
 
 def test_the_area_under_a_linear_curve_is_a_half_and_goes_on_level_after_the_end():
@@ -53,13 +52,6 @@ def test_a_faster_curve_has_the_larger_area():
     slow, fast = linear(200), linear(100)
     end = horizon(50.0)
     assert fast.mean_until(end) > slow.mean_until(end)
-    np.testing.assert_allclose(mean_coverage([slow, fast], np.array([50.0])), [[0.25], [0.5]])
-
-
-def test_the_recorder_keeps_the_order_and_an_empty_curve_is_refused():
-    recorder = CurveRecorder()
+    assert (slow.at(50.0), fast.at(50.0)) == (0.25, 0.5)
     with pytest.raises(ValueError, match="at least one"):
-        recorder.curve()
-    recorder.add(0.0, 0.0, 0.1)
-    recorder.add(0.2, 0.05, 0.3)
-    assert recorder.curve().path_to(0.2) == pytest.approx(0.05)
+        CoverageCurve.from_dict({})

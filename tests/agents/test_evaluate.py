@@ -97,7 +97,7 @@ def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monk
     def interrupted(*arguments):
         if len(done) == 2:
             raise KeyboardInterrupt
-        done.append(arguments[0].id)
+        done.append(arguments[0].plan.id)
         return run_trial(*arguments)
 
     monkeypatch.setattr(evaluation_module, "run_trial", interrupted)
@@ -110,15 +110,6 @@ def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monk
     at_once = run(source(), config(), tmp_path / "at_once")
     assert [comparable(t) for t in resumed.trials] == [comparable(t) for t in at_once.trials]
     assert run(source(), config(), tmp_path / "resumed").fresh == 0
-
-
-def test_what_is_done_so_far_can_be_looked_at(tmp_path):
-    with pytest.raises(ConfigError, match="none of these explorations is done"):
-        run(source(), config(), tmp_path, only_done=True)
-    run(source(), config(count=1), tmp_path)
-    partial = run(source(), config(count=3), tmp_path, only_done=True)
-    assert partial.fresh == 0
-    assert len(partial.trials) == 2
 
 
 def test_more_explorers_and_plans_add_to_what_is_there(tmp_path):

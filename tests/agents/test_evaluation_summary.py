@@ -80,8 +80,8 @@ def test_all_are_compared_with_the_quickest_hand_written_rule_and_the_reference_
     assert against["rl", "tour"].ratio_of_means.value == pytest.approx(0.75)
     assert against["rl", "oracle"].ratio_of_means.value == pytest.approx(1.2)
     text = describe_evaluation(summary)
-    assert "Against `tour`, the quickest hand-written rule to 99 %" in text
-    assert "Against `oracle`;" in text
+    assert "against `tour`, the quickest hand-written rule to 99 %" in text
+    assert "against `oracle`;" in text
     assert summarise_trials(many("ours", 1.0) + many("rl", 1.0), "ours", yardstick="oracle").others == ()
 
 

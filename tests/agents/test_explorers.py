@@ -7,7 +7,7 @@ from slamgym.agents import EXPLORERS, make_explorer
 from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.registry import CLASSICAL
 from slamgym.agents.rules import EXPLORE_LITE_LOOP, ExploreLite
-from slamgym.agents.teleop import Teleop, TeleopConfig
+from slamgym.agents.teleop import Teleop
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import find_frontiers, make_costmap
@@ -234,37 +234,35 @@ def test_an_unknown_explorer_is_refused_with_the_nearest_name(make_world):
         make_explorer("explore-lite", context)
 
 
-def by_keyboard(make_world, seed, config=None):
+def by_keyboard(make_world, seed):
     world = make_world(two_rooms(door_cells=18))
     world.place(12, 15, 2.0)
-    explorer = Teleop(world.context, seed, config)
+    explorer = Teleop(world.context, seed)
     time, actions = explore(world, explorer, 900.0)
     return world, explorer, time, actions * (world.context.max_linear, world.context.max_angular)
 
 
 def test_a_driver_sees_both_rooms_and_mostly_goes_straight_or_turns_on_the_spot(make_world):
-    config = TeleopConfig(visits=(1, 1))
-    world, explorer, _, actions = by_keyboard(make_world, 1, config)
+    world, explorer, _, actions = by_keyboard(make_world, 1)
     assert explorer.finished
     assert share_seen(world, np.s_[:, :]) > 0.97
     linear, angular = np.abs(actions).T
-    assert linear.max() <= config.speed[1] + 1e-6
-    assert angular.max() <= config.turn_rate[1] + 1e-6
+    assert linear.max() <= 0.26 + 1e-6
+    assert angular.max() <= 1.2 + 1e-6
     moving = linear + angular > 0.0
     assert np.mean((linear[moving] == 0.0) | (angular[moving] == 0.0)) > 0.5
-    assert not ((linear > 0.0) & (angular > 0.0) & (angular < config.straight)).any()
+    assert not ((linear > 0.0) & (angular > 0.0) & (angular < 0.05)).any()
 
 
-def test_visits_lengthen_the_drive_and_the_same_seed_drives_the_same(make_world):
-    _, _, short, first = by_keyboard(make_world, 4, TeleopConfig(visits=(0, 0)))
-    _, _, long, again = by_keyboard(make_world, 4, TeleopConfig(visits=(3, 3)))
+def test_visits_lengthen_the_drive_and_drivers_differ(make_world, monkeypatch):
+    drives = []
+    for seed, visits in ((4, 0), (4, 3), (2, 0)):
+        monkeypatch.setattr("slamgym.agents.teleop._VISITS", (visits, visits))
+        drives.append(by_keyboard(make_world, seed)[2:])
+    (short, first), (long, again), (_, other) = drives
     assert long > short + 5.0
-    np.testing.assert_array_equal(first[:-1], again[: len(first) - 1])
-
-
-def test_drivers_differ(make_world):
-    speeds = [np.abs(by_keyboard(make_world, seed)[3][:, 0]).max() for seed in (1, 2)]
-    assert speeds[0] != pytest.approx(speeds[1], abs=1e-3)
+    np.testing.assert_array_equal(first[:-1], again[: len(first) - 1])  # the same seed drives the same
+    assert np.abs(first[:, 0]).max() != pytest.approx(np.abs(other[:, 0]).max(), abs=1e-3)
 
 
 def test_a_promise_stands_behind_the_name_or_beside_it(make_world):

@@ -17,7 +17,7 @@ from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_F
 torch = pytest.importorskip("torch")
 from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402 - needs torch
 
-SIZES = NetworkConfig(crop=8, width=16, heads=2)
+SIZES = NetworkConfig(width=16)
 
 
 def make_network(seed=0, config=SIZES):
@@ -57,7 +57,7 @@ def torch_scores(network, observation):
 def test_numpy_and_torch_agree(seed, count):
     network = make_network()
     observation = make_observation(seed, count)
-    scorer = FrontierScorer(weights_of(network), SIZES.heads)
+    scorer = FrontierScorer(weights_of(network))
     # float32 sums of some hundred terms in another order
     np.testing.assert_allclose(
         scorer.scores(observation), torch_scores(network, observation)[0][:count], rtol=1e-4, atol=1e-4
@@ -91,12 +91,12 @@ def test_without_any_candidate_nothing_is_nan():
     scores, value = torch_scores(make_network(), make_observation(0, 0))
     assert np.isfinite(scores).all()
     assert np.isfinite(value)
-    assert FrontierScorer(weights_of(make_network()), 2).choose(make_observation(0, 0)) == 0
+    assert FrontierScorer(weights_of(make_network())).choose(make_observation(0, 0)) == 0
 
 
 def test_sizes_that_do_not_fit_are_refused():
     with pytest.raises(ConfigError, match="multiple"):
-        NetworkConfig(width=30, heads=4)
+        NetworkConfig(width=30)
     with pytest.raises(ConfigError, match="no feature"):
         NetworkConfig(prior_feature="luck")
 
@@ -166,6 +166,7 @@ def rewrite(path, change):
         (lambda c: c["space"].update(env="slamgym/Explore-v1"), "another observation space .env"),
         (lambda c: c["network"].update(width=32), "where its configuration asks for"),
         (lambda c: c["network"].update(depth=3), "unknown setting 'depth'"),
+        (lambda c: c["network"].update(crop=8), "crop of NetworkConfig is always 32"),
         (lambda c: c.pop("space"), "no frontier policy"),
     ],
 )

@@ -5,25 +5,32 @@ import dataclasses
 import numpy as np
 import pytest
 
-import slamgym.agents.rl.decision_shaping as shaping_module
+import slamgym.agents.rl.shaping as shaping_module
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.decision_shaping import OWN, DecisionShaping, ShapingConfig, own_term
+from slamgym.agents.rl.environments import DriveOutcome, PolicyOutcome
 from slamgym.agents.rl.reward_presets import (
+    OWN,
     REWARD_PRESETS,
-    error_of_new_map,
+    WHEELS_PRESETS,
+    ShapingConfig,
+    WheelsShapingConfig,
     reward_preset,
-    uncertainty_of_new_map,
 )
-from slamgym.agents.rl.reward_shaping import ShapingRun, run_shaping
-from slamgym.agents.rl.shaping_report import DECISION_REPORT, WHEELS_REPORT, table, write_shaping_report
-from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.rl.validation import PolicyOutcome
+from slamgym.agents.rl.shaping import (
+    DECISION_REPORT,
+    WHEELS_REPORT,
+    DecisionShaping,
+    ShapingRun,
+    WheelsShaping,
+    own_term,
+    run_shaping,
+    table,
+    write_shaping_report,
+)
+from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
 from slamgym.agents.scoring import NetworkConfig
-from slamgym.agents.wheels.config import WHEELS_PRESETS, WheelsConfig, WheelsShapingConfig
-from slamgym.agents.wheels.policy import WHEELS as WHEELS_WEIGHTS
-from slamgym.agents.wheels.policy import read_wheels, write_wheels
-from slamgym.agents.wheels.shaping import WheelsShaping
-from slamgym.agents.wheels.validation import DriveOutcome
+from slamgym.agents.wheels import WHEELS as WHEELS_WEIGHTS
+from slamgym.agents.wheels import read_wheels, write_wheels
 from slamgym.commands.agents.shape import main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
@@ -48,12 +55,12 @@ def settings(config, preset, seed):
 
 def runs_of(name, times, errors):
     outcomes = [outcome(t, e) for t, e in zip(times, errors, strict=True)]
-    return [ShapingRun(name, seed, [(100.0, 300.0), (200.0, 250.0 + seed)], outcomes) for seed in range(2)]
+    return [ShapingRun(name, seed, outcomes) for seed in range(2)]
 
 
 @pytest.mark.parametrize("name", REWARD_PRESETS)
 def test_every_preset_rewards_what_its_weights_say(name):
-    reward = Reward(REWARD_PRESETS[name].reward, REWARD_PRESETS[name].terms)
+    reward = Reward(REWARD_PRESETS[name].reward)
     total, terms = reward(STEP)
     assert np.isfinite(total)
     assert terms
@@ -62,17 +69,11 @@ def test_every_preset_rewards_what_its_weights_say(name):
 
 def test_the_presets_differ_in_what_they_pay_for():
     active = {
-        name: {term.name for term in Reward(chosen.reward, chosen.terms).terms}
-        for name, chosen in REWARD_PRESETS.items()
+        name: {term.name for term in Reward(chosen.reward).terms} for name, chosen in REWARD_PRESETS.items()
     }
-    assert active["coverage_only"] == {"coverage_gain"}
-    assert active["information_gain"] == {"information_gain"}
     assert active["path_cost"] == {"coverage_gain", "path_length"}
     assert active["map_error"] - active["time"] == {"map_error"}
     assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
-    assert active["coastal"] - active["time"] == {"exposure"}
-    assert active["careful_mapping"] - active["time"] == {"error_of_new_map"}
-    assert active["certain_mapping"] - active["time"] == {"uncertainty_of_new_map"}
     assert active["floor"] == {"floor_gain", "collision"}
     assert active["potential"] == {"time", "shaping"}
     assert active["completion"] == {"time", "completion"}
@@ -86,14 +87,6 @@ def test_an_unknown_preset_suggests_the_nearest():
         ShapingConfig(presets=("tme",))
 
 
-def test_new_map_is_charged_with_the_error_it_is_drawn_under():
-    # One square metre was new, 0.2 m wrong and 0.1 m unsure.
-    assert error_of_new_map(STEP) == pytest.approx(-0.2)
-    assert uncertainty_of_new_map(STEP) == pytest.approx(-0.1)
-    shrunk = dataclasses.replace(STEP, known_area=28.0)
-    assert error_of_new_map(shrunk) == uncertainty_of_new_map(shrunk) == 0.0
-
-
 def test_with_a_preset_about_errors_all_train_with_the_filter():
     config = ShapingConfig(presets=("time", "map_error"))
     for name in ("time", "map_error"):
@@ -104,7 +97,6 @@ def test_with_a_preset_about_errors_all_train_with_the_filter():
     without = ShapingConfig(presets=("time", "path_cost"))
     assert settings(without, "time", 1).localization == "ground_truth"
     assert settings(without, "time", 1).reward == REWARD_PRESETS["time"].reward
-    assert settings(without, "coastal", 1).network.exposure_prior == REWARD_PRESETS["coastal"].exposure_prior
 
 
 def test_a_term_of_ones_own_is_added_to_time_and_trained_with_the_filter():
@@ -119,10 +111,6 @@ def learn_nothing(calls):
     def learn(settings, folder, reward_terms=None):
         calls.append((settings.seed, settings.reward, reward_terms))
         write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(PRETRAINED).weights, {})
-        (folder / "log" / "0").mkdir(parents=True, exist_ok=True)
-        (folder / "log" / "0" / "progress.csv").write_text(
-            "time/total_timesteps,rollout/episode_seconds\n10,400\n20,300\n30,\n"
-        )
 
     return learn
 
@@ -134,7 +122,6 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     term = own_term("math:sqrt", 0.5)
     runs = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
     assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [("time", 0, 1), (OWN, 0, 1)]
-    assert runs[0].curve == [(10.0, 400.0), (20.0, 300.0)]
     assert calls[0][2] is None
     assert calls[1][2]["sqrt"][0] == 0.5
     again = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
@@ -160,12 +147,11 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
         return outcome(float(seed % 1000))
 
     monkeypatch.setattr(shaping_module, "explore_plan", explore_plan)
-    config = ShapingConfig(presets=("careful_mapping",), seeds=1, test_plans=4)
+    config = ShapingConfig(presets=("map_error",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
         run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
     (resumed,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
-    assert list(calls[0][2]) == ["error_of_new_map"]
     seen = [entry for entry in explored if entry != "interrupted"]
     assert len(seen) == len(set(seen)) == 4
     (at_once,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "at_once")
@@ -173,21 +159,12 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
 
 
 def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
-    pytest.importorskip("matplotlib")
     runs = runs_of("time", [100.0, 200.0], [0.02, 0.04]) + runs_of("map_error", [110.0, 220.0], [0.01, 0.02])
     text = write_shaping_report(runs, DECISION_REPORT, tmp_path)
     row = next(line for line in text.splitlines() if line.startswith("| map_error"))
     assert "1.10 [1.10, 1.10]" in row  # every plan takes a tenth longer
     assert "0.50 [0.50, 0.50]" in row  # and has half the error
-    for name in ("shaping.md", "curves.png", "outcomes.png"):
-        assert (tmp_path / name).stat().st_size > 100
-
-
-def test_runs_too_short_for_a_curve_are_reported_all_the_same(tmp_path):
-    pytest.importorskip("matplotlib")
-    runs = [dataclasses.replace(run, curve=[]) for run in runs_of("time", [100.0, 200.0], [0.02, 0.04])]
-    assert "| time " in write_shaping_report(runs, DECISION_REPORT, tmp_path)
-    assert (tmp_path / "curves.png").stat().st_size > 100
+    assert (tmp_path / "shaping.md").read_text() == text
 
 
 def test_without_the_preset_time_the_first_is_the_reference():
@@ -205,11 +182,9 @@ def test_one_seed_has_no_interval_and_the_report_says_so():
 
 
 def test_the_wheels_are_offered_what_a_batch_can_pay():
-    assert set(REWARD_PRESETS) - set(WHEELS_PRESETS) == {
-        "information_gain", "map_error", "pose_uncertainty", "coastal", "careful_mapping", "certain_mapping",
-    }  # fmt: skip
-    with pytest.raises(ConfigError, match=r"'coastal' can't be paid on the wheels.*coverage_only"):
-        WheelsShapingConfig(presets=("coastal",))
+    assert set(REWARD_PRESETS) - set(WHEELS_PRESETS) == {"map_error", "pose_uncertainty"}
+    with pytest.raises(ConfigError, match=r"'map_error' can't be paid on the wheels.*floor"):
+        WheelsShapingConfig(presets=("map_error",))
     with pytest.raises(ConfigError, match="did you mean 'time'"):
         WheelsShapingConfig(presets=("tme",))
 
@@ -237,16 +212,13 @@ def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_
     assert alone.outcomes[0] in runs[0].outcomes
 
 
-def test_on_the_wheels_more_coverage_is_better():
+def test_the_report_of_the_wheels_compares_coverage():
     def of(name, coverages):
         outcomes = [DriveOutcome(coverage, 1.0, 15.0) for coverage in coverages]
-        return [ShapingRun(name, seed, [], outcomes) for seed in range(2)]
+        return [ShapingRun(name, seed, outcomes) for seed in range(2)]
 
     text = table(of("time", [0.4, 0.6]) + of("floor", [0.5, 0.75]), WHEELS_REPORT)
-    assert "coverage above time's" in text
-    row = next(line for line in text.splitlines() if line.startswith("| floor"))
-    assert "1.25 [1.25, 1.25]" in row
-    assert "1.00 [1.00, 1.00]" in row
+    assert "1.25 [1.25, 1.25]" in next(line for line in text.splitlines() if line.startswith("| floor"))
 
 
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from slamgym.agents.evaluation.coverage_plot import draw_coverage
+from slamgym.agents.evaluation.report import draw_coverage
 from slamgym.agents.evaluation.side_by_side_video import choose_trial, film_side_by_side
 from slamgym.agents.evaluation.trial import TrialConfig
 from slamgym.cad import FloorPlan

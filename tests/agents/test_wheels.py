@@ -10,9 +10,8 @@ import pytest
 from source_tree import ROOT
 
 from slamgym.agents import make_explorer
-from slamgym.agents.rl.train_config import PPOConfig
-from slamgym.agents.wheels.config import WheelsConfig
-from slamgym.agents.wheels.policy import WheelsNetwork, WheelsPolicy, read_wheels, shapes, write_wheels
+from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
+from slamgym.agents.wheels import WheelsPolicy, read_wheels, wheels_shapes, write_wheels
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
 from slamgym.envs.compact import MapTiles
@@ -22,7 +21,7 @@ torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv  # noqa: E402
-from slamgym.agents.wheels.train import train_wheels  # noqa: E402
+from slamgym.agents.rl.wheels import train_wheels  # noqa: E402
 
 TINY = WheelsConfig(
     plan_count=2,
@@ -32,7 +31,6 @@ TINY = WheelsConfig(
     evaluate_every=24,
     evaluate_plans=2,
     evaluate_seconds=3.0,
-    checkpoint_every=24,
     episode_seconds=(3.0, 6.0),
 )
 SETTINGS = {"localization": "ground_truth", "observation": {"preset": "compact"}}
@@ -41,12 +39,11 @@ SETTINGS = {"localization": "ground_truth", "observation": {"preset": "compact"}
 @pytest.fixture(scope="module")
 def weights(tmp_path_factory):
     """A policy that drives straight ahead, whatever it sees."""
-    network = WheelsNetwork()
-    values = {name: np.zeros(shape, dtype=np.float32) for name, shape in shapes(network).items()}
+    values = {name: np.zeros(shape, dtype=np.float32) for name, shape in wheels_shapes().items()}
     values["variance"][:] = 1.0
     values["action.bias"][0] = 0.5
     path = tmp_path_factory.mktemp("wheels") / "ahead.safetensors"
-    write_wheels(path, WheelsPolicy(network, values, {}))
+    write_wheels(path, WheelsPolicy(values, {}))
     return path
 
 
@@ -164,9 +161,8 @@ def test_it_explores_whole_episodes(weights, tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"space": {"blocks": 7}}, "other observations"),
-        ({"network": {"second": 7}}, "second.weight has shape"),
-        ({"network": {"widht": 7}}, "no policy that drives"),
+        ({"space": {"blocks": 7}}, "another observation space .blocks 7"),
+        ({"network": {"second": 7}}, "another observation space .second 7"),
     ],
 )
 def test_weights_of_something_else_are_refused(weights, tmp_path, change, message):

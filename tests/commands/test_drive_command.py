@@ -8,7 +8,6 @@ from shapely import box
 
 from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
-from slamgym.core.types import UNKNOWN
 from slamgym.dataset import Layout
 from slamgym.viz.map_pictures import VIEW_HEIGHT, VIEW_WIDTH
 from slamgym.viz.window import Window
@@ -71,16 +70,3 @@ def test_a_closed_window_keeps_nothing(drive, tmp_path, capsys):
     assert drive({3: [(pygame.QUIT, 0)]})[0] == 2
     assert "the window was closed before the end" in capsys.readouterr().err
     assert records(tmp_path) == []
-
-
-def test_a_map_of_which_nothing_is_known_is_one_cell():
-    from slamgym.agents.keyboard import _cropped
-    from slamgym.core.types import GridFrame
-
-    frame = GridFrame(0.1, -0.5, -0.5, 10, 10)
-    cells = np.full(frame.shape, UNKNOWN, np.uint8)
-    assert _cropped(cells, frame).cells.shape == (1, 1)
-    cells[2, 3] = cells[4, 7] = 0
-    cropped = _cropped(cells, frame)
-    assert cropped.cells.shape == (3, 5)
-    assert cropped.frame.bounds == pytest.approx((-0.2, 0.0, 0.3, 0.3))

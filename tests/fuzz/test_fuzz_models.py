@@ -184,8 +184,8 @@ class TestWithTorch:
     @cases(100)
     @given(data=st.data())
     def test_settings_of_runs_of_explorers(self, folder, data):
-        pytest.importorskip("sb3_contrib")
-        from slamgym.agents.rl.run_folder import CONFIG, read_run
+        pytest.importorskip("stable_baselines3")
+        from slamgym.agents.rl.run import CONFIG, read_run
         from slamgym.agents.rl.train_config import TrainConfig
 
         (folder / CONFIG).write_bytes(

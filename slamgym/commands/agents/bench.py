@@ -20,7 +20,7 @@ class BenchRunArguments(Arguments):
     a kill the same command goes on.
     """
 
-    explorer: tyro.conf.Positional[str]
+    explorer: tyro.conf.Positional[Label]
     """Its name, as everywhere (``nearest``, ``rl@98%:90%``, ``rl:FILE``); ``module:function`` for one of your own.
     Without an ``@`` it stops at the promise 98%:95%."""
     out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]

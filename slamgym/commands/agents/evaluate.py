@@ -104,7 +104,7 @@ def main(argv: list[str]) -> int:
         )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if arguments.plot:
-        from slamgym.agents.evaluation.coverage_plot import draw_coverage
+        from slamgym.agents.evaluation.report import draw_coverage
 
         path = arguments.out / "coverage_over_time.png"
         draw_coverage(evaluation.trials, path)

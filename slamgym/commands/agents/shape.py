@@ -4,18 +4,19 @@ import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from slamgym.agents.rl.decision_shaping import ShapingConfig
-from slamgym.agents.rl.reward_shaping import Experiment
-from slamgym.agents.wheels.config import WHEELS_PRESETS, WheelsShapingConfig
+from slamgym.agents.rl.reward_presets import WHEELS_PRESETS, ShapingConfig, WheelsShapingConfig
 from slamgym.commands.agents.train import drives_the_wheels
 from slamgym.commands.extras import LEARNING, require
 from slamgym.core.config import Arguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, tell
+
+if TYPE_CHECKING:
+    from slamgym.agents.rl.shaping import Experiment
 
 
 class _Arguments(Arguments):
@@ -73,8 +74,13 @@ def main(argv: list[str]) -> int:
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
     require(LEARNING, "slamgym agents shape")
-    from slamgym.agents.rl.reward_shaping import FEW_SEEDS, run_shaping
-    from slamgym.agents.rl.shaping_report import DECISION_REPORT, WHEELS_REPORT, write_shaping_report
+    from slamgym.agents.rl.shaping import (
+        DECISION_REPORT,
+        FEW_SEEDS,
+        WHEELS_REPORT,
+        run_shaping,
+        write_shaping_report,
+    )
 
     if isinstance(arguments, ShapeWheelsArguments):
         experiment, form = _wheels(arguments), WHEELS_REPORT
@@ -86,12 +92,13 @@ def main(argv: list[str]) -> int:
         )
     runs = run_shaping(experiment, arguments.out)
     sys.stdout.write(write_shaping_report(runs, form, arguments.out))
-    say(f"table and pictures: {arguments.out}")
+    say(f"table: {arguments.out}")
     return 0
 
 
-def _decisions(arguments: ShapeArguments) -> Experiment[Any, Any]:
-    from slamgym.agents.rl.decision_shaping import OWN, DecisionShaping, own_term
+def _decisions(arguments: ShapeArguments) -> "Experiment[Any]":
+    from slamgym.agents.rl.reward_presets import OWN
+    from slamgym.agents.rl.shaping import DecisionShaping, own_term
     from slamgym.agents.rl.train import train
 
     config, term = arguments.config, None
@@ -104,8 +111,8 @@ def _decisions(arguments: ShapeArguments) -> Experiment[Any, Any]:
     return DecisionShaping(config, train, term)
 
 
-def _wheels(arguments: ShapeWheelsArguments) -> Experiment[Any, Any]:
-    from slamgym.agents.wheels.shaping import WheelsShaping
-    from slamgym.agents.wheels.train import train_wheels
+def _wheels(arguments: ShapeWheelsArguments) -> "Experiment[Any]":
+    from slamgym.agents.rl.shaping import WheelsShaping
+    from slamgym.agents.rl.wheels import train_wheels
 
     return WheelsShaping(arguments.config, train_wheels)

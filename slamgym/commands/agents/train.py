@@ -7,8 +7,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.agents.rl.train_config import POLICY, TrainConfig
-from slamgym.agents.wheels.config import WheelsConfig
+from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
 from slamgym.core.config import Arguments
 from slamgym.core.progress import say
 
@@ -52,7 +51,7 @@ def main(argv: list[str]) -> int:
     """Run the command; returns the exit code."""
     if drives_the_wheels(argv):
         wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
-        from slamgym.agents.wheels.train import train_wheels
+        from slamgym.agents.rl.wheels import train_wheels
 
         train_wheels(wheels.config, wheels.out)
         say(f"policy: {wheels.out / POLICY}")

@@ -1,0 +1,296 @@
+"""The frame of every training run: its folder, checkpoints, log and validation, and going on after an interruption.
+
+Main path: :func:`learn_policy` saves the settings, draws the plans, lets a :class:`PolicyLearner` make environments and
+network (or takes up a checkpoint), and learns to the end. Loading a checkpoint executes no pickle.
+"""
+
+import csv
+import dataclasses
+import io
+import json
+import math
+import pickle
+import time
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar
+
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.callbacks import BaseCallback
+from stable_baselines3.common.logger import configure
+
+from slamgym import __version__
+from slamgym.agents.plan_splits import draw_plans
+from slamgym.agents.rl.train_config import BEST, FIXED_PPO, POLICY, RunConfig
+from slamgym.cad import FloorPlan
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.documents import read_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import append_line, own_folder, read_text, staged, write_text
+from slamgym.core.limits import WEIGHT_BYTES
+from slamgym.core.progress import Advance, say, show_progress
+from slamgym.core.streams import check_zip
+
+CHECKPOINT = "checkpoint.pt"
+CONFIG = "config.json"
+VALIDATION = "validation.csv"
+
+_MAY_CHANGE = ("steps", "workers")
+"""Settings that may be others when a run goes on."""
+_CHECKPOINTS = 200
+"""So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
+_STATISTICS = ("mean", "var", "count")
+
+ConfigT = TypeVar("ConfigT", bound=RunConfig)
+
+
+class PolicyLearner(ABC, Generic[ConfigT]):
+    """What is learned in a run.
+
+    Args:
+        config: The run.
+    """
+
+    unit: ClassVar[str]
+    """What its steps are called."""
+    logged: ClassVar[Mapping[str, str]]
+    """Columns of the log that are means over the latest episodes, to the key of an episode's record."""
+
+    def __init__(self, config: ConfigT) -> None:
+        self.config = config
+
+    def draw(self, split: Any, count: int, seed: int = 0) -> list[FloorPlan]:
+        """Draw plans of a split."""
+        return draw_plans(self.config.plans, split, count, seed)
+
+    @abstractmethod
+    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+        """The learner on its environments."""
+
+    @abstractmethod
+    def validate(self, model: PPO) -> dict[str, float]:
+        """Figures of the policy on plans that it doesn't learn on, with ``score``, of which less is better."""
+
+    @abstractmethod
+    def export(self, model: PPO, path: Path) -> None:
+        """Write the policy's weights without value and optimiser, as explorers read them."""
+
+    def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
+        """What is done before a fresh run learns from rewards."""
+
+    def ppo(self, policy: Any, envs: Any, **changes: Any) -> PPO:
+        """Proximal policy optimisation with the settings of the run."""
+        settings: dict[str, Any] = {**to_dict(self.config.ppo), **FIXED_PPO, **changes}
+        rate = self.config.ppo.learning_rate
+        settings["learning_rate"] = lambda left: rate * max(0.1, left)
+        return PPO(policy, envs, seed=self.config.seed, device="cpu", **settings)
+
+
+def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
+    """Train a policy; the same command again goes on where the run was interrupted, with more steps beyond its end.
+
+    Args:
+        learner: What is learned.
+        out: Folder of the run: ``config.json``, ``log`` (CSV and TensorBoard events), ``validation.csv``,
+            ``checkpoint.pt``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
+
+    Returns:
+        The learner.
+
+    Raises:
+        ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
+        InputFileError: If plans or the checkpoint can't be read.
+    """
+    config, unit = learner.config, learner.unit
+    torch.set_num_threads(1)
+    _begin(config, out)
+    plans = learner.draw("train", config.plan_count, config.seed)
+    say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
+    model = learner.make(plans)
+    if (out / CHECKPOINT).is_file():
+        load_checkpoint(out, model)
+        # Not the plans and the noise of the beginning once more.
+        model.set_random_seed(config.seed + model.num_timesteps)
+        say(f"going on at {unit} {model.num_timesteps}")
+    else:
+        learner.prepare(model, plans, out)
+    log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
+    (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
+    model.set_logger(configure(str(log), ["csv", "tensorboard"]))
+    left = max(0, config.steps - model.num_timesteps)
+    try:
+        with show_progress(f"{unit}s", model.num_timesteps, config.steps) as advance:
+            if left:
+                keep = _Keep(learner, out, advance)
+                model.learn(left, callback=keep, reset_num_timesteps=False)
+    except KeyboardInterrupt:
+        save_checkpoint(out, model)
+        say(f"interrupted at {unit} {model.num_timesteps}; the same command goes on from there")
+        raise
+    finally:
+        model.env.close()
+        model.logger.close()
+    learner.export(model, out / POLICY)
+    return model
+
+
+def _begin(config: RunConfig, out: Path) -> None:
+    """Save the settings of a run in its folder.
+
+    Raises:
+        ConfigError: If it holds a run with other settings.
+    """
+    if (out / CONFIG).exists():
+        old = read_run(type(config), out)
+        for entry in dataclasses.fields(config):
+            mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
+            if mine != theirs and entry.name not in _MAY_CHANGE:
+                raise ConfigError(
+                    f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
+                )
+    write_text(out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n")
+
+
+def read_run(kind: type[ConfigT], folder: Path) -> ConfigT:
+    """The settings of a run.
+
+    Raises:
+        InputFileError: If the folder holds none.
+    """
+    path = folder / CONFIG
+    values = read_json(path, "choose another folder")
+    if not isinstance(values, dict):
+        raise InputFileError(path, "holds no settings of a training run; choose another folder")
+    values.pop("version", None)
+    return from_dict(kind, values, str(path))
+
+
+class _Keep(BaseCallback):
+    """Logs, validates and saves a run between two updates, keeps its best weights, and advances a bar."""
+
+    def __init__(self, learner: PolicyLearner[Any], out: Path, advance: Advance) -> None:
+        super().__init__()
+        self._learner, self._out, self._advance = learner, out, advance
+        self._every = learner.config.evaluate_every
+        self._rows = read_validation(out)
+        last = self._rows[-1] if self._rows else {}
+        self._validate_at = last.get("steps", 0.0) + self._every
+        self._spent = last.get("training_cpu_seconds", 0.0)
+        self._clock = time.process_time()
+        self._save_at = 0.0
+
+    def _on_step(self) -> bool:
+        for _ in range(self.training_env.num_envs):
+            self._advance()
+        return True
+
+    def _on_rollout_start(self) -> None:
+        if self.model.num_timesteps >= self._save_at:
+            self._save_at = self.model.num_timesteps + self._learner.config.steps / _CHECKPOINTS
+            save_checkpoint(self._out, self.model)
+
+    def _on_rollout_end(self) -> None:
+        episodes = list(self.model.ep_info_buffer or [])
+        for name, key in self._learner.logged.items():
+            if episodes:
+                self.logger.record(name, sum(episode[key] for episode in episodes) / len(episodes))
+        self.logger.record("time/cpu_seconds", time.process_time())
+        if self._every and self.model.num_timesteps >= self._validate_at:
+            self._validate_at += self._every
+            self._validate()
+
+    def _on_training_end(self) -> None:
+        save_checkpoint(self._out, self.model)
+        if self._every and not (self._rows and self._rows[-1]["steps"] >= self.model.num_timesteps):
+            self._validate()
+
+    def _validate(self) -> None:
+        model: Any = self.model
+        spent = self._spent + time.process_time() - self._clock
+        figures = self._learner.validate(model)
+        for name, value in figures.items():
+            self.logger.record(f"validation/{name}", value)
+        row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
+        _append(self._out / VALIDATION, row, list(self._rows[0]) if self._rows else list(row))
+        if figures["score"] < min((one.get("score", math.inf) for one in self._rows), default=math.inf):
+            self._learner.export(model, self._out / BEST)
+        self._rows.append(row)
+
+
+def read_validation(folder: Path) -> list[dict[str, float]]:
+    """The evaluations of a run so far."""
+    path = folder / VALIDATION
+    if not path.exists():
+        return []
+    try:
+        rows = csv.DictReader(read_text(path).splitlines())
+        return [{name: float(value) for name, value in row.items()} for row in rows]
+    except (TypeError, ValueError, csv.Error) as error:
+        raise InputFileError(path, f"is damaged ({error}); delete it to begin it again") from None
+
+
+def _append(path: Path, row: Mapping[str, float], columns: Sequence[str]) -> None:
+    """Add an evaluation to those of a run, whose columns may be those of an earlier version."""
+    text = io.StringIO(newline="")
+    writer = csv.DictWriter(text, columns, extrasaction="ignore")
+    if not path.exists():
+        writer.writeheader()
+    writer.writerow(row)
+    append_line(path, text.getvalue())
+
+
+def save_checkpoint(folder: Path, model: Any) -> None:
+    """Save what a run needs to go on: weights, optimiser, steps, and what normalises its observations.
+
+    Args:
+        folder: Of the run.
+        model: The learner.
+    """
+    state = {"steps": model.num_timesteps, "updates": model._n_updates}
+    state |= {name: module.state_dict() for name, module in _modules(model).items()}
+    for name, statistics in _statistics(model).items():
+        state[name] = {key: torch.as_tensor(getattr(statistics, key)) for key in _STATISTICS}
+    with staged(folder / CHECKPOINT) as part:
+        torch.save(state, part)
+
+
+def load_checkpoint(folder: Path, model: Any) -> None:
+    """Continue a run in a fresh learner of the same configuration.
+
+    Args:
+        folder: Of the run.
+        model: Its counters, weights and optimiser are replaced.
+
+    Raises:
+        InputFileError: If the file is damaged or belongs to another network.
+    """
+    path = folder / CHECKPOINT
+    try:
+        check_zip(path, WEIGHT_BYTES)
+        state = torch.load(path, map_location="cpu", weights_only=True)
+        for name, module in _modules(model).items():
+            module.load_state_dict(state[name])
+        for name, statistics in _statistics(model).items():
+            for key in _STATISTICS:
+                setattr(statistics, key, state[name][key].numpy())
+        model.num_timesteps, model._n_updates = int(state["steps"]), int(state["updates"])
+    except (
+        OSError, RuntimeError, LookupError, TypeError, ValueError, EOFError, AttributeError, pickle.UnpicklingError,
+    ) as error:  # fmt: skip
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise InputFileError(
+            path, f"is no checkpoint of this run ({reason}); delete it to begin again"
+        ) from None
+
+
+def _modules(model: Any) -> dict[str, Any]:
+    """All that has a state, by stable names."""
+    return {"policy": model.policy, "policy.optimizer": model.policy.optimizer}
+
+
+def _statistics(model: Any) -> dict[str, Any]:
+    """What normalises observations and rewards, where the environments do."""
+    envs = model.get_vec_normalize_env()
+    return {} if envs is None else {"observations": envs.obs_rms, "returns": envs.ret_rms}

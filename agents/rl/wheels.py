@@ -1,0 +1,116 @@
+"""Train a policy that drives the wheels: PPO on a batch of environments with normalised observations."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
+from stable_baselines3.common.vec_env import VecNormalize
+from torch import Tensor, nn
+
+from slamgym import __version__
+from slamgym.agents.rl.batch_vec_env import BatchVecEnv
+from slamgym.agents.rl.environments import drive_plans, make_batch, mean_outcome
+from slamgym.agents.rl.run import PolicyLearner, learn_policy
+from slamgym.agents.rl.train_config import HOLD, LAYER_UNITS, WheelsConfig
+from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
+from slamgym.cad import FloorPlan
+from slamgym.core.config import to_dict
+
+_CONTACT_PRICE = 0.02
+"""What a contact in five minutes takes off the coverage when the best weights are chosen."""
+_FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
+"""Shares of the largest speed and turning rate of the untrained network: it sees more than one that stands."""
+
+
+class FirstLayer(BaseFeaturesExtractor):
+    """The layer that action and value share."""
+
+    def __init__(self, observation_space: Any) -> None:
+        super().__init__(observation_space, LAYER_UNITS[0])
+        self.layer = nn.Linear(observation_space.shape[0], LAYER_UNITS[0])
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Units, shape (B, units)."""
+        return torch.relu(self.layer(observations))
+
+
+def train_wheels(config: WheelsConfig, out: Path) -> PPO:
+    """Train a policy that drives the wheels; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
+    return learn_policy(WheelsLearner(config), out)
+
+
+class WheelsLearner(PolicyLearner[WheelsConfig]):
+    """Drives the wheels."""
+
+    unit = "decision"
+    logged: ClassVar[Mapping[str, str]] = {f"rollout/{key}": key for key in ("coverage", "collisions")}
+    _plans: Sequence[FloorPlan] = ()  # of the validation
+
+    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+        """The learner on its environments."""
+        config = self.config
+        envs = make_batch(config, plans, config.num_envs)
+        batch = BatchVecEnv(envs, HOLD, config.episode_seconds, config.seed)
+        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=config.discount)
+        layers = {
+            "features_extractor_class": FirstLayer,
+            "net_arch": {"pi": [LAYER_UNITS[1]], "vf": [LAYER_UNITS[1]]},
+            "activation_fn": nn.ReLU,
+            "log_std_init": math.log(0.5),
+        }
+        model = self.ppo("MlpPolicy", normalised, gamma=config.discount, policy_kwargs=layers)
+        _follow_the_way(model)
+        return model
+
+    def validate(self, model: PPO) -> dict[str, float]:
+        """Means over validation plans; a contact takes :data:`_CONTACT_PRICE` off the coverage."""
+        self._plans = self._plans or self.draw("validation", self.config.evaluate_plans)
+        act = self._policy(model).act
+        means = mean_outcome(drive_plans(self.config, act, self._plans, range(len(self._plans))))
+        return {**means, "score": _CONTACT_PRICE * means["contacts"] - means["coverage"]}
+
+    def export(self, model: PPO, path: Path) -> None:
+        """Write the weights as the explorer ``wheels`` reads them."""
+        write_wheels(path, self._policy(model))
+
+    def _policy(self, model: PPO) -> WheelsPolicy:
+        """The policy without value and optimiser, with the normalisation of its observations."""
+        policy: Any = model.policy
+        layers = _layers(policy)
+        weights = {
+            f"{name}.{kind}": getattr(part, kind).detach().cpu().numpy().copy()
+            for name, part in zip(("first", "second", "action"), layers, strict=True)
+            for kind in ("weight", "bias")
+        }
+        statistics: Any = model.get_vec_normalize_env().obs_rms
+        weights |= {"mean": statistics.mean.astype(np.float32), "variance": statistics.var.astype(np.float32)}
+        training = to_dict(self.config)
+        about = {"version": __version__, "decisions": model.num_timesteps, "training": training}
+        return WheelsPolicy(weights, about)
+
+
+def _layers(policy: Any) -> tuple[Any, Any, Any]:
+    return policy.features_extractor.layer, policy.mlp_extractor.policy_net[0], policy.action_net
+
+
+def _follow_the_way(model: PPO) -> None:
+    """Let the untrained network drive ahead and turn to the first leg of the shortest way, its last input.
+
+    Two units of each layer carry what lies left and what lies right to the turning rate.
+    """
+    first, second, action = _layers(model.policy)
+    with torch.no_grad():
+        for layer, columns, signs in (
+            (first, (-1, -1), (1.0, -1.0)),
+            (second, (0, 1), (1.0, 1.0)),
+        ):
+            for unit, (column, sign) in enumerate(zip(columns, signs, strict=True)):
+                layer.weight[unit], layer.bias[unit] = 0.0, 0.0
+                layer.weight[unit, column] = sign
+        action.bias[0] = _FIRST_SPEED
+        action.weight[1, 0], action.weight[1, 1] = _FIRST_TURN, -_FIRST_TURN

@@ -1,0 +1,162 @@
+"""The explorer ``wheels``: a trained network drives, nothing chooses a frontier or follows a path; without torch."""
+
+import functools
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from slamgym.agents.explorer import BatchedExplorer, Pilot
+from slamgym.agents.pretrained_policy import (
+    fingerprint_of,
+    read_weights,
+    refuse_other_shapes,
+    refuse_other_space,
+    write_weights,
+)
+from slamgym.agents.rl.train_config import CROP_SIDE, HOLD, LAYER_UNITS, WHEELS_NETWORK
+from slamgym.core.errors import ConfigError
+from slamgym.core.portable import product
+from slamgym.core.types import Float32Array, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.envs.compact import BLOCKS, SCAN_SECTORS, CompactObserver, MapTiles, compact_size
+from slamgym.envs.completion import CompletionDetector
+from slamgym.envs.far_look import FAR_SIZE, SECTORS
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import crop_known
+
+WHEELS = Path(__file__).parent / "pretrained" / "wheels_policy.safetensors"
+"""The policy that comes with the package."""
+
+CLIP = 5.0
+"""Normalised observations are cut off here."""
+_EPSILON = 1e-8
+_SMALLEST_FRONTIER = 0.5
+"""Shorter frontiers don't keep it driving [m]."""
+_SPACE = {
+    "env": "slamgym/Explore-v1",
+    "preset": "compact_far",
+    "blocks": BLOCKS,
+    "ranges": SCAN_SECTORS,
+    "sectors": SECTORS,
+}
+
+
+@dataclass(frozen=True)
+class WheelsPolicy:
+    """Weights of the network."""
+
+    weights: Mapping[str, Float32Array]
+    about: Mapping[str, Any]  # how they were trained
+
+    def act(self, observation: Float32Array) -> Float32Array:
+        """Shares of the largest speed and turning rate, shape (..., 2) in [-1, 1].
+
+        Args:
+            observation: Of the preset ``compact_far``, shape (..., n).
+        """
+        w = self.weights
+        scaled = (observation - w["mean"]) / np.sqrt(w["variance"] + np.float32(_EPSILON))
+        hidden = np.clip(scaled, -CLIP, CLIP).reshape(-1, scaled.shape[-1])
+        for name, layer in self._layers.items():
+            hidden = product(hidden, layer) + w[f"{name}.bias"]
+            hidden = np.clip(hidden, -1.0, 1.0) if name == "action" else np.maximum(hidden, 0.0)
+        return hidden.reshape(*observation.shape[:-1], 2)
+
+    @functools.cached_property
+    def _layers(self) -> dict[str, Float32Array]:
+        """The weights of each layer as :func:`product` takes them, (inputs, outputs)."""
+        names = ("first", "second", "action")
+        return {name: np.ascontiguousarray(self.weights[f"{name}.weight"].T) for name in names}
+
+
+def wheels_shapes() -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights."""
+    size = compact_size(SCAN_SECTORS) + FAR_SIZE
+    found: dict[str, tuple[int, ...]] = {"mean": (size,), "variance": (size,)}
+    sizes = (size, *LAYER_UNITS, 2)
+    for name, inputs, outputs in zip(("first", "second", "action"), sizes, sizes[1:], strict=False):
+        found |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+    return found
+
+
+def write_wheels(path: Path, policy: WheelsPolicy) -> None:
+    """Write weights with their description, also as JSON beside them."""
+    write_weights(
+        path, policy.weights, {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)}
+    )
+
+
+def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
+    """Read weights and check that they fit this version's observations.
+
+    Raises:
+        InputFileError: If the file is missing, damaged, or made for another observation.
+    """
+    path = Path(path)
+    description, weights = read_weights(path, "policy that drives the wheels")
+    refuse_other_space(path, description["space"], _SPACE)
+    refuse_other_space(path, description["network"], WHEELS_NETWORK)
+    refuse_other_shapes(path, weights, wheels_shapes())
+    return WheelsPolicy(weights, description["about"])
+
+
+class WheelsPilot(Pilot):
+    """Looks, asks the network, and holds its answer for some control steps.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        policy: The network.
+    """
+
+    def __init__(self, context: ExplorerContext, policy: WheelsPolicy) -> None:
+        self._context, self._policy = context, policy
+        limits = context.max_linear, context.max_angular, context.geometry.range_max
+        self._observer = CompactObserver(context.geometry.num_beams, limits, CROP_SIDE, looks_far=True)
+        self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
+        self._steps = 0
+        self._command = Twist2D(0.0, 0.0)
+        self._publication = round(context.map_update_interval / context.control_step) or 1
+
+    def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Pilot.act`."""
+        context, cells = self._context, observation["map"][0]
+        pose = Pose2D(*observation["pose"].tolist())
+        if self._steps % self._publication == 0:
+            grid = crop_known(OccupancyGrid(cells, context.frame), pose)
+            self.finished = self._detector.is_explored(grid, pose)
+            self._shown = MapTiles.of_grid(cells, context.frame)
+            self._observer.refresh(self._shown)
+        if self._steps % HOLD == 0:
+            velocity = Twist2D(*observation["velocity"].tolist())
+            seen = self._observer.observe(self._shown, observation["scan"], pose, velocity)
+            linear, angular = self._policy.act(seen).tolist()
+            self._command = Twist2D(linear * context.max_linear, angular * context.max_angular)
+            self.decisions += 1
+        self._steps += 1
+        return self._command
+
+
+class WheelsExplorer(BatchedExplorer):
+    """Drives the wheels by a trained network, from observations ``compact_far`` of the published map.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        policy: Weights, as ``slamgym agents train wheels`` writes them; by default those of the package.
+
+    Raises:
+        ConfigError: If the scanner has too few beams.
+        InputFileError: If the weights are missing, damaged, or made for other observations.
+    """
+
+    def __init__(self, context: ExplorerContext, policy: Path | str = WHEELS) -> None:
+        if context.geometry.num_beams < SCAN_SECTORS:
+            raise ConfigError(
+                f"the explorer wheels needs a scanner of {SCAN_SECTORS} beams or more, not {context.geometry.num_beams}"
+            )
+        self._policy = read_wheels(policy)
+        super().__init__(context, fingerprint_of(self._policy.weights))
+
+    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
+        return WheelsPilot(self.context, self._policy)
