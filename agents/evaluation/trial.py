@@ -1,6 +1,7 @@
 """One exploration by one explorer, run to its end and measured against the truth."""
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
@@ -16,6 +17,7 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.metrics.map_error import ObstacleDistance
+from slamgym.planning.context import ExplorerContext
 from slamgym.planning.promise import Promise
 
 SUCCESS_COVERAGE = 0.98
@@ -175,8 +177,15 @@ class _Stopwatch:
         return answer
 
 
-def run_trial(task: Task, config: TrialConfig) -> Trial:
+def run_trial(
+    task: Task, config: TrialConfig, make: Callable[[ExplorerContext], Explorer] | None = None
+) -> Trial:
     """Let an explorer explore a building until it is done or the time is up, and measure how well.
+
+    Args:
+        task: The exploration.
+        config: How explorers are put to the test.
+        make: Makes the explorer; by default it is the one of the task's name.
 
     Raises:
         PlanError: If the robot fits nowhere in the plan.
@@ -186,7 +195,8 @@ def run_trial(task: Task, config: TrialConfig) -> Trial:
     env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     began = time.process_time()
     reset = env.reset(seed=task.seed, options={"plan": plan, "start": task.start})
-    watch: Any = _Stopwatch(explorer_in(env, task.explorer, config, task.seed))
+    explorer = make(env.explorer_context()) if make else explorer_in(env, task.explorer, config, task.seed)
+    watch: Any = _Stopwatch(explorer)
     points = [
         (env.simulation.time, info["path_length"], info["coverage"])
         for info in episode_steps(env, watch, reset)

@@ -70,8 +70,8 @@ class PolicyLearner(ABC, Generic[ConfigT]):
         """The learner on its environments."""
 
     @abstractmethod
-    def validate(self, model: PPO) -> dict[str, float]:
-        """Figures of the policy on plans that it doesn't learn on, with ``score``, of which less is better."""
+    def validate(self, policy: Path) -> dict[str, float]:
+        """Figures of a file of weights on plans that it doesn't learn on, with ``score``, of which less is better."""
 
     @abstractmethod
     def export(self, model: PPO, path: Path) -> None:
@@ -209,7 +209,8 @@ class _Keep(BaseCallback):
     def _validate(self) -> None:
         model: Any = self.model
         spent = self._spent + time.process_time() - self._clock
-        figures = self._learner.validate(model)
+        self._learner.export(model, self._out / POLICY)
+        figures = self._learner.validate(self._out / POLICY)
         for name, value in figures.items():
             self.logger.record(f"validation/{name}", value)
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}

@@ -11,22 +11,20 @@ from __future__ import annotations
 
 import json
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Any
 
 import numpy as np
 
 from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.plan_splits import draw_plans
-from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.rl.environments import DriveOutcome, PolicyOutcome, drive_plans, explore_plan, make_env
+from slamgym.agents.rl.environments import explore_plan, figures_of
 from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig, WheelsShapingConfig, reward_preset
 from slamgym.agents.rl.train_config import HOLD, POLICY, TrainConfig, WheelsConfig
-from slamgym.agents.wheels import read_wheels
 from slamgym.cad import FloorPlan
-from slamgym.core.config import config_hash, from_dict, to_dict
+from slamgym.core.config import Measured, config_hash, from_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import own_folder, write_text
@@ -44,8 +42,6 @@ Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 _TEST_RESOLUTION = 0.05
 """Cell size of maps in the test, as in explorations [m]."""
-
-_OutcomeT = TypeVar("_OutcomeT", PolicyOutcome, DriveOutcome)
 
 
 @dataclass(frozen=True)
@@ -66,22 +62,32 @@ DECISION_REPORT: tuple[Column, ...] = (
     Column("coverage", "coverage", 3),
     Column("map_error", "map error [m]", 4, ratio=True),
 )
-"""Shown of :class:`slamgym.agents.rl.environments.PolicyOutcome`."""
+"""Shown where frontiers are chosen."""
 WHEELS_REPORT: tuple[Column, ...] = (
     Column("coverage", "coverage", 3, ratio=True),
     Column("contacts", "contacts in 5 min", 1),
     Column("path", "path [m]", 1),
 )
-"""Shown of :class:`slamgym.agents.rl.environments.DriveOutcome`."""
+"""Shown where the wheels are driven."""
 
 
 @dataclass(frozen=True)
-class ShapingRun(Generic[_OutcomeT]):
+class ShapingRun:
     """One trained policy and how it did."""
 
     preset: str
     seed: int
-    outcomes: list[_OutcomeT]  # one of each test plan
+    outcomes: list[dict[str, float]]  # :func:`~slamgym.agents.rl.environments.figures_of` each test plan
+
+
+@dataclass(frozen=True)
+class _Results:
+    """What is known of a run."""
+
+    settings: str
+    """Hash of its identity."""
+    outcomes: dict[str, dict[str, Measured]]
+    """Plan to figures."""
 
 
 @dataclass(frozen=True)
@@ -93,16 +99,13 @@ class Identity:
     term: tuple[str, float] | None = None
 
 
-class Experiment(ABC, Generic[_OutcomeT]):
+class Experiment(ABC):
     """What is trained with each preset and seed, and how a policy is tested.
 
     Args:
         config: The experiment.
         learn: Trains; it needs torch.
     """
-
-    outcome: ClassVar[type]
-    """A dataclass: what is known of an exploration."""
 
     def __init__(self, config: ShapingConfig | WheelsShapingConfig, learn: Callable[..., Any]) -> None:
         self.presets, self.seeds = config.presets, config.seeds
@@ -121,14 +124,18 @@ class Experiment(ABC, Generic[_OutcomeT]):
         """Train, or go on."""
         self._learn(self.settings(preset, seed), folder)
 
-    @abstractmethod
-    def explore(
-        self, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
-    ) -> Iterator[_OutcomeT]:
-        """Explore plans with the trained policy; a plan's outcome doesn't depend on the other plans."""
+    def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> dict[str, float]:
+        """Explore a plan with the trained policy; start and noise follow from the plan's id."""
+        start = exploration_seed(0, plan.id, 0)
+        settings = self.settings(preset, seed)
+        return figures_of(explore_plan(settings, folder / POLICY, plan, start, **self._changes()))
+
+    def _changes(self) -> dict[str, Any]:
+        """Settings of the environment in the test that differ from the training's."""
+        return {}
 
 
-class DecisionShaping(Experiment[PolicyOutcome]):
+class DecisionShaping(Experiment):
     """Choose frontiers.
 
     Args:
@@ -136,8 +143,6 @@ class DecisionShaping(Experiment[PolicyOutcome]):
         learn: :func:`slamgym.agents.rl.train.train`.
         term: A term of the user's own, for the preset ``own``.
     """
-
-    outcome = PolicyOutcome
 
     def __init__(self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None) -> None:
         super().__init__(config, learn)
@@ -161,28 +166,22 @@ class DecisionShaping(Experiment[PolicyOutcome]):
         terms = {self._term[0]: self._term[1:]} if preset == OWN and self._term else None
         self._learn(self.settings(preset, seed), folder, reward_terms=terms)
 
-    def explore(
-        self, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
-    ) -> Iterator[PolicyOutcome]:
-        """Explore with the particle filter and maps of full resolution; start and noise follow from a plan's id."""
-        scorer = read_policy(folder / POLICY).scorer()
-        env = make_env(
-            self.settings(preset, seed), plans, _TEST_RESOLUTION, localization="rbpf", coverage_goal=None,
-            slam={"particles": self.config.particles, "resolution": _TEST_RESOLUTION},
-        )  # fmt: skip
-        for plan in plans:
-            yield explore_plan(env, scorer.choose, plan, exploration_seed(0, plan.id, 0))
+    def _changes(self) -> dict[str, Any]:
+        """The particle filter, and maps of full resolution."""
+        return {
+            "localization": "rbpf",
+            "slam": {"particles": self.config.particles, "resolution": _TEST_RESOLUTION},
+            "observation": {"map_resolution": _TEST_RESOLUTION},
+        }
 
 
-class WheelsShaping(Experiment[DriveOutcome]):
+class WheelsShaping(Experiment):
     """Drive the wheels, at known pose.
 
     Args:
         config: The experiment.
         learn: :func:`slamgym.agents.rl.wheels.train_wheels`.
     """
-
-    outcome = DriveOutcome
 
     def __init__(self, config: WheelsShapingConfig, learn: Callable[..., Any]) -> None:
         super().__init__(config, learn)
@@ -195,14 +194,8 @@ class WheelsShaping(Experiment[DriveOutcome]):
         reward = replace(reward_preset(preset).reward, discount=base.discount ** (1.0 / HOLD))
         return replace(base, seed=seed, reward=reward)
 
-    def explore(
-        self, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
-    ) -> Iterator[DriveOutcome]:
-        """All in one batch; start and noise follow from a plan's id."""
-        yield from drive_plans(self.settings(preset, seed), read_wheels(folder / POLICY).act, plans)
 
-
-def run_shaping(experiment: Experiment[_OutcomeT], out: Path) -> list[ShapingRun[_OutcomeT]]:
+def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:
     """Train and test every preset with every seed.
 
     Args:
@@ -222,11 +215,11 @@ def run_shaping(experiment: Experiment[_OutcomeT], out: Path) -> list[ShapingRun
 
 
 def _run_one(
-    experiment: Experiment[_OutcomeT], preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
-) -> ShapingRun[_OutcomeT]:
+    experiment: Experiment, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
+) -> ShapingRun:
     """Train and test one preset with one seed, or what is left of that."""
     identity = config_hash(experiment.identity(preset, seed))
-    outcomes: dict[str, _OutcomeT] = _read(folder, identity, experiment.outcome)
+    outcomes = _read(folder, identity)
     left = [plan for plan in plans if plan.id not in outcomes]
     if left:
         say(f"{preset}, seed {seed}")
@@ -234,27 +227,27 @@ def _run_one(
         _write(folder, identity, outcomes)  # before the training: a term's weight stands nowhere else
         experiment.learn(preset, seed, folder)
         with show_progress("test explorations", len(plans) - len(left), len(plans)) as advance:
-            for plan, outcome in zip(left, experiment.explore(preset, seed, folder, left), strict=True):
-                outcomes[plan.id] = outcome
+            for plan in left:
+                outcomes[plan.id] = experiment.explore(preset, seed, folder, plan)
                 _write(folder, identity, outcomes)
                 advance()
     return ShapingRun(preset, seed, [outcomes[plan.id] for plan in plans])
 
 
-def write_shaping_report(runs: Sequence[ShapingRun[Any]], columns: Sequence[Column], out: Path) -> str:
+def write_shaping_report(runs: Sequence[ShapingRun], columns: Sequence[Column], out: Path) -> str:
     """Write ``shaping.md``; returns it."""
     text = table(runs, columns)
     write_text(out / "shaping.md", text)
     return text
 
 
-def table(runs: Sequence[ShapingRun[Any]], columns: Sequence[Column]) -> str:
+def table(runs: Sequence[ShapingRun], columns: Sequence[Column]) -> str:
     """Means over seeds and plans with 95 % intervals, and what is set against the preset ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
     and other seeds of the training. With one seed there is none: other plans alone would make it too narrow.
     """
-    by_name: dict[str, list[ShapingRun[Any]]] = {}
+    by_name: dict[str, list[ShapingRun]] = {}
     for run in runs:
         by_name.setdefault(run.preset, []).append(run)
     base = by_name.get(BASE, next(iter(by_name.values())))
@@ -274,9 +267,9 @@ def table(runs: Sequence[ShapingRun[Any]], columns: Sequence[Column]) -> str:
     return text
 
 
-def _outcomes(runs: Sequence[ShapingRun[Any]], field_name: str) -> FloatArray:
+def _outcomes(runs: Sequence[ShapingRun], field_name: str) -> FloatArray:
     """A field of the outcomes, shape (runs, plans)."""
-    return np.array([[getattr(outcome, field_name) for outcome in run.outcomes] for run in runs])
+    return np.array([[outcome[field_name] for outcome in run.outcomes] for run in runs])
 
 
 def _cell(interval: Interval, digits: int, seeds: int) -> str:
@@ -292,12 +285,11 @@ def own_term(spec: str, weight: float) -> Term:
     return spec.partition(":")[2], weight, own_function(spec, "--term")
 
 
-def _write(folder: Path, identity: str, outcomes: Mapping[str, Any]) -> None:
-    document = {"settings": identity, "outcomes": {plan: to_dict(o) for plan, o in outcomes.items()}}
-    write_text(folder / RESULTS, json.dumps(document, indent=1) + "\n")
+def _write(folder: Path, identity: str, outcomes: Mapping[str, Mapping[str, float]]) -> None:
+    write_text(folder / RESULTS, json.dumps({"settings": identity, "outcomes": outcomes}, indent=1) + "\n")
 
 
-def _read(folder: Path, identity: str, kind: type[_OutcomeT]) -> dict[str, _OutcomeT]:
+def _read(folder: Path, identity: str) -> dict[str, dict[str, float]]:
     """What was tested of a run, by plan.
 
     Raises:
@@ -307,15 +299,13 @@ def _read(folder: Path, identity: str, kind: type[_OutcomeT]) -> dict[str, _Outc
     path = folder / RESULTS
     if not path.exists():
         return {}
-    document = read_json(path, "delete it to test that run again")
     try:
-        found = str(document["settings"])
-        outcomes = {plan: from_dict(kind, values) for plan, values in document["outcomes"].items()}
-    except (KeyError, TypeError, AttributeError, ConfigError) as error:
+        found = from_dict(_Results, read_json(path, "delete it to test that run again"))
+    except ConfigError as error:
         raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
-    if found != identity:
+    if found.settings != identity:
         raise ConfigError(
             f"{folder} holds a run with other settings (training, particles, term or presets that need the "
             "filter); choose another folder"
         )
-    return outcomes
+    return found.outcomes

@@ -14,7 +14,7 @@ from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 from slamgym import __version__
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.environments import explore_plan, make_env, mean_outcome
+from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
 from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy
 from slamgym.agents.rl.run import PolicyLearner, learn_policy, save_checkpoint
@@ -86,8 +86,8 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
             imitate(model, self.config, plans)
             save_checkpoint(out, model)
 
-    def validate(self, model: PPO) -> dict[str, float]:
-        """Means over validation plans, dealt out to an empty and a furnished environment in turns.
+    def validate(self, policy: Path) -> dict[str, float]:
+        """Means over validation plans, empty and furnished ones in turns where the run has both.
 
         If episodes end by a promise, the score is the time until done, an exploration that breaks it counting twice;
         else the time to 95 and 99 % of the floor.
@@ -95,20 +95,18 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         config = self.config
         self._plans = self._plans or self.draw("validation", config.evaluate_plans)
         clutters = [ClutterConfig(), FURNISHED] if config.furnished else [ClutterConfig()]
-        envs = [make_env(config, self._plans, coverage_goal=None, clutter=one) for one in clutters]
-
-        def choose(observation: dict[str, Any]) -> int:
-            return int(model.predict(observation, deterministic=True)[0])
-
-        found = [explore_plan(envs[i % len(envs)], choose, plan, i) for i, plan in enumerate(self._plans)]
-        means = mean_outcome(found)
-        speed = means["decisions"] / max(means["seconds"], 1e-9)
+        trials = [
+            explore_plan(config, policy, plan, i, clutter=clutters[i % len(clutters)])
+            for i, plan in enumerate(self._plans)
+        ]
+        means = mean_figures(trials)
         score = means["time_95"] + means["time_99"]
         if config.promise is not None:
             promise = Promise.parse(config.promise)
-            kept = [promise.holds(one.coverage, p.area) for one, p in zip(found, self._plans, strict=True)]
-            score = float(np.mean([one.time * (2 - held) for one, held in zip(found, kept, strict=True)]))
-        return {**means, "decisions_per_second": speed, "score": score}
+            broken = [not promise.holds(trial.coverage, trial.area) for trial in trials]
+            times = [trial.time * (1 + late) for trial, late in zip(trials, broken, strict=True)]
+            score = float(np.mean(times))
+        return {**means, "score": score}
 
     def export(self, model: PPO, path: Path) -> None:
         """Write the weights as ``slamgym generate --explorer rl`` reads them."""

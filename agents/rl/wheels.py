@@ -14,7 +14,7 @@ from torch import Tensor, nn
 
 from slamgym import __version__
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv
-from slamgym.agents.rl.environments import drive_plans, make_batch, mean_outcome
+from slamgym.agents.rl.environments import explore_plan, make_batch, mean_figures
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import HOLD, LAYER_UNITS, WheelsConfig
 from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
@@ -54,8 +54,7 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
         config = self.config
-        envs = make_batch(config, plans, config.num_envs)
-        batch = BatchVecEnv(envs, HOLD, config.episode_seconds, config.seed)
+        batch = BatchVecEnv(make_batch(config, plans), HOLD, config.episode_seconds, config.seed)
         normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=config.discount)
         layers = {
             "features_extractor_class": FirstLayer,
@@ -67,31 +66,26 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
         _follow_the_way(model)
         return model
 
-    def validate(self, model: PPO) -> dict[str, float]:
+    def validate(self, policy: Path) -> dict[str, float]:
         """Means over validation plans; a contact takes :data:`_CONTACT_PRICE` off the coverage."""
         self._plans = self._plans or self.draw("validation", self.config.evaluate_plans)
-        act = self._policy(model).act
-        means = mean_outcome(drive_plans(self.config, act, self._plans, range(len(self._plans))))
+        means = mean_figures(
+            [explore_plan(self.config, policy, plan, i) for i, plan in enumerate(self._plans)]
+        )
         return {**means, "score": _CONTACT_PRICE * means["contacts"] - means["coverage"]}
 
     def export(self, model: PPO, path: Path) -> None:
-        """Write the weights as the explorer ``wheels`` reads them."""
-        write_wheels(path, self._policy(model))
-
-    def _policy(self, model: PPO) -> WheelsPolicy:
-        """The policy without value and optimiser, with the normalisation of its observations."""
-        policy: Any = model.policy
-        layers = _layers(policy)
+        """Write the weights as the explorer ``wheels`` reads them, with the normalisation of the observations."""
         weights = {
             f"{name}.{kind}": getattr(part, kind).detach().cpu().numpy().copy()
-            for name, part in zip(("first", "second", "action"), layers, strict=True)
+            for name, part in zip(("first", "second", "action"), _layers(model.policy), strict=True)
             for kind in ("weight", "bias")
         }
         statistics: Any = model.get_vec_normalize_env().obs_rms
         weights |= {"mean": statistics.mean.astype(np.float32), "variance": statistics.var.astype(np.float32)}
         training = to_dict(self.config)
         about = {"version": __version__, "decisions": model.num_timesteps, "training": training}
-        return WheelsPolicy(weights, about)
+        write_wheels(path, WheelsPolicy(weights, about))
 
 
 def _layers(policy: Any) -> tuple[Any, Any, Any]:

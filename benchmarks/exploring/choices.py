@@ -17,9 +17,9 @@ import numpy as np
 
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.rl.environments import Choose, explore_plan
 from slamgym.agents.rl.imitation import oracle
 from slamgym.agents.rules import FrontierTour, Nearest
+from slamgym.cad import FloorPlan
 from slamgym.core.intervals import ratio_of_means
 from slamgym.core.names import exploration_seed
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
@@ -27,6 +27,8 @@ from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+Choose = Callable[[dict[str, Any]], int]
+"""From an observation of ``slamgym/ExploreFrontiers-v1`` to an action."""
 REFERENCE = "tour"
 LEVELS = {"time_95": "95 %", "time_99": "99 %", "time": "done"}
 
@@ -56,6 +58,20 @@ CHOOSERS: dict[str, Callable[[ExploreFrontiersEnv], Choose]] = {
 }
 
 
+def explore_plan(env: ExploreFrontiersEnv, choose: Choose, plan: FloorPlan, seed: int) -> dict[str, float]:
+    """Times of one exploration [s], to within a decision; levels that were not reached count as the end."""
+    observation, info = env.reset(seed=seed, options={"plan": plan})
+    found: dict[str, float] = {}
+    is_over = False
+    while not is_over:
+        observation, _, terminated, truncated, info = env.step(choose(observation))
+        for name, share in (("time_95", 0.95), ("time_99", 0.99)):
+            if info["coverage"] >= share:
+                found.setdefault(name, info["time"])
+        is_over = terminated or truncated
+    return {name: found.get(name, info["time"]) for name in LEVELS}
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("plans", help="HouseExpo archive, or what else --plans takes")
@@ -73,7 +89,7 @@ def main() -> None:
         row: dict[str, Any] = {"choices by": name, "plans": len(plans)}
         for field, level in LEVELS.items():
             times, reference = (
-                np.array([getattr(one, field) for one in found]) for found in (own, outcomes[REFERENCE])
+                np.array([one[field] for one in found]) for found in (own, outcomes[REFERENCE])
             )
             ratio = ratio_of_means(times, reference)
             row |= {f"{level} [s]": times.mean(), f"{level} / {REFERENCE}": ratio.value}

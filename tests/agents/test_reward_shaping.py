@@ -7,7 +7,6 @@ import pytest
 
 import slamgym.agents.rl.shaping as shaping_module
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
-from slamgym.agents.rl.environments import DriveOutcome, PolicyOutcome
 from slamgym.agents.rl.reward_presets import (
     OWN,
     REWARD_PRESETS,
@@ -43,10 +42,7 @@ STEP = StepRecord(
 
 
 def outcome(time=100.0, map_error=0.02):
-    return PolicyOutcome(
-        time_95=80.0, time_99=90.0, path_95=18.0, path_99=22.0, time=time, path=30.0, coverage=1.0, decisions=40,
-        seconds=1.0, map_error=map_error,
-    )  # fmt: skip
+    return {"time_99": 90.0, "time": time, "path": 30.0, "coverage": 1.0, "map_error": map_error}
 
 
 def settings(config, preset, seed):
@@ -139,14 +135,15 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
 def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch):
     explored = []
 
-    def explore_plan(env, choose, plan, seed):
+    def explore_plan(config, policy, plan, seed, **changes):
         if len(explored) == 2:
             explored.append("interrupted")
             raise KeyboardInterrupt
         explored.append((plan.id, seed))
-        return outcome(float(seed % 1000))
+        return seed
 
     monkeypatch.setattr(shaping_module, "explore_plan", explore_plan)
+    monkeypatch.setattr(shaping_module, "figures_of", lambda seed: outcome(float(seed % 1000)))
     config = ShapingConfig(presets=("map_error",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
@@ -204,7 +201,7 @@ def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_
     assert [settings.reward.shaping for settings in trained] == [0.0, 2.0]
     assert trained[1].reward.discount ** 3 == pytest.approx(trained[1].discount)
     assert runs[0].outcomes == runs[1].outcomes  # the same weights
-    assert all(0.0 < outcome.coverage <= 1.0 for outcome in runs[0].outcomes)
+    assert all(0.0 < outcome["coverage"] <= 1.0 for outcome in runs[0].outcomes)
     assert run_shaping(experiment, tmp_path / "all") == runs
     assert len(trained) == 2
     fewer = dataclasses.replace(config, test_plans=2)
@@ -214,7 +211,7 @@ def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_
 
 def test_the_report_of_the_wheels_compares_coverage():
     def of(name, coverages):
-        outcomes = [DriveOutcome(coverage, 1.0, 15.0) for coverage in coverages]
+        outcomes = [{"coverage": coverage, "contacts": 1.0, "path": 15.0} for coverage in coverages]
         return [ShapingRun(name, seed, outcomes) for seed in range(2)]
 
     text = table(of("time", [0.4, 0.6]) + of("floor", [0.5, 0.75]), WHEELS_REPORT)

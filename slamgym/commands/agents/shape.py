@@ -4,7 +4,7 @@ import dataclasses
 import sys
 from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
@@ -96,7 +96,7 @@ def main(argv: list[str]) -> int:
     return 0
 
 
-def _decisions(arguments: ShapeArguments) -> "Experiment[Any]":
+def _decisions(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
     from slamgym.agents.rl.shaping import DecisionShaping, own_term
     from slamgym.agents.rl.train import train
@@ -111,7 +111,7 @@ def _decisions(arguments: ShapeArguments) -> "Experiment[Any]":
     return DecisionShaping(config, train, term)
 
 
-def _wheels(arguments: ShapeWheelsArguments) -> "Experiment[Any]":
+def _wheels(arguments: ShapeWheelsArguments) -> "Experiment":
     from slamgym.agents.rl.shaping import WheelsShaping
     from slamgym.agents.rl.wheels import train_wheels
 
