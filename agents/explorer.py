@@ -88,18 +88,14 @@ class BatchedExplorer(ABC):
     def _begin(self, index: int) -> Pilot:
         """A fresh pilot for the environment of an index."""
 
-    def reset(self) -> None:
-        """Forget all episodes."""
-        self._pilots, self._times = [], []
-
     @property
     def finished(self) -> bool:
-        """Whether nothing that the robots can get to is left to explore, in any environment."""
+        """True if nothing that the robots can get to is left to explore, in any environment."""
         return bool(self._pilots) and all(pilot.finished for pilot in self._pilots)
 
     @property
     def decisions(self) -> int:
-        """How often it was chosen where to go, in all environments together."""
+        """Number of choices of where to go, in all environments together."""
         return sum(pilot.decisions for pilot in self._pilots)
 
     @property

@@ -33,7 +33,6 @@ class TrueBuilding:
         resolution: Cells of the drawing on which tours are planned [m].
 
     Attributes:
-        drawing: Walls and furniture on the canvas of the robot's map.
         viewpoints: Places in it, and the paths between them.
         start: Pose at which the robot began: the origin of the map frame.
     """
@@ -45,8 +44,7 @@ class TrueBuilding:
         offset = self.start.x, self.start.y
         frame = replace(env.config.observation, map_resolution=resolution).frame()
         drawn = plan.raster(resolution, frame=frame, offset=offset, outside=UNKNOWN)
-        self.drawing = _with_furniture(drawn, clutter, offset)
-        known = crop_known(self.drawing, Pose2D(0.0, 0.0, 0.0))
+        known = crop_known(_with_furniture(drawn, clutter, offset), Pose2D(0.0, 0.0, 0.0))
         frame = known.frame._replace(
             origin_x=known.frame.origin_x + offset[0], origin_y=known.frame.origin_y + offset[1]
         )

@@ -40,9 +40,6 @@ class NetworkConfig(
             raise ConfigError(f"network.prior_feature: there is no feature {self.prior_feature!r}")
 
 
-_FAR_BELOW = np.float32(-1e8)
-
-
 class FrontierScorer:
     """Scores the candidates of one observation.
 
@@ -72,14 +69,6 @@ class FrontierScorer:
         learned = self._linear("score_out", _relu(self._linear("score_in", own)))
         scores: Float32Array = (learned + product(features, self._weights["prior.weight"]))[:, 0]
         return scores
-
-    def choose(self, observation: Mapping[str, Any]) -> int:
-        """The candidate with the highest score; 0 where there is none."""
-        if not (observation["mask"] > 0.5).any():
-            return 0
-        scores = np.full(len(observation["mask"]), _FAR_BELOW)
-        scores[observation["mask"] > 0.5] = self.scores(observation)
-        return int(scores.argmax())
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self._weights[f"{name}.weight"]) + self._weights[f"{name}.bias"]

@@ -33,7 +33,15 @@ from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
-from slamgym.core.files import append_line, exclusive_lock, read_bytes, replace_file, storage_errors
+from slamgym.core.files import (
+    append_line,
+    byte_lines,
+    drop_torn_line,
+    exclusive_lock,
+    replace_file,
+    require_file,
+    storage_errors,
+)
 from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.parallel.backlog import Lost, tried
 from slamgym.core.parallel.engine import Execution, try_out
@@ -60,7 +68,11 @@ class TrialLog(Generic[_Entry]):
         self._kind: type[_Entry] = kind
         self.trials: dict[Key, _Entry] = {}
         if path.exists():
-            self._read()
+            require_file(path)
+            drop_torn_line(path)
+            for line, where in byte_lines(path):
+                trial = self._read(line, where)
+                self.trials[trial.key] = trial
 
     def append(self, trial: _Entry) -> None:
         """Add a trial and wait until the disk has it.
@@ -72,20 +84,13 @@ class TrialLog(Generic[_Entry]):
         append_line(self.path, line, durable=True)
         self.trials[trial.key] = trial
 
-    def _read(self) -> None:
-        content = read_bytes(self.path)
-        whole, end, torn = content.rpartition(b"\n")
-        if torn:
-            with storage_errors(self.path):
-                replace_file(self.path, whole + end)
-        for number, line in enumerate(whole.split(b"\n") if whole else [], start=1):
-            try:
-                trial = from_dict(self._kind, parse_json(line, f"{self.path}:{number}"))
-            except (InputFileError, ConfigError, ValueError) as error:
-                raise InputFileError(
-                    f"{self.path}:{number}", f"is no trial of this version ({error}); move the file away"
-                ) from error
-            self.trials[trial.key] = trial
+    def _read(self, line: bytes, where: str) -> _Entry:
+        try:
+            return from_dict(self._kind, parse_json(line, where))
+        except (InputFileError, ConfigError, ValueError) as error:
+            raise InputFileError(
+                where, f"is no trial of this version ({error}); move the file away"
+            ) from error
 
 
 ORACLE = "oracle"

@@ -38,16 +38,12 @@ def describe_evaluation(summary: Summary) -> str:
     parts = [
         "Until the explorer is done with at least 98 % of the floor truly seen; a failure counts as the time limit:\n",
         _done_table(summary),
-        "Time to a share of the floor, mean over explorations [s]; in brackets how many reached it [%]:\n",
-        _levels_table(summary.explorers, "time"),
-        "Path driven by then [m]:\n",
-        _levels_table(summary.explorers, "path"),
+        "Time to a share of the floor [s] / path driven by then [m], means over explorations; in brackets how many "
+        "reached it [%]:\n",
+        _levels_table(summary.explorers),
         "The whole exploration:\n",
         _whole_table(summary.explorers),
     ]
-    if summary.comparisons:
-        reference = summary.comparisons[0].reference
-        parts += [f"Differences from `{reference}`:\n", _difference_table(summary.comparisons)]
     compared = (*summary.comparisons, *summary.others)
     for reference in dict.fromkeys(comparison.reference for comparison in compared):
         own = [comparison for comparison in compared if comparison.reference == reference]
@@ -83,18 +79,12 @@ def _done_table(summary: Summary) -> str:
     return markdown(header, rows)
 
 
-def _levels_table(explorers: Sequence[ExplorerSummary], quantity: str) -> str:
-    header = ["explorer", *(f"{100 * float(level):g} %" for level in _SHOWN)]
-    digits = 0 if quantity == "time" else 1
+def _levels_table(explorers: Sequence[ExplorerSummary]) -> str:
     rows = []
-    for explorer in explorers:
-        values = explorer.time_to if quantity == "time" else explorer.path_to
-        cells = [f"`{explorer.explorer}`"]
-        for level in _SHOWN:
-            share = f" ({100 * explorer.reached[level]:.0f})" if quantity == "time" else ""
-            cells.append(f"{values[level].value:.{digits}f}{share}")
-        rows.append(cells)
-    return markdown(header, rows)
+    for e in explorers:
+        means = [(e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in _SHOWN]
+        rows.append([f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)])
+    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in _SHOWN)], rows)
 
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
@@ -133,37 +123,17 @@ def _ratio_table(comparisons: Sequence[Comparison]) -> str:
     return markdown([*header, "map error"], rows)
 
 
-def _difference_table(comparisons: Sequence[Comparison]) -> str:
-    header = [
-        "explorer", "area under curve", "success [%]", "contacts", "map error [cm]", "ATE [cm]",
-    ]  # fmt: skip
-    rows = [
-        [
-            f"`{c.explorer}`",
-            with_bounds(c.differences["mean_coverage"], 3, signed=True),
-            with_bounds(c.differences["success"], 0, 100.0, signed=True),
-            with_bounds(c.differences["collisions"], 2, signed=True),
-            with_bounds(c.differences["map_error"], 2, 100.0, signed=True),
-            with_bounds(c.differences["ate"], 1, 100.0, signed=True),
-        ]
-        for c in comparisons
-        if c.explorer != ORACLE
-    ]
-    return markdown(header, rows)
-
-
 def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparison:
     """A comparison's figures for the time or path to a level."""
     return next(x for x in comparison.levels if x.quantity == quantity and x.level == level)
 
 
-def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0, signed: bool = False) -> str:
+def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0) -> str:
     """``0.85 [0.80, 0.91]``; a dash where there is none."""
     if interval is None:
         return "-"
-    sign = "+" if signed else ""
     value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
-    return f"{value:{sign}.{digits}f} [{low:{sign}.{digits}f}, {high:{sign}.{digits}f}]"
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
 def with_margin(interval: Interval, digits: int, factor: float = 1.0) -> str:

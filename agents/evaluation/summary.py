@@ -179,10 +179,8 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         for quantity in ("time", "path")
         for level in _LEVELS
     ]
-    groups = _groups(trials)
     values = {
-        name: (_by_plan(trials, _FIGURES[name], groups), _by_plan(reference, _FIGURES[name], groups))
-        for name in _COMPARED
+        name: (_by_plan(trials, _FIGURES[name]), _by_plan(reference, _FIGURES[name])) for name in _COMPARED
     }
     return Comparison(
         trials[0].explorer,
@@ -241,17 +239,12 @@ def _pair(trial: Trial) -> tuple[str, int]:
     return trial.plan, trial.seed
 
 
-def _groups(trials: Sequence[Trial]) -> list[list[int]]:
-    """Indices of the trials of each plan: repetitions on one plan are no independent draws."""
-    groups: dict[str, list[int]] = {}
-    for index, trial in enumerate(trials):
-        groups.setdefault(trial.plan, []).append(index)
-    return list(groups.values())
-
-
-def _by_plan(trials: Sequence[Trial], figure: _Figure, groups: Sequence[Sequence[int]]) -> FloatArray:
-    """Mean of a figure over the repetitions of each plan, shape (plans,)."""
-    return np.array([np.mean([figure(trials[i]) for i in group]) for group in groups])
+def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:
+    """Mean of a figure on each plan, shape (plans,): repetitions on one plan are no independent draws."""
+    found: dict[str, list[float]] = {}
+    for trial in trials:
+        found.setdefault(trial.plan, []).append(figure(trial))
+    return np.array([np.mean(values) for values in found.values()])
 
 
 def _compare_level(
@@ -268,9 +261,8 @@ def _compare_level(
     figure = functools.partial(censored, quantity=quantity, level=level)
 
     def table(indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        ours, theirs = [trials[i] for i in indices], [reference[i] for i in indices]
-        groups = _groups(ours)
-        return _by_plan(ours, figure, groups), _by_plan(theirs, figure, groups)
+        ours, theirs = ([found[i] for i in indices] for found in (trials, reference))
+        return _by_plan(ours, figure), _by_plan(theirs, figure)
 
     timed = [i for i, trial in enumerate(reference) if figure(trial) > 0.0]
     both, everything = table(reached), table(timed)
@@ -287,10 +279,8 @@ def _compare_level(
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
-    groups = _groups(trials)
-
     def mean(figure: _Figure) -> Interval:
-        return mean_interval(_by_plan(trials, figure, groups))
+        return mean_interval(_by_plan(trials, figure))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
         return {level: mean(functools.partial(censored, quantity=quantity, level=level)) for level in _LEVELS}
@@ -305,7 +295,7 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         reached=reached,
         time_to=to_levels("time"),
         path_to=to_levels("path"),
-        tail=mean_interval(_by_plan(successes, tail, _groups(successes))) if successes else None,
+        tail=mean_interval(_by_plan(successes, tail)) if successes else None,
         decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
         decision_ms_max=1e3 * float(np.max([t.decision_cpu_max for t in trials])),
         step_ms=1e3 * float(np.mean([t.step_cpu for t in trials])),

@@ -5,9 +5,11 @@ where the wheels are driven, by the learner's discount.
 A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, ClassVar
 
-from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
+from slamgym.agents.rl.train_config import HOLD, TrainConfig, WheelsConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
@@ -18,6 +20,8 @@ BASE = "time"
 OWN = "own"
 """Preset that a term of the user's own makes on top of :data:`BASE`."""
 
+_TEST_RESOLUTION = 0.05
+"""Cell size of maps in the test, as in explorations [m]."""
 _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
 
 
@@ -104,9 +108,29 @@ class ShapingConfig(Settings):
             if name != OWN:
                 reward_preset(name)
 
+    def settings(self, preset: str, seed: int) -> TrainConfig:
+        """The training run of a preset and a seed."""
+        # A term of one's own may charge errors that known poses don't have.
+        needs_filter = any(name == OWN or reward_preset(name).needs_filter for name in self.presets)
+        localization = "rbpf" if needs_filter else self.train.localization
+        reward = reward_preset(BASE if preset == OWN else preset).reward
+        return replace(self.train, seed=seed, localization=localization, reward=reward)
+
+    @property
+    def changes(self) -> dict[str, Any]:
+        """What differs in the test from the training: the particle filter, and maps of full resolution."""
+        return {
+            "localization": "rbpf",
+            "slam": {"particles": self.particles, "resolution": _TEST_RESOLUTION},
+            "observation": {"map_resolution": _TEST_RESOLUTION},
+        }
+
 
 class WheelsShapingConfig(Settings):
     """An experiment on the wheels."""
+
+    changes: ClassVar[Mapping[str, Any]] = {}
+    """Nothing differs in the test from the training."""
 
     presets: tuple[str, ...] = WHEELS_PRESETS
     """Names of presets; ``slamgym agents shape --list`` explains them."""
@@ -124,3 +148,9 @@ class WheelsShapingConfig(Settings):
                     f"the preset {name!r} can't be paid on the wheels, whose environments are a batch without map "
                     f"error and filter; choose from {', '.join(WHEELS_PRESETS)}"
                 )
+
+    def settings(self, preset: str, seed: int) -> WheelsConfig:
+        """The training run of a preset and a seed."""
+        # A potential is harmless with the learner's own discount alone, which is per decision, not per step.
+        reward = replace(reward_preset(preset).reward, discount=self.train.discount ** (1.0 / HOLD))
+        return replace(self.train, seed=seed, reward=reward)

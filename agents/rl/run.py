@@ -61,16 +61,12 @@ class PolicyLearner(ABC, Generic[ConfigT]):
     def __init__(self, config: ConfigT) -> None:
         self.config = config
 
-    def draw(self, split: Any, count: int, seed: int = 0) -> list[FloorPlan]:
-        """Draw plans of a split."""
-        return draw_plans(self.config.plans, split, count, seed)
-
     @abstractmethod
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
 
     @abstractmethod
-    def validate(self, policy: Path) -> dict[str, float]:
+    def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Figures of a file of weights on plans that it doesn't learn on, with ``score``, of which less is better."""
 
     @abstractmethod
@@ -106,7 +102,7 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
     config, unit = learner.config, learner.unit
     torch.set_num_threads(1)
     _begin(config, out)
-    plans = learner.draw("train", config.plan_count, config.seed)
+    plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     model = learner.make(plans)
     if (out / CHECKPOINT).is_file():
@@ -173,7 +169,11 @@ class _Keep(BaseCallback):
     def __init__(self, learner: PolicyLearner[Any], out: Path, advance: Advance) -> None:
         super().__init__()
         self._learner, self._out, self._advance = learner, out, advance
-        self._every = learner.config.evaluate_every
+        config = learner.config
+        self._every, self._plans = config.evaluate_every, []
+        if self._every:
+            count, largest = config.evaluate_plans, config.largest_area
+            self._plans = draw_plans(config.plans, "validation", count, largest_area=largest)
         self._rows = read_validation(out)
         last = self._rows[-1] if self._rows else {}
         self._validate_at = last.get("steps", 0.0) + self._every
@@ -210,7 +210,7 @@ class _Keep(BaseCallback):
         model: Any = self.model
         spent = self._spent + time.process_time() - self._clock
         self._learner.export(model, self._out / POLICY)
-        figures = self._learner.validate(self._out / POLICY)
+        figures = self._learner.validate(self._out / POLICY, self._plans)
         for name, value in figures.items():
             self.logger.record(f"validation/{name}", value)
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}

@@ -2,17 +2,16 @@
 
 Main path: :func:`run_shaping` trains every preset with every seed and explores held-out plans with each policy;
 :func:`write_shaping_report` sets the :class:`ShapingRun` records against one another. What is trained and measured is
-an :class:`Experiment`: :class:`DecisionShaping` chooses frontiers, :class:`WheelsShaping` drives the wheels. After an
-interruption training resumes from its checkpoint, and the test after its last exploration: ``shaping.json`` in the
-folder of a run is written again, whole, after each.
+an :class:`Experiment`, where frontiers are chosen or the wheels are driven. After an interruption training resumes from
+its checkpoint, and the test after its last exploration: ``shaping.json`` in the folder of a run is written again,
+whole, after each.
 """
 
 from __future__ import annotations
 
 import json
-from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -21,10 +20,10 @@ import numpy as np
 from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.rl.environments import explore_plan, figures_of
-from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig, WheelsShapingConfig, reward_preset
-from slamgym.agents.rl.train_config import HOLD, POLICY, TrainConfig, WheelsConfig
+from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig, WheelsShapingConfig
+from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import FloorPlan
-from slamgym.core.config import Measured, config_hash, from_dict
+from slamgym.core.config import Measured, config_hash, from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import own_folder, write_text
@@ -40,8 +39,6 @@ FEW_SEEDS = 3
 RESULTS = "shaping.json"
 Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
-_TEST_RESOLUTION = 0.05
-"""Cell size of maps in the test, as in explorations [m]."""
 
 
 @dataclass(frozen=True)
@@ -91,108 +88,46 @@ class _Results:
 
 
 @dataclass(frozen=True)
-class Identity:
+class _Identity:
     """What a run's results depend on, and by which they are known again."""
 
-    train: TrainConfig | WheelsConfig
-    particles: int = 0
-    term: tuple[str, float] | None = None
+    settings: dict[str, Any]
+    changes: Mapping[str, Any]
+    term: tuple[str, float] | None
 
 
-class Experiment(ABC):
+class Experiment:
     """What is trained with each preset and seed, and how a policy is tested.
 
     Args:
         config: The experiment.
-        learn: Trains; it needs torch.
-    """
-
-    def __init__(self, config: ShapingConfig | WheelsShapingConfig, learn: Callable[..., Any]) -> None:
-        self.presets, self.seeds = config.presets, config.seeds
-        self.test_plans = config.test_plans
-        self._learn = learn
-
-    @abstractmethod
-    def settings(self, preset: str, seed: int) -> Any:
-        """The training run of a preset and a seed."""
-
-    def identity(self, preset: str, seed: int) -> Identity:
-        """What the results of a preset and a seed depend on."""
-        return Identity(self.settings(preset, seed))
-
-    def learn(self, preset: str, seed: int, folder: Path) -> None:
-        """Train, or go on."""
-        self._learn(self.settings(preset, seed), folder)
-
-    def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> dict[str, float]:
-        """Explore a plan with the trained policy; start and noise follow from the plan's id."""
-        start = exploration_seed(0, plan.id, 0)
-        settings = self.settings(preset, seed)
-        return figures_of(explore_plan(settings, folder / POLICY, plan, start, **self._changes()))
-
-    def _changes(self) -> dict[str, Any]:
-        """Settings of the environment in the test that differ from the training's."""
-        return {}
-
-
-class DecisionShaping(Experiment):
-    """Choose frontiers.
-
-    Args:
-        config: The experiment.
-        learn: :func:`slamgym.agents.rl.train.train`.
+        learn: :func:`slamgym.agents.rl.train.train` or :func:`slamgym.agents.rl.wheels.train_wheels`.
         term: A term of the user's own, for the preset ``own``.
     """
 
-    def __init__(self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None) -> None:
-        super().__init__(config, learn)
-        self.config, self._term = config, term
+    def __init__(
+        self,
+        config: ShapingConfig | WheelsShapingConfig,
+        learn: Callable[..., Any],
+        term: Term | None = None,
+    ) -> None:
+        self.config, self._learn, self._term = config, learn, term
 
-    def settings(self, preset: str, seed: int) -> TrainConfig:
-        """The training run of a preset and a seed."""
-        # A term of one's own may charge errors that known poses don't have.
-        needs_filter = any(other == OWN or reward_preset(other).needs_filter for other in self.presets)
-        localization = "rbpf" if needs_filter else self.config.train.localization
-        reward = reward_preset(BASE if preset == OWN else preset).reward
-        return replace(self.config.train, seed=seed, localization=localization, reward=reward)
-
-    def identity(self, preset: str, seed: int) -> Identity:
-        """What the results depend on; the number of processes that train is not part of it."""
+    def identity(self, preset: str, seed: int) -> str:
+        """Hash of what the results depend on; the number of processes that train is not part of it."""
+        settings = to_dict(self.config.settings(preset, seed)) | {"workers": 1}
         term = self._term[:2] if preset == OWN and self._term else None
-        return Identity(replace(self.settings(preset, seed), workers=1), self.config.particles, term)
+        return config_hash(_Identity(settings, self.config.changes, term))
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
-        terms = {self._term[0]: self._term[1:]} if preset == OWN and self._term else None
-        self._learn(self.settings(preset, seed), folder, reward_terms=terms)
+        own = {"reward_terms": {self._term[0]: self._term[1:]}} if preset == OWN and self._term else {}
+        self._learn(self.config.settings(preset, seed), folder, **own)
 
-    def _changes(self) -> dict[str, Any]:
-        """The particle filter, and maps of full resolution."""
-        return {
-            "localization": "rbpf",
-            "slam": {"particles": self.config.particles, "resolution": _TEST_RESOLUTION},
-            "observation": {"map_resolution": _TEST_RESOLUTION},
-        }
-
-
-class WheelsShaping(Experiment):
-    """Drive the wheels, at known pose.
-
-    Args:
-        config: The experiment.
-        learn: :func:`slamgym.agents.rl.wheels.train_wheels`.
-    """
-
-    def __init__(self, config: WheelsShapingConfig, learn: Callable[..., Any]) -> None:
-        super().__init__(config, learn)
-        self.config = config
-
-    def settings(self, preset: str, seed: int) -> WheelsConfig:
-        """The training run of a preset and a seed."""
-        base = self.config.train
-        # A potential is harmless with the learner's own discount alone, which is per decision, not per step.
-        reward = replace(reward_preset(preset).reward, discount=base.discount ** (1.0 / HOLD))
-        return replace(base, seed=seed, reward=reward)
+    def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> dict[str, float]:
+        """Explore a plan with the trained policy; start and noise follow from the plan's id."""
+        settings, start = self.config.settings(preset, seed), exploration_seed(0, plan.id, 0)
+        return figures_of(explore_plan(settings, folder / POLICY, plan, start, **self.config.changes))
 
 
 def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:
@@ -205,12 +140,12 @@ def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:
     Raises:
         ConfigError: If the folder holds runs with other settings.
     """
-    first = experiment.settings(experiment.presets[0], 0)
-    plans = draw_plans(first.plans, "test", experiment.test_plans)
+    config = experiment.config
+    plans = draw_plans(config.train.plans, "test", config.test_plans)
     return [
         _run_one(experiment, name, seed, out / name / f"seed_{seed}", plans)
-        for name in experiment.presets
-        for seed in range(experiment.seeds)
+        for name in config.presets
+        for seed in range(config.seeds)
     ]
 
 
@@ -218,7 +153,7 @@ def _run_one(
     experiment: Experiment, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
 ) -> ShapingRun:
     """Train and test one preset with one seed, or what is left of that."""
-    identity = config_hash(experiment.identity(preset, seed))
+    identity = experiment.identity(preset, seed)
     outcomes = _read(folder, identity)
     left = [plan for plan in plans if plan.id not in outcomes]
     if left:

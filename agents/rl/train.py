@@ -12,7 +12,6 @@ from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from slamgym import __version__
-from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
 from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
 from slamgym.agents.rl.imitation import imitate
@@ -55,11 +54,6 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
     def __init__(self, config: TrainConfig, reward_terms: Terms | None = None) -> None:
         super().__init__(config)
         self._terms = reward_terms
-        self._plans: list[FloorPlan] = []  # of the validation
-
-    def draw(self, split: Any, count: int, seed: int = 0) -> list[FloorPlan]:
-        """Draw plans of a split."""
-        return draw_plans(self.config.plans, split, count, seed, self.config.largest_area)
 
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
@@ -86,18 +80,17 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
             imitate(model, self.config, plans)
             save_checkpoint(out, model)
 
-    def validate(self, policy: Path) -> dict[str, float]:
+    def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans, empty and furnished ones in turns where the run has both.
 
         If episodes end by a promise, the score is the time until done, an exploration that breaks it counting twice;
         else the time to 95 and 99 % of the floor.
         """
         config = self.config
-        self._plans = self._plans or self.draw("validation", config.evaluate_plans)
         clutters = [ClutterConfig(), FURNISHED] if config.furnished else [ClutterConfig()]
         trials = [
             explore_plan(config, policy, plan, i, clutter=clutters[i % len(clutters)])
-            for i, plan in enumerate(self._plans)
+            for i, plan in enumerate(plans)
         ]
         means = mean_figures(trials)
         score = means["time_95"] + means["time_99"]

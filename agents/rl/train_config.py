@@ -73,6 +73,8 @@ class RunConfig(Settings):
     split ``train`` are learned on (:mod:`slamgym.agents.plan_splits`)."""
     plan_count: Count = 1500
     """So many plans are learned on."""
+    largest_area: Positive = AREA[1]
+    """Larger plans than this are not learned on [m2]."""
     steps: CountOrZero = 100_000
     """Decisions of all environments together that are learned from by rewards; 0 for imitation alone."""
     seed: int = 0
@@ -89,22 +91,9 @@ class RunConfig(Settings):
     """Plans of an evaluation."""
 
 
-class TrainConfig(
-    RunConfig,
-    dropped={
-        "algo": "ppo",
-        "env": "explore_frontiers",
-        "particles": TRAINING_PARTICLES,
-        "resolution": TRAINING_RESOLUTION,
-        "curriculum": {"areas": [], "shares": []},
-        "discount": 1.0,
-        "checkpoint_every": 4_000,
-    },
-):
+class TrainConfig(RunConfig):
     """A training run on ``slamgym/ExploreFrontiers-v1``."""
 
-    largest_area: Positive = AREA[1]
-    """Larger plans than this are not learned on [m2]."""
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
     workers: Count = 1

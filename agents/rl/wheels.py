@@ -49,7 +49,6 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
 
     unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {f"rollout/{key}": key for key in ("coverage", "collisions")}
-    _plans: Sequence[FloorPlan] = ()  # of the validation
 
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
@@ -66,12 +65,9 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
         _follow_the_way(model)
         return model
 
-    def validate(self, policy: Path) -> dict[str, float]:
+    def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans; a contact takes :data:`_CONTACT_PRICE` off the coverage."""
-        self._plans = self._plans or self.draw("validation", self.config.evaluate_plans)
-        means = mean_figures(
-            [explore_plan(self.config, policy, plan, i) for i, plan in enumerate(self._plans)]
-        )
+        means = mean_figures([explore_plan(self.config, policy, plan, i) for i, plan in enumerate(plans)])
         return {**means, "score": _CONTACT_PRICE * means["contacts"] - means["coverage"]}
 
     def export(self, model: PPO, path: Path) -> None:

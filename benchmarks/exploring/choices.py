@@ -19,6 +19,7 @@ from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.rl.imitation import oracle
 from slamgym.agents.rules import FrontierTour, Nearest
+from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan
 from slamgym.core.intervals import ratio_of_means
 from slamgym.core.names import exploration_seed
@@ -38,6 +39,11 @@ def by_rule(rule: Callable[[Any], Any]) -> Callable[[ExploreFrontiersEnv], Choos
     return lambda env: lambda _: int(np.argmax(rule(env.loop)))
 
 
+def by_network(scorer: FrontierScorer) -> Choose:
+    """The candidate that a network scores highest."""
+    return lambda seen: int(scorer.scores(seen).argmax()) if seen["mask"].any() else 0
+
+
 def knows_the_plan(env: ExploreFrontiersEnv) -> Choose:
     """What costs least in hindsight; made when the exploration has begun."""
     made: list[Choose] = []
@@ -53,7 +59,7 @@ def knows_the_plan(env: ExploreFrontiersEnv) -> Choose:
 CHOOSERS: dict[str, Callable[[ExploreFrontiersEnv], Choose]] = {
     "tour": by_rule(FrontierTour()),
     "nearest": by_rule(Nearest()),
-    "rl": lambda _: read_policy().scorer().choose,
+    "rl": lambda _: by_network(read_policy().scorer()),
     "knows the plan": knows_the_plan,
 }
 

@@ -225,7 +225,7 @@ def measure_decisions(name: str) -> None:
             over = False
             while not over:
                 clocks.append(cost_of_choosing(env.loop, scorer))
-                observation, _, terminated, truncated, info = env.step(scorer.choose(observation))
+                observation, _, terminated, truncated, info = env.step(choice(scorer, observation))
                 over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
             spent += time.process_time() - begin
         spent -= sum(clocks)
@@ -249,11 +249,16 @@ def measure_decisions(name: str) -> None:
     print_and_save("simulation/decision_rate", "Decisions on four validation plans", rows, columns, times)
 
 
+def choice(scorer: FrontierScorer, observation: dict[str, Any]) -> int:
+    """The candidate with the highest score; 0 where there is none."""
+    return int(scorer.scores(observation).argmax()) if observation["mask"].any() else 0
+
+
 def cost_of_choosing(loop: ExplorationLoop, scorer: FrontierScorer) -> float:
     """CPU time of features and network for the loop's candidates [s]."""
     begin = time.process_time()
     observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
-    scorer.choose(observation)
+    choice(scorer, observation)
     return time.process_time() - begin
 
 

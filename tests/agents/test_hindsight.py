@@ -11,7 +11,7 @@ from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 
 
-def decisions(seed, most=30):
+def decisions(seed, most=15):
     """An exploration that always begins the shortest tour, at its decisions with more than one candidate."""
     env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
     observation, _ = env.reset(seed=seed)

@@ -54,7 +54,7 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan):
     over = False
     while not over:
         assert decisions.observation_space.contains(observation)
-        observation, _, terminated, truncated, info = decisions.step(scorer.choose(observation))
+        observation, _, terminated, truncated, info = decisions.step(int(scorer.scores(observation).argmax()))
         over = terminated or truncated
     env = explorer_env(plan)
     explorer = LearnedExplorer(env.explorer_context())

@@ -18,9 +18,8 @@ from slamgym.agents.rl.reward_presets import (
 from slamgym.agents.rl.shaping import (
     DECISION_REPORT,
     WHEELS_REPORT,
-    DecisionShaping,
+    Experiment,
     ShapingRun,
-    WheelsShaping,
     own_term,
     run_shaping,
     table,
@@ -46,7 +45,7 @@ def outcome(time=100.0, map_error=0.02):
 
 
 def settings(config, preset, seed):
-    return DecisionShaping(config, None).settings(preset, seed)
+    return config.settings(preset, seed)
 
 
 def runs_of(name, times, errors):
@@ -116,19 +115,19 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     config = ShapingConfig(presets=("time", OWN), seeds=1, test_plans=1, particles=5, train=train)
     calls = []
     term = own_term("math:sqrt", 0.5)
-    runs = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
+    runs = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [("time", 0, 1), (OWN, 0, 1)]
     assert calls[0][2] is None
     assert calls[1][2]["sqrt"][0] == 0.5
-    again = run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
+    again = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
     assert again == runs
     for other in (dataclasses.replace(config, particles=6), dataclasses.replace(config, presets=(OWN,))):
         with pytest.raises(ConfigError, match="other settings"):
-            run_shaping(DecisionShaping(other, learn_nothing(calls), own_term("math:sqrt", 0.6)), tmp_path)
+            run_shaping(Experiment(other, learn_nothing(calls), own_term("math:sqrt", 0.6)), tmp_path)
     (tmp_path / "time" / "seed_0" / "shaping.json").write_text('{"settings": ')
     with pytest.raises(InputFileError, match="delete it"):
-        run_shaping(DecisionShaping(config, learn_nothing(calls), term), tmp_path)
+        run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
 
 
@@ -147,11 +146,11 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
     config = ShapingConfig(presets=("map_error",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
-        run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
-    (resumed,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "resumed")
+        run_shaping(Experiment(config, learn_nothing(calls)), tmp_path / "resumed")
+    (resumed,) = run_shaping(Experiment(config, learn_nothing(calls)), tmp_path / "resumed")
     seen = [entry for entry in explored if entry != "interrupted"]
     assert len(seen) == len(set(seen)) == 4
-    (at_once,) = run_shaping(DecisionShaping(config, learn_nothing(calls)), tmp_path / "at_once")
+    (at_once,) = run_shaping(Experiment(config, learn_nothing(calls)), tmp_path / "at_once")
     assert resumed.outcomes == at_once.outcomes
 
 
@@ -196,7 +195,7 @@ def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_
         trained.append(settings)
         write_wheels(folder / "policy.safetensors", read_wheels(WHEELS_WEIGHTS))
 
-    experiment = WheelsShaping(config, learn)
+    experiment = Experiment(config, learn)
     runs = run_shaping(experiment, tmp_path / "all")
     assert [settings.reward.shaping for settings in trained] == [0.0, 2.0]
     assert trained[1].reward.discount ** 3 == pytest.approx(trained[1].discount)
@@ -205,7 +204,7 @@ def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_
     assert run_shaping(experiment, tmp_path / "all") == runs
     assert len(trained) == 2
     fewer = dataclasses.replace(config, test_plans=2)
-    (alone, _) = run_shaping(WheelsShaping(fewer, learn), tmp_path / "fewer")
+    (alone, _) = run_shaping(Experiment(fewer, learn), tmp_path / "fewer")
     assert alone.outcomes[0] in runs[0].outcomes
 
 

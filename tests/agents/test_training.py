@@ -59,12 +59,6 @@ def test_senseless_runs_are_refused(changes):
         from_dict(TrainConfig, to_dict(TINY) | changes)
 
 
-def test_the_settings_of_an_older_run_are_read():
-    older = {"algo": "ppo", "particles": 10, "discount": 1.0, "curriculum": {"areas": [], "shares": []}}
-    ppo = to_dict(TINY.ppo) | {"target_kl": 0.03}
-    assert from_dict(TrainConfig, to_dict(TINY) | older | {"ppo": ppo}) == TINY
-
-
 def test_experts_choose_candidates_that_are_there():
     env = make_env(TINY, draw_plans(["procedural:0"], "train", 1))
     observation, _ = env.reset(seed=0)

@@ -12,6 +12,7 @@ from source_tree import ROOT
 from slamgym.agents import make_explorer
 from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
 from slamgym.agents.wheels import WheelsPolicy, read_wheels, wheels_shapes, write_wheels
+from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
 from slamgym.envs.compact import MapTiles
@@ -121,6 +122,18 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
     with pytest.raises(ConfigError, match="holds a run with seed = 0"):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
+
+
+def test_the_settings_of_an_older_run_are_read():
+    older = {
+        "odometry": "medium",
+        "checkpoint_every": 20_000,
+        "network": {"crop_side": 8.4, "hold": 3, "first": 256},
+    }
+    older["network"]["second"] = 128
+    assert from_dict(WheelsConfig, to_dict(TINY) | older) == TINY
+    with pytest.raises(ConfigError, match="odometry of WheelsConfig is always"):
+        from_dict(WheelsConfig, {"odometry": "high"})
 
 
 def test_the_explorer_sees_what_it_was_trained_on(weights):

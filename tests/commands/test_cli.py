@@ -170,7 +170,7 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
 def test_what_needs_no_extra_works_without(monkeypatch, capsys):
     monkeypatch.setattr(extras, "is_installed", lambda package: False)
     assert cli.main(["agents", "shape", "--list"]) == 0
-    assert "coverage_only" in capsys.readouterr().out
+    assert "path_cost" in capsys.readouterr().out
 
 
 STREAMS = {

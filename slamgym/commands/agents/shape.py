@@ -86,9 +86,9 @@ def main(argv: list[str]) -> int:
         experiment, form = _wheels(arguments), WHEELS_REPORT
     else:
         experiment, form = _decisions(arguments), DECISION_REPORT
-    if experiment.seeds < FEW_SEEDS:
+    if arguments.config.seeds < FEW_SEEDS:
         say(
-            f"with {experiment.seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
+            f"with {arguments.config.seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
         )
     runs = run_shaping(experiment, arguments.out)
     sys.stdout.write(write_shaping_report(runs, form, arguments.out))
@@ -98,7 +98,7 @@ def main(argv: list[str]) -> int:
 
 def _decisions(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
-    from slamgym.agents.rl.shaping import DecisionShaping, own_term
+    from slamgym.agents.rl.shaping import Experiment, own_term
     from slamgym.agents.rl.train import train
 
     config, term = arguments.config, None
@@ -108,11 +108,11 @@ def _decisions(arguments: ShapeArguments) -> "Experiment":
             config = dataclasses.replace(config, presets=(*config.presets, OWN))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
-    return DecisionShaping(config, train, term)
+    return Experiment(config, train, term)
 
 
 def _wheels(arguments: ShapeWheelsArguments) -> "Experiment":
-    from slamgym.agents.rl.shaping import WheelsShaping
+    from slamgym.agents.rl.shaping import Experiment
     from slamgym.agents.rl.wheels import train_wheels
 
-    return WheelsShaping(arguments.config, train_wheels)
+    return Experiment(arguments.config, train_wheels)
