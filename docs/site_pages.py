@@ -123,7 +123,7 @@ def gallery_page() -> str:
 
 def commands_page() -> str:
     """Every command with its help."""
-    from slamgym.commands.help_pages import help_pages
+    from slamgym.commands.completion import help_pages
 
     parts = ["# Commands\n\nWhat `--help` shows."]
     parts += [f"## slamgym {name}\n\n```text\n{page.strip()}\n```" for name, page in help_pages().items()]

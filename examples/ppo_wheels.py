@@ -1,6 +1,6 @@
 """Proximal policy optimisation on the batched environment, in one file, as CleanRL's ``ppo_continuous_action.py`` is.
 
-A robot learns to drive through homes so that it sees as much of them as it can. ``slamgym agents train --env explore``
+A robot learns to drive through homes so that it sees as much of them as it can. ``slamgym agents train wheels``
 does the same with checkpoints, validation and weights to keep; this file is there to be read and changed.
 
     python examples/ppo_wheels.py --total-timesteps 300000

@@ -71,8 +71,10 @@ def help_of():
 @pytest.mark.parametrize(("page", "command"), sorted(set(slamgym_commands())))
 def test_commands_exist_and_know_their_options(help_of, page, command):
     words = shlex.split(command)[1:]
-    has_verbs = words[0] in {"plans", "dataset", "agents", "bench", "gan"} or words[:2] == ["cad", "compare"]
-    help_text = help_of(*words[: 2 if has_verbs else 1])
+    depth, entry = 0, cli.TABLE
+    while isinstance(entry, cli.Group) and words[depth] in entry.commands:
+        depth, entry = depth + 1, entry.commands[words[depth]]
+    help_text = help_of(*words[:depth])
     assert "usage: slamgym" in help_text
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
         assert re.search(rf"{option}(?![\w-])", help_text), f"{page}: {command}: {option} is unknown"

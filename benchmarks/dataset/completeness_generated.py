@@ -16,8 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.cad import FloorPlan
-from slamgym.commands.deforming.hypotheses import generator_config
-from slamgym.commands.deforming.subjects import recorded_drive, recorded_settings
+from slamgym.commands.deforming.hypotheses import generator_config, recorded_drive, recorded_settings
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import BoolArray, FloatArray, Trajectory

@@ -73,9 +73,7 @@ class Runs:
             rooms = box(0, 0, width, 2.4).difference(box(1.4, 0.0, 1.6, 1.4))
             assert isinstance(rooms, Polygon)
             write_houseexpo(plans / f"{name}.json", FloorPlan(name, rooms))
-        self._options = (
-            f"generate --plans {plans} --minutes 0.2 --particles 5 --contact-sheet 0 --pairs {pairs}"
-        )
+        self._options = f"generate --plans {plans} --minutes 0.2 --set particles=5 --pairs {pairs}"
         self._starter = subprocess.Popen(
             [sys.executable, "-c", STARTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
         )

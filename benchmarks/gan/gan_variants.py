@@ -17,7 +17,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start th
 
 import numpy as np
 
-from slamgym.commands.gan.main import train_command
+from slamgym.commands.cli import TABLE
 from slamgym.gan.data import PairSet, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
 from slamgym.gan.training.train import MAX_VALIDATION_PAIRS, VALIDATION_SHARE
@@ -76,7 +76,7 @@ def main() -> None:
 def train_variant(images: Path, run: Path, name: str, minutes: float) -> None:
     preset, settings = VARIANTS[name]
     arguments = [str(images), "-o", str(run), "--preset", preset, "--minutes", str(minutes), "--threads", "1"]
-    train_command([*arguments, "--set", *settings] if settings else arguments)
+    TABLE.run("slamgym", ["gan", "train", *arguments, *(["--set", *settings] if settings else [])])
 
 
 def row(name: str, translator: LearnedTranslator, pairs: PairSet, raw: np.ndarray) -> tuple[object, ...]:

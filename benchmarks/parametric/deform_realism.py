@@ -23,8 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
 import numpy as np
 
 from slamgym.cad import FloorPlan
-from slamgym.commands.deforming.hypotheses import generator_config
-from slamgym.commands.deforming.subjects import recorded_drive
+from slamgym.commands.deforming.hypotheses import generator_config, recorded_drive
 from slamgym.core.intervals import Interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory

@@ -117,8 +117,8 @@ def explored(arguments: Arguments) -> list[Case]:
         "1",
         "--seed",
         str(seed),
-        "--clutter.furniture",
-        str(arguments.furniture),
+        "--set",
+        f"clutter.furniture={arguments.furniture}",
     ]
     slamgym(["generate", "--plans", str(arguments.work / "built"), "-o", str(folder), *options])
     records = [json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines()]

@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, Float32Array
-from slamgym.gan.translation.classical import without_small
+from slamgym.metrics.cleaning import without_small
 
 WIDEST_GAP = 2.0
 """Unseen places between free cells at most so far apart count as explored [m]: under a bed, behind a wardrobe."""

@@ -14,7 +14,7 @@ from slamgym.core.files import write_text
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.cad.sources import PlanSource
+    from slamgym.cad.plan_index import PlanSource
 
 PlanFilter = Literal["none", "useful"]
 

@@ -8,16 +8,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import tyro
 
+from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments, Within
 from slamgym.core.geometry import between
 from slamgym.core.progress import tell
-from slamgym.core.types import Pose2D, Twist2D
+from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import OdometryLevel
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ _HALL = 20.0  # [m]
 class CalibrateArguments(Arguments):
     """Measure the odometry errors of straight lines and turns in place, and write their coefficients."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """JSON file to write."""
     odometry: OdometryLevel = "medium"
     """Level of the odometry errors."""
@@ -47,9 +46,8 @@ class CalibrateArguments(Arguments):
     """Seed of everything random."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(CalibrateArguments, args=argv, prog="slamgym calibrate-odometry")
+def main(arguments: CalibrateArguments) -> None:
+    """Run the command."""
     from slamgym.parametric.calibration import fit_phases, write_calibration
     from slamgym.sim import RobotConfig, odometry_level
 
@@ -65,13 +63,8 @@ def main(argv: list[str]) -> int:
     coefficients = fit_phases(runs)
     about = {name: value for name, value in asdict(arguments).items() if name != "out"}
     write_calibration(arguments.out, coefficients, about)
-    rows = "\n".join(f"  {name:<5}{value:.5f}" for name, value in asdict(coefficients).items())
-    tell(
-        f"{arguments.robots} robots x {arguments.repeats} lines and turns, odometry {arguments.odometry}:",
-        *rows.splitlines(),
-        str(arguments.out),
-    )
-    return 0
+    tell(f"{arguments.robots} robots x {arguments.repeats} lines and turns, odometry {arguments.odometry}:")
+    tell(*(f"  {name:<5}{value:.5f}" for name, value in asdict(coefficients).items()), str(arguments.out))
 
 
 def measure_odometry(
@@ -102,42 +95,35 @@ def measure_odometry(
 
     hall = FloorPlan("calibration hall", shapely.box(0.0, 0.0, _HALL, _HALL))
     world = World(hall, robot)
-    shape = (num_robots, repeats)
-    distance, distance_error, drift, turn, turn_error = (np.empty(shape) for _ in range(5))
+    rows = np.empty((5, num_robots, repeats))
     for i in range(num_robots):
         wheels = WheelOdometry(odometry, robot, rng)
         for j in range(repeats):
             target = length * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
             forward = Twist2D(0.8 * robot.max_linear, 0.0)
-            (true_distance, true_heading), (distance_seen, heading_seen) = _run(
-                world, wheels, forward, target, rng
-            )
-            distance[i, j], distance_error[i, j] = true_distance, distance_seen - true_distance
-            drift[i, j] = heading_seen - true_heading
+            true, seen = _run(world, wheels, forward, target, rng)
+            rows[:3, i, j] = true[0], seen[0] - true[0], seen[1] - true[1]
             span = angle * (1.0 - 0.75 * j / (repeats - 1))
             spin = Twist2D(0.0, (1.0 if j % 2 else -1.0) * 0.5 * robot.max_angular)
-            (_, true_turn), (_, turn_seen) = _run(world, wheels, spin, span, rng)
-            turn[i, j], turn_error[i, j] = true_turn, turn_seen - true_turn
-    return Runs(
-        distance=distance, distance_error=distance_error, drift=drift, turn=turn, turn_error=turn_error
-    )
+            true, seen = _run(world, wheels, spin, span, rng)
+            rows[3:, i, j] = true[1], seen[1] - true[1]
+    return Runs(*rows)
 
 
 def _run(
     world: World, wheels: WheelOdometry, command: Twist2D, amount: float, rng: np.random.Generator
-) -> tuple[tuple[float, float], tuple[float, float]]:
+) -> tuple[FloatArray, FloatArray]:
     """Follow a command until the body has moved ``amount`` [m or rad].
 
     Returns:
-        True (distance [m], turn [rad]) and believed (distance [m], turn [rad]), turns not wrapped.
+        True and believed (distance [m], turn [rad]), turns not wrapped.
     """
     world.reset(Pose2D(0.25 * _HALL, 0.5 * _HALL, 0.0))
     wheels.reset(world.pose)
-    distance, turn, distance_seen, turn_seen = 0.0, 0.0, 0.0, 0.0
-    while max(abs(distance), abs(turn) if command.linear == 0.0 else 0.0) < amount:
+    true, seen = np.zeros(2), np.zeros(2)
+    while abs(true[0 if command.linear else 1]) < amount:
         motion = world.step(command, _STEP)
-        before = wheels.pose
-        seen = between(before, wheels.update(motion, rng))
-        distance, turn = distance + motion.increment.x, turn + motion.increment.theta
-        distance_seen, turn_seen = distance_seen + seen.x, turn_seen + seen.theta
-    return (distance, turn), (distance_seen, turn_seen)
+        step = between(wheels.pose, wheels.update(motion, rng))
+        true += motion.increment.x, motion.increment.theta
+        seen += step.x, step.theta
+    return true, seen

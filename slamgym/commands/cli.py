@@ -9,12 +9,15 @@ import errno
 import importlib
 import io
 import os
+import shlex
 import sys
-from collections.abc import Mapping
-from dataclasses import dataclass
+import typing
+from dataclasses import dataclass, field
+
+import tyro
 
 from slamgym import __version__
-from slamgym.commands.extras import LEARNING, TRANSLATING, Extra, require
+from slamgym.commands.frame import LEARNING, TRANSLATING, Extra, require
 from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
 from slamgym.core.interruption import Terminated, termination_as_interrupt
@@ -32,8 +35,8 @@ class Command:
     """One row of the table."""
 
     target: str
-    """``module:function`` below ``slamgym.commands``; it takes the arguments after the command's name and returns
-    an exit code."""
+    """``module:function`` below ``slamgym.commands``. It takes ``arguments``, of the class that it declares, and if it
+    declares ``typed``, the whole command line; it returns an exit code, or None for 0."""
     help: str
     """One line for the help."""
     extra: Extra | None = None
@@ -48,7 +51,11 @@ class Command:
         if self.extra is not None and not {"-h", "--help"} & set(argv):
             require(self.extra, name)
         module, function = self.target.split(":")
-        return int(getattr(importlib.import_module(f"slamgym.commands.{module}"), function)(argv))
+        command = getattr(importlib.import_module(f"slamgym.commands.{module}"), function)
+        hints = typing.get_type_hints(command)
+        given = {"typed": shlex.join([*name.split(), *argv])} if "typed" in hints else {}
+        arguments = tyro.cli(hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,))
+        return int(command(arguments, **given) or 0)
 
 
 @dataclass(frozen=True)
@@ -57,11 +64,11 @@ class Group:
 
     help: str
     """One line for the help above it; a sentence, for the group's own."""
-    commands: Mapping[str, "Command | Group"]
     closing: str = "."
-    """How the help's last sentence, which names ``--help`` of the commands, ends."""
+    """End of the last sentence of the help, which names ``--help`` of the commands."""
     default: Command | None = None
-    """What runs where the first argument is none of the commands; its help follows the list."""
+    """Runs if the first argument is none of the commands; its help follows the list."""
+    commands: dict[str, "Command | Group"] = field(default_factory=dict)
 
     def run(self, name: str, argv: list[str]) -> int:
         """Run one command, or show the help where none is named.
@@ -101,103 +108,84 @@ class Group:
         )
 
 
-TABLE = Group(
-    "floor plan in, honest SLAM map out, and the way back to CAD",
-    {
-        "plans": Command("plans:main", "fetch, list, check, draw and write floor plans"),
-        "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
-        "dataset": Group(
-            "render, clean, split, check and describe what generate has made",
-            {
-                "merge": Command("dataset.merge:main", "put the shards of a dataset together"),
-                "stats": Command("dataset.stats:main", "what lies in a dataset, as tables or JSON"),
-                "show": Command("dataset.show:main", "draw pairs: a sample, some by name, the worst"),
-                "check": Command("dataset.check:main", "verify every file and name every fault"),
-                "clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
-                "review": Command("dataset.review:main", "a page on which a person judges doubtful pairs"),
-                "realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
-                "split": Command("dataset.split:main", "put plans, with their near-duplicates, on a side"),
-                "render": Command("dataset.render:main", "make uniform square images for training"),
-                "pack": Command("dataset.pack:main", "images as shards that stream (WebDataset, Parquet)"),
-            },
-            closing=". `slamgym generate` makes a dataset.",
-        ),
-        "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
-        "drive": Command("drive:main", "explore a building by keyboard, and keep the pair"),
-        "agents": Group(
-            "train, evaluate and compare explorers",
-            {
-                "train": Command("agents.train:main", "train a policy by reinforcement learning", LEARNING),
-                "evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
-                "record": Command(
-                    "agents.record:main", "explorations as a Minari dataset, for offline learning"
-                ),
-                "shape": Command("agents.shape:main", "compare reward presets over several seeds"),
-            },
-        ),
-        "bench": Group(
-            "measure explorers on frozen buildings, starts and seeds, and rank them",
-            {
-                "run": Command("agents.bench:run_command", "explore the buildings with one explorer"),
-                "leaderboard": Command("agents.bench:leaderboard_command", "rank result files on a page"),
-            },
-        ),
-        "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
-        "calibrate-odometry": Command(
-            "calibrate_odometry:main", "measure the simulated robot's odometry errors"
-        ),
-        "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
-        "localize": Command("localize:main", "find the robot of a log on a finished map"),
-        "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
-        "gan": Group(
-            "train and use the translators between SLAM maps and CAD drawings",
-            {
-                "train": Command(
-                    "gan.main:train_command",
-                    "train a translator on a folder of rendered map pairs",
-                    TRANSLATING,
-                ),
-                "translate": Command(
-                    "gan.main:translate_command",
-                    "translate SLAM maps (images, ROS maps, folders) to CAD maps",
-                    TRANSLATING,
-                ),
-                "evaluate": Command(
-                    "gan.main:evaluate_command",
-                    "measure a translator on held-out pairs, beside the baselines",
-                    TRANSLATING,
-                ),
-                "publish": Command(
-                    "gan.main:publish_command",
-                    "put a run's weights among the pretrained ones",
-                    TRANSLATING,
-                ),
-            },
-        ),
-        "cad": Group(
-            "draw a SLAM map with true dimensions (DXF, SVG, IFC, GeoJSON, JSON, PNG), compare it with a plan",
-            {
-                "draw": Command(
-                    "cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"
-                ),
-                "compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
-            },
-            closing=". `slamgym cad MAP` draws:",
-            default=Command("cad.draw:main", "draw a map"),
-        ),
-        "reproduce": Command(
-            "reproduce.main:main",
-            "the paper's experiments, from plans to a report, by one command",
-            TRANSLATING,
-        ),
-        "warmup": Command("warmup:main", "compile the numeric kernels, once after an installation"),
-        "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
-        "completion": Command(
-            "completion:main", "a script by which bash or zsh completes commands and options"
-        ),
-    },
-    closing="; slamgym --version the version.",
-)
+GROUPS = {
+    "": Group(
+        "floor plans to SLAM maps with realistic errors, and back to CAD drawings",
+        "; slamgym --version the version.",
+    ),
+    "plans": Group("fetch, list, check, draw and write floor plans"),
+    "dataset": Group(
+        "render, clean, split, check and describe what generate has made",
+        ". `slamgym generate` makes a dataset.",
+    ),
+    "agents": Group("train, evaluate and compare explorers"),
+    "agents train": Group("train a policy by reinforcement learning"),
+    "bench": Group("measure explorers on frozen buildings, starts and seeds, and rank them"),
+    "gan": Group("train and use the translators between SLAM maps and CAD drawings"),
+    "cad": Group(
+        "draw a SLAM map with true dimensions (DXF, SVG, IFC, GeoJSON, JSON, PNG), compare it with a plan",
+        ". `slamgym cad MAP` draws:",
+        default=Command("cad.draw:main", "draw a map"),
+    ),
+}
+"""Commands under one name, by what the user types for them."""
+COMMANDS = {
+    "plans list": Command("plans:list_command", "print id, area, rooms and size of every usable plan"),
+    "plans check": Command(
+        "plans:check_command", "which plans can be explored, and what is wrong with others"
+    ),
+    "plans draw": Command("plans:draw_command", "draw plans on one picture"),
+    "plans write": Command("plans:write_command", "write usable plans as HouseExpo files"),
+    "plans fetch": Command("plans:fetch_command", "download a public archive of floor plans"),
+    "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
+    "dataset merge": Command("dataset.folders:merge", "put the shards of a dataset together"),
+    "dataset stats": Command("dataset.describe:stats", "what lies in a dataset, as tables or JSON"),
+    "dataset show": Command("dataset.describe:show", "draw pairs: a sample, some by name, the worst"),
+    "dataset check": Command("dataset.folders:check", "verify every file and name every fault"),
+    "dataset clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
+    "dataset review": Command("dataset.clean:review", "a page on which a person judges doubtful pairs"),
+    "dataset realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
+    "dataset split": Command("dataset.folders:split", "put plans, with their near-duplicates, on a side"),
+    "dataset render": Command("dataset.render:main", "make uniform square images for training"),
+    "dataset pack": Command("dataset.folders:pack", "images as shards that stream (WebDataset, Parquet)"),
+    "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
+    "drive": Command("generate:drive_command", "explore a building by keyboard, and keep the pair"),
+    "agents train frontiers": Command("agents.train:frontiers", "one that chooses frontiers", LEARNING),
+    "agents train wheels": Command("agents.train:wheels", "one that drives the wheels", LEARNING),
+    "agents evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
+    "agents record": Command("agents.record:main", "explorations as a Minari dataset for offline learning"),
+    "agents shape": Command("agents.train:shape", "compare reward presets over several seeds"),
+    "bench run": Command("agents.evaluate:bench_command", "explore the buildings with one explorer"),
+    "bench leaderboard": Command("agents.evaluate:leaderboard_command", "rank result files on a page"),
+    "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
+    "calibrate-odometry": Command("calibrate_odometry:main", "measure the simulated robot's odometry errors"),
+    "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
+    "localize": Command("localize:main", "find the robot of a log on a finished map"),
+    "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
+    "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
+    "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),
+    "gan evaluate": Command(
+        "gan.main:evaluate_command", "measure translators on held-out pairs", TRANSLATING
+    ),
+    "gan publish": Command(
+        "gan.main:publish_command", "put a run's weights among the pretrained ones", TRANSLATING
+    ),
+    "cad draw": Command("cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"),
+    "cad compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
+    "reproduce": Command(
+        "reproduce.main:main", "the paper's experiments, from plans to a report", TRANSLATING
+    ),
+    "warmup": Command("doctor:warmup", "compile the numeric kernels, once after an installation"),
+    "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
+    "completion": Command("completion:main", "a script by which a shell completes commands and options"),
+}
+for _words, _command in COMMANDS.items():
+    *_path, _word = _words.split()
+    for _depth, _name in enumerate(_path):
+        _group = GROUPS[" ".join(_path[:_depth])]
+        _group.commands[_name] = GROUPS[" ".join(_path[: _depth + 1])]
+    GROUPS[" ".join(_path)].commands[_word] = _command
+TABLE = GROUPS[""]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -207,7 +195,7 @@ def main(argv: list[str] | None = None) -> int:
         argv: The arguments after the program's name; None takes them from ``sys.argv``.
 
     Returns:
-        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted, 141 nobody reads on, 143 ended by
+        The exit code: 0 success, 2 an error that the user can fix, 130 interrupted, 141 its reader ended, 143 ended by
         SIGTERM.
     """
     _open_streams()
@@ -265,5 +253,5 @@ def _abandon_streams() -> None:
 
 
 def _complain(message: str) -> None:
-    with contextlib.suppress(OSError):  # the exit code says it where nobody reads the sentence
+    with contextlib.suppress(OSError):  # the exit code says it, too
         say(f"slamgym: error: {message}")

@@ -1,12 +1,20 @@
 """``slamgym completion``: a script by which a shell completes commands, options and files."""
 
+import contextlib
+import io
+import os
+import re
 import sys
+from collections.abc import Iterator
 from typing import Literal
+from unittest import mock
 
 import tyro
 
+from slamgym.commands.cli import TABLE, Command, Group
 from slamgym.core.config import Arguments
 
+_OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9.-]*")
 _SCRIPT = """\
 _slamgym() {{
     local word=${{COMP_WORDS[COMP_CWORD]}} typed="" place found
@@ -33,19 +41,15 @@ class CompletionArguments(Arguments):
     """``source <(slamgym completion bash)`` tries it in the shell at hand."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(CompletionArguments, args=argv, prog="slamgym completion")
+def main(arguments: CompletionArguments) -> None:
+    """Run the command."""
     if arguments.shell == "zsh":
         sys.stdout.write("autoload -U +X bashcompinit && bashcompinit\n")
     sys.stdout.write(completion_script())
-    return 0
 
 
 def completion_script() -> str:
     """The script for bash; zsh reads it by its ``bashcompinit``."""
-    from slamgym.commands.help_pages import help_pages, options_of
-
     words: dict[str, list[str]] = {"": ["--version"]}
     for name, page in help_pages().items():
         path = name.split()
@@ -53,10 +57,38 @@ def completion_script() -> str:
             parent = words.setdefault(" ".join(path[:depth]), [])
             if path[depth] not in parent:
                 parent.append(path[depth])
-        words.setdefault(name, []).extend(["--help", *options_of(page)])
-    # The longest first: whatever a command takes after its name, its own options go on being offered.
+        words.setdefault(name, []).extend(options_of(page))
+    # The longest first: an argument after a command's name doesn't end the completion of its options.
     cases = [
         f'        "{name}{" " if name else ""}"{"*" if name else ""}) found="{" ".join(dict.fromkeys(found))}" ;;'
         for name, found in sorted(words.items(), key=lambda item: -len(item[0].split()))
     ]
     return _SCRIPT.format(cases="\n".join(cases))
+
+
+def help_pages() -> dict[str, str]:
+    """Every command by what the user types for it, without ``slamgym``, and its help page as plain text."""
+    pages = {}
+    with mock.patch.dict(os.environ, {"COLUMNS": "110", "NO_COLOR": "1", "TERM": "dumb"}):
+        for name, command in _commands(TABLE, ""):
+            shown = io.StringIO()
+            with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
+                command.run(f"slamgym {name}", ["--help"])
+            pages[name] = shown.getvalue()
+    return pages
+
+
+def options_of(page: str) -> list[str]:
+    """The long options that a help page names, in their order; in sentences it names those of other commands, too."""
+    rows = (line for line in page.splitlines() if re.match(r"\W ?-", line))
+    return list(dict.fromkeys(found for row in rows for found in _OPTION.findall(row)))
+
+
+def _commands(group: Group, prefix: str) -> Iterator[tuple[str, Command]]:
+    for word, entry in group.commands.items():
+        if isinstance(entry, Group):
+            if entry.default is not None:
+                yield f"{prefix}{word}", entry.default
+            yield from _commands(entry, f"{prefix}{word} ")
+        else:
+            yield f"{prefix}{word}", entry

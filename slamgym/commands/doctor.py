@@ -1,4 +1,4 @@
-"""``slamgym doctor``: what is installed, what works, and the fix for what doesn't."""
+"""``slamgym doctor`` and ``warmup``: what is installed, what works, and compiling the numeric kernels."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
-import tyro
-
 from slamgym.core.config import Arguments
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import tell
@@ -26,6 +24,8 @@ _LEAST_DISK = _GIB
 _NAME = re.compile(r"[A-Za-z0-9_.-]+")
 _EXTRA = re.compile(r"extra == [\"']([a-z]+)[\"']")
 _FOR_DEVELOPERS = ("dev", "all", "site")
+_FAILURES = (SlamgymError, ImportError, OSError, RuntimeError, ValueError, subprocess.SubprocessError)
+"""Errors of a damaged installation."""
 
 
 class Finding(NamedTuple):
@@ -45,9 +45,26 @@ class DoctorArguments(Arguments):
     """
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    tyro.cli(DoctorArguments, args=argv, prog="slamgym doctor")
+class WarmupArguments(Arguments):
+    """Compile the numeric kernels of exploration, which the first exploration would wait for otherwise."""
+
+    batched: bool = False
+    """Also those of many environments at once (``slamgym.envs.BatchExploreEnv``, the explorer ``wheels``)."""
+
+
+def warmup(arguments: WarmupArguments) -> None:
+    """Run ``slamgym warmup``."""
+    from slamgym.core.jit import kernel_cache
+    from slamgym.core.parallel.backlog import available_cores
+    from slamgym.envs.warmup import BATCHED, KERNEL_PARTS, compile_kernels
+    from slamgym.sim.raycast import cast_sweep
+
+    compile_kernels(KERNEL_PARTS.keys() - (set() if arguments.batched else {BATCHED}), available_cores())
+    tell(f"the kernels are compiled: {kernel_cache(cast_sweep)} and the folders beside it")
+
+
+def main(arguments: DoctorArguments) -> int:  # noqa: ARG001 - it takes none
+    """Run ``slamgym doctor``; returns the exit code."""
     states = []
     for finding in findings():
         states.append(finding.state)
@@ -92,12 +109,14 @@ def _distributions() -> Iterator[Finding]:
         if extra_name in _FOR_DEVELOPERS:
             continue
         found = {name: _version(name) for name in names}
-        missing = [name for name, version in found.items() if not version]
         shown = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
         what = f"extra {extra_name}" if extra_name else "packages"
-        install = f"pip install 'slamgym[{extra_name}]'" if extra_name else "pip install slamgym"
-        state: Literal["missing", "broken"] = "missing" if extra_name else "broken"
-        yield Finding(what, state if missing else "ok", shown, install if missing else "")
+        if all(found.values()):
+            yield Finding(what, "ok", shown)
+        elif extra_name:
+            yield Finding(what, "missing", shown, f"pip install 'slamgym[{extra_name}]'")
+        else:
+            yield Finding(what, "broken", shown, "pip install slamgym")
 
 
 def _version(package: str) -> str:
@@ -111,17 +130,10 @@ def _version(package: str) -> str:
 def _try(
     what: str, check: Callable[[], str], fix: str, otherwise: Literal["missing", "broken"] = "broken"
 ) -> Finding:
-    """Run a check; whatever a damaged installation raises is the finding."""
+    """Run a check; an error is a finding, too."""
     try:
         return Finding(what, "ok", check())
-    except (
-        SlamgymError,
-        ImportError,
-        OSError,
-        RuntimeError,
-        ValueError,
-        subprocess.SubprocessError,
-    ) as error:
+    except _FAILURES as error:
         return Finding(what, otherwise, " ".join(str(error).split()) or type(error).__name__, fix)
 
 
@@ -150,20 +162,16 @@ def _kernels() -> str:
 def _films() -> str:
     import imageio_ffmpeg
 
-    program = imageio_ffmpeg.get_ffmpeg_exe()
-    shown = subprocess.run(
-        [program, "-version"], capture_output=True, text=True, check=True, timeout=30
-    ).stdout
+    asked = [imageio_ffmpeg.get_ffmpeg_exe(), "-version"]
+    shown = subprocess.run(asked, capture_output=True, text=True, check=True, timeout=30).stdout
     return " ".join(shown.split()[:3])
 
 
 def _disk(folder: Path) -> Finding:
-    """Whether a folder can be written to and has room."""
+    """Room in a folder, if it can be written to."""
     what = f"folder {folder}"
     if not os.access(folder, os.W_OK):
-        return Finding(
-            what, "broken", "can't be written to", "choose another folder, or TMPDIR for temporary files"
-        )
+        return Finding(what, "broken", "can't be written to", "choose another, TMPDIR for temporary files")
     free = shutil.disk_usage(folder).free
     if free < _LEAST_DISK:
         return Finding(what, "broken", f"{free / _GIB:.2f} GiB free", "free some space")
@@ -180,9 +188,8 @@ def _torch() -> str:
 
 
 def _display() -> Finding:
-    """Whether a window can open."""
-    if sys.platform == "linux" and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+    """The screen on which a window can open."""
+    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not screen:
         return Finding("display", "missing", "none", "slamgym watch --out exploration.mp4 needs no window")
-    return Finding(
-        "display", "ok", os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY") or sys.platform
-    )
+    return Finding("display", "ok", screen or sys.platform)

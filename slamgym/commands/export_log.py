@@ -1,14 +1,14 @@
 """``slamgym export-log``: a log in the form that other SLAM programs replay."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 import tyro
 
-from slamgym.commands.extras import Extra, require
+from slamgym.commands.frame import Extra, Out, read_log, require
 from slamgym.core.config import Arguments, NonNegative
 from slamgym.core.errors import InputFileError
-from slamgym.core.progress import counted, say, tell
+from slamgym.core.progress import counted, tell
 from slamgym.core.types import OccupancyGrid, Trajectory
 from slamgym.interop.rosbag_writer import Storage
 
@@ -24,11 +24,11 @@ class ExportArguments(Arguments):
     log: tyro.conf.Positional[Path]
     """Folder of an episode that `slamgym generate` wrote, a CARMEN log or a ROS bag."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """The file (CARMEN; compressed if it ends in .gz) or folder (rosbag2) to write."""
 
     format: Literal["carmen", "rosbag2"] = "carmen"
-    """What to write. A rosbag2 holds /scan, /odom with speeds, /tf, /tf_static, /clock and, of an episode, /map and
+    """The form. A rosbag2 holds /scan, /odom with speeds, /tf, /tf_static, /clock and, of an episode, /map and
     /ground_truth."""
 
     message: Literal["FLASER", "ROBOTLASER1"] | None = None
@@ -52,18 +52,14 @@ class ExportArguments(Arguments):
     """CARMEN: replace an existing file."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(ExportArguments, args=argv, prog="slamgym export-log")
+def main(arguments: ExportArguments) -> None:
+    """Run the command."""
     from slamgym.interop.carmen_writer import write_carmen
-    from slamgym.interop.logs import open_log
     from slamgym.interop.rosbag_writer import BagTracks, write_rosbag2
 
     if arguments.format == "rosbag2":
         require(Extra("ros", ("rosbags",)), "--format rosbag2")
-    log = open_log(arguments.log)
-    for sentence in log.warnings.sentences():
-        say(f"slamgym: warning: {sentence}")
+    log = read_log(arguments.log)
     if arguments.format == "carmen":
         if arguments.out.exists() and not arguments.overwrite:
             raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
@@ -80,7 +76,6 @@ def main(argv: list[str]) -> int:
             storage=arguments.storage,
         )
     tell(f"{arguments.out}: {counted(len(log), 'scan')} over {log.duration:.1f} s")
-    return 0
 
 
 def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajectory | None:
@@ -88,11 +83,9 @@ def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajec
     from slamgym.interop.tum import read_tum
 
     path = arguments.log / f"{name}.tum"
-    if not wanted:
-        return None
-    if path.is_file():
+    if wanted and path.is_file():
         return read_tum(path)
-    if arguments.localised:
+    if wanted and arguments.localised:
         raise InputFileError(path, "is missing; --localised needs an episode that `slamgym generate` wrote")
     return None
 
@@ -100,7 +93,6 @@ def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajec
 def _map(arguments: ExportArguments) -> OccupancyGrid | None:
     from slamgym.interop.ros_map import read_ros_map
 
-    if arguments.map is not None:
-        return read_ros_map(arguments.map)
-    beside = arguments.log / "map.yaml"
-    return read_ros_map(beside) if beside.is_file() else None
+    own = arguments.log / "map.yaml"
+    path = arguments.map or (own if own.is_file() else None)
+    return read_ros_map(path) if path else None

@@ -2,25 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import field
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.exploration_options import ExplorationOptions
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive
-from slamgym.core.errors import ConfigError
+from slamgym.commands.frame import Out
+from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
+from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
 from slamgym.core.progress import counted, duration, say, tell
-from slamgym.dataset.format import WHOLE, Shard
-from slamgym.dataset.pair import PairConfig
 
 if TYPE_CHECKING:
     from slamgym.dataset.generate.build import BuildReport
     from slamgym.dataset.generate.recipe import DatasetConfig
+
+
+_SHEET_PAIRS = 12
 
 
 class GenerateArguments(Arguments):
@@ -30,7 +32,7 @@ class GenerateArguments(Arguments):
     explorations in flight: the same command again makes the rest.
     """
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
     plans: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
     """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled`` (the
@@ -38,21 +40,24 @@ class GenerateArguments(Arguments):
     times or with commas; ``=WEIGHT`` behind a source makes it come more often, as in ``json.tar.gz=8``."""
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
-    plans_filter: PlanFilter = "none"
+    plans_filter: PlanFilter | None = None
     """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
-    1,500 vertices. Generated plans always pass."""
+    1,500 vertices; generated plans always pass. By default ``none``: all."""
     pairs: Count = 8
-    """How many pairs the folder shall hold. A larger number later adds to the same folder."""
-    explorer: str = "rl"
-    """Who drives: ``rl``, the trained one; ``explore_lite``, ``nearest``, ... (docs/explorers.md compares them)."""
-    minutes: Literal["auto"] | Positive = "auto"
-    """``auto``: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
+    """Number of pairs that the folder shall hold. A larger number later adds to the same folder."""
+    explorer: str | None = None
+    """Who drives: ``rl``, the trained one, by default; ``explore_lite``, ``nearest``, ... (docs/explorers.md compares
+    them)."""
+    minutes: Literal["auto"] | Positive | None = None
+    """``auto``, the default: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
     limit of robot time [min], 7 in the paper."""
+    seed: int | None = None
+    """Seed of everything random, by default 0."""
     recipe: str | None = None
     """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or
     ``quick``."""
-    trajectories: int = 1
-    """Explorations of each plan that come one after the other: several SLAM maps of one CAD map."""
+    trajectories: Count | None = None
+    """Explorations of each plan that come one after the other: several SLAM maps of one CAD map; by default 1."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     engine: EngineName = "local"
@@ -68,62 +73,49 @@ class GenerateArguments(Arguments):
     images: Path | None = None
     """Also render uniform square images of the complete pairs into this folder, by the defaults of
     ``slamgym dataset render``."""
-    contact_sheet: int = 12
-    """Pairs on the contact sheet; 0 draws none."""
-    pair: PairConfig = field(default_factory=PairConfig)
-    """The images."""
-    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ExplorationOptions
-    )
-    """Robot, sensors, SLAM, furniture and people."""
+    settings: AllSettings = SettingsOptions()
+    """Robot, sensors, SLAM, furniture and people, the images and all else."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(GenerateArguments, args=argv, prog="slamgym generate")
+def main(arguments: GenerateArguments) -> None:
+    """Run the command."""
     from slamgym.agents.registry import make_explorer
     from slamgym.cad import open_plan_mix
     from slamgym.commands.dataset.render import render_and_report
+    from slamgym.dataset.format import WHOLE, Shard
     from slamgym.dataset.generate.build import build_dataset
     from slamgym.dataset.images.square_images import ImageConfig
 
     if arguments.shard is not None and arguments.images is not None:
         raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
+    config = dataset_config(arguments)
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
     # Without an address Ray chooses by itself: a cluster named by the environment, or one per core here.
     workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
     report = build_dataset(
         arguments.out,
         open_plan_mix(arguments.plans or ("bundled",), ids_file=arguments.ids),
-        dataset_config(arguments),
+        config,
         make_explorer,
         pairs=arguments.pairs,
         execution=Execution(workers, arguments.engine, arguments.address, arguments.task_timeout),
         shard=shard,
     )
-    _report(report, arguments.contact_sheet)
+    _report(report)
     if arguments.images is not None:
         render_and_report(arguments.out, arguments.images, ImageConfig(), None, max(workers, 1))
-    return 0
 
 
 def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
-    """The settings that decide the content, with the short options put in their places."""
-    from slamgym.dataset.generate.recipe import DatasetConfig, Recipe, open_recipe
-    from slamgym.envs.episode import EpisodeConfig
+    """The settings that decide the content."""
+    from slamgym.dataset.generate.recipe import DatasetConfig, open_recipe
 
-    env = arguments.exploration.env()
-    return DatasetConfig(
-        seed=arguments.exploration.seed,
-        plans_filter=arguments.plans_filter,
-        episode=EpisodeConfig(explorer=arguments.explorer, minutes=arguments.minutes, env=env),
-        pair=arguments.pair,
-        trajectories=arguments.trajectories,
-        recipe=open_recipe(arguments.recipe) if arguments.recipe else Recipe(),
-    )
+    options = given(arguments, "seed plans_filter trajectories explorer minutes")
+    options["recipe"] = arguments.recipe and open_recipe(arguments.recipe)
+    return arguments.settings.configured(DatasetConfig(), options)
 
 
-def _report(report: BuildReport, sheet_pairs: int) -> None:
+def _report(report: BuildReport) -> None:
     """Say what is there now, what was left out, and where to look."""
     from slamgym.dataset.format import Layout
     from slamgym.dataset.statistics import describe_pairs, write_contact_sheet
@@ -139,6 +131,60 @@ def _report(report: BuildReport, sheet_pairs: int) -> None:
             f"Skipped {counted(sum(report.rejected.values()), 'plan')} ({kinds}); {layout.rejected} says why."
         )
     tell(*describe_pairs(report.root).splitlines())
-    if sheet_pairs > 0 and report.pairs > 0:
-        path = write_contact_sheet(report.root, sheet_pairs)
+    if report.pairs > 0:
+        path = write_contact_sheet(report.root, _SHEET_PAIRS)
         tell(f"contact sheet: {path}")
+
+
+class DriveArguments(Arguments):
+    """Drive a robot through a building with the arrow keys or W A S D, see its map grow, and keep the pair.
+
+    Enter ends the drive and adds the pair to a dataset as `slamgym generate` makes them; each call adds one.
+    """
+
+    out: Out
+    """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
+    plans: str = "bundled"
+    """Floor plans, as `slamgym generate` takes them."""
+    minutes: Positive = 60.0
+    """Limit of robot time [min]."""
+    speed: Annotated[float, Within(gt=0.0, lt=1000.0)] = 4.0
+    """Speed of the clock, as a multiple of the robot's."""
+    seed: int | None = None
+    """Seed of everything random, by default 0."""
+    settings: AllSettings = SettingsOptions()
+    """Robot, sensors, SLAM, furniture and people, the images and all else."""
+
+
+def drive_command(arguments: DriveArguments) -> None:
+    """Run ``slamgym drive``."""
+    from slamgym.agents.keyboard import Keyboard
+    from slamgym.cad import open_plan_mix
+    from slamgym.core.types import Explorer
+    from slamgym.dataset.folder import pair_names
+    from slamgym.dataset.format import Layout
+    from slamgym.dataset.generate.build import build_dataset
+    from slamgym.dataset.generate.recipe import DatasetConfig
+    from slamgym.dataset.statistics import describe_pairs
+    from slamgym.planning import ExplorerContext
+    from slamgym.viz.window import Window
+
+    options = {**given(arguments, "seed minutes"), "explorer": "keyboard"}
+    config = arguments.settings.configured(DatasetConfig(), options)
+    there = sum(1 for _ in pair_names(Layout(arguments.out).episodes))
+    with closing(Window("slamgym drive", config.episode.env.lidar.rate * arguments.speed)) as window:
+
+        def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> Explorer:  # noqa: ARG001 - you are the explorer
+            return Keyboard(context, window)
+
+        report = build_dataset(
+            arguments.out,
+            open_plan_mix((arguments.plans,)),
+            config,
+            make_explorer,
+            pairs=there + 1,
+            execution=Execution(engine="in_process"),
+        )
+    if not report.fresh:
+        raise SlamgymError(f"{arguments.out}: no pair was added")
+    tell(*describe_pairs(arguments.out).splitlines())

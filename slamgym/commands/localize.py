@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import tyro
 
-from slamgym import __version__
-from slamgym.core.config import Arguments, Positive, from_dict, to_dict
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.commands.frame import Out, begin_results, end_results, read_log, require_folder
+from slamgym.commands.settings import AllSettings, SettingsOptions
+from slamgym.core.config import Arguments, Positive, to_dict
+from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
-from slamgym.core.progress import counted, say, tell
+from slamgym.core.progress import counted
 from slamgym.core.types import Pose2D
 from slamgym.slam.config import LocalizationConfig
 
@@ -30,13 +32,13 @@ class LocalizeArguments(Arguments):
     """Find a robot on a finished map by a recorded log."""
 
     map: tyro.conf.Positional[Path]
-    """A ROS map (.yaml, or the image beside it), the folder of a run of `slamgym slam`, Valetudo's .json or .png, or a
+    """A ROS map (.yaml, or its image), the folder of a run of `slamgym slam`, Valetudo's .json or .png, or a
     bare image with --resolution."""
 
     log: tyro.conf.Positional[Path]
     """CARMEN log, ROS bag or episode, as for `slamgym slam`."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder for trajectory.tum, localization.jsonl, localization.png and summary.json."""
 
     initial_pose: tuple[float, float, float] | None = None
@@ -54,35 +56,30 @@ class LocalizeArguments(Arguments):
     odometry_topic: str | None = None
     """ROS bags: the Odometry topic."""
 
-    settings: Path | None = None
-    """JSON file with any settings of the localisation, e.g. {"sigma_hit": 0.1}."""
+    json: bool = False
+    """Print summary.json instead of sentences."""
+
+    settings: AllSettings = SettingsOptions()
+    """Localisation, e.g. ``--set sigma_hit=0.1``."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(LocalizeArguments, args=argv, prog="slamgym localize")
-    from slamgym.interop.logs import open_log
+def main(arguments: LocalizeArguments) -> None:
+    """Run the command."""
     from slamgym.interop.map_files import read_map
     from slamgym.slam.localization.logs import localize_log
-    from slamgym.slam.replay import read_overrides
 
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputFileError(arguments.out, "is a file; name a folder for the results")
-    overrides = read_overrides(arguments.settings) if arguments.settings is not None else {}
-    config = from_dict(LocalizationConfig, overrides, "slam.localization")
+    require_folder(arguments.out)
+    config = arguments.settings.configured(LocalizationConfig(), {})
     if arguments.initial_pose is not None and not all(map(math.isfinite, arguments.initial_pose)):
         raise ConfigError("--initial-pose must be three finite numbers: x, y, yaw")
     initial = None if arguments.initial_pose is None else Pose2D(*arguments.initial_pose)
     known = read_map(arguments.map, arguments.resolution)
-    log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
-    for sentence in log.warnings.sentences():
-        say(f"slamgym: warning: {sentence}")
+    log = read_log(arguments.log, arguments.scan_topic, arguments.odometry_topic)
     rng = np.random.default_rng(arguments.seed)
     result = localize_log(log, known.grid, known.placement, config, rng, initial)
     summary = _summary(arguments, log, config, result)
-    _write(arguments.out, known, result, summary)
-    tell(*_report(arguments.out, summary).splitlines())
-    return 0
+    _write(arguments, known, result)
+    end_results(arguments.out, summary, _report(arguments.out, summary), arguments.json)
 
 
 def _summary(
@@ -92,7 +89,6 @@ def _summary(
     first = next((belief for belief in result.beliefs if belief.state == "localised"), None)
     last = result.beliefs[-1]
     return {
-        "version": __version__,
         "map": str(arguments.map),
         "log": str(arguments.log),
         "seed": arguments.seed,
@@ -117,30 +113,24 @@ MOST_SHOWN = 10
 """Hypotheses that are written out."""
 
 
-def _write(folder: Path, known: RobotMap, result: LocalizationResult, summary: dict[str, Any]) -> None:
-    """Write the results; the summary goes last, so where it exists everything else is complete."""
+def _write(arguments: LocalizeArguments, known: RobotMap, result: LocalizationResult) -> None:
     from slamgym.interop.tum import write_tum
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_localization
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "summary.json").unlink(missing_ok=True)
-    except OSError as error:
-        raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
+    folder = arguments.out
+    begin_results(folder)
     write_tum(folder / "trajectory.tum", result.trajectory)
     write_text(folder / "localization.jsonl", "".join(_line(belief) for belief in result.beliefs))
-    caption = f"{Path(summary['log']).name} on {Path(summary['map']).name}"
     picture = draw_localization(
         known.grid,
         known.placement,
         np.array([belief.pose for belief in result.beliefs]),
         [belief.state for belief in result.beliefs],
         [pose for pose, _ in result.beliefs[-1].hypotheses],
-        caption,
+        f"{arguments.log.name} on {arguments.map.name}",
     )
     write_picture(folder / "localization.png", picture)
-    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
 
 
 def _line(belief: Belief) -> str:
@@ -163,23 +153,21 @@ def _rounded(values: Any, digits: int = 6) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 
-def _report(folder: Path, summary: dict[str, Any]) -> str:
+def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
     states = ", ".join(
         f"{100.0 * n / summary['processed_scans']:.0f} % {s}" for s, n in summary["states"].items()
     )
-    lines = [f"{summary['log']} on {summary['map']}: {counted(summary['scans'], 'scan')}: {states}"]
-    after = summary["localised_after_s"]
-    if after is None:
-        lines.append(
+    yield f"{summary['log']} on {summary['map']}: {counted(summary['scans'], 'scan')}: {states}"
+    if summary["localised_after_s"] is not None:
+        yield f"  localised {summary['localised_after_s']:.0f} s after the start of the log"
+    elif "ambiguous" in summary["states"]:
+        yield "  NOT LOCALISED: places that look alike were never told apart (hypotheses in localization.jsonl)"
+    else:
+        yield (
             "  NOT LOCALISED: no place on the map explained enough of the scans without a rival; the log may be of "
             f"another building (mean share explained {summary['mean_fit']:.2f})"
-            if "ambiguous" not in summary["states"]
-            else "  NOT LOCALISED: places that look alike were never told apart (hypotheses in localization.jsonl)"
         )
-    else:
-        lines.append(f"  localised {after:.0f} s after the start of the log")
     if summary["final_state"] != "localised":
-        lines.append(f"  at the end: {summary['final_state']}")
-    lines.append(f"  {summary['cpu_ms_per_processed_scan']:.1f} CPU ms a processed scan")
-    lines.append(f"  {folder / 'localization.png'}")
-    return "\n".join(lines) + "\n"
+        yield f"  at the end: {summary['final_state']}"
+    yield f"  {summary['cpu_ms_per_processed_scan']:.1f} CPU ms a processed scan"
+    yield f"  {folder / 'localization.png'}"

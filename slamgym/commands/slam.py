@@ -2,29 +2,26 @@
 
 from __future__ import annotations
 
-import json
 import math
-from collections.abc import Callable
-from contextlib import ExitStack, closing, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
 
-from slamgym import __version__
-from slamgym.core.config import Arguments, to_dict
-from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import write_text
-from slamgym.core.progress import counted, say, tell
-from slamgym.core.types import FloatArray, Trajectory
-from slamgym.slam.config import Matcher, Mode, SlamConfig
+from slamgym.commands.frame import Out, begin_results, end_results, read_log, require_folder
+from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.core.config import Arguments, Count, to_dict
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import counted, show_progress
+from slamgym.slam.config import Mode, SlamConfig
 
 if TYPE_CHECKING:
-    from slamgym.core.types import OccupancyGrid
+    from slamgym.core.types import OccupancyGrid, Trajectory
     from slamgym.interop.logs import Relations
     from slamgym.interop.records import Log
-    from slamgym.metrics import RelationError
     from slamgym.slam.mapper import Mapper
     from slamgym.slam.replay import ReplayResult
     from slamgym.viz.films import ShowPicture
@@ -37,21 +34,21 @@ class SlamArguments(Arguments):
     """CARMEN log (.log, .clf, also .gz), ROS bag (.bag, .mcap, .db3 or a rosbag2 folder), or the folder of an
     episode that `slamgym generate` wrote."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder for map.pgm, map.yaml, map.png, trajectory.tum, trajectory_doubt.csv and summary.json."""
 
-    mode: Mode = "pose_graph"
-    """pose_graph: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching, dead_reckoning:
-    what these would be without."""
+    mode: Mode | None = None
+    """pose_graph, the default: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching,
+    dead_reckoning: what these would be without."""
 
-    particles: int | None = None
+    particles: Count | None = None
     """Number of particles (rbpf); 30 by default."""
 
     seed: int = 0
     """The same seed gives the same map."""
 
     continue_: Annotated[Path | None, tyro.conf.arg(name="continue")] = None
-    """Go on with a finished map: a ROS map or the folder of an earlier run. The log must find itself on it."""
+    """Extend a finished map: a ROS map or the folder of an earlier run. The log must find itself on it."""
 
     relations: Path | None = None
     """File of reference relations (t1 t2 x y z roll pitch yaw): prints the errors over them."""
@@ -68,52 +65,47 @@ class SlamArguments(Arguments):
     odometry_topic: str | None = None
     """ROS bags: the Odometry topic. By default /odom or the one with most messages, else tf."""
 
-    settings: Path | None = None
-    """JSON file with any settings of the mapper, e.g. {"sigma": 0.05}."""
+    json: bool = False
+    """Print summary.json instead of sentences."""
 
-    resolution: float | None = None
-    """Cell size of the map [m]."""
-
-    max_usable_range: float | None = None
-    """Longer returns are not matched [m]. By default from the laser's range."""
-
-    linear_update: float | None = None
-    """Process a scan after this distance [m]."""
-
-    angular_update: float | None = None
-    """Process a scan after this turn [rad]."""
-
-    matcher: Matcher | None = None
-    """Scan matcher; hill_climbing is GMapping's own, slower."""
+    settings: AllSettings = SettingsOptions()
+    """The mapper: resolution, max_usable_range, linear_update, matcher and all else."""
 
 
 MAX_FRAMES, MAX_PATHS = 600, 30
 FRAMES_PER_SECOND = 20.0
 """Of the film; paths are those of particles that a picture shows."""
+_NOT_FOR_LOGS = {
+    "ground_truth": "is for simulation; a log holds no true poses (try dead_reckoning)",
+    "map": "makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one",
+}
 
-OVERRIDES = ("particles", "resolution", "max_usable_range", "linear_update", "angular_update", "matcher")
 
+def main(arguments: SlamArguments) -> None:
+    """Run the command."""
+    from slamgym.interop.logs import read_relations, read_truth
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(SlamArguments, args=argv, prog="slamgym slam")
-    from slamgym.interop.logs import open_log, read_relations, read_truth
-
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputFileError(arguments.out, "is a file; name a folder for the results")
+    require_folder(arguments.out)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
-    log = open_log(arguments.log, scan_topic=arguments.scan_topic, odometry_topic=arguments.odometry_topic)
+    log = read_log(arguments.log, arguments.scan_topic, arguments.odometry_topic)
     truth = read_truth(arguments.log)
-    for sentence in log.warnings.sentences():
-        say(f"slamgym: warning: {sentence}")
     older = _older_map(arguments)
     config = _config(arguments, log, older)
     result = _replay(arguments, log, config, older)
-    accuracy = _accuracy(result, relations, truth)
-    summary = _summary(arguments, log, config, result, accuracy)
-    _write(arguments.out, result, summary)
-    tell(*_report(arguments.out, summary).splitlines())
-    return 0
+    summary = {
+        "log": str(arguments.log),
+        "continued": None if arguments.continue_ is None else str(arguments.continue_),
+        "seed": arguments.seed,
+        **_facts(log, result),
+        **_errors_of_relations(result, relations),
+        **_errors_of_truth(result, truth),
+        **result.extra,
+        "warnings": dict(sorted(log.warnings.counts.items())),
+        "config": to_dict(config),
+        "n_eff": [round(value, 3) for value in result.stats.n_eff],
+    }
+    _write(arguments, result, config.mode)
+    end_results(arguments.out, summary, _report(arguments.out, summary), arguments.json)
 
 
 def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
@@ -132,39 +124,24 @@ def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
 
 
 def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> SlamConfig:
-    from slamgym.slam.replay import read_overrides, settings_for
+    from slamgym.slam.replay import settings_for
 
-    overrides: dict[str, Any] = {} if older is None else {"resolution": older.frame.resolution}
-    if arguments.settings is not None:
-        overrides |= read_overrides(arguments.settings)
-    overrides["mode"] = arguments.mode
-    for name in OVERRIDES:
-        if getattr(arguments, name) is not None:
-            overrides[name] = getattr(arguments, name)
-    if arguments.mode == "ground_truth":
-        raise ConfigError(
-            "--mode ground_truth is for simulation; a log holds no true poses (try dead_reckoning)"
-        )
-    if arguments.mode == "map":
-        raise ConfigError(
-            "--mode map makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one"
-        )
-    return settings_for(log.geometry, overrides)
+    suited = settings_for(log.geometry, {} if older is None else {"resolution": older.frame.resolution})
+    config = arguments.settings.configured(suited, given(arguments, "mode particles"))
+    if config.mode in _NOT_FOR_LOGS:
+        raise ConfigError(f"--mode {config.mode} {_NOT_FOR_LOGS[config.mode]}")
+    return config
 
 
 def _replay(
     arguments: SlamArguments, log: Log, config: SlamConfig, older: OccupancyGrid | None
 ) -> ReplayResult:
-    """Replay with a progress bar and whatever view was asked for."""
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
+    """Replay with a progress bar, a window and a film if wanted."""
     from slamgym.slam.localization.logs import continue_map
     from slamgym.slam.replay import replay
     from slamgym.viz.films import open_film
     from slamgym.viz.window import Window
 
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with ExitStack() as stack:
         screens: list[ShowPicture] = []
         if arguments.video is not None:
@@ -172,14 +149,12 @@ def _replay(
         if arguments.watch:
             window = stack.enter_context(closing(Window(f"slamgym slam {arguments.log.name}")))
             screens.append(window.show)
-        console = Console(stderr=True)
-        progress = stack.enter_context(Progress(*columns, console=console, disable=not console.is_terminal))
-        task = progress.add_task(f"{config.mode} {arguments.log.name}", total=len(log))
+        advance = stack.enter_context(show_progress("scans", 0, len(log)))
         show = _viewer(screens, len(log))
 
-        def on_scan(index: int, mapper: Mapper, is_processed: bool) -> None:
-            progress.update(task, completed=index + 1)
-            show(index, mapper, is_processed)
+        def on_scan(index: int, mapper: Mapper, is_processed: bool) -> None:  # noqa: ARG001 - every scan counts
+            advance()
+            show(index, mapper)
 
         rng = np.random.default_rng(arguments.seed)
         if older is not None:
@@ -187,16 +162,15 @@ def _replay(
         return replay(log, config, rng, on_scan)
 
 
-def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bool], None]:
-    """What to call after each scan; it draws a frame now and then, and the last one for a while."""
+def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper], None]:
+    """A function to call after each scan; it draws a frame now and then, and the last one for a while."""
     from slamgym.slam.particle_filter import ParticleFilter
     from slamgym.viz.map_pictures import GrowingView
 
     view = GrowingView()
     every = math.ceil(total / MAX_FRAMES)
 
-    def show(index: int, mapper: Mapper, is_processed: bool) -> None:
-        del is_processed
+    def show(index: int, mapper: Mapper) -> None:
         last = index == total - 1
         if not screens or (index % every != 0 and not last):
             return
@@ -212,56 +186,10 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper, bo
     return show
 
 
-def _accuracy(result: ReplayResult, relations: Relations | None, truth: Trajectory | None) -> dict[str, Any]:
-    from slamgym.metrics import absolute_trajectory_error, relation_error, relative_pose_error
-
-    accuracy: dict[str, Any] = {}
-    if relations is not None:
-        try:
-            accuracy["relations"] = _relation_summary(relation_error(result.moments, *relations))
-        except ValueError as problem:
-            raise ConfigError(f"--relations: {problem}") from problem
-        with suppress(ValueError):  # no place was passed twice
-            accuracy["relations_of_revisits"] = _relation_summary(
-                relation_error(result.moments, *relations, revisits=True)
-            )
-        with suppress(ValueError):  # no moment is a scan's
-            accuracy["relations_at_scans"] = _relation_summary(relation_error(result.trajectory, *relations))
-    if truth is not None:
-        aligned = absolute_trajectory_error(result.trajectory, truth)
-        plain = absolute_trajectory_error(result.trajectory, truth, align=False)
-        accuracy["truth"] = {
-            "ate_rmse_m": aligned.translation.rmse,
-            "ate_unaligned_rmse_m": plain.translation.rmse,
-            "ate_rotation_rmse_deg": float(np.degrees(aligned.rotation.rmse)),
-        }
-        if truth.length > 2.0:
-            relative = relative_pose_error(result.trajectory, truth, delta=1.0)
-            accuracy["truth"]["rpe_per_metre_rmse_m"] = relative.translation.rmse
-    return accuracy
-
-
-def _relation_summary(error: RelationError) -> dict[str, float]:
+def _facts(log: Log, result: ReplayResult) -> dict[str, Any]:
+    """Scans, costs, and how sure the mapper is."""
+    stats, frame = result.stats, result.grid.frame
     return {
-        "translation_mean_m": error.translation.mean,
-        "translation_deviation_m": error.translation.deviation,
-        "rotation_mean_deg": float(np.degrees(error.rotation.mean)),
-        "rotation_deviation_deg": float(np.degrees(error.rotation.deviation)),
-        "count": error.translation.count,
-        "missing": error.missing,
-    }
-
-
-def _summary(
-    arguments: SlamArguments, log: Log, config: SlamConfig, result: ReplayResult, accuracy: dict[str, Any]
-) -> dict[str, Any]:
-    stats = result.stats
-    frame = result.grid.frame
-    return {
-        "version": __version__,
-        "log": str(arguments.log),
-        "continued": None if arguments.continue_ is None else str(arguments.continue_),
-        "seed": arguments.seed,
         "scans": len(log),
         "processed_scans": stats.processed,
         "log_seconds": log.duration,
@@ -277,75 +205,104 @@ def _summary(
         "recovered_matches": stats.recovered_matches,
         "doubtful_scans": len(stats.doubtful),
         "doubtful_stamps": [round(stamp, 6) for stamp in stats.doubtful],
-        **accuracy,
-        **result.extra,
-        "warnings": dict(sorted(log.warnings.counts.items())),
-        "config": to_dict(config),
-        "n_eff": [round(value, 3) for value in stats.n_eff],
     }
 
 
-def _write(folder: Path, result: ReplayResult, summary: dict[str, Any]) -> None:
-    """Write the results; the summary goes last, so where it exists everything else is complete."""
+_RELATIONS = {
+    "relations": "all",
+    "relations_of_revisits": "revisits",
+    "relations_at_scans": "at the nearest scan within 0.1 s",
+}
+"""Which relations are counted, and what the report calls them."""
+
+
+def _errors_of_relations(result: ReplayResult, relations: Relations | None) -> dict[str, dict[str, float]]:
+    from slamgym.metrics import relation_error
+
+    errors: dict[str, dict[str, float]] = {}
+    if relations is None:
+        return errors
+    for name in _RELATIONS:
+        path = result.trajectory if name == "relations_at_scans" else result.moments
+        try:
+            error = relation_error(path, *relations, revisits=name == "relations_of_revisits")
+        except ValueError as problem:
+            if name == "relations":
+                raise ConfigError(f"--relations: {problem}") from problem
+            continue  # no place was passed twice, or no moment is a scan's
+        errors[name] = {
+            "translation_mean_m": error.translation.mean,
+            "translation_deviation_m": error.translation.deviation,
+            "rotation_mean_deg": float(np.degrees(error.rotation.mean)),
+            "rotation_deviation_deg": float(np.degrees(error.rotation.deviation)),
+            "count": error.translation.count,
+            "missing": error.missing,
+        }
+    return errors
+
+
+def _errors_of_truth(result: ReplayResult, truth: Trajectory | None) -> dict[str, dict[str, float]]:
+    from slamgym.metrics import absolute_trajectory_error, relative_pose_error
+
+    if truth is None:
+        return {}
+    aligned = absolute_trajectory_error(result.trajectory, truth)
+    plain = absolute_trajectory_error(result.trajectory, truth, align=False)
+    errors = {
+        "ate_rmse_m": aligned.translation.rmse,
+        "ate_unaligned_rmse_m": plain.translation.rmse,
+        "ate_rotation_rmse_deg": float(np.degrees(aligned.rotation.rmse)),
+    }
+    if truth.length > 2.0:
+        relative = relative_pose_error(result.trajectory, truth, delta=1.0)
+        errors["rpe_per_metre_rmse_m"] = relative.translation.rmse
+    return {"truth": errors}
+
+
+def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     from slamgym.interop.ros_map import write_ros_map
     from slamgym.interop.tum import write_doubt, write_tum
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_map
 
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        (folder / "summary.json").unlink(missing_ok=True)
-    except OSError as error:
-        raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
+    folder, path = arguments.out, result.trajectory
+    begin_results(folder)
     write_ros_map(folder, result.grid)
-    write_tum(folder / "trajectory.tum", result.trajectory)
-    stamps = result.trajectory.stamps
-    write_doubt(folder / "trajectory_doubt.csv", stamps, result.doubtful, result.covariances)
-    caption = f"{Path(summary['log']).name}   {summary['config']['mode']}   {summary['path_length_m']:.0f} m"
-    write_picture(
-        folder / "map.png", draw_map(result.grid, result.trajectory.poses, caption, _doubtful_poses(result))
-    )
-    write_text(folder / "summary.json", json.dumps(summary, indent=1) + "\n")
+    write_tum(folder / "trajectory.tum", path)
+    write_doubt(folder / "trajectory_doubt.csv", path.stamps, result.doubtful, result.covariances)
+    caption = f"{arguments.log.name}   {mode}   {path.length:.0f} m"
+    doubtful = path.poses[np.isin(path.stamps, result.stats.doubtful)]
+    write_picture(folder / "map.png", draw_map(result.grid, path.poses, caption, doubtful))
 
 
-def _doubtful_poses(result: ReplayResult) -> FloatArray:
-    """Where the path may be wrong, (D, 3)."""
-    return result.trajectory.poses[np.isin(result.trajectory.stamps, result.stats.doubtful)]
-
-
-def _report(folder: Path, summary: dict[str, Any]) -> str:
-    lines = [
+def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
+    yield (
         f"{summary['log']}: {counted(summary['scans'], 'scan')}, {summary['path_length_m']:.0f} m, "
-        f"map {summary['map_size_m'][0]:.0f} x {summary['map_size_m'][1]:.0f} m",
+        f"map {summary['map_size_m'][0]:.0f} x {summary['map_size_m'][1]:.0f} m"
+    )
+    yield (
         f"  {summary['config']['mode']}: {counted(summary['processed_scans'], 'scan')} processed in "
         f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
-        f"{counted(summary['resamplings'], 'resampling')}; maps {summary['map_memory_bytes'] / 1e6:.0f} MB",
-    ]
+        f"{counted(summary['resamplings'], 'resampling')}; maps {summary['map_memory_bytes'] / 1e6:.0f} MB"
+    )
     if summary["doubtful_scans"]:
-        lines.append(
+        yield (
             f"  scans that fit poorly whatever was tried: {summary['doubtful_scans']}; the path may be wrong there "
             "(red crosses in map.png, doubtful_stamps in summary.json, trajectory_doubt.csv)"
         )
     if "loop_closures" in summary:
-        lines.append(f"  loop closures: {summary['loop_closures']}")
-    for key, moments in (
-        ("relations", "all"),
-        ("relations_of_revisits", "revisits"),
-        ("relations_at_scans", "at the nearest scan within 0.1 s"),
-    ):
-        if key in summary:
-            r = summary[key]
-            lines.append(
+        yield f"  loop closures: {summary['loop_closures']}"
+    for name, moments in _RELATIONS.items():
+        if r := summary.get(name):
+            yield (
                 f"  relations, {moments}: "
                 f"{r['translation_mean_m']:.4f} +- {r['translation_deviation_m']:.4f} m, "
                 f"{r['rotation_mean_deg']:.2f} +- {r['rotation_deviation_deg']:.2f} deg "
                 f"(mean +- deviation of {r['count']} of {r['count'] + r['missing']})"
             )
-    if "truth" in summary:
-        t = summary["truth"]
-        lines.append(
+    if t := summary.get("truth"):
+        yield (
             f"  against the truth: ATE {t['ate_rmse_m']:.3f} m after alignment, "
             f"{t['ate_unaligned_rmse_m']:.3f} m without"
         )
-    lines.append(f"  {folder / 'map.png'}")
-    return "\n".join(lines) + "\n"
+    yield f"  {folder / 'map.png'}"

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Iterator
-from dataclasses import field
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-import tyro
 
-from slamgym.commands.exploration_options import ExplorationOptions
-from slamgym.core.config import Arguments, Positive, Within, suggest
-from slamgym.core.errors import ConfigError
+from slamgym.commands.frame import MaybeOut, require_plan
+from slamgym.commands.settings import AllSettings, SettingsOptions
+from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.geometry import transform_points, transform_poses
 from slamgym.core.progress import say, tell
 
@@ -39,7 +37,7 @@ class WatchArguments(Arguments):
     """Id of the plan; by default one that follows from the seed."""
     explorer: str = "rl"
     """Who drives: ``rl``, ``explore_lite``, ``nearest``, ..."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: MaybeOut = None
     """Film to write, .mp4 or .gif; without film and recording a window opens."""
     rerun: Path | None = None
     """Recording to write, .rrd, which the rerun viewer shows on a timeline: plan, scans, particles, map, frontiers and
@@ -50,9 +48,9 @@ class WatchArguments(Arguments):
     """Film: how much faster than the robot."""
     fps: _Rate = 20.0
     """Film: frames per second; a .gif can have 50 at most."""
-    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ExplorationOptions
-    )
+    seed: int = 0
+    """Seed of everything random."""
+    settings: AllSettings = SettingsOptions()
     """Robot, sensors, SLAM, furniture and people."""
 
     def _check(self) -> None:
@@ -65,9 +63,8 @@ class WatchArguments(Arguments):
             check_recording_name(self.rerun)
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(WatchArguments, args=argv, prog="slamgym watch")
+def main(arguments: WatchArguments) -> None:
+    """Run the command."""
     plan = _choose_plan(arguments)
     env = _make_env(arguments, plan)
     try:
@@ -82,7 +79,6 @@ def main(argv: list[str]) -> int:
         env.close()
     for path in filter(None, (arguments.out, arguments.rerun)):
         tell(f"{path}")
-    return 0
 
 
 def _choose_plan(arguments: WatchArguments) -> FloorPlan:
@@ -91,19 +87,16 @@ def _choose_plan(arguments: WatchArguments) -> FloorPlan:
 
     plans = open_plans(arguments.plans)
     if arguments.plan is None:
-        return plans.load(next(schedule_groups(plan_groups(plans), arguments.exploration.seed)).plan_id)
-    if arguments.plan not in plans.ids:
-        raise ConfigError(
-            f"{arguments.plans} has no plan {arguments.plan!r}; {suggest(arguments.plan, plans.ids[:1000])}"
-        )
-    return plans.load(arguments.plan)
+        return plans.load(next(schedule_groups(plan_groups(plans), arguments.seed)).plan_id)
+    return plans.load(require_plan(arguments.plans, arguments.plan, plans.ids))
 
 
 def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
-    from slamgym.envs import ExploreEnv
+    from slamgym.envs import ExploreConfig, ExploreEnv
     from slamgym.envs.episode import fitted_env
 
-    config = fitted_env(plan, arguments.exploration.env().for_explorer(), arguments.minutes)
+    config = arguments.settings.configured(ExploreConfig(), {})
+    config = fitted_env(plan, config.for_explorer(), arguments.minutes)
     has_window = arguments.out is None and arguments.rerun is None
     return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
 
@@ -113,8 +106,8 @@ def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, observ
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import episode_steps
 
-    explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.exploration.seed)
-    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.exploration.seed))):  # noqa: B007 - the last info is shown
+    explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
+    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
         for observe in observers:
             observe(explorer, number)
     for observe in observers:
@@ -166,7 +159,7 @@ class _Watcher:
         self._deliberation: Deliberation
 
     def look(self, explorer: BatchedExplorer) -> Deliberation:
-        """What the explorer of the environment weighs now."""
+        """The candidates that the explorer of the environment weighs now."""
         env = self._env
         loop = explorer.loops[0] if explorer.loops else None
         seen = env.mapper.occupancy_grid(), *((loop.candidates, loop.target) if loop else ())

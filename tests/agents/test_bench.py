@@ -37,11 +37,20 @@ from slamgym.agents.plan_splits import split_of
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan, check_plan
 from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
-from slamgym.commands.agents.bench import leaderboard_command, run_command
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.parallel.engine import Execution
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.sim import ClutterConfig
+
+
+def leaderboard_command(argv):
+    return TABLE.run("slamgym", ["bench", "leaderboard", *map(str, argv)])
+
+
+def run_command(argv):
+    return TABLE.run("slamgym", ["bench", "run", *map(str, argv)])
+
 
 ROOT = Path(__file__).parents[2]
 BENCH = read_bench()

@@ -19,7 +19,8 @@ from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.trial import Trial, TrialConfig, run_trial
 from slamgym.agents.plan_splits import split_of
 from slamgym.cad import FloorPlan
-from slamgym.commands.agents.evaluate import main, open_source
+from slamgym.commands.agents.evaluate import open_source
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Execution
@@ -27,6 +28,11 @@ from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import fitted_env
 from slamgym.envs.plan_cache import ListedPlans
 from slamgym.slam import SlamConfig
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["agents", "evaluate", *map(str, argv)])
+
 
 # 6 s of robot time: long enough to begin, short enough for a test.
 TRIAL = TrialConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(mode="ground_truth")))
@@ -238,8 +244,8 @@ def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
         "0.1",
         "--workers",
         "1",
-        "--slam.mode",
-        "ground_truth",
+        "--set",
+        "slam.mode=ground_truth",
         "--plans-filter",
         "none",
     ]
@@ -255,14 +261,14 @@ def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
 
 
 def test_one_explorer_alone_needs_no_reference(tmp_path, capsys):
-    argv = ["-o", str(tmp_path), "--count", "1", "--split", "all", "--explorers", "nearest", "--no-plot"]
+    argv = ["-o", str(tmp_path), "--count", "1", "--split", "all", "--explorers", "nearest"]
     argv += [
         "--minutes",
         "0.1",
         "--workers",
         "1",
-        "--slam.mode",
-        "ground_truth",
+        "--set",
+        "slam.mode=ground_truth",
         "--plans-filter",
         "none",
     ]
@@ -277,7 +283,6 @@ def test_one_explorer_alone_needs_no_reference(tmp_path, capsys):
     [
         (["--explorers", "nearest", "--against", "explore_lite"], "--against explore_lite is not among"),
         (["--film", "nearest"], "must name two"),
-        (["--film-plan", "x"], "needs --film"),
         (["--workers", "-1"], "--workers"),
         (["--plans", "offices:x"], "whole number"),
     ],

@@ -29,9 +29,14 @@ from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.agents.wheels import WHEELS as WHEELS_WEIGHTS
 from slamgym.agents.wheels import read_wheels, write_wheels
-from slamgym.commands.agents.shape import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["agents", "shape", *map(str, argv)])
+
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
@@ -227,7 +232,7 @@ def test_the_command_lists_the_presets_and_asks_for_a_folder(capsys):
     assert main(["--list"]) == 0
     shown = capsys.readouterr().out
     assert all(name in shown for name in REWARD_PRESETS)
-    assert main(["--env", "explore", "--list"]) == 0
+    assert main(["--wheels", "--list"]) == 0
     assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(WHEELS_PRESETS)
     with pytest.raises(ConfigError, match="-o"):
         main([])

@@ -14,9 +14,14 @@ import pytest
 
 from slamgym.cad import archives
 from slamgym.cad.archives import HOUSEEXPO_LICENCE, HOUSEEXPO_URL, fetch_houseexpo
-from slamgym.commands.plans import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import InputFileError
 from slamgym.core.streams import DownloadError, download
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["plans", *map(str, argv)])
+
 
 SQUARE = {"verts": [[0, 0], [6, 0], [6, 6], [0, 6]], "room_category": {}, "room_num": 1}
 

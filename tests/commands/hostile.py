@@ -51,7 +51,7 @@ def run(words, place, capsys, **more):
 
 
 PLANS = ["--plans", "{plans}"]
-SHORT = ["--minutes", "0.02", "--slam.mode", "ground_truth"]
+SHORT = ["--minutes", "0.02", "--set", "slam.mode=ground_truth"]
 RUNS = {
     "watch": ["watch", *PLANS, *SHORT, "--explorer", "nearest", "-o", "{out}/run/film.gif"],
     "slam": ["slam", "{episode}", "--mode", "dead_reckoning", "-o", "{out}/run"],
@@ -61,14 +61,15 @@ RUNS = {
                         "-o", "{out}/run"],
     "agents evaluate": ["agents", "evaluate", *PLANS, *SHORT, "--count", "1", "--split", "all", "--plans-filter",
                         "none", "--explorers", "nearest", "--workers", "1", "-o", "{out}/run"],
-    "agents train": ["agents", "train", "--plan-count", "1", "--steps", "4", "--num-envs", "1", "--ppo.n-steps",
-                     "4", "--ppo.batch-size", "4", "--ppo.n-epochs", "1", "--evaluate-every", "0", "--time-limit", "20",
-                     "--imitation.decisions", "0", "-o", "{out}/run"],
-    "agents shape": ["agents", "shape", "--presets", "time", "--seeds", "1", "--test-plans", "1", "--particles", "1",
-                     "--train.plan-count", "1", "--train.steps", "4", "--train.num-envs", "1",
-                     "--train.ppo.n-steps", "4", "--train.ppo.batch-size", "4",
-                     "--train.ppo.n-epochs", "1", "--train.time-limit", "20",
-                     "--train.imitation.decisions", "0", "-o", "{out}/run"],
+    "agents train frontiers": ["agents", "train", "frontiers", "--plan-count", "1", "--steps", "4", "--num-envs", "1",
+                               "--set", "ppo.n_steps=4", "ppo.batch_size=4", "ppo.n_epochs=1", "evaluate_every=0",
+                               "time_limit=20", "-o", "{out}/run"],
+    "agents train wheels": ["agents", "train", "wheels", "--plan-count", "1", "--steps", "8", "--num-envs", "2",
+                            "--set", "ppo.n_steps=4", "ppo.batch_size=4", "ppo.n_epochs=1", "evaluate_every=0",
+                            "-o", "{out}/run"],
+    "agents shape": ["agents", "shape", "--presets", "time", "--seeds", "1", "--test-plans", "1", "--set",
+                     "particles=1", "plan_count=1", "steps=4", "num_envs=1", "ppo.n_steps=4", "ppo.batch_size=4",
+                     "ppo.n_epochs=1", "time_limit=20", "-o", "{out}/run"],
     "gan train": ["gan", "train", "{images}", "-o", "{out}/run", "--preset", "model32-cpu", "--epochs", "1",
                   "--batch-size", "2", "--device", "cpu", "--set", "translator.input_size=32",
                   "translator.generator.width=2", "discriminator.width=8", "discriminator.patch_width=8"],

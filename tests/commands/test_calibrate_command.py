@@ -6,10 +6,16 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.commands.calibrate_odometry import main, measure_odometry
+from slamgym.commands.calibrate_odometry import measure_odometry
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError
 from slamgym.parametric.calibration import fit_phases, read_calibration
 from slamgym.sim import OdometryConfig, RobotConfig, odometry_level
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["calibrate-odometry", *map(str, argv)])
+
 
 ROBOT = RobotConfig()
 

@@ -5,9 +5,9 @@ import subprocess
 
 import pytest
 
-from slamgym.commands import doctor
+from slamgym.commands import cli, doctor
 from slamgym.commands.completion import completion_script
-from slamgym.commands.doctor import findings, main
+from slamgym.commands.doctor import findings
 
 
 @pytest.fixture(scope="module")
@@ -27,7 +27,7 @@ def complete(script, *words):
 
 
 def test_a_whole_installation_is_in_order(capsys):
-    assert main([]) == 0
+    assert cli.main(["doctor"]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].startswith("ok       slamgym: ")
     assert any(line.startswith("ok       numeric kernels: ") for line in lines)
@@ -49,7 +49,7 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     assert found["packages"].fix == "pip install slamgym"  # brings what the installed one needs
     assert found["films (ffmpeg)"][1:3] == ("missing", "no ffmpeg at all")
     assert {finding.state for what, finding in found.items() if what.startswith("folder ")} == {"broken"}
-    assert main([]) == 1
+    assert cli.main(["doctor"]) == 1
     assert "         fix: pip install 'slamgym[ros]'\n" in capsys.readouterr().out
 
 
@@ -59,5 +59,5 @@ def test_bash_completes_commands_verbs_and_options(script):
     assert {"render", "clean", "stats"} <= set(complete(script, "dataset", ""))
     assert complete(script, "plans", "fe") == ["fetch"]
     assert complete(script, "plans", "fetch", "--u") == ["--url"]
-    assert "--lidar.sweep" in complete(script, "generate", "--pairs", "8", "--lidar.s")
+    assert "--plans-filter" in complete(script, "generate", "--pairs", "8", "--plans-")
     assert complete(script, "cad", "map.yaml", "--form") == ["--formats"]

@@ -32,7 +32,14 @@ def drive(tmp_path, monkeypatch):
             show(window, picture)
 
         monkeypatch.setattr(Window, "show", watched)
-        options = ["--plans", str(tmp_path / "flat.json"), "--speed", "100", "--slam.mode", "ground_truth"]
+        options = [
+            "--plans",
+            str(tmp_path / "flat.json"),
+            "--speed",
+            "100",
+            "--set",
+            "slam.mode=ground_truth",
+        ]
         return cli.main(["drive", *options, "-o", str(tmp_path / "driven")]), shown
 
     return run

@@ -17,7 +17,11 @@ from slamgym.dataset import Layout
 from slamgym.interop import write_ros_map
 
 TORCH = importlib.util.find_spec("torch") is not None
-NEEDS_TORCH = {name for name in RUNS if name.startswith("gan ")} | {"agents train", "agents shape"}
+NEEDS_TORCH = {name for name in RUNS if name.startswith("gan ")} | {
+    "agents train frontiers",
+    "agents train wheels",
+    "agents shape",
+}
 
 
 def picture(seed):

@@ -5,10 +5,14 @@ import numpy as np
 import pytest
 
 from slamgym.cad import generate_plan, open_plans, write_houseexpo
-from slamgym.commands.generate import main as generate
-from slamgym.commands.plans import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.viz.plan_pictures import draw_floor_plan, draw_plan_sheet
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["plans", *map(str, argv)])
+
 
 FAULTS = {
     "malformed": "{",
@@ -125,7 +129,20 @@ def test_check_and_generate_judge_a_giant_alike(tmp_path, capsys):
     assert main(["check", str(path), "--rejected", str(tmp_path / "rejected.jsonl")]) == 1
     checked = rejected(tmp_path / "rejected.jsonl")["mall"]["reason"]
     with pytest.raises(SlamgymError, match=r"no plan gave a pair \(of 1\)"):
-        generate(["--plans", str(path), "--pairs", "1", "--workers", "1", "--out", str(tmp_path / "out")])
+        TABLE.run(
+            "slamgym",
+            [
+                "generate",
+                "--plans",
+                str(path),
+                "--pairs",
+                "1",
+                "--workers",
+                "1",
+                "--out",
+                str(tmp_path / "out"),
+            ],
+        )
     generated = json.loads((tmp_path / "out" / "rejected.jsonl").read_text().splitlines()[0])["reason"]
     assert checked == generated
     assert "10000.0 m long but the map holds 353.6 m" in checked

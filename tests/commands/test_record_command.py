@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from shapely import box
 
+from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError
 
@@ -12,7 +14,20 @@ pytest.importorskip("stable_baselines3")
 
 def test_explorations_become_a_minari_dataset(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "unused"))
-    words = ["agents", "record", "--minari", "homes/test-v0", "--out", str(tmp_path), "--episodes", "2"]
+    rooms = box(0, 0, 8, 4).difference(box(3.9, 0, 4.1, 2.8))  # the other room is seen from the door on
+    write_houseexpo(tmp_path / "rooms.json", FloorPlan("rooms", rooms))
+    words = [
+        "agents",
+        "record",
+        "--plans",
+        str(tmp_path / "rooms.json"),
+        "--minari",
+        "homes/test-v0",
+        "--out",
+        str(tmp_path),
+        "--episodes",
+        "2",
+    ]
     assert cli.main([*words, "--localization", "ground_truth", "--random-share", "0.3"]) == 0
     dataset = minari.load_dataset("homes/test-v0")
     assert dataset.total_episodes == 2

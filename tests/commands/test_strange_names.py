@@ -12,7 +12,7 @@ from shapely import box
 
 from slamgym.cad import FloorPlan
 from slamgym.cad.houseexpo import format_houseexpo, read_houseexpo
-from slamgym.commands import cli, extras
+from slamgym.commands import cli, frame
 from slamgym.core.text import printable
 from slamgym.interop.ros_map import read_ros_map
 
@@ -74,6 +74,6 @@ def test_what_cannot_be_seen_is_written_out():
 
 
 def test_cad_without_torch_names_the_way_without_a_network(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(extras, "is_installed", lambda package: package != "torch")
+    monkeypatch.setattr(frame, "is_installed", lambda package: package != "torch")
     assert cli.main(["cad", "map.yaml", "-o", str(tmp_path)]) == 2
     assert re.search(r"'torch'.*slamgym\[gan\].*--model none", capsys.readouterr().err)

@@ -75,7 +75,7 @@ def compiled():
 for name in ("rbpf", "drive", "navigate", "decide"):
     KERNEL_PARTS[name][0]()
 before = compiled()
-line = "generate --pairs 2 --minutes 3 --engine in_process --contact-sheet 0 -o {tmp_path}"
+line = "generate --pairs 2 --minutes 3 --engine in_process -o {tmp_path}"
 assert main(line.split()) == 0
 print(sorted(compiled() - before))
 """

@@ -33,6 +33,7 @@ CPUS = 2
 QUICK = DatasetConfig(
     seed=5, episode=EpisodeConfig(minutes=0.1, env=ExploreConfig(slam=SlamConfig(particles=2)))
 )
+OPTIONS = ["--seed", "5", "--minutes", "0.1", "--set", "particles=2"]
 
 
 class Plans:

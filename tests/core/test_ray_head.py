@@ -65,8 +65,8 @@ def test_a_run_whose_head_is_killed_ends_and_the_next_goes_on(head, tmp_path):
     plans, out = tmp_path / "plans", tmp_path / "out"
     plans.mkdir()
     write_houseexpo(plans / "room.json", FloorPlan("room", box(0, 0, 2.4, 2.0)))
-    command = ["generate", "--plans", str(plans), "--minutes", "0.1", "--particles", "2"]
-    command += ["--contact-sheet", "0", "--out", str(out), "--pairs"]
+    command = ["generate", "--plans", str(plans), "--minutes", "0.1", "--set", "particles=2"]
+    command += ["--out", str(out), "--pairs"]
     address, kill = head
     with subprocess.Popen(
         [sys.executable, "-m", "slamgym", *command, str(ENDLESS), "--engine", "ray", "--address", address],

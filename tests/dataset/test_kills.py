@@ -129,10 +129,8 @@ OPTIONS = [
     "3",
     "--minutes",
     "0.2",
-    "--particles",
-    "5",
-    "--contact-sheet",
-    "0",
+    "--set",
+    "particles=5",
     "--pairs",
     str(PAIRS),
 ]

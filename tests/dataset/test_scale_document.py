@@ -10,7 +10,7 @@ import pytest
 import tyro
 import yaml
 
-from slamgym.commands.dataset.merge import MergeArguments
+from slamgym.commands.dataset.folders import MergeArguments
 from slamgym.commands.generate import GenerateArguments
 from slamgym.dataset.format import Shard
 

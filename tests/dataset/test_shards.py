@@ -12,7 +12,6 @@ from shapely import box
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.commands import cli
-from slamgym.commands.dataset import merge as merge_command
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.files import StorageError, exclusive_lock
 from slamgym.core.parallel.engine import Execution
@@ -167,7 +166,7 @@ def test_what_a_failed_exploration_leaves_open_a_run_without_shards_adds(tmp_pat
 def test_a_pair_that_is_not_whole_is_left_out_and_named(shards, capsys):
     record = next(read_manifest(shards / "shard-00000-of-00003"))
     Layout(shards / "shard-00000-of-00003").image("B", record.name).unlink()
-    assert merge_command.main([str(shards)]) == 0
+    assert cli.main(["dataset", "merge", str(shards)]) == 0
     assert f"Left out: 1 pair without one of its files, such as {record.name}" in capsys.readouterr().out
     assert len(list(read_manifest(shards))) == PAIRS - 1
     # A run of the shard makes it again.
@@ -234,7 +233,7 @@ def test_a_folder_without_shards_is_refused(tmp_path):
 
 def test_the_command_names_what_is_missing(shards, capsys):
     shutil.rmtree(shards / "shard-00000-of-00003")
-    assert merge_command.main([str(shards)]) == 0
+    assert cli.main(["dataset", "merge", str(shards)]) == 0
     shown = capsys.readouterr().out
     assert "Not there: 0/3." in shown
     assert "of 2 shards" in shown

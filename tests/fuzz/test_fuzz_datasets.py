@@ -18,7 +18,7 @@ from fuzz.mutations import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.commands.dataset.review import _band
+from slamgym.commands.dataset.clean import _band
 from slamgym.core.config import to_dict
 from slamgym.core.pictures import encode_png
 from slamgym.dataset.check import check_dataset, check_image_folder

@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 import pytest
 
+from slamgym.commands.cli import TABLE
 from slamgym.commands.gan import evaluate
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
-from slamgym.commands.gan.main import evaluate_command as main
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.data import PairSet
@@ -38,6 +38,11 @@ from slamgym.metrics import label_rooms
 from slamgym.metrics.cleaning import clean_map
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["gan", "evaluate", *map(str, argv)])
+
 
 SCALE = 0.08
 SIZE = 128

@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
-from slamgym.commands.gan.main import train_command as main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.interruption import Terminated, deferred_interrupt
 from slamgym.gan.config import (
@@ -30,6 +30,11 @@ from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Moment
 from slamgym.gan.training.train import RunOptions, TrainingDivergedError, train_translator
 from slamgym.gan.translation.translate import load_translator
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["gan", "train", *map(str, argv)])
+
 
 CPU = choose_compute("cpu", "float32")
 PROGRESSIVE = TranslatorTrainingConfig(

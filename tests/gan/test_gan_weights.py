@@ -8,12 +8,17 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from slamgym.commands.gan.main import publish_command
+from slamgym.commands.cli import TABLE
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.weights import MAX_BYTES, ModelCard, load_weights, pretrained_names, save_translator
+
+
+def publish_command(argv):
+    return TABLE.run("slamgym", ["gan", "publish", *map(str, argv)])
+
 
 TINY = TranslatorConfig(
     input_size=16,

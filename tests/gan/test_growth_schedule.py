@@ -7,7 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.commands.gan.arguments import TrainTranslatorArguments
-from slamgym.commands.gan.train import apply_settings, scaled_stages, training_config
+from slamgym.commands.gan.main import scaled_stages, training_config
+from slamgym.commands.settings import SettingsOptions
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import OptimiserConfig, Stage
 from slamgym.gan.presets import TRANSLATOR_PRESETS, find_preset
@@ -91,10 +92,12 @@ def test_epochs_scale_all_stages():
     assert scaled_stages(GROWING, 1.0)[1].fade_epochs == pytest.approx(0.2)
 
 
+def put(*settings):
+    return SettingsOptions(set=(settings,)).configured(TRANSLATOR_PRESETS["model32"], {})
+
+
 def test_settings_are_put_in_by_path():
-    config = apply_settings(
-        TRANSLATOR_PRESETS["model32"], ["loss.l1=20", "translator.direction=cad2slam", "stages=[[32,5,8]]"]
-    )
+    config = put("loss.l1=20", "direction=cad2slam", "stages=[[32,5,8]]")
     assert config.loss.l1 == 20
     assert config.translator.direction == "cad2slam"
     assert config.stages == (Stage(32, 5, 8),)
@@ -103,19 +106,19 @@ def test_settings_are_put_in_by_path():
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("loss.adversary=1", "did you mean 'adversarial'"),
-        ("los.l1=1", "no section 'los'"),
-        ("l1", "takes path=value"),
+        ("loss.feature_match=1", "did you mean 'loss.feature_matching'"),
+        ("los.l1=1", "did you mean 'loss.l1'"),
+        ("l1", "takes NAME=VALUE"),
         ("loss.l1=-1", r"loss\.l1 must be at least 0, not -1"),
         ("translator.input_size=100", "power of two"),
         ("translator.output_size=64", "last stage has resolution 32"),
-        ("generator=1", "unknown setting"),
+        ("generator=1", "must be of type GeneratorConfig"),
         ("translator.input_encoding=cmyk", "must be 'grey' or 'free_occupied' or 'rgb', not 'cmyk'"),
     ],
 )
 def test_impossible_settings_are_refused(setting, message):
     with pytest.raises(ConfigError, match=message):
-        apply_settings(TRANSLATOR_PRESETS["model32"], [setting])
+        put(setting)
 
 
 def test_an_unknown_preset_is_refused_with_a_suggestion():

@@ -10,7 +10,7 @@ import torch
 from torch import nn
 
 from slamgym.commands import cli
-from slamgym.commands.gan.main import translate_command as main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
@@ -28,6 +28,11 @@ from slamgym.gan.translation.translate import (
 from slamgym.gan.weights import ModelCard, save_translator
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
 from slamgym.metrics.wall_direction import turned
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["gan", "translate", *map(str, argv)])
+
 
 CPU = choose_compute("cpu", "float32")
 CONFIG = TranslatorConfig(
@@ -275,7 +280,7 @@ def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
             ConfigError,
             r"flips must be a power of two in \[1, 8\], not 3",
         ),
-        (["empty", "-o", "x"], InputFileError, "holds no images"),
+        (["empty", "-o", "x"], InputFileError, "no images"),
         (["broken.png", "-o", "x.png"], InputFileError, "is not a picture"),
         (["colour.png", "-o", "x.png"], InputFileError, "is coloured"),
     ],

@@ -23,7 +23,7 @@ def dataset(tmp_path_factory):
     root = tmp_path_factory.mktemp("golden") / "dataset"
     slamgym(
         *("generate", "--plans", BUNDLED, "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
-        *("--seed", 3, "--workers", 1, "--contact-sheet", 0, "-o", root),
+        *("--seed", 3, "--workers", 1, "-o", root),
     )
     return root
 

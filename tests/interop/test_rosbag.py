@@ -5,13 +5,18 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from slamgym.commands.export_log import main as export_log
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.geometry import compose
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import open_log, read_rosbag, write_rosbag2
 from slamgym.interop.rosbag import TransformTree, planar, rigid_transform
 from slamgym.interop.rosbag_writer import BagTracks
+
+
+def export_log(argv):
+    return TABLE.run("slamgym", ["export-log", *map(str, argv)])
+
 
 pytest.importorskip("rosbags")
 

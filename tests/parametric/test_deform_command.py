@@ -8,8 +8,7 @@ import shapely
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.houseexpo import write_houseexpo
-from slamgym.commands.deform import main
-from slamgym.commands.generate import main as generate
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
 from slamgym.dataset import load_pair, read_manifest
 from slamgym.dataset.curate.split import PlanSide, SplitTable, make_split, read_split
@@ -17,6 +16,10 @@ from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.interop import read_ros_map, read_tum, write_tum
 from slamgym.parametric.paths import plan_trajectory, read_waypoints
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["deform", *map(str, argv)])
 
 
 @pytest.fixture
@@ -33,7 +36,7 @@ def explored(flat, tmp_path_factory):
     root, plan_file = folder / "explored", folder / "flat.json"
     write_houseexpo(plan_file, flat)
     options = ("--pairs", "2", "--minutes", "0.5", "--explorer", "nearest", "--workers", "1")
-    generate(["--plans", str(plan_file), "-o", str(root), *options])
+    TABLE.run("slamgym", ["generate", "--plans", str(plan_file), "-o", str(root), *options])
     make_split(root, test=1.0)
     return root
 

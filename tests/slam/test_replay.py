@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from slamgym.commands.slam import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
@@ -12,6 +12,11 @@ from slamgym.sim.raycast import cast_rays
 from slamgym.slam.motion_model import poses_between
 from slamgym.slam.replay import settings_for
 from slamgym.viz.map_pictures import draw_map
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["slam", *map(str, argv)])
+
 
 ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
@@ -102,8 +107,8 @@ class TestErrors:
 
     def test_settings_from_a_file_are_checked(self, tmp_path, episode):
         (tmp_path / "s.json").write_text('{"sigmaa": 1}')
-        with pytest.raises(ConfigError, match="sigma"):
-            main([str(episode), "-o", str(tmp_path / "out"), "--settings", str(tmp_path / "s.json")])
+        with pytest.raises(InputFileError, match="sigma"):
+            main([str(episode), "-o", str(tmp_path / "out"), "--config", str(tmp_path / "s.json")])
 
     def test_ground_truth_is_not_for_logs(self, tmp_path, episode):
         with pytest.raises(ConfigError, match="simulation"):

@@ -1,27 +1,26 @@
-"""``slamgym agents evaluate``: explorers on the same plans, starts and seeds."""
+"""``slamgym agents evaluate`` and ``slamgym bench``: explorers on the same plans, starts and seeds."""
 
 from __future__ import annotations
 
+import importlib.util
 import sys
-from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
-from slamgym.agents.registry import EXPLORERS
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.exploration_options import ExplorationOptions
-from slamgym.commands.extras import Extra, require
+from slamgym.commands.frame import Out
+from slamgym.commands.settings import CLEARED, AllSettings, SettingsOptions, given
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
+from slamgym.core.names import Label
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import Execution
 from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
-    from slamgym.agents.plan_splits import PlanSplit
     from slamgym.cad.plan_index import PlanSource
 
 OFFICES = "offices"
@@ -31,61 +30,52 @@ class EvaluateArguments(Arguments):
     """Compare explorers on the same floor plans, starts and noise.
 
     Every exploration runs until the explorer is done or the time limit is over. What is done is kept in
-    ``trials.jsonl``: after Ctrl-C or a kill the same command goes on, and with more plans or explorers it does
+    ``trials.jsonl``: run the command again to resume; with more plans or explorers it does
     only what is new. Tables are printed and written to ``results.md`` and ``results.json``.
     """
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the results; made if it is missing, continued if it is there."""
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them; also ``offices`` or ``offices:SEED``, generated offices
     with loops."""
-    count: Count = 200
-    """Number of plans, drawn by the seed."""
-    split: Literal["test", "validation", "train", "all"] = "test"
-    """Plans by their ids: ``test`` plans were never trained on."""
-    plans_filter: PlanFilter = "useful"
-    """``useful`` takes plans that are worth exploring; ``none`` all."""
-    explorers: str = ",".join(EXPLORERS)
-    """Names of explorers, with commas between them."""
+    count: Count | None = None
+    """Number of plans, drawn by the seed; by default 200."""
+    split: Literal["test", "validation", "train", "all"] | None = None
+    """Plans by their ids: ``test``, the default, were never trained on."""
+    plans_filter: PlanFilter | None = None
+    """``useful``, the default, takes plans that are worth exploring; ``none`` all."""
+    explorers: str | None = None
+    """Names of explorers, with commas between them; by default all."""
     against: str = ""
     """The reference explorer, one of them; by default ``explore_lite``, or the first where it is not among them."""
     oracle: bool = False
     """Privileged: also plan what one who knows the floor plan would need at least, for each share of the floor."""
-    oracle_budget: Count = 100
-    """How often its tour for each share is taken apart and put together again."""
-    promise: str = "98%:95%"
-    """Explorers stop once the map keeps it: so much seen, and how sure that is; also ``2m2:90%`` for what may be left.
-    ``none``: when nothing is left to try. `explore_lite` ends as its source does."""
-    repetitions: Count = 1
-    """Explorations of each plan by every explorer, each from another start."""
-    minutes: Literal["auto"] | Positive = "auto"
-    """Limit of robot time [min]; ``auto`` grows with the floor area."""
+    promise: str | None = None
+    """Explorers stop once the map keeps it: so much seen, and how sure that is, by default ``98%:95%``; or ``2m2:90%``
+    for what may be left. ``none``: when nothing is left to try. `explore_lite` ends as its source does."""
+    repetitions: Count | None = None
+    """Explorations of each plan by every explorer, each from another start; by default 1."""
+    minutes: Literal["auto"] | Positive | None = None
+    """Limit of robot time [min]; ``auto``, the default, grows with the floor area."""
+    seed: int | None = None
+    """Decides which plans, starts and noise; by default 0."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``failed.jsonl``."""
-    plot: bool = True
-    """Draw ``coverage_over_time.png`` (needs matplotlib, which the extra ``agents`` has)."""
     film: str = ""
     """Two explorers with a comma between them: film them side by side on the plan on which the first gains
     most over the second, as ``film.mp4``."""
-    film_plan: str = ""
-    """Id of the plan to film instead."""
-    exploration: Annotated[ExplorationOptions, tyro.conf.arg(name="")] = field(
-        default_factory=ExplorationOptions
-    )
-    """Robot, sensors, SLAM, furniture and people."""
+    settings: AllSettings = SettingsOptions()
+    """Robot, sensors, SLAM, furniture and people, the oracle's budget and all else."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(EvaluateArguments, args=argv, prog="slamgym agents evaluate")
+def main(arguments: EvaluateArguments) -> None:
+    """Run the command."""
     from slamgym.agents.evaluation.evaluate import evaluate
     from slamgym.agents.evaluation.report import write_report
 
-    if arguments.plot:
-        require(Extra("agents", ("matplotlib",)), "--plot (or give --no-plot)")
     config = evaluation_config(arguments)
     filmed = _filmed(arguments, config)
     source = open_source(arguments.plans)
@@ -103,7 +93,7 @@ def main(argv: list[str]) -> int:
             f"{arguments.out / 'failed.jsonl'} says which"
         )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
-    if arguments.plot:
+    if importlib.util.find_spec("matplotlib") is not None:  # which the extra agents brings
         from slamgym.agents.evaluation.report import draw_coverage
 
         path = arguments.out / "coverage_over_time.png"
@@ -113,37 +103,31 @@ def main(argv: list[str]) -> int:
         from slamgym.agents.evaluation.side_by_side_video import film_side_by_side
 
         path = arguments.out / "film.mp4"
-        film_side_by_side(source, evaluation.trials, filmed, config.trial, path, arguments.film_plan or None)
+        film_side_by_side(source, evaluation.trials, filmed, config.trial, path)
         tell(f"film: {path}")
-    return 0
 
 
 def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
-    """The settings, with the short options put in their places.
+    """The settings.
 
     Raises:
         ConfigError: If a setting makes no sense, or the reference is not among the explorers.
     """
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
-    from slamgym.agents.evaluation.trial import TrialConfig
-    from slamgym.agents.oracle import OracleConfig
+    from slamgym.agents.registry import EXPLORERS
     from slamgym.planning.promise import Promise
 
-    explorers = tuple(name.strip() for name in arguments.explorers.split(",") if name.strip())
-    promise = None if arguments.promise == "none" else Promise.parse(arguments.promise)
-    split: PlanSplit | None = None if arguments.split == "all" else arguments.split
-    env = arguments.exploration.env()
-    config = EvaluationConfig(
-        explorers=explorers,
-        count=arguments.count,
-        split=split,
-        plans_filter=arguments.plans_filter,
-        repetitions=arguments.repetitions,
-        seed=arguments.exploration.seed,
-        oracle=arguments.oracle,
-        bound=OracleConfig(iterations=arguments.oracle_budget),
-        trial=TrialConfig(arguments.minutes, promise, env),
-    )
+    options = given(arguments, "count split plans_filter repetitions seed minutes")
+    named = (arguments.explorers or "").split(",")
+    options["explorers"] = tuple(name.strip() for name in named if name.strip()) or None
+    options["oracle"] = arguments.oracle or None
+    if arguments.split == "all":
+        options["split"] = CLEARED
+    if arguments.promise is not None:
+        options["trial.promise"] = (
+            CLEARED if arguments.promise == "none" else Promise.parse(arguments.promise)
+        )
+    config = arguments.settings.configured(EvaluationConfig(tuple(EXPLORERS)), options)
     _reference(arguments.against, config)
     return config
 
@@ -178,8 +162,6 @@ def open_source(spec: str) -> PlanSource:
 def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:
     """The two explorers to film, checked before any work is done."""
     if not arguments.film:
-        if arguments.film_plan:
-            raise ConfigError("--film-plan needs --film with two explorers")
         return None
     names = [name.strip() for name in arguments.film.split(",")]
     if len(names) != 2 or names[0] == names[1] or any(name not in config.explorers for name in names):
@@ -187,3 +169,82 @@ def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str
             f"--film {arguments.film} must name two of the explorers {', '.join(config.explorers)}, with a comma"
         )
     return names[0], names[1]
+
+
+class BenchRunArguments(Arguments):
+    """Explore the buildings of slamgym-bench with one explorer and write its result files.
+
+    Buildings, starts, seeds, sensors and SLAM are fixed. What is done is kept in ``trials.jsonl``: run the
+    command again to resume.
+    """
+
+    explorer: tyro.conf.Positional[str]
+    """Its name, as everywhere (``nearest``, ``rl@98%:90%``, ``rl:FILE``); ``module:function`` for one of your own.
+    Without an ``@`` it stops at the promise 98%:95%."""
+    out: Out
+    """Folder of the results; all explorers and tracks may share it."""
+    track: Literal["homes", "loops", "large", "furnished", "people", "all"] = "homes"
+    """Which buildings."""
+    plans: str = "json.tar.gz"
+    """Your copy of HouseExpo, for all tracks but ``loops`` and ``large``; `slamgym plans fetch` downloads it."""
+    quick: bool = False
+    """Only the first twelve buildings of a track, to see that it runs."""
+    entry: Label | None = None
+    """Name on the leaderboard; by default the explorer's. Give the trainings of one explorer the same name."""
+    workers: CountOrZero = 0
+    """Processes; 0 takes one per core."""
+    task_timeout: Positive = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is ended and counts as a failure."""
+
+
+class LeaderboardArguments(Arguments):
+    """Rank results: a Markdown page, and the same as JSON."""
+
+    results: tyro.conf.Positional[tuple[Path, ...]]
+    """Result files, or folders of them."""
+    out: Out = Path("leaderboard.md")
+    """The page."""
+
+
+def bench_command(arguments: BenchRunArguments) -> None:
+    """Run ``slamgym bench run``."""
+    from slamgym.agents.bench.leaderboard import describe_boards, rank
+    from slamgym.agents.bench.manifest import open_bench_plans, read_bench
+    from slamgym.agents.bench.results import bench_result, run_bench, write_result
+
+    bench = read_bench()
+    tracks = bench.tracks if arguments.track == "all" else (bench.track(arguments.track),)
+    # Opened before any work: a missing copy is said at once.
+    opened = [
+        (track, open_bench_plans(track, arguments.plans))
+        for track in (whole.quick() if arguments.quick else whole for whole in tracks)
+    ]
+    results = []
+    for track, source in opened:
+        say(f"{track.name}: {len(track.buildings)} buildings")
+        evaluation = run_bench(
+            arguments.explorer,
+            track,
+            source,
+            arguments.out,
+            Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
+        )
+        result = bench_result(evaluation, bench, track, source, arguments.entry or arguments.explorer)
+        results.append(result)
+        say(f"result: {write_result(result, arguments.out)}")
+    sys.stdout.write(describe_boards(rank(results, bench)))
+
+
+def leaderboard_command(arguments: LeaderboardArguments) -> None:
+    """Run ``slamgym bench leaderboard``."""
+    from slamgym.agents.bench.leaderboard import boards_as_json, leaderboard_page, rank
+    from slamgym.agents.bench.manifest import read_bench
+    from slamgym.agents.bench.results import read_results
+    from slamgym.core.files import write_text
+
+    bench = read_bench()
+    boards = rank(read_results(arguments.results, bench), bench)
+    page = leaderboard_page(boards, bench)
+    write_text(arguments.out, page)
+    write_text(arguments.out.with_suffix(".json"), boards_as_json(boards, bench))
+    sys.stdout.write(page)

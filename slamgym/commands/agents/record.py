@@ -6,12 +6,9 @@ import contextlib
 import os
 import re
 import warnings
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import tyro
-
-from slamgym.commands.extras import LEARNING, Extra, require
+from slamgym.commands.frame import LEARNING, Extra, MaybeOut, require
 from slamgym.core.config import Arguments, Count, CountOrZero, Share
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, show_progress, tell
@@ -35,7 +32,7 @@ class RecordArguments(Arguments):
 
     minari: str
     """Id of the dataset: NAMESPACE/NAME-vN, such as homes/next-best-view-v0."""
-    out: Annotated[Path | None, tyro.conf.arg(aliases=["-o"])] = None
+    out: MaybeOut = None
     """Folder of Minari datasets; by default Minari's own (MINARI_DATASETS_PATH, or ~/.minari/datasets)."""
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them."""
@@ -48,12 +45,11 @@ class RecordArguments(Arguments):
     localization: Literal["slam", "ground_truth"] = "slam"
     """``slam`` maps with the particle filter; ``ground_truth`` is faster."""
     seed: CountOrZero = 0
-    """Of plans, starts, noise and random choices."""
+    """Decides plans, starts, noise and random choices."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(RecordArguments, args=argv, prog="slamgym agents record")
+def main(arguments: RecordArguments) -> None:
+    """Run the command."""
     require(OFFLINE, "slamgym agents record")
     require(LEARNING, "slamgym agents record")
     if not _ID.fullmatch(arguments.minari):
@@ -92,7 +88,6 @@ def main(argv: list[str]) -> int:
     tell(
         f"{arguments.minari}: {counted(dataset.total_episodes, 'episode')}, {counted(dataset.total_steps, 'step')}"
     )
-    return 0
 
 
 def _record_episode(
@@ -107,20 +102,16 @@ def _record_episode(
     seed = arguments.seed + number
     observation, _ = env.reset(seed=seed)
     answer = EXPERTS[arguments.expert](env.unwrapped)
-    observations, actions = [observation], []
-    rewards, terminations, truncations = [], [], []
-    ended = False
-    while not ended:
+    observations = [observation]
+    steps: list[tuple[int, float, bool, bool]] = []
+    while not steps or not any(steps[-1][2:]):
         at_random = rng.random() < arguments.random_share
         offered = (observation["mask"] > 0.5).nonzero()[0]
         action = int(rng.choice(offered)) if at_random and len(offered) else answer(observation)
         observation, reward, terminated, truncated, _ = env.step(action)
         observations.append(observation)
-        actions.append(action)
-        rewards.append(float(reward))
-        terminations.append(terminated)
-        truncations.append(truncated)
-        ended = terminated or truncated
+        steps.append((action, float(reward), terminated, truncated))
+    actions, rewards, terminations, truncations = map(list, zip(*steps, strict=True))
     return EpisodeBuffer(
         id=number,
         seed=seed,

@@ -1,64 +1,146 @@
-"""``slamgym agents train``: train a policy by reinforcement learning."""
+"""``slamgym agents train frontiers`` and ``wheels``, and ``shape``: policies learned by reinforcement."""
 
 import dataclasses
-import itertools
-from pathlib import Path
-from typing import Annotated, Literal
+import sys
+from typing import TYPE_CHECKING
 
-import tyro
-
+from slamgym.agents.rl.reward_presets import WHEELS_PRESETS, ShapingConfig, WheelsShapingConfig
 from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
-from slamgym.core.config import Arguments
-from slamgym.core.progress import say
+from slamgym.commands.frame import LEARNING, MaybeOut, Out, require
+from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.core.config import Arguments, Count, CountOrZero
+from slamgym.core.errors import ConfigError
+from slamgym.core.progress import say, tell
 
-_Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+if TYPE_CHECKING:
+    from slamgym.agents.rl.shaping import Experiment
+
+RUN = "plans plan_count steps num_envs seed"
+"""Settings of a training that are options."""
 
 
 class TrainArguments(Arguments):
     """Train a policy by reinforcement learning.
 
-    ``--plans procedural`` needs no files; give a HouseExpo archive (``--plans procedural json.tar.gz``) for
-    policies that shall explore real homes. Only plans of the training split are learned on. The same command
-    again goes on where a run was interrupted. ``--env explore --help`` shows the settings of driving the wheels.
+    ``--plans procedural`` needs no files; give a HouseExpo archive (``--plans procedural json.tar.gz``) for policies
+    that explore real homes. Only plans of the training split are used. Run the command again to resume a training.
     """
 
-    out: _Out
+    out: Out
     """Folder of the run."""
-    config: Annotated[TrainConfig, tyro.conf.arg(name="")] = dataclasses.field(default_factory=TrainConfig)
-    """The run."""
+    plans: tuple[str, ...] | None = None
+    """Floor plans: ``procedural``, the default, a HouseExpo archive, ...; as many are drawn from each."""
+    plan_count: Count | None = None
+    """Number of plans to learn on; by default 1,500."""
+    steps: CountOrZero | None = None
+    """Decisions of all environments together."""
+    num_envs: Count | None = None
+    """Number of environments."""
+    seed: int | None = None
+    """Seed of everything random, by default 0."""
+    settings: AllSettings = SettingsOptions()
+    """Localisation, reward, network, learner, evaluation and all else."""
 
 
-class TrainWheelsArguments(Arguments):
-    """Train a policy that drives the wheels, on a batch of environments.
-
-    Plans, splits and interruptions are as without ``--env explore``.
-    """
-
-    out: _Out
-    """Folder of the run."""
-    env: Literal["explore"] = "explore"
-    """``explore``: drive the wheels."""
-    config: Annotated[WheelsConfig, tyro.conf.arg(name="")] = dataclasses.field(default_factory=WheelsConfig)
-    """The run."""
-
-
-def drives_the_wheels(argv: list[str]) -> bool:
-    """Whether the arguments name the environment whose actions are speeds: its settings are others."""
-    return "--env=explore" in argv or ("--env", "explore") in itertools.pairwise(argv)
-
-
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    if drives_the_wheels(argv):
-        wheels = tyro.cli(TrainWheelsArguments, args=argv, prog="slamgym agents train")
-        from slamgym.agents.rl.wheels import train_wheels
-
-        train_wheels(wheels.config, wheels.out)
-        say(f"policy: {wheels.out / POLICY}")
-        return 0
-    arguments = tyro.cli(TrainArguments, args=argv, prog="slamgym agents train")
+def frontiers(arguments: TrainArguments) -> None:
+    """Train a policy that chooses among frontiers."""
     from slamgym.agents.rl.train import train
 
-    train(arguments.config, arguments.out)
+    train(arguments.settings.configured(TrainConfig(), given(arguments, RUN)), arguments.out)
     say(f"policy: {arguments.out / POLICY}")
-    return 0
+
+
+def wheels(arguments: TrainArguments) -> None:
+    """Train a policy that drives the wheels, on a batch of environments."""
+    from slamgym.agents.rl.wheels import train_wheels
+
+    train_wheels(arguments.settings.configured(WheelsConfig(), given(arguments, RUN)), arguments.out)
+    say(f"policy: {arguments.out / POLICY}")
+
+
+class ShapeArguments(Arguments):
+    """Train the same policy with different rewards over several seeds and compare the results.
+
+    Run the command again to resume; finished runs are kept, and more presets or seeds add to them.
+    """
+
+    out: MaybeOut = None
+    """Folder of the experiment."""
+    list: bool = False
+    """Only list the presets."""
+    wheels: bool = False
+    """Train policies that drive the wheels, on a batch of environments, instead of policies that choose frontiers."""
+    presets: tuple[str, ...] | None = None
+    """Names of presets; by default all."""
+    seeds: Count | None = None
+    """Runs of each preset, by default 3."""
+    test_plans: Count | None = None
+    """Held-out plans that every policy explores at the end."""
+    term: str = ""
+    """A function of your own, as ``module:function``: it takes a StepRecord and returns a number. It is added
+    to the preset ``time`` as the preset ``own``, and all are trained with the particle filter."""
+    term_weight: float = 1.0
+    """Its weight."""
+    settings: AllSettings = SettingsOptions()
+    """Each training, as ``train.steps``, and all else."""
+
+    def _check(self) -> None:
+        if self.wheels and self.term:
+            raise ConfigError("--term is for policies that choose frontiers; leave --wheels out")
+
+
+def shape(arguments: ShapeArguments) -> None:
+    """Run ``slamgym agents shape``."""
+    if arguments.list:
+        from slamgym.agents.rl.reward_presets import REWARD_PRESETS
+
+        names = WHEELS_PRESETS if arguments.wheels else tuple(REWARD_PRESETS)
+        shown = {name: REWARD_PRESETS[name].about for name in names}
+        width = max(map(len, shown))
+        for name, about in shown.items():
+            tell(f"{name:<{width}}  {about}")
+        return
+    if arguments.out is None:
+        raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
+    require(LEARNING, "slamgym agents shape")
+    from slamgym.agents.rl.shaping import (
+        DECISION_REPORT,
+        FEW_SEEDS,
+        WHEELS_REPORT,
+        run_shaping,
+        write_shaping_report,
+    )
+
+    experiment = _wheels_shaping(arguments) if arguments.wheels else _decision_shaping(arguments)
+    seeds = experiment.config.seeds
+    if seeds < FEW_SEEDS:
+        say(f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings")
+    runs = run_shaping(experiment, arguments.out)
+    sys.stdout.write(
+        write_shaping_report(runs, WHEELS_REPORT if arguments.wheels else DECISION_REPORT, arguments.out)
+    )
+    say(f"table: {arguments.out}")
+
+
+def _wheels_shaping(arguments: ShapeArguments) -> "Experiment":
+    from slamgym.agents.rl.shaping import Experiment
+    from slamgym.agents.rl.wheels import train_wheels
+
+    options = given(arguments, "presets seeds test_plans")
+    return Experiment(arguments.settings.configured(WheelsShapingConfig(), options), train_wheels)
+
+
+def _decision_shaping(arguments: ShapeArguments) -> "Experiment":
+    from slamgym.agents.rl.reward_presets import OWN
+    from slamgym.agents.rl.shaping import Experiment, own_term
+    from slamgym.agents.rl.train import train
+
+    options = given(arguments, "presets seeds test_plans")
+    config, term = arguments.settings.configured(ShapingConfig(), options), None
+    if arguments.term:
+        term = own_term(arguments.term, arguments.term_weight)
+        if OWN not in config.presets:
+            config = dataclasses.replace(config, presets=(*config.presets, OWN))
+    elif OWN in config.presets:
+        raise ConfigError(f"the preset {OWN!r} needs --term module:function")
+    return Experiment(config, train, term)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import shlex
-from dataclasses import field
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import tyro
 
-from slamgym.core.config import Arguments, Positive, suggest
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.commands.frame import Out, require_folder, require_plan
+from slamgym.commands.settings import AllSettings, SettingsOptions
+from slamgym.core.config import Arguments, Positive
 from slamgym.core.files import write_text
 from slamgym.core.progress import say, tell
 from slamgym.drawing.settings import ComparisonConfig
@@ -34,7 +33,7 @@ class CompareArguments(Arguments):
     a DXF that doesn't say its unit is read as plan.dxf@0.001."""
     map: tyro.conf.Positional[Path]
     """The map: a ROS yaml or its folder, Valetudo's JSON or PNG, or a picture (--resolution)."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder for comparison.html, comparison.json, comparison.csv and comparison.png."""
     resolution: Positive | None = None
     """Metres of a pixel of a map that doesn't say it."""
@@ -42,11 +41,11 @@ class CompareArguments(Arguments):
     """Which plan of a file with several, an IFC model's storey above all; the first by default."""
     layers: tuple[str, ...] = ()
     """Layers of a DXF drawing's walls, where their names don't say it."""
-    config: Annotated[ComparisonConfig, tyro.conf.arg(name="")] = field(default_factory=ComparisonConfig)
-    """What counts as a change."""
+    settings: AllSettings = SettingsOptions()
+    """Limits from which on a difference counts."""
 
 
-def main(argv: list[str]) -> int:
+def main(arguments: CompareArguments, typed: str) -> int:
     """Run the command.
 
     Returns:
@@ -55,7 +54,6 @@ def main(argv: list[str]) -> int:
     Raises:
         SlamgymError: If one of them can't be read.
     """
-    arguments = tyro.cli(CompareArguments, args=argv, prog="slamgym cad compare")
     from slamgym.drawing.comparison.compare import compare_with_plan
     from slamgym.drawing.comparison.picture import draw_comparison
     from slamgym.drawing.comparison.records import write_comparison
@@ -63,15 +61,14 @@ def main(argv: list[str]) -> int:
     from slamgym.interop.map_files import read_map
     from slamgym.viz.canvas import write_picture
 
-    if arguments.out.exists() and not arguments.out.is_dir():
-        raise InputFileError(arguments.out, "is a file; name a folder for the results")
+    require_folder(arguments.out)
+    config = arguments.settings.configured(ComparisonConfig(), {})
     plan = _read_plan(arguments)
     robot_map = read_map(arguments.map, arguments.resolution)
     notes = (*plan.doubts, *robot_map.doubts)
-    found = compare_with_plan(plan, robot_map.grid, arguments.config, str(arguments.map), notes)
+    found = compare_with_plan(plan, robot_map.grid, config, str(arguments.map), notes)
     write_picture(arguments.out / "comparison.png", draw_comparison(found, plan, robot_map.grid))
-    command = shlex.join(["slamgym", "cad", "compare", *argv])
-    page = format_comparison(found, plan, robot_map.grid, command)
+    page = format_comparison(found, plan, robot_map.grid, typed)
     write_text(arguments.out / "comparison.html", page)
     write_comparison(arguments.out, found)
     _report(found, arguments.out)
@@ -84,13 +81,10 @@ def _read_plan(arguments: CompareArguments) -> FloorPlan:
 
     source = open_drawing(arguments.plan, arguments.layers) or open_plans(arguments.plan)
     ids = list(source.ids)
-    chosen = arguments.storey
-    if chosen is not None and chosen not in ids:
-        fitting = [plan_id for plan_id in ids if plan_id.endswith(f"-{chosen}")]
-        if not fitting:
-            raise ConfigError(f"{arguments.plan} has no plan {chosen!r}; {suggest(chosen, ids)}")
-        chosen = fitting[0]
-    plan_id = chosen or ids[0]
+    wanted = arguments.storey or ids[0]
+    fitting = (plan_id for plan_id in ids if plan_id.endswith(f"-{wanted}"))
+    plan_id = wanted if wanted in ids else next(fitting, wanted)
+    require_plan(arguments.plan, plan_id, ids)
     return source.load(plan_id)
 
 

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import shlex
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import tyro
 
-from slamgym.commands.extras import TRANSLATING, Extra, require
+from slamgym.commands.frame import TRANSLATING, Extra, Out, maps_in, require, require_folder, require_input
 from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
@@ -38,7 +37,7 @@ class CadArguments(Arguments):
     maps: Annotated[tuple[Path, ...], tyro.conf.Positional]
     """A ROS map's .yaml, Valetudo's .json or .png, a picture of a map (with --resolution), or a folder of those; or
     several."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png,html"
     """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
@@ -52,7 +51,7 @@ class CadArguments(Arguments):
     """Wide gaps in a wall up to this are openings that part two rooms [m], e.g. 3; at 1.6 doors alone do."""
 
 
-def main(argv: list[str]) -> int:
+def main(arguments: CadArguments, typed: str) -> int:
     """Run the command.
 
     Returns:
@@ -61,22 +60,24 @@ def main(argv: list[str]) -> int:
     Raises:
         SlamgymError: If an argument or the map can't be used.
     """
-    arguments = tyro.cli(CadArguments, args=argv, prog="slamgym cad")
     formats = _formats(arguments.formats)
     if arguments.model != "none":
         require(TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none")
-    if arguments.out.is_file():
-        raise InputFileError(arguments.out, "is a file; drawings are written into a folder")
+    require_folder(arguments.out)
     for path in arguments.maps:
-        if not path.exists():
-            raise InputFileError(path, "doesn't exist; give a map's yaml, a picture of a map or a folder")
-    maps = [one for path in arguments.maps for one in (_maps_in(path) if path.is_dir() else [path])]
+        require_input(path, "a map's yaml, a picture of a map or a folder")
+    what = "maps of Valetudo and no pictures of maps"
+    maps = [
+        one
+        for path in arguments.maps
+        for one in (maps_in(path, _may_be_map, what) if path.is_dir() else [path])
+    ]
     if not maps:
         raise ConfigError("no map is named; give a map's yaml, a picture of a map or a folder")
     named = dict(zip(distinct_names(maps), maps, strict=True))
     from slamgym.drawing import load_floor_model
 
-    job = _Job(arguments, formats, load_floor_model(arguments.model), shlex.join(["slamgym", "cad", *argv]))
+    job = _Job(arguments, formats, load_floor_model(arguments.model), typed)
     if len(arguments.maps) > 1 or arguments.maps[0].is_dir():
         return _draw_all(named, job)
     _draw(maps[0].stem, maps[0], job)
@@ -84,7 +85,7 @@ def main(argv: list[str]) -> int:
 
 
 class _Job(NamedTuple):
-    """What is done with every map."""
+    """Common to all maps of a call."""
 
     arguments: CadArguments
     formats: list[str]
@@ -97,27 +98,22 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
     from slamgym.drawing.formats.html import GALLERY, GalleryCard, format_gallery
 
     arguments, with_gallery = job.arguments, "html" in job.formats
-    cards, failures, drawn = [], [], 0
+    cards, failures = [], []
     for name, path in maps.items():
         try:
             if with_gallery and name == GALLERY.stem:
                 raise InputFileError(path, f"is called like the gallery, {GALLERY}; rename it")
-            drawing = _draw(name, path, job)
+            cards.append(GalleryCard.of(_draw(name, path, job), name))
         except SlamgymError as error:
             failures.append(str(error))
             say(f"skipped {error}")
-            continue
-        drawn += 1
-        if with_gallery:
-            cards.append(GalleryCard.of(drawing, name))
     given = shown_path(", ".join(map(str, arguments.maps)))
-    if not drawn:
+    if not cards:
         raise InputFileError(given, "holds nothing that could be drawn; see the lines above")
     if with_gallery:
         title = arguments.maps[0].resolve().name if len(arguments.maps) == 1 else given
-        page = format_gallery(title, cards, failures, job.command)
-        write_text(arguments.out / GALLERY, page)
-    tell(f"{drawn} of {counted(len(maps), 'map')} drawn in {arguments.out}")
+        write_text(arguments.out / GALLERY, format_gallery(title, cards, failures, job.command))
+    tell(f"{len(cards)} of {counted(len(maps), 'map')} drawn in {arguments.out}")
     return 1 if failures else 0
 
 
@@ -131,22 +127,8 @@ def _formats(text: str) -> list[str]:
     return formats
 
 
-def _maps_in(folder: Path) -> list[Path]:
-    """ROS maps, and pictures and vacuums' maps that belong to none."""
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
-    maps = [path for path in files if path.suffix.lower() in YAML_SUFFIXES]
-    belonging = {path.stem for path in maps}
-    maps += [path for path in files if path.stem not in belonging and _may_be_map(path)]
-    if not maps:
-        raise InputFileError(
-            folder,
-            f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}), no maps of Valetudo and no pictures of maps",
-        )
-    return maps
-
-
 def _may_be_map(path: Path) -> bool:
-    """Whether a file without a yaml is a picture or a Valetudo map; folders hold other JSON, too."""
+    """True if a file without a yaml is a picture or a Valetudo map; folders hold other JSON, too."""
     suffix = path.suffix.lower()
     if suffix == ".json":
         with path.open("rb") as file:
@@ -164,18 +146,23 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     robot_map = read_map(path, arguments.resolution)
     stem = arguments.out / name
     _spare_files(path, stem, [*job.formats, "pgm"] if "yaml" in job.formats else job.formats)
-    provenance = {"source": str(path), "model": arguments.model, "command": job.command}
     drawing = make_drawing(
         robot_map.grid,
         name,
         job.model,
         arguments.opening_width,
         angle_deg=arguments.angle,
-        provenance=provenance,
+        provenance={"source": str(path), "model": arguments.model, "command": job.command},
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)
-    tell(f"{_summary(drawing)}, {time.process_time() - begun:.1f} CPU s: {files[0].parent}")
+    total = sum(wall.length for wall in drawing.walls)
+    inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
+    tell(
+        f"{drawing.name}: {drawing.area:.1f} m2, {counted(len(drawing.rooms), 'room')}, "
+        f"{counted(len(drawing.doors), 'door')}, {total:.0f} m of wall ({inferred / max(total, 1e-9):.0%} inferred), "
+        f"{time.process_time() - begun:.1f} CPU s: {files[0].parent}"
+    )
     for doubt in drawing.doubts:
         say(f"{path}: {doubt}")
     return drawing
@@ -193,12 +180,3 @@ def _spare_files(path: Path, stem: Path, suffixes: list[str]) -> None:
         raise InputFileError(
             older, f"is no drawing of {path} and would lose its company; name another --out, or remove it"
         )
-
-
-def _summary(drawing: Drawing) -> str:
-    inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
-    total = sum(wall.length for wall in drawing.walls)
-    return (
-        f"{drawing.name}: {drawing.area:.1f} m2, {counted(len(drawing.rooms), 'room')}, "
-        f"{counted(len(drawing.doors), 'door')}, {total:.0f} m of wall ({inferred / max(total, 1e-9):.0%} inferred)"
-    )

@@ -1,25 +1,29 @@
-"""``slamgym dataset clean``: decide which maps are complete and true enough to keep."""
+"""``slamgym dataset clean`` and ``review``: which maps are complete and true enough to keep, also by a person."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator, Sequence
-from dataclasses import field
+import shlex
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import tyro
 
-from slamgym.core.config import Arguments, CountOrZero
-from slamgym.core.errors import ConfigError
-from slamgym.core.files import exclusive_lock
+from slamgym.commands.frame import Out
+from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.core.config import Arguments, Count, CountOrZero
+from slamgym.core.documents import read_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import exclusive_lock, write_text
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, say, tell
-from slamgym.dataset.faults import Criteria
+from slamgym.dataset.curate.cleaning import CleanConfig
+from slamgym.dataset.curate.review import Which
 
 if TYPE_CHECKING:
-    from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport
+    from slamgym.dataset.curate.cleaning import CleanReport
     from slamgym.dataset.curate.completeness_model import ProbabilityScore
     from slamgym.dataset.curate.map_items import MapItem
     from slamgym.dataset.curate.review import Decision
@@ -39,57 +43,41 @@ class CleanArguments(Arguments):
     later runs as well."""
     override: bool = False
     """Let --apply change decisions that were applied before, instead of naming the conflicts."""
-    by: Literal["truth", "classifier"] = "truth"
-    """Who decides where the truth is known."""
-    keep_band: tuple[float, float] = (0.4, 0.8)
-    """Probabilities of being complete from the first up to the second are doubtful and go to a person."""
-    doubtful: Literal["drop", "keep"] = "drop"
-    """What becomes of doubtful maps until a person has decided, where the classifier decides."""
+    by: Literal["truth", "classifier"] | None = None
+    """Who decides where the truth is known, by default ``truth``."""
+    keep_band: tuple[float, float] | None = None
+    """Probabilities of being complete from the first up to the second are doubtful and go to a person; by default from
+    0.4 up to 0.8."""
+    doubtful: Literal["drop", "keep"] | None = None
+    """Fate of doubtful maps until a person has decided, where the classifier decides; by default ``drop``."""
     model: Path | None = None
     """A trained classifier (.npz); the pretrained one by default."""
     workers: CountOrZero = 0
     """Processes that look at the maps; 0 takes one per core."""
-    criteria: Criteria = field(default_factory=Criteria)
-    """When a map is good by the truth."""
+    settings: AllSettings = SettingsOptions()
+    """When a map is good by the truth (``criteria``)."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(CleanArguments, args=argv, prog="slamgym dataset clean")
-    from slamgym.dataset.curate.cleaning import CleanConfig, clean_maps
+def main(arguments: CleanArguments) -> None:
+    """Run the command."""
+    from slamgym.dataset.curate.cleaning import clean_maps
     from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL
     from slamgym.dataset.curate.map_items import open_items
+    from slamgym.dataset.format import Layout, is_dataset
 
-    config = CleanConfig(
-        by=arguments.by,
-        band=arguments.keep_band,
-        doubtful=arguments.doubtful,
-        criteria=arguments.criteria,
-    )
-    root = arguments.dataset
-    with _locked(root):
+    options = {**given(arguments, "by doubtful"), "band": arguments.keep_band}
+    config, root = arguments.settings.configured(CleanConfig(), options), arguments.dataset
+    # Folders of maps from elsewhere have no lock.
+    with exclusive_lock(Layout(root).lock) if is_dataset(root) else contextlib.nullcontext():
         items = open_items(root)
         decisions = _decisions(arguments, items)
         model = arguments.model or PRETRAINED_MODEL
         report = clean_maps(root, items, config, decisions, model, arguments.workers or available_cores())
     _print(root, report, config)
-    return 0
-
-
-@contextlib.contextmanager
-def _locked(root: Path) -> Iterator[None]:
-    """Keep other writers out of a dataset; folders of maps from elsewhere have no lock."""
-    from slamgym.dataset.format import Layout, is_dataset
-
-    if not is_dataset(root):
-        yield
-        return
-    with exclusive_lock(Layout(root).lock):
-        yield
 
 
 def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str, Decision]:
-    """What people decided before and now; what is new is stored."""
+    """Decisions of people, before and now; new ones are stored."""
     from slamgym.dataset.curate.review import (
         DECISIONS_FILE,
         check_decisions,
@@ -150,3 +138,75 @@ def _agreement_lines(score: ProbabilityScore, band: tuple[float, float]) -> list
         f"  {100.0 * score.band_share:.1f} % lie in its band of {band[0]:g} to {band[1]:g}"
         + (f"; of the others it gets {outside} right" if outside else ""),
     ]
+
+
+class ReviewArguments(Arguments):
+    """Write one HTML file in which a person keeps or drops maps by a key each.
+
+    The file holds everything: send it, open it from a disk, come back to it later. What it saves as
+    decisions.json is applied by `slamgym dataset clean DATASET --apply decisions.json`.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """A dataset or a folder of maps that `slamgym dataset clean` has judged."""
+    out: Out = Path("review.html")
+    """The page."""
+    which: Which = "doubtful"
+    """``doubtful``: in the classifier's band; ``disagreements``: the classifier and the truth differ;
+    ``dropped``, ``kept`` or ``all``."""
+    limit: Count = 500
+    """Maps on the page at most; each takes some 10 kB."""
+
+
+def review(arguments: ReviewArguments) -> None:
+    """Run ``slamgym dataset review``."""
+    from slamgym.dataset.curate.map_items import open_items
+    from slamgym.dataset.curate.review import choose_entries, make_review_page, stored_decisions
+    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+
+    root = arguments.dataset
+    items = open_items(root)
+    verdicts = read_verdicts(root)
+    missing = sum(item.name not in verdicts for item in items)
+    if missing:
+        say(
+            f"{counted(missing, 'map')} came after {root / VERDICTS_FILE}; run `slamgym dataset clean {root}` for them."
+        )
+    entries = choose_entries(items, verdicts, arguments.which)
+    if not entries:
+        tell(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.")
+        return
+    if len(entries) > arguments.limit:
+        say(f"The first {arguments.limit} of {len(entries)} maps; raise --limit to see more.")
+    entries = entries[: arguments.limit]
+    page = make_review_page(
+        f"Review of {root.resolve().name}",
+        f"slamgym dataset clean {shlex.quote(str(root))} --apply decisions.json",
+        entries,
+        _band(root),
+        stored_decisions(root),
+    )
+    write_text(arguments.out, page)
+    tell(f"{arguments.out}: {counted(len(entries), 'map')}, {len(page) / 1e6:.1f} MB")
+
+
+def _band(root: Path) -> tuple[float, float]:
+    """The band that the last cleaning used."""
+    from slamgym.dataset.curate.cleaning import CleanConfig
+    from slamgym.dataset.curate.verdicts import SUMMARY_FILE
+
+    path = root / SUMMARY_FILE
+    if not path.is_file():
+        return CleanConfig().band
+    try:
+        summary = read_json(path)
+        low, high = (float(value) for value in summary["settings"]["band"])
+    except (ValueError, KeyError, TypeError, OverflowError) as error:
+        raise InputFileError(
+            path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
+        ) from error
+    return low, high
+
+
+def _words(which: Which) -> str:
+    return {"disagreements": "judged differently by truth and classifier", "all": "there"}.get(which, which)

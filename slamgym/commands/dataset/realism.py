@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 import itertools
-import json
-import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
 
-from slamgym.commands.extras import is_installed
+from slamgym.commands.frame import Out, as_text, is_installed, show_table
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, say, tell
-from slamgym.core.text import printable
 
 if TYPE_CHECKING:
     from slamgym.dataset.realism.comparison import MapSet, RealismReport
@@ -25,8 +22,7 @@ if TYPE_CHECKING:
 SHOWN_STATISTICS = 4
 """The most telling ones, which get examples."""
 SHOWN_PATCHES = 6
-"""Of each side."""
-_TABLE_WIDTH = 160
+"""Patches of each side."""
 TREES, NETWORK = "trees on statistics", "network on patches"
 
 
@@ -41,7 +37,7 @@ class RealismArguments(Arguments):
     """A dataset of `slamgym generate`, or a folder of ROS maps."""
     against: tuple[Path, ...]
     """Reference sets: folders (with subfolders) of ROS maps, or datasets."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])] = Path("realism")
+    out: Out = Path("realism")
     """Folder for the page."""
     assume_resolution: Positive | None = None
     """Cell size of images without a yaml file [m]; without it they are left out."""
@@ -52,20 +48,19 @@ class RealismArguments(Arguments):
     """Also draw so many maps of the dataset and as many of the references mixed and unlabelled, for a blind look:
     OUT/mixed.png, with the key in mixed_key.json."""
     network: bool = True
-    """Whether to train the network: half a CPU minute a test on 50 maps."""
+    """Train the network: half a CPU minute a test on 50 maps."""
     halvings: Count = 10
-    """How often the trees halve a set for its null."""
+    """Number of halvings of a set by the trees, for its null."""
     seed: int = 0
-    """Of folds, halves, learners and the mixture."""
+    """Seed of folds, halves, learners and the mixture."""
 
     def _check(self) -> None:
         if not self.against:
             raise ConfigError("--against names no folder; give the reference maps' folders behind it")
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(RealismArguments, args=argv, prog="slamgym dataset realism")
+def main(arguments: RealismArguments) -> None:
+    """Run the command."""
     from slamgym.core.files import write_text
     from slamgym.dataset.realism.comparison import RealismReport, compare_statistics, read_map_sets
     from slamgym.dataset.realism.page import (
@@ -73,6 +68,8 @@ def main(argv: list[str]) -> int:
         draw_mixed,
         realism_page,
         stack_figures,
+        statistics_table,
+        tests_table,
         to_json,
         to_markdown,
     )
@@ -92,25 +89,22 @@ def main(argv: list[str]) -> int:
     figures = [draw_examples(own, references, row) for row in report.ranked[:SHOWN_STATISTICS]]
     figures += _test_by_network(report, arguments.network)
     out = arguments.out
-    write_text(out / "realism.json", json.dumps(to_json(report), indent=1) + "\n")
+    write_text(out / "realism.json", as_text(to_json(report)))
     write_text(out / "realism.md", to_markdown(report))
     write_picture(out / "realism.png", stack_figures(figures))
     write_text(out / "realism.html", realism_page(report, figures))
     if arguments.mixed:
         sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
         write_picture(out / "mixed.png", sheet)
-        write_text(out / "mixed_key.json", json.dumps(key, indent=1) + "\n")
-    _print(report)
+        write_text(out / "mixed_key.json", as_text(key))
+    show_table(*statistics_table(report))
+    show_table(*tests_table(report), None, *report.left_out)
     tell(f"{out / 'realism.html'}")
-    return 0
 
 
 def _test_by_trees(report: RealismReport, halvings: int) -> None:
     """Add the tests between all sets, and of the halves of each."""
-    if not is_installed("sklearn"):
-        report.left_out.append(
-            f"{TREES}: left out, scikit-learn isn't installed; get it with: pip install 'slamgym[clean]'"
-        )
+    if _is_missing(TREES, "sklearn", "scikit-learn", "clean", report):
         return
     from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
     from slamgym.metrics.two_sample import tree_learner
@@ -127,11 +121,7 @@ def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
     """Add the tests of the dataset against each reference, and of the halves of each set; draw confident patches."""
     if not wanted:
         report.left_out.append(f"{NETWORK}: left out by --no-network")
-        return []
-    if not is_installed("torch"):
-        report.left_out.append(
-            f"{NETWORK}: left out, torch isn't installed; get it with: pip install 'slamgym[gan]'"
-        )
+    if not wanted or _is_missing(NETWORK, "torch", "torch", "gan", report):
         return []
     from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
     from slamgym.gan.evaluation.patch_classifier import PatchLearner
@@ -147,6 +137,16 @@ def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
         learner = PatchLearner([m.cells for m in one.maps], report.seed)
         report.tests.append(distinguish_halves(one, learner, NETWORK, 1, report.seed))
     return figures
+
+
+def _is_missing(test: str, package: str, called: str, extra: str, report: RealismReport) -> bool:
+    """True if the package isn't installed, which the report then says."""
+    if is_installed(package):
+        return False
+    report.left_out.append(
+        f"{test}: left out, {called} isn't installed; get it with: pip install 'slamgym[{extra}]'"
+    )
+    return True
 
 
 def _surest_patches(own: MapSet, reference: MapSet, learner: PatchLearner) -> Figure:
@@ -165,24 +165,3 @@ def _surest_patches(own: MapSet, reference: MapSet, learner: PatchLearner) -> Fi
     return draw_patches(
         f"Patches that the network was surest of: {own.name} above, {reference.name} below", sides
     )
-
-
-def _print(report: RealismReport) -> None:
-    """Show both tables."""
-    from rich.console import Console
-    from rich.table import Table
-
-    from slamgym.dataset.realism.page import statistics_table, tests_table
-
-    console = Console(
-        file=sys.stdout, width=max(Console().width, _TABLE_WIDTH), highlight=False, markup=False
-    )
-    for headings, rows in (statistics_table(report), tests_table(report)):
-        table = Table()
-        for number, heading in enumerate(headings):
-            table.add_column(heading, justify="right" if number else "left")
-        for row in rows:
-            table.add_row(*map(printable, row))
-        console.print(table)
-    for sentence in report.left_out:
-        console.print(printable(sentence))

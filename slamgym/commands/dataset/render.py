@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import available_cores
@@ -22,16 +23,16 @@ class RenderArguments(Arguments):
     """Make square images of one size from the explorations of a dataset: train/A, train/B, test/A, test/B.
 
     A is the CAD map, B the SLAM map, in one frame. Pairs that `slamgym dataset clean` dropped are left out.
-    The sides follow split.json, which is made if it is missing. Nothing is simulated again, and the same
-    command goes on where an interrupted one stopped.
+    The sides follow split.json, which is made if it is missing. Nothing is simulated again; run the
+    command again to resume.
     """
 
     dataset: tyro.conf.Positional[Path]
     """Folder of the dataset."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the images; made if it is missing, continued if it holds images made alike."""
     images: Annotated[ImageConfig, tyro.conf.arg(name="")] = field(default_factory=ImageConfig)
-    """How the images are made."""
+    """Size, scale and content of the images."""
     min_coverage: float | None = None
     """Take all pairs of at least this true coverage instead of what `clean` has decided; 0 takes all."""
     parquet: bool = False
@@ -40,9 +41,8 @@ class RenderArguments(Arguments):
     """Processes; 0 takes one per core."""
 
 
-def main(argv: list[str]) -> int:
-    """Run the command; returns the exit code."""
-    arguments = tyro.cli(RenderArguments, args=argv, prog="slamgym dataset render")
+def main(arguments: RenderArguments) -> None:
+    """Run the command."""
     from slamgym.dataset.images.format import read_images
     from slamgym.dataset.record import require_parquet, write_parquet
 
@@ -52,7 +52,6 @@ def main(argv: list[str]) -> int:
     render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
     if arguments.parquet:
         write_parquet(arguments.out / "manifest.parquet", read_images(arguments.out))
-    return 0
 
 
 def render_and_report(

@@ -1,4 +1,4 @@
-"""What ``slamgym deform`` takes."""
+"""Arguments of ``slamgym deform``."""
 
 from pathlib import Path
 from typing import Annotated, Literal
@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
+from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
 from slamgym.core.errors import ConfigError
 from slamgym.dataset.format import is_dataset
@@ -25,7 +26,7 @@ _OF_METHODS: dict[str, tuple[str, ...]] = {
 }
 """Options that not every method takes."""
 _NOT_OF_DATASETS = (
-    "plans", "plans_filter", "plan_id", "trajectory", "explorer", "prm_kind", "recipe", "size", "figures",
+    "plans", "plans_filter", "plan_id", "trajectory", "explorer", "prm_kind", "recipe", "size",
 )  # fmt: skip
 """Options about what the pairs of a dataset bring with them."""
 
@@ -39,9 +40,9 @@ class DeformArguments(Arguments):
 
     plan: tyro.conf.Positional[str]
     """A floor plan (HouseExpo JSON, ROS map, image), a folder or archive of plans, bundled or procedural; or a dataset
-    that `slamgym generate` made, each pair of which is drawn anew: same plan, path, robot and split."""
+    that `slamgym generate` made, each pair of which is drawn again: same plan, path, robot and split."""
 
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the dataset to make."""
 
     method: Method = "parametric"
@@ -52,7 +53,7 @@ class DeformArguments(Arguments):
     """Number of hypotheses of each plan; each draws its own robot and, unless a file gives it, its own path."""
 
     plans: Count = 1
-    """How many plans of a folder or archive: the first that can be used."""
+    """Number of plans of a folder or archive: the first that can be used."""
 
     plans_filter: PlanFilter = "none"
     """``useful`` takes homes that are worth exploring, as `slamgym generate` does."""
@@ -70,11 +71,11 @@ class DeformArguments(Arguments):
     """Let this explorer drive the simulated robot, and take its path."""
 
     recipe: str | None = None
-    """Of generator: sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or
+    """Generator: sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or
     a YAML file. Without it the default robot."""
 
     conversion: ConversionMethod | None = None
-    """How odometry errors become map errors: ekf_schur (the default), ekf, two_phase (dead reckoning) or
+    """Conversion of odometry errors to map errors: ekf_schur (the default), ekf, two_phase (dead reckoning) or
     scan_matching."""
 
     severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0
@@ -87,16 +88,13 @@ class DeformArguments(Arguments):
     """[m/px]"""
 
     size: Literal[0] | Annotated[int, Within(ge=16)] = 0
-    """Side of the square map [px]; the resolution follows from the plan. 0 leaves the resolution as given."""
+    """Side of the square map [px]; the resolution follows from the plan. 0 takes --resolution."""
 
     calibration: Path | None = None
     """Coefficients of the two phases that `slamgym calibrate-odometry` measured; needs --conversion two_phase."""
 
     weights: str | None = None
-    """Of modelprog: a pretrained name, a .safetensors file or a run's folder."""
-
-    figures: bool = False
-    """Draw the paper's figures 7, 8 and 9 and its Table II instead of a dataset: a row for each of --count plans."""
+    """Modelprog: a pretrained name, a .safetensors file or a run's folder."""
 
     overwrite: bool = False
     """Replace the folder if it exists."""
@@ -107,7 +105,7 @@ class DeformArguments(Arguments):
         if self.plan_id is not None and self.plans > 1:
             raise ConfigError("--plan-id and --plans exclude each other; give one")
         for name, methods in _OF_METHODS.items():
-            if not self.figures and self.method not in methods and self._is_given(name):
+            if self.method not in methods and self._is_given(name):
                 raise ConfigError(
                     f"--{name.replace('_', '-')} has no effect with --method {self.method}; leave it out "
                     f"or take --method {' or '.join(methods)}"

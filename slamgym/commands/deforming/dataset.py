@@ -30,8 +30,7 @@ from slamgym.viz.sheets import draw_deformation
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
-    from slamgym.commands.deforming.hypotheses import DrawnMap
-    from slamgym.commands.deforming.subjects import Subject
+    from slamgym.commands.deforming.hypotheses import DrawnMap, Subject
 
 
 class DeformedDataset:
@@ -48,7 +47,7 @@ class DeformedDataset:
         settings = {
             name: str(value) if isinstance(value, Path) else value
             for name, value in vars(arguments).items()
-            if name not in ("out", "overwrite", "figures")
+            if name not in ("out", "overwrite")
         }
         config = {"format_version": FORMAT_VERSION, "version": __version__, "deform": settings}
         self._hash = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
@@ -100,41 +99,33 @@ class DeformedDataset:
 
 @contextmanager
 def open_new_dataset(root: Path, arguments: DeformArguments) -> Iterator[DeformedDataset]:
-    """A dataset to fill; the folder appears whole at the end, or not at all."""
-    with staged_folder(root, arguments.overwrite) as folder:
-        yield DeformedDataset(folder, arguments)
-
-
-@contextmanager
-def staged_folder(folder: Path, overwrite: bool = False) -> Iterator[Path]:
-    """Give a temporary folder to fill; move it to ``folder`` if the block ends well, else remove it.
+    """A dataset to fill; the folder appears whole if the block ends well, or not at all.
 
     Raises:
-        InputFileError: If the folder exists with something in it and ``overwrite`` is not set, or it can't be
-            written.
+        InputFileError: If the folder exists with something in it and is not to be overwritten, or can't be written.
     """
-    if folder.exists() and not overwrite and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputFileError(folder, "exists already; give --overwrite to replace it")
-    part = folder.with_name(f".{folder.name}.{os.getpid()}.part")
+    if root.exists() and not arguments.overwrite and (not root.is_dir() or any(root.iterdir())):
+        raise InputFileError(root, "exists already; give --overwrite to replace it")
+    part = root.with_name(f".{root.name}.{os.getpid()}.part")
     try:
         part.mkdir(parents=True)
-        yield part
-        if folder.is_dir():
-            shutil.rmtree(folder)
-        part.replace(folder)
+        yield DeformedDataset(part, arguments)
+        if root.is_dir():
+            shutil.rmtree(root)
+        part.replace(root)
     except OSError as error:
-        raise InputFileError(folder, f"can't be written ({error.strerror or error})") from error
+        raise InputFileError(root, f"can't be written ({error.strerror or error})") from error
     finally:
         shutil.rmtree(part, ignore_errors=True)
 
 
-def displacement_summary(hypothesis: DrawnMap) -> dict[str, float]:
-    """How far the map's walls lie from their place: rms, 95th percentile and largest [m]; nothing if not known."""
+def _displacement(hypothesis: DrawnMap) -> dict[str, float]:
+    """Distance of the map's walls from their place: rms, 95th percentile and largest [m]; nothing if not known."""
     if hypothesis.field is None:
         return {}
     length = np.hypot(*hypothesis.field)[hypothesis.grid.cells == 0]
     if len(length) == 0:
-        return {"rms": 0.0, "p95": 0.0, "max": 0.0}
+        length = np.zeros(1)
     return {
         "rms": float(np.sqrt(np.mean(length**2))),
         "p95": float(np.percentile(length, 95)),
@@ -143,18 +134,17 @@ def displacement_summary(hypothesis: DrawnMap) -> dict[str, float]:
 
 
 def _summary(slot: Slot, hypothesis: DrawnMap) -> str:
-    parts = []
+    parts = ["drawn"]
     if "truth" in hypothesis.paths:
-        truth = hypothesis.paths["truth"]
-        parts.append(f"{truth.length:.1f} m driven, {len(truth)} scans")
-    moved = displacement_summary(hypothesis)
-    if moved:
+        truth, method = hypothesis.paths["truth"], hypothesis.parameters["config"]["method"]
+        parts = [f"{truth.length:.1f} m driven, {len(truth)} scans, {method}"]
+    if moved := _displacement(hypothesis):
         parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")
-    return f"{slot.name}: {', '.join(parts) or 'drawn'}"
+    return f"{slot.name}: {', '.join(parts)}"
 
 
 def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: GridFrame) -> None:
-    """``plan.json`` (world frame), the map and the paths (map frame), and what the hypothesis knows beside.
+    """``plan.json`` (world frame), the map and the paths (map frame), and what else the hypothesis knows.
 
     ``cad.png``: the plan on the map's frame; ``field.npz``: the displacement field (2, H, W) float32 [m], x and y, true
     minus measured, out(q) = in(q + d(q)); ``parameters.json``: what was drawn, the settings; ``overview.png``.
@@ -173,7 +163,7 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
             folder / "overview.png",
             draw_deformation(hypothesis.cad, hypothesis.grid, hypothesis.field, truth, estimate),
         )
-    record = {**hypothesis.parameters, "displacement_m": displacement_summary(hypothesis)}
+    record = {**hypothesis.parameters, "displacement_m": _displacement(hypothesis)}
     (folder / "parameters.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
 
 

@@ -1,28 +1,141 @@
-"""What each method of ``slamgym deform`` makes of a plan."""
+"""Subjects of ``slamgym deform``, plans or the pairs of a dataset, and the map that each method makes of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.core.config import to_dict
-from slamgym.core.errors import SlamgymError
+from slamgym.cad.plan_filter import passes
+from slamgym.cad.sources import open_plans
+from slamgym.commands.frame import require_plan
+from slamgym.core.config import from_dict, to_dict
+from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.core.names import exploration_seed
 from slamgym.core.progress import say
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
+from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
+from slamgym.dataset.generate.recipe import apply_conditions, episode_conditions, open_recipe
+from slamgym.dataset.record import PairRecord, Slot
+from slamgym.envs.episode import EpisodeConfig
 from slamgym.parametric.config import ParametricConfig, SensingConfig, preset, realistic
-from slamgym.parametric.model import DRIFT_MARGIN, Deformation, deform
+from slamgym.parametric.model import DRIFT_MARGIN, deform
 from slamgym.parametric.paths import TimedTrajectory, from_recorded, plan_trajectory, trajectory_from_file
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
     from slamgym.commands.deforming.arguments import DeformArguments
-    from slamgym.commands.deforming.subjects import Subject
     from slamgym.envs import ExploreConfig
-    from slamgym.envs.episode import EpisodeConfig
     from slamgym.gan.translation.translate import LearnedTranslator
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A hypothesis before it is drawn."""
+
+    slot: Slot
+    plan: FloorPlan
+    driven: Trajectory | None = None
+    """The recorded true path, world frame; None to plan one."""
+    recorded: EpisodeConfig | None = None
+    """The settings of the recorded exploration."""
+
+
+def subjects(arguments: DeformArguments) -> Iterator[Subject]:
+    """All that is to be drawn, plan by plan, or pair by pair of a dataset.
+
+    Raises:
+        ConfigError: If the source has no such plan.
+        PlanError: If the only plan can't be used; one of many is left out by whoever draws it.
+        InputFileError: If a file of the dataset is missing or malformed.
+    """
+    if is_dataset(arguments.plan):
+        yield from _of_dataset(Path(arguments.plan), arguments)
+        return
+    for place, plan in enumerate(_plans(arguments)):
+        for repetition in range(arguments.count):
+            number = place * arguments.count + repetition
+            yield Subject(_slot(arguments, number, plan.id, repetition), plan)
+
+
+def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
+    """The plans; one of many that can't be used is left out, a single one is an error."""
+    source = open_plans(arguments.plan)
+    ids = source.ids
+    if arguments.plan_id is not None:
+        ids = [require_plan(arguments.plan, arguments.plan_id, ids)]
+    is_one = arguments.plan_id is not None or (arguments.plans == 1 and arguments.plans_filter == "none")
+    found = 0
+    for plan_id in ids:
+        try:
+            plan = source.load(plan_id)
+            if not (plan.raster(arguments.resolution).cells == FREE).any():
+                raise PlanError(plan.id, "has no free cell; use a finer --resolution or another plan")
+        except PlanError:
+            if is_one:
+                raise
+            continue
+        if is_one or passes(plan, arguments.plans_filter):
+            found += 1
+            yield plan
+        if found == arguments.plans:
+            return
+    if not found:
+        raise ConfigError(
+            f"none of the {len(source)} plans of {arguments.plan} can be used; "
+            "give other plans or another --plans-filter"
+        )
+
+
+def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
+    records = list(read_manifest(root))
+    if not records:
+        raise ConfigError(f"{root}: holds no pairs yet")
+    stride = max(record.index for record in records) + 1
+    base = recorded_settings(root)
+    for record in records:
+        settings = apply_conditions(base, record.conditions)
+        plan, driven = recorded_drive(root, record)
+        for repetition in range(arguments.count):
+            number = record.index + repetition * stride
+            slot = _slot(arguments, number, record.plan_id, record.repetition * arguments.count + repetition)
+            yield Subject(slot, plan, driven, settings)
+
+
+def recorded_settings(root: Path) -> EpisodeConfig:
+    """Settings that all explorations of a dataset share; the conditions of a pair come on top.
+
+    Raises:
+        InputFileError: If it isn't a dataset of explorations.
+    """
+    try:
+        return from_dict(EpisodeConfig, read_dataset_config(root)["episode"])
+    except (ConfigError, KeyError) as error:
+        why = "give one that this version's `slamgym generate` made"
+        raise InputFileError(root, f"is no dataset of explorations ({error}); {why}") from error
+
+
+def recorded_drive(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajectory]:
+    """The plan of a pair and the path that the robot truly drove, in the plan's frame.
+
+    Raises:
+        InputFileError: If a file of the pair is missing or malformed.
+        PlanError: If the plan's file is.
+    """
+    from slamgym.cad import read_houseexpo
+    from slamgym.interop import read_tum
+
+    folder = Layout(root).episode(record.name)
+    truth = read_tum(folder / "truth.tum")
+    x, y, _ = record.start
+    return read_houseexpo(folder / "plan.json"), Trajectory(truth.stamps, truth.poses + np.array([x, y, 0.0]))
+
+
+def _slot(arguments: DeformArguments, number: int, plan_id: str, repetition: int) -> Slot:
+    return Slot(number, plan_id, repetition, exploration_seed(arguments.seed, plan_id, number))
 
 
 @dataclass(frozen=True)
@@ -32,9 +145,7 @@ class DrawnMap:
     grid: OccupancyGrid
     cad: OccupancyGrid  # the plan on the same frame
     start: FloatArray  # (3,) where the robot began; the origin of the map frame
-    field: (
-        Float32Array | None
-    )  # (2, H, W) [m] true minus measured, out(q) = in(q + d(q)); None where not known
+    field: Float32Array | None  # (2, H, W) [m] true minus measured, out(q) = in(q + d(q)); None if not known
     paths: dict[str, Trajectory]  # "truth", "odometry" and "estimate"; empty where a method knows none
     coverage: float  # share of the floor that was seen
     parameters: dict[str, Any]
@@ -46,13 +157,20 @@ def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterato
     Raises:
         SlamgymError: If nothing can be drawn of any plan; one of many is left out, and said.
     """
-    draw = _drawing_of(arguments)
+    translator = None
+    if arguments.method == "modelprog":
+        from slamgym.gan.translation.translate import load_translator
+
+        translator = load_translator(arguments.weights or "modelprog", "cad2slam")
     left_out: SlamgymError | None = None
     drawn = 0
     for subject in wanted:
         rng = np.random.default_rng([arguments.seed, subject.slot.index])
         try:
-            made = draw(subject, rng)
+            if arguments.method in ("parametric", "generator"):
+                made = _along_path(subject, arguments, rng)
+            else:
+                made = _without_path(subject, arguments, rng, translator)
         except SlamgymError as error:
             if arguments.plans == 1 and subject.recorded is None:
                 raise
@@ -65,33 +183,45 @@ def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterato
         raise left_out
 
 
-def _drawing_of(arguments: DeformArguments) -> Callable[[Subject, np.random.Generator], DrawnMap]:
-    if arguments.method == "elastic":
-        return lambda subject, rng: _elastic(subject, arguments, rng)
-    if arguments.method == "modelprog":
-        from slamgym.gan.translation.translate import load_translator
+def _along_path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
+    """Methods ``parametric`` and ``generator``."""
+    config = model_settings(arguments, subject.slot.index, subject.recorded)
+    frame = None
+    if arguments.size:
+        frame = _square_around(subject.plan, arguments.size)
+        config = replace(config, resolution=frame.resolution)
+    result = deform(subject.plan, _path(subject, arguments, rng), config, rng, frame)
+    return DrawnMap(
+        grid=result.grid,
+        cad=result.cad,
+        start=result.true.poses[0],
+        field=result.field,
+        paths={"truth": result.true, "odometry": result.odometry, "estimate": result.believed},
+        coverage=float(result.seen[result.cad.cells == FREE].mean()),
+        parameters={"drawn": result.parameters, "config": to_dict(result.config)},
+    )
 
-        translator = load_translator(arguments.weights or "modelprog", "cad2slam")
-        return lambda subject, rng: _modelprog(subject, arguments, rng, translator)
-    if arguments.trajectory is None:
-        return lambda subject, rng: _along_path(subject, arguments, rng)
-    way = arguments.trajectory
-    return lambda subject, rng: _along_path(subject, arguments, rng, trajectory_from_file(way, subject.plan))
 
-
-def _along_path(
+def _without_path(
     subject: Subject,
     arguments: DeformArguments,
     rng: np.random.Generator,
-    given: TimedTrajectory | None = None,
+    translator: LearnedTranslator | None,
 ) -> DrawnMap:
-    """Methods ``parametric`` and ``generator``."""
-    config = model_settings(arguments, subject.slot.index, subject.recorded)
-    frame = square_around(subject.plan, arguments.size) if arguments.size else None
-    if frame is not None:
-        config = replace(config, resolution=frame.resolution)
-    path = given or _path(subject, arguments, rng)
-    return _of_deformation(deform(subject.plan, path, config, rng, frame))
+    """Methods ``modelprog`` and ``elastic``."""
+    plan, resolution = subject.plan, arguments.resolution
+    cad = plan.raster(resolution, GridFrame.covering(plan.bounds, resolution, 0.5))
+    if translator is None:
+        from slamgym.gan.translation.elastic import bend_with_field
+
+        cells, field = bend_with_field(cad.cells, resolution, rng)
+    else:
+        # The network has no dice: the first map is the plan's, the others are of the plan bent as drift would.
+        drift = rng if subject.slot.repetition else None
+        cells, field = translator.translate_cells(cad.cells, resolution, drift=drift), None
+    point = plan.free_space.representative_point()
+    start = np.array([point.x, point.y, 0.0])
+    return DrawnMap(OccupancyGrid(cells, cad.frame), cad, start, field, {}, 1.0, {})
 
 
 def generator_config(env: ExploreConfig) -> ParametricConfig:
@@ -105,10 +235,6 @@ def model_settings(
     """The model's settings for one hypothesis: a recipe draws others for each, an exploration had its own."""
     config = preset("faithful")
     if arguments.method == "generator":
-        from slamgym.core.names import exploration_seed
-        from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
-        from slamgym.envs.episode import EpisodeConfig
-
         env = (recorded or EpisodeConfig()).env
         if arguments.recipe is not None:
             seed = exploration_seed(arguments.seed, "deform", number)
@@ -124,20 +250,7 @@ def model_settings(
     return config
 
 
-def _of_deformation(result: Deformation) -> DrawnMap:
-    floor = result.cad.cells == FREE
-    return DrawnMap(
-        grid=result.grid,
-        cad=result.cad,
-        start=result.true.poses[0],
-        field=result.field,
-        paths={"truth": result.true, "odometry": result.odometry, "estimate": result.believed},
-        coverage=float(result.seen[floor].mean()),
-        parameters={"drawn": result.parameters, "config": to_dict(result.config)},
-    )
-
-
-def square_around(plan: FloorPlan, size_px: int) -> GridFrame:
+def _square_around(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
     min_x, min_y, max_x, max_y = plan.bounds
     side = max(max_x - min_x, max_y - min_y) + 2.0 * DRIFT_MARGIN
@@ -151,6 +264,8 @@ def square_around(plan: FloorPlan, size_px: int) -> GridFrame:
 
 
 def _path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> TimedTrajectory:
+    if arguments.trajectory is not None:
+        return trajectory_from_file(arguments.trajectory, subject.plan)
     if subject.driven is not None:
         return from_recorded(subject.driven)
     if arguments.explorer is None:
@@ -161,32 +276,3 @@ def _path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator
     seed = arguments.seed + subject.slot.index
     recorded = record_path(subject.plan, arguments.explorer, seed, make_explorer)
     return from_recorded(recorded, f"the path of {arguments.explorer}")
-
-
-def _elastic(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
-    from slamgym.gan.translation.elastic import bend_with_field
-
-    cad = _cad_around(subject.plan, arguments.resolution)
-    cells, field = bend_with_field(cad.cells, arguments.resolution, rng)
-    return _without_path(subject.plan, OccupancyGrid(cells, cad.frame), cad, field)
-
-
-def _modelprog(
-    subject: Subject, arguments: DeformArguments, rng: np.random.Generator, translator: LearnedTranslator
-) -> DrawnMap:
-    cad = _cad_around(subject.plan, arguments.resolution)
-    # The network has no dice: the first map is the plan's, the others are of the plan bent as drift would.
-    drift = rng if subject.slot.repetition else None
-    cells = translator.translate_cells(cad.cells, arguments.resolution, drift=drift)
-    return _without_path(subject.plan, OccupancyGrid(cells, cad.frame), cad, None)
-
-
-def _cad_around(plan: FloorPlan, resolution: float) -> OccupancyGrid:
-    return plan.raster(resolution, GridFrame.covering(plan.bounds, resolution, 0.5))
-
-
-def _without_path(
-    plan: FloorPlan, grid: OccupancyGrid, cad: OccupancyGrid, field: Float32Array | None
-) -> DrawnMap:
-    point = plan.free_space.representative_point()
-    return DrawnMap(grid, cad, np.array([point.x, point.y, 0.0]), field, {}, 1.0, {})

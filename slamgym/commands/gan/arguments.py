@@ -1,4 +1,4 @@
-"""What the commands of ``slamgym gan`` take."""
+"""Arguments of the commands of ``slamgym gan``."""
 
 from dataclasses import field
 from pathlib import Path
@@ -6,6 +6,8 @@ from typing import Annotated, Literal
 
 import tyro
 
+from slamgym.commands.frame import MaybeOut, Out
+from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
 from slamgym.core.errors import InputFileError
 from slamgym.gan.config import DeviceName, MemoryLayout, Precision
@@ -21,7 +23,7 @@ class ComputeArguments(Arguments):
     layout: MemoryLayout = "auto"
     """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan/gan_cost.py)."""
     threads: int = 0
-    """CPU threads of torch; 0 leaves torch's choice (OMP_NUM_THREADS)."""
+    """CPU threads of torch; 0 is torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False
     """Let torch compile the networks: minutes at the start, faster steps on CUDA. Long trainings gain."""
 
@@ -29,14 +31,14 @@ class ComputeArguments(Arguments):
 class TrainTranslatorArguments(Arguments):
     """Train a translator between SLAM maps and CAD maps on rendered pairs.
 
-    Ctrl-C and kill -9 lose at most the minutes since the last checkpoint: the same command goes on from there, bit for
+    Ctrl-C and kill -9 lose at most the minutes since the last checkpoint: run the command again to resume, bit for
     bit on the same device.
     """
 
     images: tyro.conf.Positional[tuple[Path, ...]]
     """Folder of pairs: what `slamgym dataset render` writes, or any folder with A (CAD) and B (SLAM) images of equal
     names. Several are learned from together; plans on the test side of one train nothing from another."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
     """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-metric (the same, for pairs
@@ -48,19 +50,19 @@ class TrainTranslatorArguments(Arguments):
     """Passes over the data instead of the preset's; several stages are scaled alike."""
     batch_size: Count | None = None
     """Pairs a step, in all stages, instead of the preset's."""
-    learning_rate: float | None = None
+    learning_rate: Positive | None = None
     """Instead of the preset's."""
-    start_from: str = ""
+    start_from: str | None = None
     """Train on from these weights instead of random ones: a pretrained name (slam2cad, ...), a .safetensors file, or a
     run's folder. For maps of your own, or for more hours."""
-    seed: int = 0
-    """Of weights, order and augmentation."""
-    compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = field(default_factory=ComputeArguments)
+    seed: int | None = None
+    """Seed of weights, order and augmentation; by default 0."""
+    compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = ComputeArguments()
     """Device, precision and threads."""
     checkpoint_minutes: NonNegative = 2.0
     """Time between two checkpoints."""
-    set: tuple[str, ...] = ()
-    """Any other setting as ``path=value``, e.g. ``--set loss.l1=20 translator.generator.width=16``."""
+    settings: AllSettings = SettingsOptions()
+    """Networks, losses, stages and all else, on top of the preset."""
 
 
 class TranslateArguments(Arguments):
@@ -71,7 +73,7 @@ class TranslateArguments(Arguments):
 
     input: Annotated[Path, tyro.conf.Positional]
     """An image (PNG, JPEG, BMP, PGM, TIFF), a ROS map's .yaml, or a folder of those."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """An image for an image; a folder or the stem of .pgm and .yaml for a ROS map; a folder for a folder."""
     weights: str = "slam2cad"
     """Pretrained weights by name, a .safetensors file, or the folder of a finished run."""
@@ -88,7 +90,7 @@ class TranslateArguments(Arguments):
 
 
 class EvaluateTranslatorsArguments(Arguments):
-    """Measure translators on held-out pairs, beside the raw SLAM map, a cleaning without learning, and an oracle that
+    """Measure translators on held-out pairs, and the raw SLAM map, a cleaning without learning, and an oracle that
     erases all inner walls.
 
     Each method is aligned with the CAD map by the same search over similarities. OUT gets evaluation.json, scores.csv,
@@ -97,7 +99,7 @@ class EvaluateTranslatorsArguments(Arguments):
 
     images: tyro.conf.Positional[Path]
     """Folder of pairs that `slamgym dataset render` has written."""
-    out: Annotated[Path, tyro.conf.arg(aliases=["-o"])]
+    out: Out
     """Folder for the results; made if it is missing, files of an earlier evaluation are replaced."""
     weights: list[str] = field(default_factory=list)
     """Translators: names of pretrained weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
@@ -109,7 +111,7 @@ class EvaluateTranslatorsArguments(Arguments):
     count: CountOrZero = 0
     """Take so many pairs, evenly spaced over their names; 0 takes all."""
     size: Literal[0] | Annotated[int, Within(ge=32)] = 0
-    """Side to which the images are resampled [px]; 0 leaves them as they are, 256 is the protocol's."""
+    """Side to which the images are resampled [px]; 0 keeps their size, 256 is the protocol's."""
     pictures: CountOrZero = 20
     """Maps on the picture grids, evenly spaced; 0 draws none."""
     generated: list[str] = field(default_factory=list)
@@ -123,7 +125,7 @@ class EvaluateTranslatorsArguments(Arguments):
     device: DeviceName = "cpu"
     """Where translators compute."""
     seed: CountOrZero = 0
-    """Of the two-sample tests and the elastic deformation."""
+    """Seed of the two-sample tests and the elastic deformation."""
 
     def _check(self) -> None:
         if self.real is not None and not self.real.is_dir():
@@ -138,10 +140,10 @@ class PublishArguments(Arguments):
     run: Annotated[Path, tyro.conf.Positional]
     """Folder of the run, or its weights.safetensors."""
     name: Annotated[str, tyro.conf.Positional]
-    """What --weights shall find them by."""
+    """Their name for --weights."""
     data: str = ""
     """For the model card: what the pairs were made from."""
     command: str = ""
     """For the model card: the command to repeat the training with, as a user would type it."""
-    out: Path | None = None
+    out: MaybeOut = None
     """Another folder than that of the pretrained weights."""

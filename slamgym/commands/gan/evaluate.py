@@ -1,21 +1,18 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 
 from slamgym import __version__
+from slamgym.commands.frame import as_text, show_table
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.progress import counted, say, show_progress, tell
-from slamgym.core.text import markdown, printable
+from slamgym.core.text import markdown
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
@@ -53,20 +50,23 @@ from slamgym.gan.evaluation.summary import (
     summarise_scores,
     table_one,
 )
-from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
+from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_grid
 
 
-def run_evaluation(arguments: EvaluateTranslatorsArguments) -> int:
-    """Run the command; returns the exit code.
+def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
+    """Run the command.
 
     Raises:
         SlamgymError: If an argument, the images or the weights can't be used.
     """
     folders = parse_named_folders(arguments.generated)
     translators = _load_translators(arguments)
-    pairs = _load(arguments)
+    size = arguments.size or image_side(arguments.images, arguments.split)
+    pairs = load_pairs(arguments.images, arguments.split, size)
+    if arguments.count:
+        pairs = pairs.subset(evenly_spaced(len(pairs), arguments.count))
     to_cad = {name: t for name, t in translators.items() if t.config.direction == "slam2cad"}
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
     generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
@@ -80,12 +80,13 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> int:
         shown = [method for method in _methods(to_cad) if method.name != BLURRED]
         write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
     if arguments.real is not None:
-        _draw_real(arguments, dict(to_cad))
+        columns, rows, captions = translate_real(find_ros_maps(arguments.real), dict(to_cad), say)
+        if rows:
+            write_picture(arguments.out / "real_maps.png", draw_grid(columns, rows, captions))
     if tested:
         realism = _compare_realism(arguments, pairs, generated, to_slam)
         _write(arguments, pairs, scores, summary, realism)
     tell(f"results: {arguments.out}")
-    return 0
 
 
 def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, LearnedTranslator]:
@@ -109,14 +110,6 @@ def _short_name(argument: str) -> str:
     return path.parent.name if path.stem == "weights" and path.parent.name else path.stem
 
 
-def _load(arguments: EvaluateTranslatorsArguments) -> PairSet:
-    size = arguments.size or image_side(arguments.images, arguments.split)
-    pairs = load_pairs(arguments.images, arguments.split, size)
-    if arguments.count:
-        pairs = pairs.subset(evenly_spaced(len(pairs), arguments.count))
-    return pairs
-
-
 def _methods(translators: dict[str, LearnedTranslator]) -> list[TranslationMethod]:
     return [*baselines(), *(learned(name, translator) for name, translator in translators.items())]
 
@@ -130,11 +123,9 @@ def _measure(
         for method in methods:
             scores[method.name] = evaluate_method(method, pairs, advance)
     summary = summarise_scores(scores)
-    _print(
-        f"{counted(len(pairs), 'map')} of {counted(len(set(pairs.plan_ids)), 'plan')}, 95 % intervals",
-        *main_table(summary),
-    )
-    _print("Dimensions, after a rigid alignment", *dimensions_table(summary))
+    title = f"{counted(len(pairs), 'map')} of {counted(len(set(pairs.plan_ids)), 'plan')}, 95 % intervals"
+    show_table(*main_table(summary), title)
+    show_table(*dimensions_table(summary), "Dimensions, after a rigid alignment")
     return scores, summary
 
 
@@ -147,13 +138,17 @@ def _compare_realism(
     made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
     for name, translator in translators.items():
         made |= translated_maps(name, translator, pairs, arguments.seed)
+
+    def compare(name: str, simulated: Sample, other: Sample) -> dict[str, Any]:
+        return compare_with_simulated(name, simulated, other, arguments.seed, arguments.repeats)
+
     reference = Sample.of(pairs.slam, pairs)
     # Simulated maps of all pairs, as each translator that draws fewer pixels brought them to its own resolution.
     coarse: dict[int, Sample] = {}
     entries, drawn = [], {}
     with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
         first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
-        entries.append(_compare(arguments, NULL, first, second))
+        entries.append(compare(NULL, first, second))
         advance()
         for name, (some, maps) in made.items():
             chosen = [pairs.names.index(n) for n in some.names]
@@ -163,19 +158,13 @@ def _compare_realism(
                 if id(some) not in coarse:
                     coarse[id(some)] = Sample.of(some.slam, some)
                 same = coarse[id(some)]
-            entries.append(_compare(arguments, name, same, Sample.of(maps, some)))
+            entries.append(compare(name, same, Sample.of(maps, some)))
             drawn[name] = _spread(maps, chosen, len(pairs))
             advance()
     if arguments.pictures:
         write_generated_grid(arguments.out / "cad2slam.png", pairs, drawn, arguments.pictures)
-    _print("Distinguishing generated from simulated SLAM maps; 0.5 is perfect", *realism_table(entries))
+    show_table(*realism_table(entries), "Distinguishing generated from simulated SLAM maps; 0.5 is perfect")
     return {"reference_medians": medians(reference.statistics), "kinds": entries, "null": NULL}
-
-
-def _compare(
-    arguments: EvaluateTranslatorsArguments, name: str, reference: Sample, generated: Sample
-) -> dict[str, Any]:
-    return compare_with_simulated(name, reference, generated, arguments.seed, arguments.repeats)
 
 
 def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:
@@ -204,7 +193,7 @@ def _write(
         "methods": summary,
         "realism": realism,
     }
-    write_text(arguments.out / "evaluation.json", json.dumps(document, indent=1) + "\n")
+    write_text(arguments.out / "evaluation.json", as_text(document))
     write_text(arguments.out / "scores.csv", scores_csv(scores))
     text = [
         "# Evaluation\n",
@@ -217,19 +206,3 @@ def _write(
         text += ["## CAD to SLAM\n", markdown(*realism_table(realism["kinds"]))]
         text += [markdown(*medians_table(realism["reference_medians"], realism["kinds"]))]
     write_text(arguments.out / "tables.md", "\n".join(text))
-
-
-def _draw_real(arguments: EvaluateTranslatorsArguments, translators: dict[str, Translator]) -> None:
-    paths = find_ros_maps(arguments.real or Path())
-    columns, rows, captions = translate_real(paths, translators, say)
-    if rows:
-        write_picture(arguments.out / "real_maps.png", draw_grid(columns, rows, captions))
-
-
-def _print(title: str, headings: list[str], rows: list[list[str]]) -> None:
-    table = Table(title=title, title_justify="left")
-    for number, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if number else "left")
-    for row in rows:
-        table.add_row(*map(printable, row))
-    Console(width=None if sys.stdout.isatty() else 200, markup=False).print(table)

@@ -1,48 +1,104 @@
 """The commands of ``slamgym gan``: torch and scikit-learn are imported after the arguments are parsed."""
 
-import tyro
+from __future__ import annotations
 
-from slamgym.commands.extras import Extra, require
+import dataclasses
+import sys
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from slamgym.commands.frame import Extra, require
 from slamgym.commands.gan.arguments import (
     EvaluateTranslatorsArguments,
     PublishArguments,
     TrainTranslatorArguments,
     TranslateArguments,
 )
-from slamgym.core.progress import tell
+from slamgym.commands.settings import given
+from slamgym.core.progress import counted, duration, tell
+
+if TYPE_CHECKING:
+    from slamgym.gan.config import Stage, TranslatorTrainingConfig
 
 
-def train_command(argv: list[str]) -> int:
-    """``slamgym gan train``; returns the exit code."""
-    arguments = tyro.cli(TrainTranslatorArguments, args=argv, prog="slamgym gan train")
-    from slamgym.commands.gan.train import run_training
+def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
+    """Run ``slamgym gan train``.
 
-    return run_training(arguments, argv)
+    Args:
+        arguments: Of the command.
+        typed: The command line, for the model card.
+
+    Raises:
+        SlamgymError: If an argument, the images or the folder of the run can't be used.
+    """
+    import torch
+
+    from slamgym.gan.device import choose_compute, keep_freed_memory
+    from slamgym.gan.training.train import RunOptions, train_translator
+
+    keep_freed_memory()
+    if arguments.compute.threads > 0:
+        torch.set_num_threads(arguments.compute.threads)
+    config = training_config(arguments)
+    options = RunOptions(
+        compile=arguments.compute.compile, checkpoint_minutes=arguments.checkpoint_minutes, command=typed
+    )
+    compute = choose_compute(arguments.compute.device, arguments.compute.precision, arguments.compute.layout)
+    report = train_translator(arguments.images, arguments.out, config, compute, options)
+    tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
+    if report.figures:
+        figures = "".join(f"  {name}: {value:.4g}\n" for name, value in report.figures.items())
+        sys.stdout.write(f"on held-out pairs, not aligned:\n{figures}")
 
 
-def translate_command(argv: list[str]) -> int:
-    """``slamgym gan translate``; returns the exit code."""
-    arguments = tyro.cli(TranslateArguments, args=argv, prog="slamgym gan translate")
+def training_config(arguments: TrainTranslatorArguments) -> TranslatorTrainingConfig:
+    """The preset with the options put in their places.
+
+    Raises:
+        ConfigError: If a setting is unknown or impossible.
+    """
+    from slamgym.gan.presets import find_preset
+
+    options = given(arguments, "seed start_from learning_rate")
+    config = arguments.settings.configured(find_preset(arguments.preset), options)
+    stages = config.stages
+    if arguments.epochs is not None:
+        stages = scaled_stages(stages, arguments.epochs)
+    if arguments.batch_size is not None:
+        stages = tuple(stage._replace(batch=arguments.batch_size, fade_batch=0) for stage in stages)
+    minutes = arguments.minutes
+    if minutes is None and arguments.epochs is None:
+        minutes = config.minutes
+    return dataclasses.replace(config, stages=stages, minutes=minutes)
+
+
+def scaled_stages(stages: Sequence[Stage], epochs: float) -> tuple[Stage, ...]:
+    """The stages with this many epochs in all, in the same proportions."""
+    factor = epochs / sum(stage.epochs for stage in stages)
+    return tuple(
+        stage._replace(epochs=stage.epochs * factor, fade_epochs=stage.fade_epochs * min(1.0, factor))
+        for stage in stages
+    )
+
+
+def translate_command(arguments: TranslateArguments) -> None:
+    """Run ``slamgym gan translate``."""
     from slamgym.commands.gan.translate import run_translation
 
-    return run_translation(arguments)
+    run_translation(arguments)
 
 
-def evaluate_command(argv: list[str]) -> int:
-    """``slamgym gan evaluate``; returns the exit code."""
-    arguments = tyro.cli(EvaluateTranslatorsArguments, args=argv, prog="slamgym gan evaluate")
+def evaluate_command(arguments: EvaluateTranslatorsArguments) -> None:
+    """Run ``slamgym gan evaluate``."""
     require(Extra("gan", ("sklearn", "matplotlib")), "slamgym gan evaluate")
     from slamgym.commands.gan.evaluate import run_evaluation
 
-    return run_evaluation(arguments)
+    run_evaluation(arguments)
 
 
-def publish_command(argv: list[str]) -> int:
-    """``slamgym gan publish``; returns the exit code."""
-    arguments = tyro.cli(PublishArguments, args=argv, prog="slamgym gan publish")
+def publish_command(arguments: PublishArguments) -> None:
+    """Run ``slamgym gan publish``."""
     from slamgym.gan.weights import PRETRAINED_FOLDER, publish
 
     folder = arguments.out or PRETRAINED_FOLDER
-    path = publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)
-    tell(f"{path}")
-    return 0
+    tell(f"{publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)}")

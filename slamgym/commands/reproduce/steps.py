@@ -2,215 +2,165 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import shlex
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from slamgym import __version__
-from slamgym.commands.reproduce.scales import Scale
-from slamgym.core.config import to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.files import replace_file, write_text
 from slamgym.core.progress import duration, say
-from slamgym.dataset.images.format import read_images
-from slamgym.gan.evaluation.generated_maps import MINIMUM
 
 PAPER_NETWORK, OWN_NETWORK, TO_SLAM, TRAINED = "model32", "slam2cad", "modelprog", "trained"
 """Translators: the paper's from SLAM to CAD, this package's, the paper's from CAD to SLAM, and one's own."""
 REDRAWN = ("parametric", "generator")
 """Methods of ``slamgym deform`` whose maps of the same plans and paths are compared with the simulated ones."""
-DEFORMED = 3
-"""Plans in the figures of the parametric model."""
-
-
-@dataclass(frozen=True)
-class Reproduction:
-    """What is to be made, and where."""
-
-    out: Path
-    scale: Scale
-    train: bool
-    seed: int
-    workers: int
-
-    @property
-    def pairs(self) -> Path:
-        """The dataset."""
-        return self.out / "pairs"
-
-    @property
-    def images(self) -> Path:
-        """Its square images."""
-        return self.out / "images"
-
-    def settings(self) -> dict[str, Any]:
-        """What decides the results, in JSON form."""
-        return {"version": __version__, "train": self.train, "seed": self.seed, "scale": to_dict(self.scale)}
-
-    def weights(self) -> list[str]:
-        """Translators as ``slamgym gan evaluate --weights`` takes them."""
-        trained = [f"{TRAINED}={self.out / 'run'}"] if self.train else []
-        return [*trained, OWN_NETWORK, PAPER_NETWORK, TO_SLAM]
-
-
-Commands = list[list[str]]
-
-
-def command(*words: str | Path, **options: object) -> list[str]:
-    """A command line of slamgym: words, then options by their names."""
-    named = [(f"--{name.replace('_', '-')}", str(value)) for name, value in options.items()]
-    return [*map(str, words), *(part for pair in named for part in pair)]
-
-
-def generate_pairs(run: Reproduction) -> Commands:
-    """Plans to explorations to pairs."""
-    s = run.scale
-    which = {
-        "plans": s.plans,
-        "plans_filter": s.plans_filter,
-        "recipe": s.recipe,
-        "trajectories": s.trajectories,
-    }
-    return [command("generate", **which, pairs=s.pairs, seed=run.seed, workers=run.workers, out=run.pairs)]
-
-
-def clean_pairs(run: Reproduction) -> Commands:
-    """Which pairs are kept, which side they are on, and their images."""
-    return [
-        command("dataset", "clean", run.pairs),
-        command("dataset", "split", run.pairs, test=run.scale.test, seed=run.seed),
-        command("dataset", "render", run.pairs, size=256, workers=run.workers, out=run.images),
-        command("dataset", "stats", run.pairs),
-    ]
-
-
-def train_own_translator(run: Reproduction) -> Commands:
-    """A translator of one's own, if wanted."""
-    options = {"preset": run.scale.train_preset, "minutes": run.scale.train_minutes, "seed": run.seed}
-    return [command("gan", "train", run.images, **options, out=run.out / "run")] if run.train else []
-
-
-def judge_translators(run: Reproduction) -> Commands:
-    """Table I, Figures 4 to 7 and 9, dimensions, two-sample tests."""
-    options = {"pictures": run.scale.pictures, "repeats": run.scale.repeats, "seed": run.seed}
-    line = command("gan", "evaluate", run.images, **options, out=run.out / "evaluation")
-    line += ["--weights", *run.weights()]
-    if len(list(read_images(run.images, "test"))) < MINIMUM:
-        return [line]
-    again = {method: run.out / "deformed" / method for method in REDRAWN}
-    deformed = [
-        [*command("deform", run.pairs, method=method, seed=run.seed, out=folder), "--overwrite"]
-        for method, folder in again.items()
-    ]
-    return [
-        *deformed,
-        [*line, "--generated", *(f"{name}={path / 'episodes'}" for name, path in again.items())],
-    ]
-
-
-def deform_plans(run: Reproduction) -> Commands:
-    """From CAD maps back to SLAM maps: Figures 7 to 9, and the times of Table II."""
-    line = command("deform", "bundled", count=DEFORMED, seed=run.seed, out=run.out / "parametric")
-    return [[*line, "--figures", "--overwrite"]]
-
-
-def draw_maps(run: Reproduction) -> Commands:
-    """Vectors with dimensions of some test maps."""
-    names = [record.name for record in read_images(run.images, "test")][: run.scale.pictures]
-    maps = {name: run.pairs / "episodes" / name / "map.yaml" for name in names}
-    return [
-        command("cad", "draw", path, formats="png,dxf", out=run.out / "drawings" / name)
-        for name, path in maps.items()
-    ]
-
-
-def compare_explorers(run: Reproduction) -> Commands:
-    """Explorers on the same plans, starts and noise."""
-    s = run.scale
-    which = {
-        "plans": s.plans,
-        "plans_filter": s.plans_filter,
-        "split": s.explorer_split,
-        "count": s.explorer_plans,
-    }
-    how = {"explorers": s.explorers, "seed": run.seed, "workers": run.workers, "out": run.out / "explorers"}
-    return [[*command("agents", "evaluate", **which, **how), "--no-plot"]]
-
-
-STEPS: Mapping[str, Callable[[Reproduction], Commands]] = {
-    "explorations": generate_pairs,
-    "cleaning": clean_pairs,
-    "training": train_own_translator,
-    "translators": judge_translators,
-    "parametric": deform_plans,
-    "drawings": draw_maps,
-    "explorers": compare_explorers,
+DEFORMED = {
+    "ekf": "--conversion ekf --size 64",
+    "two_phase": "--conversion two_phase --size 256",
+    "ekf_schur": "--conversion ekf_schur --size 256",
+    "generator": "--method generator",
+    "modelprog": "--method modelprog",
+    "elastic": "--method elastic",
 }
-"""In their order; a step may read what those before it have made."""
+"""The ways from a plan to a SLAM map; the first two are timed by Table II, at these sizes."""
+_SMOKE = {
+    "plans": "bundled", "filter": "none", "recipe": "quick", "pairs": 24, "trajectories": 1, "test": 0.7,
+    "preset": "slam2cad-cpu", "minutes": 0.5, "count": 3, "explorers": "explore_lite,nearest,rl", "split": "all",
+    "repeats": 1, "pictures": 3,
+}  # fmt: skip
+_LAPTOP = {
+    "plans": "json.tar.gz", "filter": "useful", "recipe": "quick", "pairs": 240, "trajectories": 1, "test": 0.5,
+    "preset": "slam2cad-cpu", "minutes": 60.0, "count": 20, "explorers": "explore_lite,nearest,tour,rl",
+    "split": "test", "repeats": 4, "pictures": 6,
+}  # fmt: skip
+_FULL = {
+    "recipe": "reference", "pairs": 4550, "trajectories": 2, "test": 0.1, "preset": "slam2cad", "minutes": 240.0,
+    "count": 200, "explorers": "explore_lite,nearest,next_best_view,tour,rl", "pictures": 20,
+}  # fmt: skip
+REPRODUCTION_SCALES: dict[str, dict[str, Any]] = {"smoke": _SMOKE, "laptop": _LAPTOP, "full": _LAPTOP | _FULL}
+"""Values for the commands of the steps."""
+STEPS = {
+    "explorations": [
+        "generate --plans {plans} --plans-filter {filter} --recipe {recipe} --trajectories {trajectories} "
+        "--pairs {pairs} --seed {seed} --workers {workers} --out {out}/pairs"
+    ],
+    "cleaning": [
+        "dataset clean {out}/pairs",
+        "dataset split {out}/pairs --test {test} --seed {seed}",
+        "dataset render {out}/pairs --size 256 --workers {workers} --out {out}/images",
+        "dataset stats {out}/pairs",
+    ],
+    "training": [
+        "gan train {out}/images --preset {preset} --minutes {minutes} --seed {seed} --out {out}/run",
+    ],
+    "translators": [
+        *(
+            f"deform {{out}}/pairs --method {method} --seed {{seed}} --out {{out}}/redrawn/{method} --overwrite"
+            for method in REDRAWN
+        ),
+        "gan evaluate {out}/images --pictures {pictures} --repeats {repeats} --seed {seed} --out {out}/evaluation "
+        f"--weights {OWN_NETWORK} {PAPER_NETWORK} {TO_SLAM}",
+    ],
+    "deformed": [
+        line
+        for name, options in DEFORMED.items()
+        for line in (
+            f"deform bundled --plans 3 --seed {{seed}} {options} --out {{out}}/deformed/{name} --overwrite",
+            f"dataset show {{out}}/deformed/{name} --out {{out}}/deformed/{name}.png",
+        )
+    ],
+    "drawings": ["cad draw --formats png,dxf --out {out}/drawings"],
+    "explorers": [
+        "agents evaluate --plans {plans} --plans-filter {filter} --split {split} --count {count} "
+        "--explorers {explorers} --seed {seed} --workers {workers} --out {out}/explorers"
+    ],
+}
+"""The commands of each step, in their order; a step may read what those before it have made."""
 
 
-@dataclass
-class ReproductionState:
-    """What is done, kept in ``state.json`` so that the same command goes on."""
+class Reproduction:
+    """A reproduction and its state; ``state.json`` keeps it so that the same command resumes.
 
-    path: Path
-    settings: dict[str, Any]
-    steps: dict[str, dict[str, Any]] = field(default_factory=dict)
-    """By name: ``commands``, ``seconds`` and ``cpu_seconds`` of the machine's time."""
-
-    @classmethod
-    def open(cls, run: Reproduction) -> ReproductionState:
-        """Read the state of a folder, or begin one.
-
-        Raises:
-            ConfigError: If the folder holds a reproduction with other settings.
-        """
-        path, settings = run.out / "state.json", run.settings()
-        if not path.exists():
-            return cls(path, settings)
-        found = read_json(path, "choose another folder")
-        if not isinstance(found, dict) or found.get("settings") != settings:
-            raise ConfigError(f"{run.out} holds a reproduction with other settings; choose a new folder")
-        return cls(path, settings, found["steps"])
-
-    def save(self) -> None:
-        """Write it, whole or not at all."""
-        text = json.dumps({"settings": self.settings, "steps": self.steps}, indent=1) + "\n"
-        replace_file(self.path, text.encode())
-
-
-def run_steps(run: Reproduction) -> ReproductionState:
-    """Run what isn't done yet.
+    Args:
+        out: Folder of everything.
+        scale: How large.
+        train: Also train a translator.
+        seed: Of everything random.
+        workers: Processes.
 
     Raises:
-        SlamgymError: If a step fails; what is done is kept.
+        ConfigError: If the folder holds a reproduction with other settings.
     """
-    state = ReproductionState.open(run)
-    state.save()
-    for number, (name, commands) in enumerate(STEPS.items(), start=1):
-        if name in state.steps:
-            continue
-        say(f"{number} of {len(STEPS)}: {name}")
-        lines = commands(run)
-        began, cpu = time.monotonic(), _cpu_of_children()
-        output = "".join(_run_command(name, line) for line in lines)
-        write_text(run.out / "logs" / f"{name}.txt", output)
-        state.steps[name] = {
-            "commands": [shlex.join(["slamgym", *line]) for line in lines],
-            "seconds": round(time.monotonic() - began, 1),
-            "cpu_seconds": round(_cpu_of_children() - cpu, 1),
-        }
-        state.save()
-        say(f"{name}: {duration(state.steps[name]['seconds'])}")
-    return state
+
+    def __init__(self, out: Path, scale: Mapping[str, Any], train: bool, seed: int, workers: int) -> None:
+        self.out, self.scale, self.train, self.seed = out, scale, train, seed
+        self._words = {**scale, "seed": seed, "workers": workers, "out": out}
+        self._settings = {"version": __version__, "train": train, "seed": seed, "scale": dict(scale)}
+        self._state = out / "state.json"
+        self.steps: dict[str, dict[str, Any]] = {}
+        """By name: ``commands``, ``seconds`` and ``cpu_seconds`` of the machine's time."""
+        if self._state.exists():
+            found = read_json(self._state, "choose another folder")
+            if not isinstance(found, dict) or found.get("settings") != self._settings:
+                raise ConfigError(f"{out} holds a reproduction with other settings; choose a new folder")
+            self.steps = found["steps"]
+
+    def commands(self, step: str) -> list[list[str]]:
+        """The commands of a step, word by word."""
+        from slamgym.dataset.images.format import read_images
+        from slamgym.gan.evaluation.generated_maps import MINIMUM
+
+        lines = [[word.format(**self._words) for word in line.split()] for line in STEPS[step]]
+        if step == "training" and not self.train:
+            return []
+        if step in ("translators", "drawings"):
+            names = [record.name for record in read_images(self.out / "images", "test")]
+            if step == "drawings":
+                maps = (self.out / "pairs" / "episodes" / name / "map.yaml" for name in names)
+                lines[0] += map(str, itertools.islice(maps, self.scale["pictures"]))
+                return lines if names else []
+            if self.train:
+                lines[-1].append(f"{TRAINED}={self.out / 'run'}")
+            if len(names) < MINIMUM:
+                return lines[-1:]
+            lines[-1] += ["--generated", *(f"{m}={self.out / 'redrawn' / m / 'episodes'}" for m in REDRAWN)]
+        return lines
+
+    def run_steps(self) -> None:
+        """Run what isn't done yet.
+
+        Raises:
+            SlamgymError: If a step fails; what is done is kept.
+        """
+        for number, name in enumerate(STEPS, start=1):
+            self._save()
+            if name in self.steps:
+                continue
+            say(f"{number} of {len(STEPS)}: {name}")
+            lines = self.commands(name)
+            began, cpu = time.monotonic(), _cpu_of_children()
+            output = "".join(_run_command(name, line) for line in lines)
+            write_text(self.out / "logs" / f"{name}.txt", output)
+            self.steps[name] = {
+                "commands": [shlex.join(["slamgym", *line]) for line in lines],
+                "seconds": round(time.monotonic() - began, 1),
+                "cpu_seconds": round(_cpu_of_children() - cpu, 1),
+            }
+            say(f"{name}: {duration(self.steps[name]['seconds'])}")
+        self._save()
+
+    def _save(self) -> None:
+        text = json.dumps({"settings": self._settings, "steps": self.steps}, indent=1) + "\n"
+        replace_file(self._state, text.encode())
 
 
 def _run_command(step: str, argv: list[str]) -> str:

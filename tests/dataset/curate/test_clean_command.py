@@ -235,7 +235,7 @@ def test_maps_from_elsewhere_are_judged_by_their_looks(tmp_path):
         (["--keep-band", "0.8", "0.4"], "ascending order"),
         (["--model", "nowhere.npz"], "nowhere.npz"),
         (["--apply", "nowhere.json"], "nowhere.json"),
-        (["--criteria.min-coverage", "2"], "min_coverage must be in [0, 1], not 2.0"),
+        (["--set", "min_coverage=2"], "min_coverage must be in [0, 1], not 2"),
     ],
 )
 def test_a_senseless_option_is_one_line_and_writes_nothing(dataset, capsys, more, words):

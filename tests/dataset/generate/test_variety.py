@@ -112,8 +112,8 @@ def test_the_command_line_takes_sources_weights_recipe_and_trajectories(tmp_path
     out = tmp_path / "out"
     command = [
         "generate", "--plans", f"{tmp_path / 'one'}=2", "--plans", str(tmp_path / "two"), "--recipe",
-        str(tmp_path / "recipe.yaml"), "--trajectories", "2", "--minutes", "0.1", "--particles", "3",
-        "--pairs", "6", "--engine", "in_process", "--contact-sheet", "0", "--out", str(out),
+        str(tmp_path / "recipe.yaml"), "--trajectories", "2", "--minutes", "0.1", "--set", "particles=3",
+        "--pairs", "6", "--engine", "in_process", "--out", str(out),
     ]  # fmt: skip
     assert cli.main(command) == 0
     records = list(read_manifest(out))
@@ -122,7 +122,7 @@ def test_the_command_line_takes_sources_weights_recipe_and_trajectories(tmp_path
     assert sum(plan_id in "ab" for plan_id in plans) == 4
     assert [record.repetition for record in records] == [0, 1] * 3
     assert json.loads(Layout(out).config.read_text())["plans"][0]["weight"] == 2.0
-    assert cli.main([*command, "--clutter.people", "1"]) == 2
+    assert cli.main([*command, "--set", "clutter.people=1"]) == 2
     assert "clutter.people is set, but the recipe varies it" in capsys.readouterr().err
 
 

@@ -227,8 +227,8 @@ def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path
     out, images = tmp_path / "pairs", tmp_path / "images"
     for name in ("a", "b", "c"):
         write_houseexpo(tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5)))
-    command = ["generate", "--plans", str(tmp_path / "plans"), "--minutes", "0.3", "--particles", "3",
-               "--engine", "in_process", "--contact-sheet", "0", "--out", str(out),
+    command = ["generate", "--plans", str(tmp_path / "plans"), "--minutes", "0.3", "--set", "particles=3",
+               "--engine", "in_process", "--out", str(out),
                "--images", str(images)]  # fmt: skip
     assert cli.main([*command, "--pairs", "2"]) == 0
     assert len(read_images(images)) == len(select_pairs(out).kept)

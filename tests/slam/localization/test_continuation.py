@@ -6,12 +6,17 @@ import numpy as np
 import pytest
 from drawn_drives import FLAT, OTHER, draw, drive
 
-from slamgym.commands.slam import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
 from slamgym.slam.localization.logs import continue_map
 from slamgym.slam.replay import settings_for
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["slam", *map(str, argv)])
+
 
 WAY = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8)]
 

@@ -5,10 +5,15 @@ import numpy as np
 import pytest
 from drawn_drives import FLAT, OTHER, draw, drive
 
-from slamgym.commands.localize import main
+from slamgym.commands.cli import TABLE
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE
 from slamgym.interop import read_tum, write_carmen, write_ros_map
+
+
+def main(argv):
+    return TABLE.run("slamgym", ["localize", *map(str, argv)])
+
 
 WAY = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6)]
 
@@ -81,7 +86,7 @@ def test_an_initial_pose_is_taken(folder, tmp_path):
     [
         (["--initial-pose", "1", "nan", "0"], "initial-pose"),
         (["--resolution", "0"], "--resolution"),
-        (["--settings", "missing.json"], "missing.json"),
+        (["--config", "missing.json"], "missing.json"),
     ],
 )
 def test_bad_arguments_are_one_clear_error(folder, tmp_path, options, problem):

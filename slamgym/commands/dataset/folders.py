@@ -1,0 +1,159 @@
+"""``slamgym dataset check``, ``merge``, ``split`` and ``pack``: datasets as folders."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import tyro
+
+from slamgym.commands.frame import Out
+from slamgym.core.config import Arguments, CountOrZero
+from slamgym.core.files import open_regular
+from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.progress import counted, show_progress, tell
+from slamgym.dataset.images.format import Scaling
+
+if TYPE_CHECKING:
+    from slamgym.dataset.merge import MergeReport
+
+EXIT_FAULTS = 1
+_SHOWN = 5
+"""Missing shards that are named."""
+
+
+class CheckArguments(Arguments):
+    """Verify a dataset, or a folder of rendered images: files, digests, shapes, pixel values, lists.
+
+    Every fault is one line. The exit code is 0 if there is none, else 1.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """A folder that `slamgym generate` or `slamgym dataset render` has written."""
+
+
+def check(arguments: CheckArguments) -> int:
+    """Run ``slamgym dataset check``; returns the exit code."""
+    from slamgym.dataset.check import check_dataset, check_image_folder, is_image_folder
+    from slamgym.dataset.format import require_manifest
+
+    manifest = arguments.folder / "manifest.jsonl"
+    require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
+    with open_regular(manifest) as file:
+        total = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+    find = check_image_folder if is_image_folder(arguments.folder) else check_dataset
+    with show_progress("pairs checked", 0, total) as advance:
+        faults = find(arguments.folder, advance)
+    tell(*map(str, faults))
+    verdict = counted(len(faults), "fault") if faults else "no fault"
+    tell(f"{arguments.folder}: {counted(total, 'pair')}, {verdict}")
+    return EXIT_FAULTS if faults else 0
+
+
+class MergeArguments(Arguments):
+    """Put the shards that ``slamgym generate --shard`` has made below a folder together, in that folder.
+
+    Files are linked, not copied, where the file system can; the shards stay and may be removed afterwards.
+    Run it again whenever shards were added. Afterwards the same ``slamgym generate`` without ``--shard`` adds
+    the pairs that are missing, if explorations failed.
+    """
+
+    root: tyro.conf.Positional[Path]
+    """The folder that holds the shards."""
+
+
+def merge(arguments: MergeArguments) -> None:
+    """Run ``slamgym dataset merge``."""
+    from slamgym.dataset.merge import merge_shards
+    from slamgym.dataset.statistics import describe_pairs
+
+    report = merge_shards(arguments.root)
+    tell(_describe(report), *describe_pairs(arguments.root).splitlines())
+
+
+def _describe(report: MergeReport) -> str:
+    lines = f"{counted(report.fresh, 'new pair')} of {counted(report.shards, 'shard')}."
+    if report.missing:
+        more = "" if len(report.missing) <= _SHOWN else f" and {len(report.missing) - _SHOWN} more"
+        lines += f" Not there: {', '.join(report.missing[:_SHOWN])}{more}."
+    if report.broken:
+        lines += (
+            f" Left out: {counted(len(report.broken), 'pair')} without one of its files, such as {report.broken[0]}: "
+            "run `slamgym generate` for their shards again."
+        )
+    return lines
+
+
+class SplitArguments(Arguments):
+    """Split a dataset by plan into training and test side and write its split.json.
+
+    Plans that look alike (copies, mirror images, turned ones, the same home with a wall moved) stay on one side.
+    The same dataset and seed give the same split; plans keep their sides when a dataset grows.
+    """
+
+    dataset: tyro.conf.Positional[Path]
+    """Folder of the dataset."""
+    test: float = 0.1
+    """Share of the groups of plans that are for testing."""
+    seed: int = 0
+    """Another seed gives another split."""
+    test_plans: Path | None = None
+    """A file with one plan id a line: these plans, and those that look like them, are for testing."""
+    scaling: Scaling = "fit"
+    """Scaling of the images (`slamgym dataset render --scaling`). fit: plans look alike whatever their
+    size, which serves both; fixed: only if they are of one size."""
+    workers: CountOrZero = 1
+    """Processes; 0 takes one per core."""
+
+
+def split(arguments: SplitArguments) -> None:
+    """Run ``slamgym dataset split``."""
+    from slamgym.cad.sources import read_ids
+    from slamgym.dataset.curate.split import make_split, split_path
+
+    table = make_split(
+        arguments.dataset,
+        test=arguments.test,
+        seed=arguments.seed,
+        forced=read_ids(arguments.test_plans) if arguments.test_plans is not None else [],
+        scaling=arguments.scaling,
+        workers=arguments.workers or available_cores(),
+    )
+    train, test = len(table.of_side("train")), len(table.of_side("test"))
+    alike = len(table.plans) - table.groups
+    tell(
+        f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "
+        f"({alike} of them a look-alike of another)"
+    )
+
+
+class PackArguments(Arguments):
+    """Pack rendered images into WebDataset shards (tar) and Parquet files that programs can stream.
+
+    Run the command again to resume.
+    """
+
+    images: tyro.conf.Positional[Path]
+    """A folder that `slamgym dataset render` has written."""
+    out: Out
+    """Folder of the shards."""
+    parquet: bool = True
+    """Also write Parquet files (needs pyarrow, extra `hub`)."""
+    push_to_hub: str | None = None
+    """Also upload them to the Hugging Face hub under this name, USER/NAME (extra `hub`; log in by `hf auth login`)."""
+    private: bool = False
+    """On the hub: visible to its owner alone."""
+
+
+def pack(arguments: PackArguments) -> None:
+    """Run ``slamgym dataset pack``."""
+    from slamgym.dataset.images.format import iterate_images
+    from slamgym.dataset.images.pack import pack_images, push_to_hub
+
+    total = sum(1 for _ in iterate_images(arguments.images))
+    with show_progress("pairs packed", 0, total) as advance:
+        paths = pack_images(arguments.images, arguments.out, arguments.parquet, advance)
+    size = sum(path.stat().st_size for path in paths)
+    tell(f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB")
+    if arguments.push_to_hub is not None:
+        tell(f"{push_to_hub(arguments.out, arguments.push_to_hub, arguments.private)}")
