@@ -34,7 +34,7 @@ class Measure:
 
 
 TERMS = [
-    Term("CAD map", "rasterised floor plan: walls and outside black, floor white; image A of a pair", "slamgym.dataset.pair:MapPair"),
+    Term("CAD map", "rasterised floor plan: walls and outside black, floor white; image A of a pair", "slamgym.dataset.record:MapPair"),
     Term("completion detector", "decides from the robot's own map that no reachable place is left to explore", "slamgym.envs.completion:CompletionDetector"),
     Term("costmap", "occupancy grid with obstacles inflated by the robot's radius", "slamgym.planning.costmap:Costmap"),
     Term("coverage", "share of the reachable floor that the scanner has seen", "slamgym.envs.coverage:Coverage"),
@@ -51,7 +51,7 @@ TERMS = [
     Term("hindsight cost", "length of the tour through everything left to see, hidden floor included, that starts with a frontier", "slamgym.agents.hindsight:HindsightCosts"),
     Term("hit-count map", "counts, per cell, the beams that ended in it and crossed it; the published map", "slamgym.slam.hit_counts:HitCountMap"),
     Term("map frame", "frame of the robot's belief: origin at the start, axes parallel to the world's", "slamgym.core.types:GridFrame"),
-    Term("map pair", "a CAD map (A) and a SLAM map (B) of the same building in one frame", "slamgym.dataset.pair:MapPair"),
+    Term("map pair", "a CAD map (A) and a SLAM map (B) of the same building in one frame", "slamgym.dataset.record:MapPair"),
     Term("mapper", "SLAM method that processes scans one by one", "slamgym.slam.mapper:Mapper"),
     Term("odometry level", "named size of wheel odometry errors", "slamgym.sim.wheel_odometry:odometry_level"),
     Term("oracle", "lower bound of the time that a robot with the floor plan needs", "slamgym.agents.oracle:bound_exploration"),

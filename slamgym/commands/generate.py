@@ -16,6 +16,7 @@ from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
 from slamgym.core.progress import counted, duration, say, tell
+from slamgym.dataset.format import WHOLE, Shard
 
 if TYPE_CHECKING:
     from slamgym.dataset.generate.build import BuildReport
@@ -82,7 +83,6 @@ def main(arguments: GenerateArguments) -> None:
     from slamgym.agents.registry import make_explorer
     from slamgym.cad import open_plan_mix
     from slamgym.commands.dataset.render import render_and_report
-    from slamgym.dataset.format import WHOLE, Shard
     from slamgym.dataset.generate.build import build_dataset
     from slamgym.dataset.images.square_images import ImageConfig
 

@@ -4,8 +4,7 @@ from .generate.build import BuildReport, DatasetConfig, build_dataset
 from .images.format import ImageRecord, load_images, read_images
 from .images.render import render_images, select_pairs
 from .images.square_images import ImageConfig
-from .pair import MapPair, PairConfig, make_pair
-from .record import PairRecord
+from .record import MapPair, PairConfig, PairRecord, make_pair
 from .statistics import describe_pairs, write_contact_sheet
 
 __all__ = [

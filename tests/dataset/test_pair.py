@@ -7,7 +7,7 @@ from shapely import Polygon, box
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
-from slamgym.dataset.pair import PairConfig, common_frame, make_pair, place
+from slamgym.dataset.record import PairConfig, common_frame, make_pair, place
 
 RESOLUTION = 0.05
 

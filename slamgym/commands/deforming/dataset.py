@@ -21,8 +21,7 @@ from slamgym.core.pictures import encode_png
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, SIDES, SUMS, Layout, digest_lines, is_dataset
-from slamgym.dataset.pair import MapPair
-from slamgym.dataset.record import Outcome, Slot, make_record
+from slamgym.dataset.record import MapPair, Outcome, Slot, make_record
 from slamgym.interop import write_ros_map, write_tum
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_deformation

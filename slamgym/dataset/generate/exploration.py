@@ -19,8 +19,7 @@ from slamgym.core.files import storage_errors, sync_tree
 from slamgym.core.pictures import encode_png
 from slamgym.dataset.format import SIDES, write_episode
 from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
-from slamgym.dataset.pair import make_pair
-from slamgym.dataset.record import Slot, make_record
+from slamgym.dataset.record import Slot, make_pair, make_record
 from slamgym.envs.episode import MakeExplorer, run_episode
 
 

@@ -36,7 +36,7 @@ from slamgym.core.files import read_text
 from slamgym.core.limits import YAML_BYTES, shown
 from slamgym.core.names import is_own_explorer, uniform_share
 from slamgym.dataset.format import FORMAT_VERSION
-from slamgym.dataset.pair import PairConfig
+from slamgym.dataset.record import PairConfig
 from slamgym.envs import ExploreConfig
 from slamgym.envs.config import ERROR_LEVELS
 from slamgym.envs.episode import EpisodeConfig

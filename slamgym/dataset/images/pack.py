@@ -41,8 +41,7 @@ from slamgym.core.files import (
 )
 from slamgym.core.types import IntArray
 from slamgym.dataset.format import SIDES
-from slamgym.dataset.images.card import pack_card
-from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images
+from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images, pack_card
 from slamgym.dataset.record import require_parquet
 
 PAIRS_PER_SHARD = 2000

@@ -37,8 +37,7 @@ from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import claim_folder
 from slamgym.dataset.format import SIDES, Layout, read_dataset_config, read_manifest
-from slamgym.dataset.images.card import write_card
-from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord
+from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord, write_card
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_ros_map

@@ -22,7 +22,7 @@ from slamgym.dataset.generate.recipe import (
     parse_recipe,
     setting_value,
 )
-from slamgym.dataset.pair import PairConfig, make_pair
+from slamgym.dataset.record import PairConfig, make_pair
 from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.sim import lidar_level, odometry_level
 from slamgym.slam import SlamConfig
