@@ -8,7 +8,6 @@ drawing's JSON. The networks run once a map. A result that is in the file alread
 """
 
 import argparse
-import contextlib
 import importlib
 import json
 import sys
@@ -16,6 +15,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import shapely
@@ -30,6 +30,7 @@ from slamgym.drawing import (
     openings,
     polygons,
 )
+from slamgym.drawing.formats.json import format_json
 from slamgym.interop import read_map
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -86,7 +87,7 @@ def main() -> None:
     for name, draw_and_score in cases(arguments.datasets, arguments.rooms, model):
         for rule in RULES:
             if rule not in results.setdefault(name, {}):
-                with switched_off(rule):
+                with mock.patch.object(*RULES[rule]):
                     results[name][rule] = draw_and_score()
         path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")
     for kind, columns in (("plans", PLAN_COLUMNS), ("rooms", ROOM_COLUMNS)):
@@ -110,18 +111,6 @@ def cases(datasets: Sequence[str], rooms: Path | None, model: Remembered) -> Ite
             yield f"rooms/{truth.parent.name}", lambda truth=truth: against_rooms(truth, scorer, model)
 
 
-@contextlib.contextmanager
-def switched_off(rule: str) -> Iterator[None]:
-    """Draw without a rule."""
-    module, name, value = RULES[rule]
-    before = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        yield
-    finally:
-        setattr(module, name, before)
-
-
 def against_plan(case: Any, model: Remembered) -> dict[str, float]:
     """Figures of a map whose plan is known."""
     found = score(case, "", model)
@@ -137,8 +126,6 @@ def against_plan(case: Any, model: Remembered) -> dict[str, float]:
 
 def against_rooms(truth: Path, scorer: Any, model: Remembered) -> dict[str, float]:
     """Figures of an annotated map; boundaries wider than a door may be drawn or not."""
-    from slamgym.drawing.formats.json import format_json
-
     drawing = make_drawing(read_map(truth.parent / "map.yaml").grid, truth.parent.name, model)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "drawing.json"

@@ -50,9 +50,9 @@ def main() -> None:
     arguments = parser.parse_args()
     if arguments.fit:
         signs, true = judged(arguments.fit, arguments.model, arguments.least_seen)
-        constant, *weights = fitted(signs, true)
-        sure = 1.0 / (1.0 + np.exp(-(constant + signs @ np.array(weights))))
-        print(f"{len(true)} walls: {constant} and {weights}, Brier score {brier(sure, true):.4f}")
+        first, *others = fitted(signs, true)
+        found = 1.0 / (1.0 + np.exp(-(first + signs @ np.array(others))))
+        print(f"{len(true)} walls: {first} and {others}, Brier score {brier(found, true):.4f}")
     rows, said, right = [], [], []
     for named in arguments.fresh:
         name, _, folder = named.partition("=")

@@ -19,6 +19,10 @@ _LINKS: tuple[tuple[tuple[int, int], ...], ...] = (
 sides (0 top, 1 right, 2 bottom, 3 left) to which an outline runs, what is above the level on its left."""
 
 
+LEVEL = 0.5
+"""What is above is floor."""
+
+
 class Outline(NamedTuple):
     """A closed outline."""
 
@@ -26,20 +30,18 @@ class Outline(NamedTuple):
     area: float  # positive round what is above the level, negative round a hole
 
 
-def trace_outlines(image: Float32Array, level: float, frame: GridFrame, min_points: int = 4) -> list[Outline]:
-    """The outlines of what lies above a level.
+def trace_outlines(image: Float32Array, frame: GridFrame) -> list[Outline]:
+    """The outlines of what lies above a half.
 
     Args:
         image: Shape (rows, cols); what is beyond its border counts as 0.
-        level: Of the outlines, above 0.
         frame: Where the cells lie; ``image`` is a map of this frame.
-        min_points: Outlines of fewer points are left out.
 
     Returns:
         In the frame's coordinates [m], in the order in which they are met from the top.
     """
     padded = np.pad(np.asarray(image, dtype=np.float64), 1)
-    above = padded >= level
+    above = padded >= LEVEL
     kind = 8 * above[:-1, :-1] + 4 * above[:-1, 1:] + 2 * above[1:, 1:] + above[1:, :-1]
     rows, cols = np.nonzero((kind > 0) & (kind < 15))
     kinds = kind[rows, cols]
@@ -65,26 +67,26 @@ def trace_outlines(image: Float32Array, level: float, frame: GridFrame, min_poin
     order = np.argsort(start, kind="stable")
     start, end = start[order], end[order]
     chains, lengths = _chains(np.searchsorted(start, end).astype(np.int64))
-    points = _crossings(padded, start[chains], level)
+    points = _crossings(padded, start[chains])
     left, _, _, top = frame.bounds
     # The padding moved all by one cell; a cell's centre lies half a cell from its border.
     points = (points + np.array([-0.5, 0.5])) * frame.resolution + np.array([left, top])
     outlines = []
     for ring in np.split(points, np.cumsum(lengths)[:-1]):
-        if len(ring) >= min_points:
+        if len(ring) >= 4:
             x, y = ring.T - ring[0][:, None]
             area = 0.5 * float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))
             outlines.append(Outline(ring, area))
     return outlines
 
 
-def _crossings(padded: FloatArray, sides: IntArray, level: float) -> FloatArray:
+def _crossings(padded: FloatArray, sides: IntArray) -> FloatArray:
     """Where outlines cross sides, (N, 2) in cells: column and minus row."""
     height, width = padded.shape
     is_vertical = sides >= height * width
     row, col = np.divmod(sides - is_vertical * height * width, width)
     first, second = padded[row, col], padded[row + is_vertical, col + ~is_vertical]
-    share = (level - first) / (second - first)
+    share = (LEVEL - first) / (second - first)
     return np.column_stack([col + share * ~is_vertical, -(row + share * is_vertical)])
 
 

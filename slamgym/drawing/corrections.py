@@ -114,7 +114,7 @@ def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
 def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) -> BoolArray:
     """Cells of straight walls along the main directions that were seen from both sides and aren't drawn.
 
-    Without this rule room F1 of real maps falls by 0.05.
+    Without this rule room F1 of real maps falls by 0.01.
 
     Args:
         probability: Of being floor, shape of the map.
@@ -123,10 +123,10 @@ def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float)
     """
     drawn = probability >= 0.5
     masks = (grid.cells == OCCUPIED, grid.cells == FREE, drawn)
-    turned = [_turned(mask.astype(np.uint8), -angle_deg) > 0 for mask in masks]
-    found = _rows_of_echoes(*turned, grid.frame.resolution)
-    across = [np.ascontiguousarray(mask.T) for mask in turned]
-    found |= _rows_of_echoes(*across, grid.frame.resolution).T
+    echoes, free, floor = (_turned(mask.astype(np.uint8), -angle_deg) > 0 for mask in masks)
+    found = _rows_of_echoes(echoes, free, floor, grid.frame.resolution)
+    echoes, free, floor = (np.ascontiguousarray(mask.T) for mask in (echoes, free, floor))
+    found |= _rows_of_echoes(echoes, free, floor, grid.frame.resolution).T
     back: BoolArray = _turned(found.astype(np.uint8), angle_deg, drawn.shape) > 0
     return back & drawn
 

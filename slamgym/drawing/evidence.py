@@ -122,7 +122,7 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
     """Patches of cells as smooth polygons of at least an area [m2]."""
     image = cells.astype(np.float32)
-    outlines = trace_outlines(image, 0.5, frame)
+    outlines = trace_outlines(image, frame)
     floors = [outline for outline in outlines if outline.area >= smallest]
     holes = [Polygon(outline.points) for outline in outlines if outline.area <= -smallest]
     union = shapely.union_all([Polygon(outline.points) for outline in floors])

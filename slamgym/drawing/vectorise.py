@@ -82,7 +82,7 @@ def make_drawing(
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     probability = corrected(used.probability(grid, angle), grid, angle)
-    outlines = trace_outlines(probability, 0.5, grid.frame)
+    outlines = trace_outlines(probability, grid.frame)
     floor = straightened(outlines, angle, grid.frame.resolution)
     if floor.is_empty:
         raise InputFileError(where, no_floor)

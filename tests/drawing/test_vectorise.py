@@ -267,12 +267,12 @@ def test_outlines_lie_between_cells_and_enclose_holes():
     image = np.zeros((20, 30), np.float32)
     image[5:15, 4:20] = 1.0
     image[8:12, 8:12] = 0.0
-    outer, hole = trace_outlines(image, 0.5, GridFrame(0.1, 1.0, 2.0, 20, 30))
+    outer, hole = trace_outlines(image, GridFrame(0.1, 1.0, 2.0, 20, 30))
     assert outer.points.min(axis=0) == pytest.approx([1.4, 2.5])
     assert outer.points.max(axis=0) == pytest.approx([3.0, 3.5])
     assert outer.area > 0.0 > hole.area
     image[:, 19] = 0.25  # an edge on which the probability falls slowly lies nearer to the cells of 1
-    outer, _ = trace_outlines(replace_column(image), 0.5, GridFrame(0.1, 1.0, 2.0, 20, 30))
+    outer, _ = trace_outlines(replace_column(image), GridFrame(0.1, 1.0, 2.0, 20, 30))
     assert outer.points.max(axis=0)[0] == pytest.approx(1.0 + 0.1 * (18.5 + 2.0 / 3.0))
 
 

@@ -9,7 +9,7 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.comparison.picture import COLOURS, PRESENT, draw_comparison
-from slamgym.drawing.comparison.records import Change, PlanComparison
+from slamgym.drawing.comparison.records import COLUMNS, PlanComparison
 from slamgym.drawing.formats.html import (
     REPORT_STYLE,
     doubts_part,
@@ -87,22 +87,10 @@ def _changes_part(found: PlanComparison) -> Iterator[str]:
         yield paragraph("None was found. Walls that nobody has seen may have changed all the same.")
     else:
         yield paragraph(
-            "A wall moves to the left of its line, a door along it. The first length is without the map's own drift, "
-            "with its standard error; the second is what the map shows."
+            "A wall moves to the left of its line, a door along it. The offset is without the map's own drift, "
+            "with its standard error; the raw offset is what the map shows."
         )
-        headings = ["change", "of", "at x, y", "length", "by", "with drift", "note"]
-        yield make_table(headings, [_change_row(change) for change in found.changes])
-
-
-def _change_row(change: Change) -> tuple[str, ...]:
-    x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
-    moved = "" if change.offset is None else f"{100 * change.offset:+.0f} cm"
-    if moved and change.error is not None:
-        moved += f" ± {100 * change.error:.0f}"
-    raw = "" if change.raw_offset is None else f"{100 * change.raw_offset:+.0f} cm"
-    length = f"{change.length:.2f} m" if change.length else ""
-    kind = change.kind.replace("_", " ")
-    return kind, change.what, f"{x:.1f}, {y:.1f} m", length, moved, raw, change.note
+        yield make_table([name.replace("_", " ") for name in COLUMNS], found.table())
 
 
 def _rooms_part(found: PlanComparison) -> Iterator[str]:
