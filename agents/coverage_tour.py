@@ -234,7 +234,7 @@ class TourSearch:
         return tour
 
     def _seen_for(self, tour: list[int], index: int) -> IntArray:
-        """What one stop adds to how often each cell is seen, shape (C,)."""
+        """Number of times that one stop alone shows each cell, shape (C,)."""
         before = tour[index - 1] if index else None
         own = self._views[tour[index]].astype(np.int64) + self._on_the_way(before, tour[index])
         if index + 1 < len(tour):
@@ -254,7 +254,7 @@ class TourSearch:
         return tour
 
     def counts(self, tour: list[int]) -> IntArray:
-        """How often each wanted cell is seen, from the stops and on the way, shape (C,)."""
+        """Number of times that each wanted cell is seen, from the stops and on the way, shape (C,)."""
         counts = np.zeros(len(self._wanted), np.int64)
         for before, place in zip([None, *tour], tour, strict=False):
             counts += self._views[place]

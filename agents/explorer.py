@@ -30,7 +30,7 @@ class Pilot(ABC):
     finished: bool = False
     """Nothing that the robot can get to is left to explore."""
     decisions: int = 0
-    """How often it was chosen where to go."""
+    """Number of choices of where to go."""
     loop: ExplorationLoop | None = None
     """The frontiers that it chooses among, where it goes by any."""
 
@@ -144,7 +144,7 @@ class BatchedExplorer(ABC):
 
 @dataclass(frozen=True)
 class _Identity:
-    """What decides the behaviour of a frontier explorer."""
+    """All that decides the behaviour of a frontier explorer."""
 
     rule: str
     loop: ExplorationLoopConfig

@@ -48,7 +48,7 @@ _POCKET = 5.0  # what is foreseen farther from a frontier isn't its own [m]
 
 
 class Foreseen(NamedTuple):
-    """What the network expects about the robot."""
+    """The network's expectation about the robot."""
 
     floor: Float32Array  # (members, n, n) share of each cell that is unseen floor the robot can get to
     wall: Float32Array  # (members, n, n) probability of a wall
@@ -107,7 +107,7 @@ class MapCompletion:
     def _member(
         self, lowest: Float32Array, skips: list[Float32Array], masks: list[Float32Array]
     ) -> Float32Array:
-        """What the network draws with some channels left out, logits of shape (2, n, n)."""
+        """Output of the network with some channels left out, logits of shape (2, n, n)."""
         values = self._block(f"down.{len(LEVEL_CHANNELS) - 1}", lowest * masks[0])
         for level, (skip, mask) in enumerate(zip(reversed(skips), masks[1:], strict=True)):
             doubled = values.repeat(2, axis=1).repeat(2, axis=2)
@@ -173,13 +173,13 @@ def expected_areas(foreseen: Foreseen, points: FloatArray) -> ExpectedArea:
 
 
 def foresee(loop: ExplorationLoop) -> ExpectedArea:
-    """What the pretrained network expects of a loop's candidates."""
+    """Expectation of the pretrained network for a loop's candidates."""
     foreseen = pretrained_completion().complete(loop.known_map(), loop.pose)
     return expected_areas(foreseen, np.array([one.frontier.middle for one in loop.candidates]).reshape(-1, 2))
 
 
 def _in_sight(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
-    """What rays from cells (N, 2) pass over until they meet a wall, shape (members, N) [m2]."""
+    """Floor that rays from cells (N, 2) pass over until they meet a wall, shape (members, N) [m2]."""
     angles = 2.0 * np.pi * np.arange(_RAYS) / _RAYS
     radii = np.arange(1, round(_RANGE / FORESIGHT_CELL) + 1)
     steps = radii[:, None] * np.stack([np.sin(angles), np.cos(angles)])[:, None]  # (2, radii, rays)
@@ -194,7 +194,7 @@ def _in_sight(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
 
 
 def _pockets(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
-    """What is nearest to each of some cells (N, 2), shape (members, N) [m2]."""
+    """Floor that is nearest to each of some cells (N, 2), shape (members, N) [m2]."""
     rows, cols = np.nonzero(foreseen.floor.max(axis=0) > 0.05)
     areas = np.zeros((len(foreseen.floor), len(cells)))
     if len(rows) == 0 or len(cells) == 0:

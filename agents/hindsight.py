@@ -1,4 +1,4 @@
-"""What it costs to choose each frontier, for one who knows the floor plan. Privileged.
+"""Cost of choosing each frontier, for one who knows the floor plan. Privileged.
 
 The rule ``tour`` drives the shortest tour through all frontiers that it sees, as if nothing came after them. Here the
 tour goes also through the places from which all other unseen floor is seen, which only the plan shows: the length of
@@ -26,9 +26,9 @@ _ITERATIONS = 10
 _LEAST_AREA = 0.3
 """A place is visited for so much unseen floor that nothing else on the tour shows [m2]."""
 _TURN_WEIGHT = 0.2
-"""What a radian of turning before the first leg counts [m/rad], as in the rule."""
+"""Cost of a radian of turning before the first leg [m/rad], as in the rule."""
 _HOLD = 0.5
-"""What changing the target costs [m]: braking, and that the robot's view is turned to the old one."""
+"""Cost of changing the target [m]: braking, and that the robot's view is turned to the old one."""
 
 
 class HindsightCosts:

@@ -17,7 +17,7 @@ from slamgym.viz.window import Window
 
 _KEYS = {"up": (1, 0), "down": (-1, 0), "left": (0, 1), "right": (0, -1)}
 _KEYS |= {"w": _KEYS["up"], "s": _KEYS["down"], "a": _KEYS["left"], "d": _KEYS["right"]}
-"""What a key asks for: signs of the speed and of the rate of turn."""
+"""Meaning of a key: signs of the speed and of the rate of turn."""
 _DONE = ("return", "enter")
 
 _TURN_RATE = 1.0  # people turn more slowly than the robot can [rad/s]

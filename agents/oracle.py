@@ -83,7 +83,7 @@ class OracleConfig(Settings):
 
 
 class Bound(NamedTuple):
-    """What a robot needs at least, as far as is known, to see a share of a building."""
+    """Least path and time known to see a share of a building."""
 
     share: float
     path: float  # [m]

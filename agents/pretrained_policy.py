@@ -43,7 +43,7 @@ _SPACE = {
     "global_features": list(GLOBAL_FEATURES),
     "crop_px": CROP_PX,
 }
-"""What the weights take in."""
+"""Observations that the weights take in."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     last_frontier_size=0.6,
     split_extent=math.inf,
 )
-"""How Explore Lite differs: all frontiers whole, those under 0.75 m left out (``min_frontier_size`` of its
+"""Differences of Explore Lite: all frontiers whole, those under 0.75 m left out (``min_frontier_size`` of its
 launch file; here those from 0.6 m are left for the end), and the goal reconsidered at 0.33 Hz (``planner_frequency``).
 
 Its time-out of 30 s by the straight distance (``progress_timeout``) and its blacklist of 5 cells
@@ -34,9 +34,9 @@ stalled, comes from the loop too.
 
 
 _TRUSTED_RANGE = 3.0
-"""How far the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
+"""Range up to which the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
 _TURN_WEIGHT = 0.2
-"""What a radian of turning before the first leg counts [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
+"""Cost of a radian of turning before the first leg [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
 
 
 @dataclass(frozen=True)
@@ -172,9 +172,9 @@ class Repairman:
 
     turn_weight: float = _TURN_WEIGHT
     area_weight: float = 1.0
-    """What a square metre of unknown in sight weighs while it waits [1/m2]."""
+    """Weight of a square metre of unknown in sight while it waits [1/m2]."""
     wait_weight: float = 0.5
-    """What any frontier weighs while it waits, however little it hides."""
+    """Weight of any frontier while it waits, however little it hides."""
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""

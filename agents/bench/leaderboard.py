@@ -40,7 +40,7 @@ class Standing:
     success: Interval
     """Share of successes."""
     passed: bool
-    """Whether the interval of the successes reaches :data:`PROMISED`; else the entry has no rank."""
+    """True if the interval of the successes reaches :data:`PROMISED`; else the entry has no rank."""
     done: Interval
     """Mean time until done, failures at the time limit [s]."""
     path: Interval
@@ -56,7 +56,7 @@ class Standing:
     against: dict[str, Interval]
     """Time until done as a share of that of each other entry, where both succeed; without those never comparable."""
     versions: tuple[str, ...]
-    """Of slamgym."""
+    """Versions of slamgym."""
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ class Building:
     outline: str
     """:func:`outline_hash`."""
     seed: int
-    """Of noise, furniture, people and explorer."""
+    """Seed of noise, furniture, people and explorer."""
     start: tuple[float, float, float]
     """x [m], y [m], theta [rad] in the plan's frame."""
     furniture: tuple[int, float] = (0, 0.0)
@@ -69,7 +69,7 @@ class Track:
 
     @property
     def trial(self) -> TrialConfig:
-        """How each is explored: particle filter, default sensors, the promise of 98 % with 95 % certainty."""
+        """Settings of each exploration: particle filter, default sensors, the promise of 98 % with 95 % certainty."""
         return TrialConfig(env=ExploreConfig(clutter=self.clutter))
 
     def quick(self) -> "Track":
@@ -84,7 +84,7 @@ class Manifest:
     version: int
     tracks: tuple[Track, ...]
     sha256: str
-    """Of the file."""
+    """Hash of the file."""
 
     def track(self, name: str) -> Track:
         """A track by its name.

@@ -1,4 +1,4 @@
-"""How much of a building had been seen when, and after how much driving: what explorers are compared by."""
+"""Coverage of a building over time and over path length: explorers are compared by it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ COVERAGE_LEVELS = (0.5, 0.8, 0.9, 0.95, 0.99)
 HORIZON_PER_AREA = 3.0
 """Horizon of the area under the curve [s/m2]: Explore Lite is done after 2.4 s/m2 in the median."""
 HORIZON_BASE = 60.0
-"""What the horizon of every plan has besides [s]."""
+"""Constant part of the horizon of every plan [s]."""
 
 _STEP = 0.0005
 """Smallest gain of coverage that a thinned curve keeps a point for."""

@@ -98,7 +98,7 @@ ORACLE = "oracle"
 
 
 class EvaluationConfig(Settings):
-    """What is evaluated on what."""
+    """Explorers and the plans that they are evaluated on."""
 
     explorers: tuple[str, ...]
     """Names of explorers."""
@@ -117,7 +117,7 @@ class EvaluationConfig(Settings):
     bound: OracleConfig = field(default_factory=OracleConfig)
     """The oracle's budget."""
     trial: TrialConfig = field(default_factory=TrialConfig)
-    """How one exploration is run."""
+    """Settings of each exploration."""
 
     def _check(self) -> None:
         if not self.names:
@@ -142,7 +142,7 @@ class Skipped(NamedTuple):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """What came out."""
+    """Outcome of an evaluation."""
 
     trials: list[Trial]
     """Those of the plans and explorers asked for, by explorer in the order asked for, then by plan."""
@@ -151,7 +151,7 @@ class Evaluation:
     failed: list[FailedTrial]
     """Explorations that crashed, hung or failed, now or in an earlier run."""
     fresh: int
-    """How many trials were done just now; the others had been done before."""
+    """Number of trials that were done just now; the others had been done before."""
 
 
 def evaluate(

@@ -30,7 +30,7 @@ from slamgym.viz.plots import Curve, CurvePanel, plot_curves
 _SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
 _POINTS = 200
-"""Of a plotted curve."""
+"""Points of a plotted curve."""
 
 
 def describe_evaluation(summary: Summary) -> str:

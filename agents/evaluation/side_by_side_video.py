@@ -19,7 +19,7 @@ from slamgym.viz.films import open_film
 
 FPS = 20.0
 SPEED = 16.0
-"""How much faster than the robot."""
+"""Speed of the film, in multiples of the robot's."""
 _LEVEL = "0.95"
 
 

@@ -28,7 +28,7 @@ DONE = "done"
 """The level of an exploration that has succeeded, beside the shares of the floor."""
 
 TAIL_FROM = "0.99"
-"""What an explorer drives after this level is its tail."""
+"""The drive after this level is an explorer's tail."""
 
 
 _LEVELS = (*map(level_name, COVERAGE_LEVELS), DONE)
@@ -229,13 +229,13 @@ _FIGURES: dict[str, _Figure] = {
     name: operator.attrgetter(name)
     for name in ("mean_coverage", "coverage", "collisions", "map_error", "ate", "time", "path")
 } | {"success": succeeded}
-"""What is averaged of each explorer."""
+"""Figures that are averaged for each explorer."""
 _COMPARED = ("mean_coverage", "success", "collisions", "map_error", "ate", "time")
 """Which of them are compared with the reference's."""
 
 
 def _pair(trial: Trial) -> tuple[str, int]:
-    """What two trials must share to be compared."""
+    """Plan and seed: two trials must share them to be compared."""
     return trial.plan, trial.seed
 
 

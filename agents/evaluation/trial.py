@@ -24,7 +24,7 @@ SUCCESS_COVERAGE = 0.98
 """An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
 
 Key = tuple[str, str, int, str]
-"""What makes two trials the same: explorer, plan, seed, hash of the settings."""
+"""Identity of a trial: explorer, plan, seed, hash of the settings."""
 
 
 class Task(NamedTuple):
@@ -37,7 +37,7 @@ class Task(NamedTuple):
 
 
 class TrialConfig(Settings):
-    """How explorers are put to the test."""
+    """Settings of a trial."""
 
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` is 5 min and 8 s/m2, more than three times what Explore Lite takes
@@ -55,7 +55,7 @@ class TrialConfig(Settings):
 
 @dataclass(frozen=True)
 class Outcome:
-    """What an exploration is known by."""
+    """Identity of an exploration that has ended."""
 
     explorer: str
     plan: str
@@ -65,7 +65,7 @@ class Outcome:
 
     @property
     def key(self) -> Key:
-        """What makes two trials the same."""
+        """Identity of the trial."""
         return self.explorer, self.plan, self.seed, self.settings
 
 
@@ -100,7 +100,7 @@ class Trial(Outcome):
     ate: Measured
     """Root mean square error of the final trajectory's positions, unaligned [m]."""
     decisions: Counted
-    """How often the explorer chose where to go."""
+    """Number of choices of where to go."""
     decision_cpu: Measured
     """CPU time of a control step in which it chose [s]."""
     decision_cpu_max: Measured
@@ -226,7 +226,7 @@ def run_trial(
 
 
 def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
-    """What one who knows the plan would need at least, in the form of a trial; nobody drives.
+    """Lower bound of one who knows the plan, in the form of a trial; no robot drives.
 
     Contacts, errors of the map and of the pose, and the CPU time of decisions are 0.
 

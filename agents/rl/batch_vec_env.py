@@ -123,7 +123,7 @@ def _row(observations: Any, index: int) -> Any:
 
 
 def _last(observation: Any, infos: Any, index: int, is_cut: bool) -> dict[str, Any]:
-    """What is said of the end of an episode."""
+    """Info at the end of an episode."""
     return {
         "terminal_observation": observation,
         "TimeLimit.truncated": is_cut,

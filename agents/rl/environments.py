@@ -106,7 +106,7 @@ def explore_plan(
 
 
 def figures_of(trial: Trial) -> dict[str, float]:
-    """What trainings are judged by; times [s] and paths [m] that were not reached count as those at the end."""
+    """Figures that trainings are judged by; times [s] and paths [m] that were not reached count as those at the end."""
     found: dict[str, float] = {
         f"{quantity}_{level[2:]}": getattr(trial, quantity) if reached is None else reached
         for quantity in ("time", "path")

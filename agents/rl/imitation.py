@@ -43,7 +43,7 @@ _NEAR_BEST = 5.0  # a candidate that costs so much more counts 1/e in the regres
 _ROBUST = 2.0  # larger errors of the regression count linearly [m]
 _BATCH = 256
 _RATE = 1e-3
-_HELD = 10  # every so many-th exploration is held out
+_HELD = 0.1  # share of the decisions, those of the first explorations, that is held out
 
 Answer = Callable[[Observation], int]
 """From an observation to the action that an expert would take."""
@@ -62,7 +62,7 @@ def gain_per_metre(env: ExploreFrontiersEnv) -> Answer:
 
 
 def oracle(env: ExploreFrontiersEnv) -> Answer:
-    """What costs least for one who knows the building. Privileged."""
+    """The least cost for one who knows the building. Privileged."""
     hindsight = HindsightCosts(env)
     return lambda _: int(hindsight.costs().argmin()) if len(env.loop.candidates) > 1 else 0
 
@@ -81,10 +81,9 @@ class CostedChoice(NamedTuple):
     crops: ByteArray  # (N, 2, crop, crop), in parts of 255
     overall: Float32Array  # (features,)
     regrets: Float32Array  # (N,) above the least cost [m]
-    episode: int
 
     @staticmethod
-    def of(observation: Observation, costs: FloatArray, episode: int) -> "CostedChoice":
+    def of(observation: Observation, costs: FloatArray) -> "CostedChoice":
         """A decision with the costs of its candidates, shape (N,) [m]."""
         count = len(costs)
         return CostedChoice(
@@ -92,7 +91,6 @@ class CostedChoice(NamedTuple):
             np.round(255.0 * observation["crops"][:count]).astype(np.uint8),
             observation["globals"].copy(),
             np.minimum(costs - costs.min(), LARGEST_REGRET).astype(np.float32),
-            episode,
         )
 
 
@@ -115,16 +113,13 @@ def imitate(model: Any, config: TrainConfig, plans: Sequence[FloorPlan]) -> None
         with show_progress("choices with their costs", len(known), wanted) as advance:
             while len(known) < wanted:
                 env = envs[int(rng.random() < config.furnished) if len(envs) > 1 else 0]
-                episode = known[-1].episode + 1 if known else 0
-                for choice in _explored(env, network, episode, rng):
+                for choice in _explored(env, network, rng):
                     known.append(choice)
                     advance()
         fit_choices(network, known, _EPOCHS, config.seed)
 
 
-def _explored(
-    env: ExploreFrontiersEnv, network: Any, episode: int, rng: np.random.Generator
-) -> list[CostedChoice]:
+def _explored(env: ExploreFrontiersEnv, network: Any, rng: np.random.Generator) -> list[CostedChoice]:
     """Explore a whole building by a network; half of the decisions."""
     observation, _ = env.reset(seed=int(rng.integers(2**31)))
     hindsight, found = HindsightCosts(env), []
@@ -132,7 +127,7 @@ def _explored(
     while not is_over:
         count = len(env.loop.candidates)
         if count > 1 and rng.random() < _ASKED_SHARE:
-            found.append(CostedChoice.of(observation, hindsight.costs(), episode))
+            found.append(CostedChoice.of(observation, hindsight.costs()))
         is_random = count > 1 and rng.random() < _RANDOM_SHARE
         action = int(rng.integers(count)) if is_random else _best(network, observation)
         observation, _, terminated, truncated, _ = env.step(action)
@@ -159,8 +154,8 @@ def fit_choices(network: Any, known: Sequence[CostedChoice], epochs: int, seed: 
         epochs: Passes over them.
         seed: Of their order.
     """
-    held = [choice for choice in known if choice.episode % _HELD == _HELD - 1]
-    rest = [choice for choice in known if choice.episode % _HELD != _HELD - 1]
+    count = round(_HELD * len(known))
+    held, rest = known[:count], known[count:]
     before = mean_regret(network, held)
     optimiser = torch.optim.Adam(network.parameters(), lr=_RATE)
     total = max(1, epochs * math.ceil(len(rest) / _BATCH))
@@ -213,7 +208,7 @@ def choice_loss(scores: Tensor, regrets: Tensor, mask: Tensor) -> Tensor:
 
 
 def mean_regret(network: Any, choices: Sequence[CostedChoice]) -> float:
-    """What the choices of a network cost more than the best in the mean [m]; 0 for no decisions."""
+    """Mean cost of the choices of a network above the best [m]; 0 for no decisions."""
     regrets: list[float] = []
     for first in range(0, len(choices), _BATCH):
         observations, costs = batch(choices[first : first + _BATCH])

@@ -15,7 +15,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
 
 BASE = "time"
-"""What the others add to, and are compared with."""
+"""The preset that the others add to and are compared with."""
 
 OWN = "own"
 """Preset that a term of the user's own makes on top of :data:`BASE`."""
@@ -118,7 +118,7 @@ class ShapingConfig(Settings):
 
     @property
     def changes(self) -> dict[str, Any]:
-        """What differs in the test from the training: the particle filter, and maps of full resolution."""
+        """Differences between test and training: the particle filter, and maps of full resolution."""
         return {
             "localization": "rbpf",
             "slam": {"particles": self.particles, "resolution": _TEST_RESOLUTION},

@@ -47,14 +47,14 @@ ConfigT = TypeVar("ConfigT", bound=RunConfig)
 
 
 class PolicyLearner(ABC, Generic[ConfigT]):
-    """What is learned in a run.
+    """A kind of policy that a run can learn.
 
     Args:
         config: The run.
     """
 
     unit: ClassVar[str]
-    """What its steps are called."""
+    """Name of its steps."""
     logged: ClassVar[Mapping[str, str]]
     """Columns of the log that are means over the latest episodes, to the key of an episode's record."""
 
@@ -74,7 +74,7 @@ class PolicyLearner(ABC, Generic[ConfigT]):
         """Write the policy's weights without value and optimiser, as explorers read them."""
 
     def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
-        """What is done before a fresh run learns from rewards."""
+        """Prepare a fresh run before it learns from rewards."""
 
     def ppo(self, policy: Any, envs: Any, **changes: Any) -> PPO:
         """Proximal policy optimisation with the settings of the run."""
@@ -292,6 +292,6 @@ def _modules(model: Any) -> dict[str, Any]:
 
 
 def _statistics(model: Any) -> dict[str, Any]:
-    """What normalises observations and rewards, where the environments do."""
+    """Statistics that normalise observations and rewards, where the environments do that."""
     envs = model.get_vec_normalize_env()
     return {} if envs is None else {"observations": envs.obs_rms, "returns": envs.ret_rms}

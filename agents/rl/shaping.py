@@ -79,7 +79,7 @@ class ShapingRun:
 
 @dataclass(frozen=True)
 class _Results:
-    """What is known of a run."""
+    """Results of a run."""
 
     settings: str
     """Hash of its identity."""
@@ -89,7 +89,7 @@ class _Results:
 
 @dataclass(frozen=True)
 class _Identity:
-    """What a run's results depend on, and by which they are known again."""
+    """All that a run's results depend on, by which they are known again."""
 
     settings: dict[str, Any]
     changes: Mapping[str, Any]
@@ -97,7 +97,7 @@ class _Identity:
 
 
 class Experiment:
-    """What is trained with each preset and seed, and how a policy is tested.
+    """Training with each preset and seed, and the test of the policies.
 
     Args:
         config: The experiment.
@@ -225,7 +225,7 @@ def _write(folder: Path, identity: str, outcomes: Mapping[str, Mapping[str, floa
 
 
 def _read(folder: Path, identity: str) -> dict[str, dict[str, float]]:
-    """What was tested of a run, by plan.
+    """Outcomes of the test of a run so far, by plan.
 
     Raises:
         ConfigError: If it was another run.

@@ -28,7 +28,7 @@ from slamgym.sim import ClutterConfig
 Terms = Mapping[str, tuple[float, RewardFunction]]
 """Terms of the reward of the user's own, name to (weight, function)."""
 _EPISODE = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
-"""What the log of episodes holds besides reward and length."""
+"""Further columns of the log of episodes."""
 
 
 def train(config: TrainConfig, out: Path, reward_terms: Terms | None = None) -> PPO:

@@ -17,11 +17,11 @@ BEST = "best.safetensors"
 """... and of the best by validation."""
 
 FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
-"""What stands in furnished buildings: as on the track ``furnished`` of the benchmark."""
+"""Furniture of furnished buildings: as on the track ``furnished`` of the benchmark."""
 
 FIXED_PPO: dict[str, Any] = {"gae_lambda": 0.95, "clip_range": 0.2, "vf_coef": 0.5, "target_kl": 0.03}
-"""What no run changes of PPO: lambda of the advantages, how far the probability of an action may change in an update,
-the weight of the value's error, and the divergence at which an update ends; the usual values of the literature."""
+"""Settings of PPO that no run changes: lambda of the advantages, the largest change of an action's probability in an
+update, the weight of the value's error, and the divergence at which an update ends; the literature's usual values."""
 TRAINING_PARTICLES = 10
 """Particles while training, where there is a filter: fewer than an exploration has, for speed."""
 TRAINING_RESOLUTION = 0.1
@@ -34,7 +34,7 @@ HOLD = 3
 LAYER_UNITS = (256, 128)
 """Units of the first layer, which action and value share, and of the second of each."""
 WHEELS_NETWORK = {"crop_side": CROP_SIDE, "hold": HOLD, "first": LAYER_UNITS[0], "second": LAYER_UNITS[1]}
-"""What files say of the network."""
+"""Description of the network in files."""
 WHEELS_GOAL = 0.98
 """An episode of driving the wheels ends at this true coverage; privileged, never observed."""
 WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.0, collision=2.0, completion=0.0)
@@ -51,13 +51,13 @@ class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
     n_epochs: Count = 6
     """Passes over a rollout."""
     learning_rate: Positive = 3e-4
-    """Of Adam; falls linearly to a tenth."""
+    """Learning rate of Adam; falls linearly to a tenth."""
     ent_coef: NonNegative = 0.003
     """Weight of the entropy."""
 
 
 class ImitationConfig(Settings, section="imitation", dropped={"epochs": 12}):
-    """What is learned of one who knows the plan, before the learning from rewards."""
+    """Learning from one who knows the plan, before the learning from rewards."""
 
     decisions: CountOrZero = 0
     """So many decisions, with what each candidate costs in hindsight, are learned from; 0 for none."""
@@ -66,7 +66,7 @@ class ImitationConfig(Settings, section="imitation", dropped={"epochs": 12}):
 
 
 class RunConfig(Settings):
-    """What all training runs have in common."""
+    """Settings of every training run."""
 
     plans: tuple[str, ...] = ("procedural",)
     """Floor plans: ``procedural``, or a HouseExpo archive, ...; as many are drawn from each. Only those of the
@@ -115,7 +115,7 @@ class TrainConfig(RunConfig):
     """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
     network."""
     imitation: ImitationConfig = field(default_factory=ImitationConfig)
-    """What is imitated first."""
+    """Imitation before the learning from rewards."""
 
     def _check(self) -> None:
         if self.promise is not None:
@@ -156,7 +156,7 @@ class WheelsConfig(
     """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would
     have followed counts."""
     evaluate_seconds: Positive = 90.0
-    """How long each plan of an evaluation is explored [s]."""
+    """Time for which each plan of an evaluation is explored [s]."""
 
     def _check(self) -> None:
         if self.episode_seconds[0] > self.episode_seconds[1]:

@@ -22,7 +22,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
 
 _CONTACT_PRICE = 0.02
-"""What a contact in five minutes takes off the coverage when the best weights are chosen."""
+"""Cost of a contact in five minutes, in coverage, when the best weights are chosen."""
 _FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
 """Shares of the largest speed and turning rate of the untrained network: it sees more than one that stands."""
 
@@ -95,12 +95,9 @@ def _follow_the_way(model: PPO) -> None:
     """
     first, second, action = _layers(model.policy)
     with torch.no_grad():
-        for layer, columns, signs in (
-            (first, (-1, -1), (1.0, -1.0)),
-            (second, (0, 1), (1.0, 1.0)),
-        ):
-            for unit, (column, sign) in enumerate(zip(columns, signs, strict=True)):
-                layer.weight[unit], layer.bias[unit] = 0.0, 0.0
-                layer.weight[unit, column] = sign
+        for layer in (first, second):
+            layer.weight[:2], layer.bias[:2] = 0.0, 0.0
+        first.weight[:2, -1] = torch.tensor([1.0, -1.0])
+        second.weight[:2, :2] = torch.eye(2)
         action.bias[0] = _FIRST_SPEED
-        action.weight[1, 0], action.weight[1, 1] = _FIRST_TURN, -_FIRST_TURN
+        action.weight[1, :2] = torch.tensor([_FIRST_TURN, -_FIRST_TURN])

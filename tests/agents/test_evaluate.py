@@ -260,22 +260,11 @@ def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
     assert picture.startswith(b"\x89PNG")
 
 
-def test_one_explorer_alone_needs_no_reference(tmp_path, capsys):
-    argv = ["-o", str(tmp_path), "--count", "1", "--split", "all", "--explorers", "nearest"]
-    argv += [
-        "--minutes",
-        "0.1",
-        "--workers",
-        "1",
-        "--set",
-        "slam.mode=ground_truth",
-        "--plans-filter",
-        "none",
-    ]
-    assert main(argv) == 0
-    printed = capsys.readouterr().out
-    assert "`nearest`" in printed
-    assert "against" not in printed.lower()
+def test_one_explorer_alone_needs_no_reference(tmp_path):
+    alone = config(explorers=("nearest",))
+    report = write_report(tmp_path, run(source(1), alone, tmp_path), alone, "nearest")
+    assert "`nearest`" in report
+    assert "against" not in report.lower()
 
 
 @pytest.mark.parametrize(

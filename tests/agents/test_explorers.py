@@ -156,7 +156,7 @@ def test_a_batch_acts_as_its_members_alone(make_world, name):
 
     worlds, together = begin(), make_explorer(name, make_world(two_rooms(14)).context, seed=3)
     recorded, actions = [], []
-    for step in range(120):
+    for step in range(60):
         observations = [world.observation(0.2 * step) for world in worlds]
         batch = {key: np.stack([o[key] for o in observations]) for key in observations[0]}
         starts = np.full(2, step == 0)

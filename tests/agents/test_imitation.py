@@ -25,7 +25,7 @@ def made_up(episodes, seed=0):
     """Decisions in which what a candidate costs is its detour, and besides 5 m where a doorway leads to it."""
     rng, found = np.random.default_rng(seed), []
     detour, doorway = (CANDIDATE_FEATURES.index(name) for name in ("tour_detour", "doorway"))
-    for episode in range(episodes):
+    for _ in range(episodes):
         for _ in range(20):
             count = int(rng.integers(2, 6))
             rows = rng.normal(0.0, 0.3, (7, len(CANDIDATE_FEATURES))).astype(np.float32)
@@ -37,7 +37,7 @@ def made_up(episodes, seed=0):
                 "globals": rng.normal(size=len(GLOBAL_FEATURES)).astype(np.float32),
             }
             costs = (5.0 * rows[:, detour] + 5.0 * rows[:, doorway])[:count].astype(np.float64)
-            found.append(CostedChoice.of(observation, costs, episode))
+            found.append(CostedChoice.of(observation, costs))
     return found
 
 
@@ -53,7 +53,7 @@ def test_a_fitted_network_regrets_less_than_its_prior_on_decisions_that_it_has_n
 
 def test_regrets_are_never_negative_and_one_of_each_decision_is_0():
     observation = {"candidates": np.zeros((3, 2)), "crops": np.zeros((3, 1)), "globals": np.zeros(1)}
-    choice = CostedChoice.of(observation, np.array([7.0, 5.0, 1e5]), 0)
+    choice = CostedChoice.of(observation, np.array([7.0, 5.0, 1e5]))
     assert choice.regrets.tolist() == [2.0, 0.0, LARGEST_REGRET]
 
 
