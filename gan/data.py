@@ -133,16 +133,15 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
     files = _matched(folder)
     names = sorted(files)[:limit]
     recorded = _manifest(root)
-    cad = np.empty((len(names), size, size), dtype=np.uint8)
-    slam = np.empty_like(cad)
-    scales = np.full(len(names), np.nan)
+    cad, slam = np.empty((2, len(names), size, size), dtype=np.uint8)
     side = None
     for index, name in enumerate(names):
         a, b = (read_grey(path) for path in files[name])
         side = _check_shapes(files[name], a, b, side)
         cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
-        scales[index] = recorded[name].metres_per_px * side / size if name in recorded else np.nan
-    plans = tuple(recorded[name].group if name in recorded else name for name in names)
+    known = [recorded.get(name, _Recorded(name, name, math.nan)) for name in names]
+    scales = np.array([record.metres_per_px * (side or size) / size for record in known])
+    plans = tuple(record.group for record in known)
     as_mapped = np.full(len(names), _image_settings(root).get("as_mapped") is True)
     return PairSet(cad, slam, tuple(names), plans, scales, as_mapped)
 
@@ -215,10 +214,9 @@ def read_grey(path: Path) -> ByteArray:
 
 def image_side(root: Path | str, split: str) -> int:
     """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
-    root = Path(root)
-    folder = root / split / "A" if (root / split / "A").is_dir() else root / "A"
-    first = next(iter(sorted(folder.glob("*.png"))), None) if folder.is_dir() else None
-    return int(read_grey(first).shape[0]) if first is not None else 256
+    folder = Path(root) / split / "A"
+    images = sorted((folder if folder.is_dir() else Path(root) / "A").glob("*.png"))
+    return int(read_grey(images[0]).shape[0]) if images else 256
 
 
 def _split_folder(root: Path, split: str) -> Path:
@@ -251,9 +249,9 @@ def _images(folder: Path) -> dict[str, Path]:
     if not images:
         raise InputFileError(folder, f"holds no images ({', '.join(SUFFIXES)})")
     found = {path.stem: path for path in images}
-    if len(found) < len(images):
-        twice = next(path for path in images if found[path.stem] is not path)
-        raise InputFileError(twice, f"has the name of {found[twice.stem].name}, too; remove one")
+    for path in images:
+        if found[path.stem] is not path:
+            raise InputFileError(path, f"has the name of {found[path.stem].name}, too; remove one")
     return found
 
 
@@ -304,7 +302,7 @@ def _test_names(root: Path) -> list[str]:
 
 def _plans_of(name: str, recorded: dict[str, _Recorded]) -> set[str]:
     """What a pair's plan and its group are called."""
-    return {recorded[name].plan, recorded[name].group} if name in recorded else {name}
+    return set(recorded[name][:2]) if name in recorded else {name}
 
 
 def _place(plan_id: str) -> float:

@@ -72,8 +72,9 @@ def choose_compute(
         raise ConfigError(f"--device {name} isn't available here; use --device auto")
     chosen = torch.device(name)
     if precision == "auto":
-        fast = {"cuda": _cuda_has_bfloat16, "cpu": _cpu_has_bfloat16, "mps": lambda: False}[name]()
-        precision = "bfloat16" if fast else "float32"
+        on_cpu = getattr(torch.cpu, "_is_avx512_bf16_supported", None)
+        fast = {"cuda": torch.cuda.is_bf16_supported, "cpu": on_cpu}.get(name)
+        precision = "bfloat16" if fast and fast() else "float32"
     wanted = name == "cuda" or (name == "cpu" and precision == "bfloat16")
     return Compute(chosen, precision, layout == "channels_last" or (layout == "auto" and wanted))
 
@@ -93,12 +94,3 @@ def keep_freed_memory() -> None:
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM)
         mallopt(_M_MMAP_THRESHOLD, _LARGEST_MMAP)
-
-
-def _cuda_has_bfloat16() -> bool:
-    return torch.cuda.is_bf16_supported()
-
-
-def _cpu_has_bfloat16() -> bool:
-    known = getattr(torch.cpu, "_is_avx512_bf16_supported", None)
-    return bool(known and known())

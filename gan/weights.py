@@ -27,6 +27,7 @@ from slamgym.core.text import markdown
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
 
+_ARROWS = {"slam2cad": "SLAM maps to CAD maps", "cad2slam": "CAD maps to SLAM maps"}
 WEIGHTS_FORMAT = "slamgym-translator-2"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
 MAX_BYTES = 15_000_000
@@ -107,11 +108,9 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     except (SafetensorError, OSError) as error:
         raise InputFileError(path, _why_unreadable(path, error)) from error
     config, card = _read_header(path, header)
-    if direction is not None and config.direction != direction:
-        raise ConfigError(
-            f"{path}: these weights translate {_arrow(config.direction)}, not {_arrow(direction)}; "
-            "choose others with --weights"
-        )
+    if direction is not None and direction != config.direction:
+        what = f"{_ARROWS[config.direction]}, not {_ARROWS[direction]}"
+        raise ConfigError(f"{path}: these weights translate {what}; choose others with --weights")
     return Weights(_fill(path, config, tensors), config, card)
 
 
@@ -172,9 +171,8 @@ def find_weights(name_or_path: str | Path) -> Path:
         known = pretrained_names()
         hint = suggest(path.name, known) if known else "there are none; train some with `slamgym gan train`"
         raise ConfigError(f"no weights are called {path.name!r}; {hint}")
-    raise InputFileError(
-        path, "doesn't exist; name pretrained weights, a .safetensors file or a finished run"
-    )
+    what = "name pretrained weights, a .safetensors file or a finished run"
+    raise InputFileError(path, f"doesn't exist; {what}")
 
 
 def model_card(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
@@ -183,7 +181,7 @@ def model_card(name: str, generator: Generator, config: TranslatorConfig, card: 
     low, middle, high = config.metres_per_px
     return (
         f"# {name}\n\n"
-        f"Translates {_arrow(config.direction)}; preset `{card.preset}` of slamgym {card.version}, "
+        f"Translates {_ARROWS[config.direction]}; preset `{card.preset}` of slamgym {card.version}, "
         f"{count_parameters(generator):,} weights. Licence: MIT.\n\n"
         f"- Input: {config.input_size} x {config.input_size} px, {low:.3f} to {high:.3f} m/px (median {middle:.3f}), "
         f"encoded as `{config.input_encoding}`; output {config.output_size} x {config.output_size} px as "
@@ -204,11 +202,9 @@ def model_card(name: str, generator: Generator, config: TranslatorConfig, card: 
 def _limits(config: TranslatorConfig) -> str:
     if config.direction == "cad2slam":
         return "One CAD map gives one SLAM map: there is no noise input (bend the CAD map to get another)."
-    unseen = (
-        f"Floor ends {config.explored_margin:g} m beyond what the robot saw"
-        if config.explored_margin > 0.0
-        else "Rooms that the robot never saw are guessed or missing"
-    )
+    unseen = f"Floor ends {config.explored_margin:g} m beyond what the robot saw"
+    if config.explored_margin == 0.0:
+        unseen = "Rooms that the robot never saw are guessed or missing"
     return f"{unseen}; buildings with curved walls or with directions that aren't at right angles are squared off."
 
 
@@ -221,9 +217,8 @@ def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, 
     found = header.get("format", "")
     if found != WEIGHTS_FORMAT:
         if found.startswith(WEIGHTS_FORMAT.rstrip("0123456789")):
-            raise InputFileError(
-                path, f"holds weights of another version of slamgym ({found}); train them again with this one"
-            )
+            what = f"holds weights of another version of slamgym ({found})"
+            raise InputFileError(path, f"{what}; train them again with this one")
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
         config = from_dict(TranslatorConfig, load_json(header["config"]), str(path))
@@ -242,9 +237,8 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
     wanted, found = _shapes(generator.state_dict()), _shapes(tensors)
     if wanted != found:
         odd = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
-        raise InputFileError(
-            path, f"holds tensors of another network ({len(odd)} differ, the first is {odd[0]})"
-        )
+        what = f"holds tensors of another network ({len(odd)} differ, the first is {odd[0]})"
+        raise InputFileError(path, what)
     whole = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
     if not all(bool(torch.isfinite(value).all()) for value in whole.values() if value.is_floating_point()):
         raise InputFileError(path, "holds weights that are NaN or infinite")
@@ -261,11 +255,6 @@ def _why_unreadable(path: Path, error: Exception) -> str:
     with open_regular(path) as file:
         start = file.read(4)
     if start[:2] == b"PK" or start[:1] == b"\x80":
-        return (
-            "is a pickle or a torch.save file, which can run code when it is read; only safetensors are taken"
-        )
+        what = "is a pickle or a torch.save file, which can run code when it is read"
+        return f"{what}; only safetensors are taken"
     return f"is damaged or not a safetensors file ({error})"
-
-
-def _arrow(direction: Direction) -> str:
-    return "SLAM maps to CAD maps" if direction == "slam2cad" else "CAD maps to SLAM maps"

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.grids import paste
 from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
 from slamgym.gan.encoding import resample_grey
@@ -62,21 +63,16 @@ def load_generated(folder: Path, pairs: PairSet) -> tuple[PairSet, ByteArray]:
     """
     found = [(index, path) for index, name in enumerate(pairs.names) if (path := _find(folder, name))]
     if len(found) < MINIMUM:
-        raise InputFileError(
-            folder,
-            f"holds maps of {len(found)} of the {len(pairs)} test pairs, but {MINIMUM} are needed; name them "
-            f"like the pairs, e.g. {pairs.names[0]}.png",
-        )
+        what = f"holds maps of {len(found)} of the {len(pairs)} test pairs, but {MINIMUM} are needed"
+        raise InputFileError(folder, f"{what}; name them like the pairs, e.g. {pairs.names[0]}.png")
     maps = [_load(path, pairs.cad[index], pairs.scale(index)) for index, path in found]
     return pairs.subset([index for index, _ in found]), np.stack(maps)
 
 
 def _find(folder: Path, name: str) -> Path | None:
-    candidates = [base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in SUFFIXES]
-    for path in candidates:
-        if path.is_file():
-            return path
-    return next(iter(sorted((folder / name).rglob("map.yaml"))), None) if (folder / name).is_dir() else None
+    images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in SUFFIXES)
+    found = [path for path in images if path.is_file()] or sorted((folder / name).rglob("map.yaml"))
+    return found[0] if found else None
 
 
 def _load(path: Path, cad: ByteArray, metres_per_px: float) -> ByteArray:
@@ -115,13 +111,7 @@ def shifted(cells: ByteArray, shape: tuple[int, ...], down: float, right: float)
         right: The same for columns.
     """
     canvas = np.full(shape, UNKNOWN, np.uint8)
-    top, left = round(down), round(right)
-    first_row, first_col = max(top, 0), max(left, 0)
-    last_row, last_col = min(top + cells.shape[0], shape[0]), min(left + cells.shape[1], shape[1])
-    if first_row < last_row and first_col < last_col:
-        canvas[first_row:last_row, first_col:last_col] = cells[
-            first_row - top : last_row - top, first_col - left : last_col - left
-        ]
+    paste(canvas, cells, -round(down), -round(right))
     return canvas
 
 
@@ -158,10 +148,8 @@ def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
         pairs: Their CAD maps and scales.
     """
     described = []
-    for i in range(len(pairs)):
-        scale = pairs.scale(i)
+    for i, cells in enumerate(maps):
         rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
-        described.append(
-            map_statistics(maps[i], scale) | displacement_statistics(maps[i], pairs.cad[i] <= 127, scale, rng)
-        )
+        moved = displacement_statistics(cells, pairs.cad[i] <= 127, pairs.scale(i), rng)
+        described.append(map_statistics(cells, pairs.scale(i)) | moved)
     return described

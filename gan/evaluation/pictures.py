@@ -63,12 +63,8 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
     chosen = evenly_spaced(len(results.pairs), count)
     _write_grid(folder / "maps.png", results, chosen)
     _write_overlays(folder / "overlays.png", results, chosen)
-    raw = np.array([score.mse for score in results.scores[RAW]])
-    gains = {
-        method.name: raw - np.array([score.mse for score in results.scores[method.name]])
-        for method in results.methods
-        if method.name != RAW
-    }
+    errors = {name: np.array([score.mse for score in rows]) for name, rows in results.scores.items()}
+    gains = {m.name: errors[RAW] - errors[m.name] for m in results.methods if m.name != RAW}
     label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
     plot_boxes(folder / "differences.png", gains, label)
     for method in results.methods:
@@ -95,11 +91,7 @@ def write_generated_grid(path: Path, pairs: PairSet, maps: dict[str, ByteArray],
 def _write_grid(path: Path, results: Results, chosen: Sequence[int]) -> None:
     pairs = results.pairs
     shown = [method for method in results.methods if method.name != RAW]
-    rows = []
-    for i in chosen:
-        masks = [_mask(method, pairs, i) for method in shown]
-        drawn = [np.where(mask, FREE, OCCUPIED).astype(np.uint8) for mask in masks]
-        rows.append([pairs.slam[i], *drawn, pairs.cad[i]])
+    rows = [[pairs.slam[i], *(_drawn(_mask(m, pairs, i)) for m in shown), pairs.cad[i]] for i in chosen]
     captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
     write_picture(path, draw_grid([RAW, *(m.name for m in shown), "CAD map"], rows, captions))
 

@@ -58,14 +58,18 @@ class Schedule:
         """Pairs drawn in the whole training."""
         return sum(span.batch * span.steps for span in self.spans)
 
+    def progress(self, step: int) -> list[tuple[Span, int]]:
+        """Each span with how many of its steps are done before this step of the training."""
+        first = 0
+        parts = []
+        for span in self.spans:
+            parts.append((span, min(max(step - first, 0), span.steps)))
+            first += span.steps
+        return parts
+
     def images_before(self, step: int) -> int:
         """Pairs drawn before this step."""
-        seen = 0
-        for span in self.spans:
-            taken = min(step, span.steps)
-            seen += taken * span.batch
-            step -= taken
-        return seen
+        return sum(span.batch * done for span, done in self.progress(step))
 
     def moment(self, step: int) -> Moment:
         """What holds at a step, counted from 0.
@@ -73,22 +77,17 @@ class Schedule:
         Raises:
             IndexError: If the training has no such step.
         """
-        if step < 0:
-            raise IndexError(f"step {step} is negative")
         rate = self._rate(self.images_before(step) / max(1, self.images))
-        for span in self.spans:
-            if step < span.steps:
-                fade = (step + 1) / span.steps if span.fading else 1.0
+        for span, done in self.progress(step):
+            if step >= 0 and done < span.steps:
+                fade = (done + 1) / span.steps if span.fading else 1.0
                 return Moment(span.resolution, span.batch, fade, rate)
-            step -= span.steps
-        raise IndexError(f"the training has {self.steps} steps only")
+        raise IndexError(f"the training has {self.steps} steps, but no step {step}")
 
     def stretched(self, step: int, factor: float) -> "Schedule":
         """The schedule with everything after ``step`` made longer or shorter; every open span keeps a step."""
         spans = []
-        for span in self.spans:
-            done = min(step, span.steps)
-            step -= done
+        for span, done in self.progress(step):
             rest = span.steps - done
             spans.append(span._replace(steps=done + (max(1, round(rest * factor)) if rest else 0)))
         return Schedule(tuple(spans), self.warm_up, self.decay)
@@ -140,12 +139,8 @@ class Budget:
 
     def predicted(self, schedule: Schedule, step: int) -> float:
         """Seconds that the steps from ``step`` on take."""
-        total = 0.0
-        for span, seconds in zip(schedule.spans, self.step_seconds, strict=True):
-            done = min(step, span.steps)
-            step -= done
-            total += (span.steps - done) * seconds
-        return total
+        costs = zip(schedule.progress(step), self.step_seconds, strict=True)
+        return sum((span.steps - done) * seconds for (span, done), seconds in costs)
 
     def fitted(self, schedule: Schedule, step: int, used: float) -> Schedule:
         """The schedule with its rest stretched to the time that is left.

@@ -121,6 +121,7 @@ class _Training:
         self.checkpoint = run / "checkpoint.safetensors"
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
         start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
+        self.images = ", ".join(folder.name for folder in images)
         self.pairs, self.held_out = _training_pairs(images, run, config)
         if scales := self.pairs.scale_percentiles():
             translator = dataclasses.replace(config.translator, metres_per_px=scales)
@@ -143,7 +144,7 @@ class _Training:
         if self.checkpoint.exists():
             self._resume()
         else:
-            self._begin(images)
+            self._begin()
 
     def run(self) -> TrainingReport:
         """Train to the end of the schedule, to the step to stop at, or to an interruption."""
@@ -218,7 +219,7 @@ class _Training:
         line |= {name: round(value, 5) for name, value in result.figures.items()}
         append_line(self.folder / "figures.jsonl", json.dumps(line) + "\n")
 
-    def _begin(self, images: Sequence[Path]) -> None:
+    def _begin(self) -> None:
         """A new run: fit the schedule to the time, write the settings."""
         if self.config.minutes is not None:
             seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
@@ -229,7 +230,7 @@ class _Training:
             f"{self.schedule.steps:,} steps ({self.schedule.images / len(self.pairs):.1f} passes) "
             f"on {self.compute.device} in {self.compute.precision}"
         )
-        facts = {"version": __version__, "images": _named(images), "config": to_dict(self.config)}
+        facts = {"version": __version__, "images": self.images, "config": to_dict(self.config)}
         write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
 
     def _resume(self) -> None:
@@ -288,18 +289,14 @@ class _Training:
         return path
 
 
-def _named(images: Sequence[Path]) -> str:
-    """The folders' names, for settings and messages."""
-    return ", ".join(folder.name for folder in images)
-
-
 def _training_pairs(
     images: Sequence[Path], run: Path, config: TranslatorTrainingConfig
 ) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
     if not images:
         raise ConfigError("name at least one folder of pairs, as `slamgym dataset render` writes them")
-    say(f"reading the pairs of {_named(images)}")
+    named = ", ".join(folder.name for folder in images)
+    say(f"reading the pairs of {named}")
     side = config.translator.input_size
     pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment.windows else side)
     if config.register:
@@ -309,7 +306,7 @@ def _training_pairs(
     rest, held_out = pairs.split(VALIDATION_SHARE)
     if len(rest) < MIN_PAIRS:
         needs = f"training needs at least {MIN_PAIRS} pairs beside the held-out ones"
-        raise ConfigError(f"{_named(images)}: {needs}, not {len(rest)}")
+        raise ConfigError(f"{named}: {needs}, not {len(rest)}")
     return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS))).windows(side)
 
 

@@ -235,8 +235,8 @@ def _draw_robot(
 def _frame_panels(picture: ByteArray) -> None:
     """Borders and titles."""
     true, believed = ("true pose", TRUE_COLOUR), ("believed pose", BELIEVED_COLOUR)
-    titles = (("World", (*true, -1)), ("SLAM map", (*believed, -1), (*true, 2)))
-    for index, (title, *legend) in enumerate(titles):
+    titles = {"World": [(*true, -1)], "SLAM map": [(*believed, -1), (*true, 2)]}
+    for index, (title, legend) in enumerate(titles.items()):
         left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
         end = left + _PANEL_WIDTH
         cv2.rectangle(picture, (left - 1, _HEAD - 1), (end, _HEAD + _PANEL_HEIGHT), FAINT, 1)
