@@ -54,15 +54,9 @@ NO_TRACKS = BagTracks()
 
 
 def write_rosbag2(
-    path: Path | str,
-    records: Sequence[LogRecord],
-    geometry: LaserGeometry,
-    *,
-    grid: OccupancyGrid | None = None,
-    tracks: BagTracks = NO_TRACKS,
-    first_stamp: float | None = None,
-    storage: Storage = "sqlite3",
-) -> None:
+    path: Path | str, records: Sequence[LogRecord], geometry: LaserGeometry, *, grid: OccupancyGrid | None = None,
+    tracks: BagTracks = NO_TRACKS, first_stamp: float | None = None, storage: Storage = "sqlite3",
+) -> None:  # fmt: skip
     """Write a rosbag2 folder.
 
     Args:
@@ -137,9 +131,8 @@ def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
         return twists
     dt = np.maximum(np.diff(stamps), 1e-9)
     steps, turns = np.diff(poses[:, :2], axis=0), wrap_angle(np.diff(poses[:, 2]))
-    middle = poses[:-1, 2] + 0.5 * turns
-    forward = np.einsum("ij,ij->i", steps, unit_vectors(middle))
     half = 0.5 * turns
+    forward = np.einsum("ij,ij->i", steps, unit_vectors(poses[:-1, 2] + half))
     twists[1:, 0] = forward / np.sinc(half / np.pi) / dt  # the arc is longer than its chord
     twists[1:, 1] = turns / dt
     return twists
@@ -163,20 +156,12 @@ def _staged_folder(path: Path) -> Iterator[Path]:
 
 
 def _latched_qos() -> Any:
-    from rosbags.interfaces import (
-        Qos,
-        QosDurability,
-        QosHistory,
-        QosLiveliness,
-        QosReliability,
-        QosTime,
-    )
+    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 
     forever = QosTime(9223372036, 854775807)
-    return Qos(
-        QosHistory.KEEP_LAST, 1, QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL,
-        forever, forever, QosLiveliness.AUTOMATIC, forever, False,
-    )  # fmt: skip
+    keep, reliable = QosHistory.KEEP_LAST, QosReliability.RELIABLE
+    latched, alive = QosDurability.TRANSIENT_LOCAL, QosLiveliness.AUTOMATIC
+    return Qos(keep, 1, reliable, latched, forever, forever, alive, forever, False)
 
 
 class _Bag:

@@ -40,7 +40,7 @@ class HitCountMap:
         self._memory_limit = config.memory_limit_mb * 1e6
         self.corner = (0, 0)
         """Lattice (row, col) of the lower left cell."""
-        self._counts = np.zeros((0, 0, 2), dtype=np.int32)  # hits and visits, row 0 at the bottom
+        self._counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)  # hits and visits, row 0 at the bottom
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
         self._dirty: tuple[int, int, int, int] | None = None  # lattice rows and cols, half open
 

@@ -1,5 +1,7 @@
 """The SLAM modes by their names in the settings."""
 
+from collections.abc import Callable
+
 import numpy as np
 
 from slamgym.core.errors import ConfigError
@@ -10,7 +12,7 @@ from slamgym.slam.localization.localizer import MapLocalizer
 from slamgym.slam.mapper import Mapper, PoseTracker
 from slamgym.slam.particle_filter import ParticleFilter
 
-MODES = {
+MODES: dict[str, Callable[..., Mapper]] = {
     "rbpf": ParticleFilter,
     "pose_graph": PoseGraphMapper,
     "scan_matching": ParticleFilter,
@@ -20,12 +22,9 @@ MODES = {
 
 
 def make_mapper(
-    config: SlamConfig,
-    geometry: LaserGeometry,
-    initial_pose: Pose2D,
-    rng: np.random.Generator,
+    config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator,
     finished: OccupancyGrid | None = None,
-) -> Mapper:
+) -> Mapper:  # fmt: skip
     """Make the mapper that ``config.mode`` names.
 
     Args:

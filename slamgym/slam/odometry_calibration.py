@@ -15,6 +15,8 @@ import numpy as np
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FloatArray, Pose2D
 
+DISTANCE, HEADING = 0, 1
+"""Places of the two random errors."""
 SCALE_SPREAD = 0.03
 """Before anything is learned: spread of the distance's scale, true over measured ..."""
 DRIFT_SPREAD = 0.015
@@ -60,11 +62,10 @@ class OdometryCalibration:
         """Drift per metre [rad/m], and share by which it turns further than measured."""
         self._scale_variance = SCALE_SPREAD**2
         self._heading_covariance = np.diag([DRIFT_SPREAD**2, TURN_SPREAD**2])
-        self.distance_noise = 1.0
-        """Variance of the random error of distances, over that of ``SLIP_DISTANCE``."""
-        self.heading_noise = 1.0
-        """Variance of the random error of headings, over that of ``SLIP_DRIFT`` and ``SLIP_TURN``."""
-        self._distance_weight = self._heading_weight = PRIOR_STRETCHES
+        self.noise = [1.0, 1.0]
+        """Variances of the random errors of distances, over that of ``SLIP_DISTANCE``, and of headings, over that of
+        ``SLIP_DRIFT`` and ``SLIP_TURN``."""
+        self._weights = [PRIOR_STRETCHES, PRIOR_STRETCHES]  # of what they were learned from
         self.significance = self._believed_share()
         """Share of the systematic errors that is believed."""
         self.restart()
@@ -90,7 +91,7 @@ class OdometryCalibration:
         squared += (drift**2 * turn_variance - 2.0 * drift * turn * both + turn**2 * drift_variance) / (
             drift_variance * turn_variance - both**2
         )
-        truth = (FAULTY_NOISE - self.heading_noise) / (FAULTY_NOISE - TRUE_NOISE)
+        truth = (FAULTY_NOISE - self.noise[HEADING]) / (FAULTY_NOISE - TRUE_NOISE)
         return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
@@ -102,10 +103,9 @@ class OdometryCalibration:
         distance, turn = _lengths(increments)
         forward, turned = float(increments[:, 0].sum()), float(increments[:, 2].sum())
         share = np.array([forward, turned])
-        random_distance = max(self.distance_noise, LEAST_NOISE) * SLIP_DISTANCE**2 * distance
-        random_heading = max(self.heading_noise, LEAST_NOISE) * (
-            SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
-        )
+        random_distance = max(self.noise[DISTANCE], LEAST_NOISE) * SLIP_DISTANCE**2 * distance
+        slip = SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
+        random_heading = max(self.noise[HEADING], LEAST_NOISE) * slip
         return MotionSpread(
             random_distance + self._scale_variance * forward**2,
             random_heading + float((share * self._shared(share)).sum()),
@@ -149,54 +149,46 @@ class OdometryCalibration:
         shares = np.array([self._signed, self._odometry.theta])
         slip = SLIP_DRIFT**2 * self._distance + SLIP_TURN**2 * self._turn
         innovation = error - float((self.heading * shares).sum())
-        expected = max(self.heading_noise, LEAST_NOISE) * slip + match_variance
-        spread = float((shares * self._shared(shares)).sum()) + expected
-        self.heading_noise, self._heading_weight = _learned_noise(
-            self.heading_noise, self._heading_weight, (innovation, spread), slip, match_variance
-        )
-        if innovation**2 > OUTLIER * spread:
-            return
-        gain = self._shared(shares) / spread
-        self.heading = self.heading + gain * innovation
-        self._heading_covariance = self._heading_covariance - np.outer(gain, self._shared(shares))
+        systematic = float((shares * self._shared(shares)).sum())
+        spread = self._learn_noise(HEADING, innovation, systematic, slip, match_variance)
+        if innovation**2 <= OUTLIER * spread:
+            gain = self._shared(shares) / spread
+            self.heading = self.heading + gain * innovation
+            self._heading_covariance = self._heading_covariance - np.outer(gain, self._shared(shares))
 
     def _shared(self, shares: FloatArray) -> FloatArray:
         """The covariance of the heading's errors times shares of them, (2,)."""
         return np.asarray((self._heading_covariance * shares).sum(axis=1), dtype=np.float64)
 
     def _learn_distance(self, error: float, length: float, match_variance: float) -> None:
-        slip = SLIP_DISTANCE**2 * self._distance
-        innovation = error - self.scale * length
-        expected = max(self.distance_noise, LEAST_NOISE) * slip + match_variance
-        spread = self._scale_variance * length**2 + expected
-        self.distance_noise, self._distance_weight = _learned_noise(
-            self.distance_noise, self._distance_weight, (innovation, spread), slip, match_variance
-        )
-        if innovation**2 > OUTLIER * spread:
-            return
-        gain = self._scale_variance * length / spread
-        self.scale += gain * innovation
-        self._scale_variance *= 1.0 - gain * length
+        slip, innovation = SLIP_DISTANCE**2 * self._distance, error - self.scale * length
+        systematic = self._scale_variance * length**2
+        spread = self._learn_noise(DISTANCE, innovation, systematic, slip, match_variance)
+        if innovation**2 <= OUTLIER * spread:
+            gain = self._scale_variance * length / spread
+            self.scale += gain * innovation
+            self._scale_variance *= 1.0 - gain * length
 
+    def _learn_noise(
+        self, which: int, innovation: float, systematic: float, slip: float, match_variance: float
+    ) -> float:
+        """Learn a random error's size from one more stretch; returns the variance expected of the innovation.
 
-def _learned_noise(
-    noise: float, weight: float, found: tuple[float, float], slip: float, match_variance: float
-) -> tuple[float, float]:
-    """A random error's size and the weight of what it was learned from, after one more stretch.
-
-    Args:
-        noise: Its size so far, as a share of ``slip``.
-        weight: The weight so far [stretches].
-        found: Innovation of the stretch and the variance that was expected of it.
-        slip: Variance that an error of size 1 has over the stretch.
-        match_variance: Variance of the matches.
-    """
-    innovation, spread = found
-    # Not cut off at zero: that would make true odometry seem noisy.
-    excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
-    share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
-    weight += share
-    return noise + share * (excess - noise) / weight, min(weight, MEMORY_STRETCHES)
+        Args:
+            which: ``DISTANCE`` or ``HEADING``.
+            innovation: Of the stretch.
+            systematic: Variance by what is not known of the systematic errors.
+            slip: Variance that an error of size 1 has over the stretch.
+            match_variance: Variance of the matches.
+        """
+        spread = systematic + (max(self.noise[which], LEAST_NOISE) * slip + match_variance)
+        # Not cut off at zero: that would make true odometry seem noisy.
+        excess = (min(innovation**2, OUTLIER * spread) - match_variance) / slip
+        share = 1.0 if innovation**2 > OUTLIER * spread else (slip / (slip + match_variance)) ** 2
+        weight = self._weights[which] + share
+        self.noise[which] += share * (excess - self.noise[which]) / weight
+        self._weights[which] = min(weight, MEMORY_STRETCHES)
+        return spread
 
 
 def _lengths(increments: FloatArray) -> tuple[float, float]:

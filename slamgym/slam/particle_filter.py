@@ -155,7 +155,7 @@ class ParticleFilter(Mapper):
         variances = self._predict(increments)
         predicted = self._poses.copy()
         points = self._usable_points(scan.ranges)
-        self._maps.cover(self._poses, self._radius(points))
+        self._maps.cover(self._poses, farthest(points) + MATCH_MARGIN)
         best = 0
         if len(self._tree) > 0:
             best = self._match_and_weigh(points, *variances)
@@ -182,11 +182,6 @@ class ParticleFilter(Mapper):
         """End points (n, 2) in the robot frame that can be matched; valid until the next call."""
         usable = min(self._beams.usable, longest, float(np.nextafter(self._beams.range_max, 0.0)))
         return self._end_points[: usable_end_points(ranges, plain(self._beams), usable, self._end_points)]
-
-    @staticmethod
-    def _radius(points: FloatArray) -> float:
-        """How far round the robot the maps are made ready for a scan [m]."""
-        return farthest(points) + MATCH_MARGIN
 
     def _predict(self, increments: FloatArray) -> tuple[float, float]:
         """Move the particles by odometry; returns the variances of position and heading that it leaves."""
@@ -256,9 +251,8 @@ class ParticleFilter(Mapper):
             self._calibration.restart()
             return
         moved = between(compose(Pose2D(*before.tolist()), last_offset), aligned)
-        self._calibration.learn(
-            increments, moved, COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance
-        )
+        along_variance, turn_variance = COMMON_ERROR * along_variance, COMMON_ERROR * turn_variance
+        self._calibration.learn(increments, moved, along_variance, turn_variance)
 
     def _match_and_weigh(self, points: FloatArray, variance: float, turn_variance: float) -> int:
         """Move the particles to their best matches and weigh them; returns the best particle."""

@@ -29,6 +29,9 @@ from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
 from slamgym.slam.motion_model import poses_between
 
+OnScan = Callable[[int, Mapper, bool], None]
+"""What is called after each scan with its index, the mapper, and true if the scan was processed."""
+
 
 @dataclass(frozen=True)
 class ReplayResult:
@@ -91,19 +94,16 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
 
 
 def replay(
-    log: Log,
-    config: SlamConfig,
-    rng: np.random.Generator,
-    on_scan: Callable[[int, Mapper, bool], None] | None = None,
+    log: Log, config: SlamConfig, rng: np.random.Generator, on_scan: OnScan | None = None,
     older: OlderMap | None = None,
-) -> ReplayResult:
+) -> ReplayResult:  # fmt: skip
     """Feed a log to a mapper, scan by scan.
 
     Args:
         log: The records; at least one.
         config: Settings of the mapper.
         rng: Source of all randomness.
-        on_scan: Called after each scan with its index, the mapper, and whether the scan was processed.
+        on_scan: Called after each scan.
         older: A map to go on with.
 
     Returns:

@@ -64,15 +64,9 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
 
 @kernel
 def know_nodes(
-    first: int,
-    poses: FloatArray,
-    steps: FloatArray,
-    tied: IntArray,
-    ties: FloatArray,
-    covariances: FloatArray,
-    sources: IntArray,
-    added: FloatArray,
-) -> None:
+    first: int, poses: FloatArray, steps: FloatArray, tied: IntArray, ties: FloatArray,
+    covariances: FloatArray, sources: IntArray, added: FloatArray,
+) -> None:  # fmt: skip
     """Find by which older node each node is known best, and how well, in the order of the path.
 
     Args:

@@ -111,7 +111,7 @@ def test_closing_a_noisy_loop_brings_its_end_home(seed):
     first, second = np.concatenate([np.arange(n - 1), old]), np.concatenate([np.arange(1, n), new])
     information = np.tile(np.diag(1.0 / SIGMA**2), (len(first), 1, 1))
     edges = Edges(first, second, np.vstack([driven, seen]), information, np.arange(len(first)) >= n - 1)
-    found = optimise(start, edges, robust_width=1e6, iterations=30)
+    found = optimise(start, edges, 1e6, 30)
     # Of the dead reckoning only the loops are wrong; the solution shares their error out.
     assert chi_squared(found, edges).sum() < chi_squared(start, edges).sum()
     assert chi_squared(found, edges).sum() < 3.0 * len(first) * 1.5

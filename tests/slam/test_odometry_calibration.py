@@ -36,9 +36,9 @@ def test_the_size_of_random_errors_is_learned():
     exact, slippery = OdometryCalibration(), OdometryCalibration()
     drive(exact, 0.0, 0.0, 0.0)
     drive(slippery, 0.0, 0.0, 0.0, slip=2.0 * SLIP_DRIFT)
-    assert exact.heading_noise < 0.1
+    assert exact.noise[1] < 0.1
     # Part of the slip is drawn in turns, which the prior calls noisier: between the two.
-    assert 0.5 < slippery.heading_noise < 4.0
+    assert 0.5 < slippery.noise[1] < 4.0
     motion = np.array([[1.0, 0.0, 0.0]])
     assert exact.spread(motion).heading < 0.2 * slippery.spread(motion).heading
 
@@ -55,11 +55,11 @@ def test_before_anything_is_learned_the_odometry_stands():
 def test_a_single_lie_is_no_systematic_error():
     calibration = OdometryCalibration()
     drive(calibration, 0.0, 0.0, 0.0)
-    before = calibration.heading_noise
+    before = calibration.noise[1]
     calibration.learn(np.array([Pose2D(0.6, 0.0, 0.0)]), Pose2D(0.6, 0.0, 0.5), 1e-6, 1e-6)
     assert calibration.heading == pytest.approx([0.0, 0.0], abs=0.002)
     # But the trust in what comes next is less.
-    assert calibration.heading_noise > 1.1 * before
+    assert calibration.noise[1] > 1.1 * before
 
 
 def test_restarting_forgets_the_stretch_and_keeps_what_was_learned():
@@ -80,5 +80,5 @@ def test_a_bias_of_the_matches_is_not_taken_for_an_error_of_true_odometry():
         moved = Pose2D(0.502 + 0.005 * rng.standard_normal(), 0.0, 0.003 * rng.standard_normal())
         noisy.learn(np.array([said]), moved, 0.01**2, 0.005**2)
     # Residuals no larger than the matches' own errors leave no noise to the wheels.
-    assert noisy.heading_noise < 0.1
+    assert noisy.noise[1] < 0.1
     assert noisy.significance < 0.5

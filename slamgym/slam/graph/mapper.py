@@ -16,6 +16,7 @@ from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, P
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.end_points import farthest
 from slamgym.slam.graph.loop_closure import (
     LOOP_EDGE_LENGTH,
     Closure,
@@ -25,11 +26,11 @@ from slamgym.slam.graph.loop_closure import (
     graph_distances,
 )
 from slamgym.slam.graph.matching import NodeMatch, align_node, search
-from slamgym.slam.graph.solver import Edges, chi_squared, optimise
+from slamgym.slam.graph.solver import Edges, chi_squared, optimise, turned_covariance
 from slamgym.slam.graph.surface_map import make_local_map
 from slamgym.slam.graph.wheels import WheelTurns
 from slamgym.slam.motion_model import poses_between
-from slamgym.slam.particle_filter import FEW_POINTS, ParticleFilter
+from slamgym.slam.particle_filter import FEW_POINTS, MATCH_MARGIN, ParticleFilter
 from slamgym.slam.uncertainty import ODOMETRY_FLOOR
 
 MATCH_RANGE = 25.0
@@ -84,6 +85,7 @@ class PoseGraphMapper(ParticleFilter):
     ) -> None:
         super().__init__(config, geometry, initial_pose, rng)
         self._settings = config.pose_graph
+        # Pose, end points and their number, and which processed scan each node is.
         self._nodes = Columns(
             {"counts": np.int64, "steps": np.int64}, poses=(3,), points=(geometry.num_beams, 2), counts=(), steps=()
         )  # fmt: skip
@@ -175,14 +177,12 @@ class PoseGraphMapper(ParticleFilter):
             variances = self._uncertainty.variances
             information = np.diag(1.0 / (variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
             if self._match_covariance is not None:
-                covariance = _turned(self._match_covariance, -float(self._places[-1, 2]))
+                covariance = turned_covariance(self._match_covariance, -float(self._places[-1, 2]))
                 information = information + np.linalg.inv(covariance + np.diag(np.square(MATCH_FLOOR)))
             self._steps.append(Closure(node - 1, node, self._seen_from(node - 1, pose), information))
         self._wheels.append()
         points = self._usable_points(scan.ranges, MATCH_RANGE)
-        self._nodes.append(
-            poses=pose, counts=len(points), steps=len(self._tree) - 1
-        )  # steps: which processed scan
+        self._nodes.append(poses=pose, counts=len(points), steps=len(self._tree) - 1)
         self._nodes["points"][-1, : len(points)] = points
         self._uncertainty.append(pose, self._match_covariance)
         if node % LOOP_INTERVAL == 0:
@@ -249,7 +249,7 @@ class PoseGraphMapper(ParticleFilter):
         """The closures with their covariances in the map frame."""
         for closure in self._closures:
             covariance = np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(MATCH_FLOOR))
-            yield closure.old, closure.new, _turned(covariance, float(self._places[closure.old, 2]))
+            yield closure.old, closure.new, turned_covariance(covariance, float(self._places[closure.old, 2]))
 
     def _driven_since(self, closures: list[Closure]) -> float:
         """How far the robot drove since the first of some closures was found [m]."""
@@ -261,7 +261,7 @@ class PoseGraphMapper(ParticleFilter):
         error = closure.measured - self._seen_from(closure.old, self._places[closure.new])
         error[2] = wrap_angle(error[2])
         between = self._uncertainty.between(closure.old, closure.new)
-        covariance = _turned(between, -float(self._places[closure.old, 2]))
+        covariance = turned_covariance(between, -float(self._places[closure.old, 2]))
         covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
         return float(error @ np.linalg.solve(covariance, error))
 
@@ -306,15 +306,13 @@ class PoseGraphMapper(ParticleFilter):
         # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
         # correction isn't taken for a false one.
         while width > ROBUST_WIDTH:
-            poses = optimise(poses, edges, robust_width=width, iterations=8, tolerance=1e-3)
+            poses = optimise(poses, edges, width, 8, 1e-3)
             width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
-        limits = {"iterations": iterations, "tolerance": tolerance}
-        self._relocate(optimise(poses, edges, robust_width=ROBUST_WIDTH, **limits))
+        self._relocate(optimise(poses, edges, ROBUST_WIDTH, iterations, tolerance))
 
     def _wheel_edges(self) -> list[Closure]:
         """Turns between nodes by the odometry as the whole path shows it; none where they'd be no help."""
-        is_short = self._beams.usable < SHORT_RANGE
-        if self._calibration is None or not is_short or not self._steps:
+        if self._calibration is None or self._beams.usable >= SHORT_RANGE or not self._steps:
             return []
         matched = np.array([edge.measured[2] for edge in self._steps])
         variances = np.linalg.inv(np.array([edge.information for edge in self._steps]))[:, 2, 2]
@@ -325,8 +323,6 @@ class PoseGraphMapper(ParticleFilter):
         ]
 
     def _drop_false_closures(self) -> None:
-        if not self._closures:
-            return
         chi2 = chi_squared(self._places, _edges([], self._closures))
         kept = [closure for closure, value in zip(self._closures, chi2, strict=True) if value < FALSE_CHI2]
         self._rejected += len(self._closures) - len(kept)
@@ -345,7 +341,7 @@ class PoseGraphMapper(ParticleFilter):
         self._new_particle_maps()
         for step, ranges in enumerate(self._tree["ranges"]):
             points = self._usable_points(ranges)
-            self._maps.cover(corrected[step : step + 1], self._radius(points))
+            self._maps.cover(corrected[step : step + 1], farthest(points) + MATCH_MARGIN)
             self._maps.register(corrected[step : step + 1], points)
         self._new_map()
         self._lineage = np.zeros(0, dtype=np.int64)
@@ -356,13 +352,6 @@ class PoseGraphMapper(ParticleFilter):
 def _lengths(poses: FloatArray) -> FloatArray:
     """Distances between successive poses (N, 3), (N - 1,) [m]."""
     return np.asarray(np.hypot(*np.diff(poses[:, :2], axis=0).T), dtype=np.float64)
-
-
-def _turned(covariance: FloatArray, angle: float) -> FloatArray:
-    """A covariance (3, 3) of a pose in a frame that is turned."""
-    cos, sin = np.cos(angle), np.sin(angle)
-    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return np.asarray(rotation @ covariance @ rotation.T, dtype=np.float64)
 
 
 def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:

@@ -44,12 +44,7 @@ def chi_squared(poses: FloatArray, edges: Edges) -> FloatArray:
 
 
 def optimise(
-    poses: FloatArray,
-    edges: Edges,
-    *,
-    robust_width: float = 5.0,
-    iterations: int = 15,
-    tolerance: float = 1e-4,
+    poses: FloatArray, edges: Edges, robust_width: float = 5.0, iterations: int = 15, tolerance: float = 1e-4
 ) -> FloatArray:
     """Find the poses that agree best with the edges; the first node stays where it is.
 
@@ -140,6 +135,13 @@ def _jacobians(poses: FloatArray, edges: Edges) -> tuple[FloatArray, FloatArray]
     first[:, 0, 2], first[:, 1, 2] = -sin * dx + cos * dy, -cos * dx - sin * dy
     first[:, 2, 2], second[:, 2, 2] = -1.0, 1.0
     return first, second
+
+
+def turned_covariance(covariance: FloatArray, angle: float) -> FloatArray:
+    """A covariance (3, 3) of a pose, in a frame that is turned."""
+    cos, sin = np.cos(angle), np.sin(angle)
+    rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(rotation @ covariance @ rotation.T, dtype=np.float64)
 
 
 def _solve(hessian: csc_matrix, gradient: FloatArray, damping: float) -> FloatArray:

@@ -56,13 +56,8 @@ class LocalMap(NamedTuple):
 
 
 def make_local_map(
-    points: FloatArray,
-    counts: IntArray,
-    members: IntArray,
-    poses: FloatArray,
-    centre: FloatArray,
-    radius: float,
-) -> LocalMap:
+    points: FloatArray, counts: IntArray, members: IntArray, poses: FloatArray, centre: FloatArray, radius: float,
+) -> LocalMap:  # fmt: skip
     """Make a local map.
 
     Args:

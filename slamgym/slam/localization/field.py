@@ -82,14 +82,19 @@ def make_field(grid: OccupancyGrid, sigma_hit: float, longest: float) -> Likelih
 
 
 @kernel
-def kind_of_cell(field: LikelihoodField, x: float, y: float) -> int:
-    """What the map is at a point: ``WALL``, ``FLOOR`` or ``UNMAPPED``."""
+def _cell_at(field: LikelihoodField, x: float, y: float) -> tuple[int, int]:
+    """Row and column of the cell at a point; (-1, -1) outside the map."""
     col = math.floor((x - field.origin_x) / field.cell)
     row = math.floor((y - field.origin_y) / field.cell)
     rows, cols = field.floor.shape
-    if row < 0 or col < 0 or row >= rows or col >= cols:
-        return UNMAPPED
-    return int(field.floor[row, col])
+    return (row, col) if 0 <= row < rows and 0 <= col < cols else (-1, -1)
+
+
+@kernel
+def kind_of_cell(field: LikelihoodField, x: float, y: float) -> int:
+    """The map at a point: ``WALL``, ``FLOOR`` or ``UNMAPPED``."""
+    row, col = _cell_at(field, x, y)
+    return int(field.floor[row, col]) if row >= 0 else UNMAPPED
 
 
 @kernel
@@ -140,12 +145,10 @@ def wall_cost(field: LikelihoodField, poses: FloatArray) -> FloatArray:
 @kernel
 def _is_clear(field: LikelihoodField, x: float, y: float, across: float, up: float, length: float) -> bool:
     """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
-    rows, cols = field.distance.shape
     driven = 0.0
     while driven < length:
-        col = math.floor((x + driven * across - field.origin_x) / field.cell)
-        row = math.floor((y + driven * up - field.origin_y) / field.cell)
-        if row < 0 or col < 0 or row >= rows or col >= cols:
+        row, col = _cell_at(field, x + driven * across, y + driven * up)
+        if row < 0:
             return True
         away = field.distance[row, col]
         if away < 0.5 * field.cell:
@@ -176,7 +179,6 @@ def explain_scan(
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
     x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
     y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
-    rows, cols = field.distance.shape
     returned, explained, unknown, correction = 0, 0, 0, 0.0
     for i in range(0, len(ranges), step):
         r = ranges[i]
@@ -195,9 +197,8 @@ def explain_scan(
         if not _is_clear(field, x0, y0, across, up, r - TRACE_MARGIN):
             correction += field.miss - point_log_likelihood(field, x, y)
             continue
-        col = math.floor((x - field.origin_x) / field.cell)
-        row = math.floor((y - field.origin_y) / field.cell)
-        if 0 <= row < rows and 0 <= col < cols and field.distance[row, col] <= FIT_DISTANCE:
+        row, col = _cell_at(field, x, y)
+        if row >= 0 and field.distance[row, col] <= FIT_DISTANCE:
             explained += 1
         elif excuses and kind_of_cell(field, x, y) == UNMAPPED:
             unknown += 1

@@ -1,7 +1,7 @@
 """Recorded logs on a finished map: localised, or going on with it."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +11,11 @@ from slamgym.core.geometry import between, compose, inverse
 from slamgym.core.types import OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import LocalizationConfig, SlamConfig
+from slamgym.slam.graph.solver import turned_covariance
 from slamgym.slam.localization.hypothesis import Belief
 from slamgym.slam.localization.localizer import MapLocalizer
-from slamgym.slam.mapper import Mapper
 from slamgym.slam.motion_model import poses_between
-from slamgym.slam.replay import OlderMap, ReplayResult, replay
+from slamgym.slam.replay import OlderMap, OnScan, ReplayResult, replay
 
 KNOWN_SPREAD, KNOWN_TURN = 0.1, 0.05
 """Spread round the place at which the robot was sure of itself, when it is followed back from there [m], [rad]."""
@@ -39,13 +39,9 @@ class LocalizationResult:
 
 
 def localize_log(
-    log: Log,
-    grid: OccupancyGrid,
-    placement: Pose2D,
-    config: LocalizationConfig,
-    rng: np.random.Generator,
+    log: Log, grid: OccupancyGrid, placement: Pose2D, config: LocalizationConfig, rng: np.random.Generator,
     initial_pose: Pose2D | None = None,
-) -> LocalizationResult:
+) -> LocalizationResult:  # fmt: skip
     """Localise every scan of a log.
 
     Args:
@@ -69,12 +65,8 @@ def localize_log(
 
 
 def _localizer(
-    log: Log,
-    grid: OccupancyGrid,
-    config: LocalizationConfig,
-    rng: np.random.Generator,
-    start: Pose2D | None = None,
-) -> MapLocalizer:
+    log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: np.random.Generator, start: Pose2D | None = None,
+) -> MapLocalizer:  # fmt: skip
     """A localizer for a log, from a known start or none."""
     config = dataclasses.replace(config, start="global" if start is None else "known")
     mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
@@ -86,19 +78,16 @@ def _placed(belief: Belief, placement: Pose2D) -> Belief:
     """A belief in the frame of a map that is turned."""
     if placement == Pose2D(0.0, 0.0, 0.0):
         return belief
-    cos, sin = np.cos(placement.theta), np.sin(placement.theta)
-    turned = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     return belief._replace(
         pose=compose(placement, belief.pose),
-        covariance=turned @ belief.covariance @ turned.T,
+        covariance=turned_covariance(belief.covariance, placement.theta),
         hypotheses=tuple((compose(placement, pose), weight) for pose, weight in belief.hypotheses),
     )
 
 
 def _trajectory(log: Log, beliefs: Sequence[Belief], processed: Sequence[int]) -> Trajectory:
     """Poses of the scans between successive localised ones, by odometry fitted to both."""
-    stamps = np.array([record.stamp for record in log.records])
-    odometry = np.array([record.odometry for record in log.records], dtype=np.float64).reshape(-1, 3)
+    stamps, odometry, _ = dataclasses.replace(log, recorded_track=None).track
     poses = np.array([belief.pose for belief in beliefs], dtype=np.float64).reshape(-1, 3)
     known = np.array([belief.state == "localised" for belief in beliefs], dtype=bool)
     if not known.any():
@@ -110,11 +99,7 @@ def _trajectory(log: Log, beliefs: Sequence[Belief], processed: Sequence[int]) -
 
 
 def continue_map(
-    log: Log,
-    grid: OccupancyGrid,
-    config: SlamConfig,
-    rng: np.random.Generator,
-    on_scan: Callable[[int, Mapper, bool], None] | None = None,
+    log: Log, grid: OccupancyGrid, config: SlamConfig, rng: np.random.Generator, on_scan: OnScan | None = None
 ) -> ReplayResult:
     """Localise a log on a map, then map on with it; see :func:`slamgym.slam.replay.replay`.
 
@@ -139,18 +124,16 @@ def continue_map(
     columns, rows = round(grid.frame.origin_x / step), round(grid.frame.origin_y / step)
     away_x, away_y = grid.frame.origin_x - columns * step, grid.frame.origin_y - rows * step
     frame = grid.frame._replace(origin_x=columns * step, origin_y=rows * step)
-    older = OlderMap(
-        OccupancyGrid(grid.cells, frame), Pose2D(start.x - away_x, start.y - away_y, start.theta)
-    )
+    shifted = Pose2D(start.x - away_x, start.y - away_y, start.theta)
+    older = OlderMap(OccupancyGrid(grid.cells, frame), shifted)
     result = replay(log, config, rng, on_scan, older)
-    new = result.grid.frame
+    new, away = result.grid.frame, np.array([away_x, away_y, 0.0])
     kept = new._replace(origin_x=new.origin_x + away_x, origin_y=new.origin_y + away_y)
+    paths = result.processed, result.trajectory, result.moments
+    processed, trajectory, moments = (Trajectory(path.stamps, path.poses + away) for path in paths)
+    moved = OccupancyGrid(result.grid.cells, kept)
     return dataclasses.replace(
-        result,
-        grid=OccupancyGrid(result.grid.cells, kept),
-        processed=_moved(result.processed, away_x, away_y),
-        trajectory=_moved(result.trajectory, away_x, away_y),
-        moments=_moved(result.moments, away_x, away_y),
+        result, grid=moved, processed=processed, trajectory=trajectory, moments=moments
     )
 
 
@@ -185,7 +168,3 @@ def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: n
         if back.belief.state == "localised":
             place, pose = earlier, back.pose
     return compose(pose, between(log.records[place].odometry, log.records[0].odometry))
-
-
-def _moved(path: Trajectory, x: float, y: float) -> Trajectory:
-    return Trajectory(path.stamps, path.poses + np.array([x, y, 0.0]))

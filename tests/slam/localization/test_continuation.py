@@ -78,12 +78,6 @@ def test_a_wall_that_is_gone_is_cleared_in_the_end():
     assert result.grid.cells[result.grid.frame.to_cell(2.0, 1.5)] == FREE
 
 
-def test_a_log_of_another_building_is_refused():
-    log, _ = drive(OTHER, [(2, 1.5), (5.5, 1.6), (5.6, 3), (4.6, 4.8), (2, 4.6)])
-    with pytest.raises(SlamgymError, match="never finds itself"):
-        continued(log, draw(FLAT, (1, 1)))
-
-
 def test_another_resolution_is_refused():
     log, _ = drive(FLAT, WAY[:2])
     with pytest.raises(SlamgymError, match="resolution"):

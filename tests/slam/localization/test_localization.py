@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from drawn_drives import CORRIDOR, FLAT, OTHER, draw, drive
+from drawn_drives import CORRIDOR, FLAT, draw, drive
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import compose, wrap_angle
@@ -69,13 +69,6 @@ def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
     assert states[before + 8] != "localised"
     assert states[-1] == "localised"
     assert away[-1] < 0.15
-
-
-def test_a_log_of_another_building_is_said():
-    log, _ = drive(OTHER, [(2, 1.5), (5.5, 1.6), (5.6, 3), (4.6, 4.8), (2, 4.6)])
-    result = localize(log, draw(FLAT, (1, 1)))
-    assert "localised" not in {belief.state for belief in result.beliefs}
-    assert result.beliefs[-1].state in ("searching", "ambiguous")
 
 
 def test_a_known_start_is_believed_and_followed():
