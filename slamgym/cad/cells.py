@@ -108,7 +108,7 @@ def snap(value: float) -> float:
 
 
 def cut_out(polygon: Polygon, box: Box) -> Polygon:
-    """What is left of a cell without a box at its corner or in its middle."""
+    """Cut a box out of a cell, at its corner or in its middle."""
     rest = polygon.difference(box.polygon())
     assert isinstance(rest, Polygon)
     return rest
@@ -149,7 +149,7 @@ def subdivide(box: Box, spaces: Sequence[Space], rng: np.random.Generator) -> li
 
 
 def _awkwardness(halves: tuple[Box, Box], index: int, count: int) -> float:
-    """How bad a cut is: long thin boxes, and rooms narrower than 1.2 m, are bad."""
+    """Badness of a cut: long thin boxes, and rooms narrower than 1.2 m, are bad."""
     badness = 0.0
     for box, rooms in zip(halves, (index, count - index), strict=True):
         # Several rooms can share a long box, so only its shape per room matters.

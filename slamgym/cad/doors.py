@@ -119,7 +119,7 @@ def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generato
 
 
 def _cost(a: str, b: str) -> float:
-    """How unlikely a door between two kinds of rooms is."""
+    """Cost of a door between two kinds of rooms: the unlikelier, the higher."""
     service = (a in _SERVICE) + (b in _SERVICE)
     hub = (a in _HUBS) + (b in _HUBS)
     return (

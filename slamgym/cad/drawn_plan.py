@@ -25,11 +25,11 @@ from slamgym.core.types import FloatArray
 LINE_GRID = 1e-3
 """Ends of lines that are closer than this meet [m]."""
 MAX_WALL = 0.7
-"""What is narrower than this between lines is a wall [m]."""
+"""Space between lines that is narrower than this is a wall [m]."""
 JAMB = 0.05
 """Doors and windows are drawn this much longer at both ends, into the walls beside them [m]."""
 BESIDE_DOOR = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5)
-"""How far from a door's middle the spaces that it joins are looked for [m]; a wall may run through it."""
+"""Distances from a door's middle at which the spaces that it joins are looked for [m]; a wall may run through it."""
 LINE_WIDTH = 0.01
 """Thickness of a wall that is drawn as one line [m]."""
 CROWDED = 0.1
@@ -44,7 +44,7 @@ MIN_JOINED_SHARE = 0.5
 
 @dataclass(frozen=True)
 class DrawnWalls:
-    """What a reader found in a drawing; segments have shape (N, 4): x0, y0, x1, y1 [m]."""
+    """Findings of a reader in a drawing; segments have shape (N, 4): x0, y0, x1, y1 [m]."""
 
     walls: FloatArray
     doors: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
@@ -164,7 +164,7 @@ def _lengthened(segments: FloatArray) -> FloatArray:
 
 
 def _spaces(network: Any) -> list[Polygon]:
-    """What the lines enclose, without the bodies of walls."""
+    """Areas that the lines enclose, without the bodies of walls."""
     faces = shapely.get_parts(shapely.polygonize([network]))
     return [face for face in faces if not face.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
 

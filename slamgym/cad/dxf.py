@@ -36,10 +36,10 @@ LAYERS: dict[LayerKind, str] = {
     "room": r"room|raum|space|pi[eè]ce|locale|zone",
     "wall": r"wall|\bmur|wand|w[aä]e?nd|muro|pared|parete|vegg|cloison|inferred",
 }
-"""What the names of layers mean, the first that fits; regular expressions, capital letters or not."""
+"""Meanings of the names of layers, the first that fits; regular expressions, capital letters or not."""
 
 _FLATNESS = 0.005
-"""How far a curve may stray from the lines that stand for it [m]."""
+"""Distance by which a curve may stray from the lines that stand for it [m]."""
 DOOR_LENGTHS = (0.4, 4.0)
 """Lines of doors of other lengths are leaves, frames and handles [m]."""
 HINGED = 0.03
@@ -124,7 +124,7 @@ def _strip(document: Any) -> None:
 
 
 def _weight(entity: Any) -> int:
-    """How many points or lines an entity is drawn with at least, as its insert copies them."""
+    """Least number of points or lines with which an entity is drawn, as its insert copies them."""
     name = entity.dxftype()
     if name == "SPLINE":
         # Without control points a curve through n points solves n equations, at a cost that grows with the square.
@@ -232,7 +232,7 @@ class _Found:
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
 
     def _kind_within(self, entity: Any, parent: LayerKind | None) -> LayerKind:
-        """What an entity is, in a block whose insert is of the kind ``parent``."""
+        """Kind of an entity in a block whose insert is of the kind ``parent``."""
         layer = str(entity.dxf.get("layer", "0"))
         if parent is not None and (layer == "0" or (parent in ("door", "window") and not self._chosen)):
             return parent

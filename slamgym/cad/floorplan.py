@@ -107,7 +107,7 @@ class FloorPlan:
 
     @property
     def where(self) -> str:
-        """What an error about this plan names: its file, else its id."""
+        """The name of this plan in errors: its file, else its id."""
         return self.source or self.id
 
     @cached_property
@@ -319,7 +319,7 @@ closed."""
 
 
 def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
-    """How much of each cell is floor; walls thinner than a cell stay closed.
+    """Share of each cell that is floor; walls thinner than a cell stay closed.
 
     Where a straight face passes through a cell, the share says where. Of two neighbouring cells that are floor by
     their shares but have a wall between their centres, the one with less floor gets :data:`CLOSED_SHARE`.

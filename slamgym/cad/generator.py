@@ -58,7 +58,7 @@ _BAYS = 0.1
 
 
 class PlanGeneratorConfig(Settings):
-    """What kind of plans the generator makes."""
+    """The kind of plans that the generator makes."""
 
     kind: Kind = "mixed"
     """Homes, offices, or both."""
@@ -152,7 +152,7 @@ def _interior(cell: Polygon, thickness: float) -> Polygon | None:
 
 
 def _is_roomy(space: BaseGeometry) -> TypeGuard[Polygon]:
-    """Whether everything hangs together through gaps of at least :data:`MIN_PASSAGE`."""
+    """True if everything hangs together through gaps of at least :data:`MIN_PASSAGE`."""
     if not isinstance(space, Polygon) or not space.is_valid:
         return False
     return isinstance(space.buffer(-0.5 * MIN_PASSAGE, quad_segs=2), Polygon)

@@ -26,7 +26,7 @@ DEGREES = 0.05
 """A drawing in degrees is smaller than this; one in metres isn't."""
 
 _NESTING = {"LineString": 1, "MultiLineString": 2, "Polygon": 2, "MultiPolygon": 3}
-"""How many lists stand around the points of a geometry."""
+"""Number of lists around the points of a geometry."""
 
 
 def read_geojson(path: Path | str) -> FloorPlan:

@@ -33,7 +33,7 @@ from slamgym.core.types import FloatArray, IntArray
 LASER_HEIGHT = 0.2
 """Where the model is cut above the storey's floor [m]."""
 SOLIDS = ("IfcWall", "IfcColumn", "IfcCurtainWall", "IfcPlate", "IfcMember")
-"""What a laser sees of a building."""
+"""Elements of a building that a laser sees."""
 MIN_LENGTH = 0.4
 """Openings narrower than this are no doors [m]."""
 
@@ -141,7 +141,7 @@ def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
 
 
 def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
-    """What the plane at a height meets."""
+    """Cut elements by the plane at a height."""
     walls: list[FloatArray] = []
     doors: list[FloatArray] = []
     windows: list[FloatArray] = []

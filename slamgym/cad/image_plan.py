@@ -157,7 +157,7 @@ def _connected_to_edge(white: BoolArray) -> BoolArray:
 
 
 def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
-    """What a disc of this radius [px] that rolls in from beyond the picture's edge covers."""
+    """Pixels that a disc of this radius [px] covers as it rolls in from beyond the picture's edge."""
     import cv2
 
     pad = int(2.0 * radius) + 2

@@ -25,7 +25,7 @@ MAX_VERTICES = 1500
 
 
 def passes(plan: FloorPlan, plan_filter: PlanFilter) -> bool:
-    """Whether the filter lets a plan through.
+    """True if the filter lets a plan through.
 
     ``useful`` leaves out single empty rooms and giants, and keeps 87 % of HouseExpo: 2-20 rooms, 20-300 m2 of
     free area, at most 30 m long, at most 1,500 vertices. It concerns plans in HouseExpo's format; generated

@@ -29,7 +29,7 @@ from slamgym.core.types import FloatArray
 WALL_THICKNESS = 0.15
 """Between two rooms [m]."""
 DOOR_WIDTH = 1.0
-"""Of a portal [m]."""
+"""Width of a portal [m]."""
 _DOOR_DEPTH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
 MIN_SCALE, MAX_SCALE = 1e-4, 10.0

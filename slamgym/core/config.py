@@ -33,10 +33,10 @@ class Within(NamedTuple):
     lt: float = math.inf
     power_of_two: bool = False
     infinite: bool = False
-    """Whether infinity is allowed, too."""
+    """True if infinity is allowed, too."""
 
     def allow(self, number: float) -> bool:
-        """Whether the setting may be this number."""
+        """True if the setting may be this number."""
         inside = self.ge <= number <= self.le and self.gt < number < self.lt
         if self.power_of_two:
             return inside and int(number).bit_count() == 1
@@ -94,7 +94,7 @@ class Settings:
         self._check()
 
     def _called(self, name: str) -> str:
-        """What errors call a setting."""
+        """The name of a setting in errors."""
         return f"{self._section}.{name}" if self._section else name
 
     def _check(self) -> None:
@@ -143,7 +143,7 @@ def _choices(hint: Any) -> list[Any]:
 
 
 def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
-    """What is wrong with a value; nothing if it fits the type."""
+    """Find what is wrong with a value; nothing if it fits the type."""
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
         rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
@@ -172,7 +172,7 @@ def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault
 
 
 def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
-    """What is wrong with the items of a tuple, a named tuple or a mapping."""
+    """Find what is wrong with the items of a tuple, a named tuple or a mapping."""
     options = typing.get_args(hint)
     if typing.get_origin(hint) is tuple:
         inner = [options[0]] * len(value) if options[1:] == (Ellipsis,) else options

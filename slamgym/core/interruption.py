@@ -13,14 +13,14 @@ class Terminated(KeyboardInterrupt):
 
 
 class Interruption:
-    """Whether the user, or the batch system, asked to stop."""
+    """True if the user, or the batch system, asked to stop."""
 
     def __init__(self) -> None:
         self.signal: int | None = None
 
     @property
     def requested(self) -> bool:
-        """Whether a signal came."""
+        """True if a signal came."""
         return self.signal is not None
 
     def conclude(self) -> None:

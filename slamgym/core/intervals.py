@@ -205,7 +205,7 @@ def interquartile_mean(values: FloatArray, seed: int = 0) -> Interval:
 
 
 def probability_of_improvement(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
-    """How likely a run on a plan gives a smaller value than one of the reference on the same plan; ties are half.
+    """Probability that a run on a plan gives a smaller value than one of the reference on the same plan; ties are half.
 
     As Agarwal et al. 2021 define it, averaged over plans, but with plans drawn again: see
     :func:`interquartile_mean`.
@@ -250,7 +250,7 @@ def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -
 
 
 def _paired_draws(values: FloatArray, reference: FloatArray, seed: int) -> Callable[[FloatArray], FloatArray]:
-    """What sums a table of shape (runs, other runs, plans) over draws of all three, to shape (R,)."""
+    """Make a function that sums a table of shape (runs, other runs, plans) over draws of all three, to shape (R,)."""
     if values.shape[1:] != reference.shape[1:]:
         raise ValueError(f"there are no plans to compare on in shapes {values.shape} and {reference.shape}")
     runs, plans = _crossed_draws(values, seed)
@@ -264,7 +264,7 @@ def _paired_draws(values: FloatArray, reference: FloatArray, seed: int) -> Calla
 
 
 def _crossed_draws(values: FloatArray, seed: int) -> tuple[FloatArray, FloatArray]:
-    """How often each run and each plan of a table (runs, plans) is drawn, shapes (R, runs) and (R, plans)."""
+    """Counts of draws of each run and each plan of a table (runs, plans), shapes (R, runs) and (R, plans)."""
     if values.ndim != 2 or values.size == 0:
         raise ValueError(f"there are no runs and plans in the shape {values.shape}")
     rng = np.random.default_rng(seed)
@@ -288,7 +288,7 @@ def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
 
 
 def _draws(count: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
-    """How often each of N is drawn: the same as picking N with replacement, in much less memory; (R, N)."""
+    """Counts of draws of each of N: the same as picking N with replacement, in much less memory; (R, N)."""
     drawn: FloatArray = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
     return drawn
 

@@ -56,7 +56,7 @@ class Kernel:
 
     @functools.cached_property
     def dispatcher(self) -> Any:
-        """What numba makes of the function."""
+        """The function as numba compiles it."""
         import numba
 
         # No kernel is a callback of C, which would be an entry of its own.
@@ -72,7 +72,7 @@ class Kernel:
 
     @property
     def _numba_type_(self) -> Any:
-        """What another kernel sees of it: numba asks objects that it doesn't know for their type."""
+        """The type by which another kernel knows it: numba asks objects that it doesn't know for their type."""
         return self.dispatcher._numba_type_
 
 
@@ -87,7 +87,7 @@ def _without_literals(dispatcher: Any) -> Any:
 
 @kernel
 def assign(values: np.ndarray, out: np.ndarray) -> None:
-    """What ``out[:] = values`` does, of one shape, but without the texts about shapes that numba compiles with that."""
+    """Copy values of one shape: ``out[:] = values``, but without the texts about shapes that numba compiles with it."""
     for i in range(out.size):
         out.flat[i] = values.flat[i]
 
@@ -119,7 +119,7 @@ def kernel_cache(function: Callable[..., Any]) -> Path:
 
 
 def is_compiled(function: Callable[..., Any]) -> bool:
-    """Whether a kernel was compiled already."""
+    """True if a kernel was compiled already."""
     name = f"{function.__module__.rpartition('.')[2]}.{function.__qualname__}"
     return any(kernel_cache(function).glob(f"{name}-*.nbi"))
 

@@ -15,15 +15,15 @@ MAX_SHOWN = 80
 
 
 class Limit(NamedTuple):
-    """How much of something a file may hold."""
+    """The most of something that a file may hold."""
 
     variable: str
     """The environment variable that sets it."""
     default: int
     unit: str
-    """What is counted, as in ``has 7 pixels``."""
+    """Name of the thing that is counted, as in ``has 7 pixels``."""
     of: str
-    """What it is a limit of, for the documentation."""
+    """The files that it limits, for the documentation."""
 
     @property
     def value(self) -> int:

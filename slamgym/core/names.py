@@ -28,7 +28,7 @@ class OneLine(NamedTuple):
     max_bytes: int = MAX_NAME_BYTES
 
     def allow(self, text: str) -> bool:
-        """Whether a text is what it should be and nothing else."""
+        """True if a text is what it should be and nothing else."""
         return (
             0 < len(text) <= self.max_bytes
             and text.isprintable()  # neither NUL nor line ends nor half a surrogate pair
@@ -52,12 +52,12 @@ Label = Annotated[str, OneLine("printable text", "|`")]
 
 
 def is_file_name(text: str) -> bool:
-    """Whether a text may be a part of a path as it is."""
+    """True if a text may be a part of a path as it is."""
     return _ONE_PART.allow(text)
 
 
 def distinct_names(paths: Sequence[Path]) -> list[str]:
-    """What to call that which is made of each file: its stem, with the folder and the suffix where others have it, too.
+    """Names for what is made of each file: its stem, with the folder and the suffix where others have it, too.
 
     Raises:
         InputFileError: If two would have one name even so.
@@ -89,7 +89,7 @@ def as_file_name(text: str, max_bytes: int = MAX_NAME_BYTES) -> str:
 
 
 def is_own_explorer(name: str) -> bool:
-    """Whether an explorer's name is ``module:function``, and neither weights (``rl:FILE``) nor ``rl@98%:95%``."""
+    """True if an explorer's name is ``module:function``, and neither weights (``rl:FILE``) nor ``rl@98%:95%``."""
     module, colon, _ = name.partition("@")[0].partition(":")
     return bool(colon) and module not in ("rl", "wheels")
 

@@ -21,7 +21,7 @@ from slamgym.core.limits import PIXELS
 from slamgym.core.types import BoolArray, ByteArray
 
 PICTURE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
-"""What pictures of maps and plans are called."""
+"""Suffixes of pictures of maps and plans."""
 _READERS = {
     b"\x89PNG\r\n\x1a\n": "Png", b"\xff\xd8": "Jpeg", b"BM": "Bmp", b"II": "Tiff", b"MM": "Tiff",
     **dict.fromkeys((b"P1", b"P2", b"P3", b"P4", b"P5", b"P6"), "Ppm"),
@@ -31,7 +31,7 @@ _DAMAGED = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error,
     zlib.error, RuntimeError, MemoryError, AssertionError,
 )  # fmt: skip
-"""What Pillow raises over damaged pictures."""
+"""Errors that Pillow raises over damaged pictures."""
 
 
 def decode_picture(
@@ -84,7 +84,7 @@ def decode_picture(
 
 
 def grey_picture(pixels: Any) -> tuple[ByteArray, BoolArray]:
-    """What :func:`decode_picture` gives as greys, which are the mean of the colours, and where it is transparent."""
+    """The pixels of :func:`decode_picture` as greys, which are the mean of the colours, and where it is transparent."""
     if pixels.dtype == np.uint16:
         pixels = np.rint(pixels / 257.0).astype(np.uint8)
     transparent = np.zeros(pixels.shape[:2], np.bool_)
@@ -103,7 +103,7 @@ def _pixels(image: Any) -> Any:
 
 
 def _netpbm_pixels(image: Any, encoded: bytes) -> Any:
-    """Of a binary PGM or PPM, whatever number its white is: Pillow takes a microsecond a pixel for most.
+    """Pixels of a binary PGM or PPM with any number for white: Pillow takes a microsecond a pixel for most.
 
     Raises:
         ValueError: If it has too few bytes, or more than pixels: they would be shifted.

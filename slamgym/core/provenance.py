@@ -1,4 +1,4 @@
-"""What comes with the package is what its authors put there: weights, policies, models and plans by their SHA-256.
+"""Proof that weights, policies, models and plans of the package are those that its authors put there, by SHA-256.
 
 ``pretrained.sha256``, in the form of ``sha256sum``, names them all; ``python -m slamgym.core.provenance`` writes it.
 """

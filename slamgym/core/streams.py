@@ -26,14 +26,14 @@ _CHUNK = 1 << 18
 _DOWNLOADED = 1 << 16
 """Bytes of a download that are counted at once."""
 _TIMEOUT = 30.0
-"""Of a silent server [s]."""
+"""Patience with a silent server [s]."""
 
 DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)
-"""What reading damaged compressed data raises."""
+"""Errors that reading damaged compressed data raises."""
 DAMAGED_ZIP = (
     EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error,
 )  # fmt: skip
-"""What reading a damaged zip archive raises, and numpy's files of several arrays are such."""
+"""Errors that reading a damaged zip archive raises, and numpy's files of several arrays are such."""
 
 
 class ExpandedFile:

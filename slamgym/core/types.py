@@ -43,7 +43,7 @@ class Twist2D(NamedTuple):
 
 
 class LaserGeometry(NamedTuple):
-    """What a scanner's beams look like, apart from what they measured.
+    """Geometry of a scanner's beams, apart from what they measured.
 
     Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor frame, counter-clockwise.
     """
@@ -172,7 +172,7 @@ class OccupancyGrid:
 
 
 Observation = dict[str, Any]
-"""What an environment shows: arrays by the names of its observation space."""
+"""Contents of an observation of an environment: arrays by the names of its observation space."""
 
 
 class Explorer(Protocol):
@@ -188,12 +188,12 @@ class Explorer(Protocol):
 
     @property
     def finished(self) -> bool:
-        """Whether nothing that the robot can get to is left to explore."""
+        """True if nothing that the robot can get to is left to explore."""
         ...
 
     @property
     def decisions(self) -> int:
-        """How often it has chosen where to go."""
+        """Number of times that it has chosen where to go."""
         ...
 
     def predict(

@@ -1,4 +1,4 @@
-"""What a beam measures of the surface that it meets: numba kernels.
+"""Measurements of the surfaces that beams meet: numba kernels.
 
 Whatever is random about a *place* comes from a hash of its coordinates, so that it is the same in every scan and for
 neighbouring beams; only the noise of a measurement is drawn again. One law decides whether an echo is heard: what comes
@@ -48,7 +48,7 @@ _LEAST_NORMAL = -6.0
 _WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
 
 
-class BeamLaw(NamedTuple):
+class BeamModel(NamedTuple):
     """A scanner's properties, as the kernels take them; see :class:`slamgym.sim.lidar.LidarConfig`."""
 
     angle_min: float  # [rad]
@@ -68,7 +68,7 @@ def measure_beams(
     true: FloatArray,
     hits: IntArray,
     surfaces: Surfaces,
-    law: BeamLaw,
+    model: BeamModel,
     normal: FloatArray,
     out: FloatArray,
 ) -> None:
@@ -81,13 +81,13 @@ def measure_beams(
         true: Distances along the beams, shape (N,) [m].
         hits: The segments met, shape (N,).
         surfaces: Their materials.
-        law: The scanner.
+        model: The scanner.
         normal: Standard normal draws, shape (2, N): of the range, and of the echo's strength.
         out: Receives the ranges, shape (N,) [m].
     """
-    surfaces, law = Surfaces(*surfaces), BeamLaw(*law)
+    surfaces, model = Surfaces(*surfaces), BeamModel(*model)
     rough, biased = _no_corners(), _no_corners()
-    directions = beam_directions(len(true), law.angle_min, law.angle_increment)
+    directions = beam_directions(len(true), model.angle_min, model.angle_increment)
     last, x, y, cos, sin = -1, 0.0, 0.0, 1.0, 0.0
     for i in range(len(true)):
         sensor = i * len(sensors) // len(true)
@@ -103,17 +103,17 @@ def measure_beams(
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
             if kind != PLAIN:
-                distance, cosine, echo, depth = _behold(
-                    x, y, ux, uy, true[i], hits[i], segments, surfaces, law
+                distance, cosine, echo, depth = _trace_beam(
+                    x, y, ux, uy, true[i], hits[i], segments, surfaces, model
                 )
-        if distance == true[i] <= law.range_max and law.beam_width > 0.0:
-            distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, law)
-        if distance > law.range_max:
+        if distance == true[i] <= model.range_max and model.beam_width > 0.0:
+            distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, model)
+        if distance > model.range_max:
             out[i] = np.inf
             continue
         px, py = x + distance * ux, y + distance * uy
-        if law.attenuation > 0.0:
-            loss = law.attenuation * (distance / law.range_max) ** 2
+        if model.attenuation > 0.0:
+            loss = model.attenuation * (distance / model.range_max) ** 2
             strength = max(cosine, 1e-9) * echo
             # Most echoes are heard however they scatter.
             if loss > _WEAKEST_SCATTER * strength or normal[1, i] < _LEAST_NORMAL:
@@ -127,26 +127,26 @@ def measure_beams(
         if surfaces.roughness > 0.0:
             uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS, rough)
             depth += surfaces.roughness * uneven
-        sigma = max(law.sigma, law.sigma_relative * distance)
+        sigma = max(model.sigma, model.sigma_relative * distance)
         error = normal[0, i]
-        if law.bias > 0.0:
-            error += law.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
+        if model.bias > 0.0:
+            error += model.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
 
 
 @kernel
-def blur_beams(true: FloatArray, law: BeamLaw, normal: FloatArray, out: FloatArray) -> None:
+def blur_beams(true: FloatArray, model: BeamModel, normal: FloatArray, out: FloatArray) -> None:
     """Write ranges with the noise of a scanner whose errors don't depend on the place.
 
     Args:
         true: Distances along the beams, shape (N,) [m].
-        law: The scanner.
+        model: The scanner.
         normal: Standard normal draws, shape (N,).
         out: Receives the ranges, shape (N,) [m].
     """
-    law = BeamLaw(*law)
+    model = BeamModel(*model)
     for i in range(len(true)):
-        out[i] = true[i] + max(law.sigma, law.sigma_relative * min(true[i], law.range_max)) * normal[i]
+        out[i] = true[i] + max(model.sigma, model.sigma_relative * min(true[i], model.range_max)) * normal[i]
 
 
 @kernel
@@ -173,7 +173,7 @@ def write_rep117(ranges: FloatArray, range_min: float, range_max: float, out: Fl
 
 
 @kernel
-def _behold(
+def _trace_beam(
     x: float,
     y: float,
     ux: float,
@@ -182,7 +182,7 @@ def _behold(
     hit: int,
     segments: FloatArray,
     surfaces: Surfaces,
-    law: BeamLaw,
+    model: BeamModel,
 ) -> tuple[float, float, float, float]:
     """The surface whose echo a beam hears, through glass and by mirrors.
 
@@ -208,7 +208,7 @@ def _behold(
             passed += length
             x, y = x + length * ux, y + length * uy
             ux, uy = _mirrored(ux, uy, segments, hit)
-            length, hit = next_hit(x, y, ux, uy, 1e-6, segments, law.range_max - passed)
+            length, hit = next_hit(x, y, ux, uy, 1e-6, segments, model.range_max - passed)
             pane = -1.0
         elif kind == GLASS or is_back:
             # On through the pane, and through the other face of the wall that it is in.
@@ -216,8 +216,8 @@ def _behold(
             if kind == GLASS and not is_back:
                 echo *= _THROUGH_GLASS
             before = length
-            length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, law.range_max - passed)
-            far, thing = next_hit(x, y, ux, uy, before + 1e-6, surfaces.outside, law.range_max - passed)
+            length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, model.range_max - passed)
+            far, thing = next_hit(x, y, ux, uy, before + 1e-6, surfaces.outside, model.range_max - passed)
             if far < length:
                 outdoors, length, hit = True, far, thing
         else:
@@ -236,7 +236,7 @@ def _cosine(ux: float, uy: float, segments: FloatArray, s: int) -> float:
 
 @kernel
 def _along(x: float, y: float, ux: float, uy: float, length: float, segments: FloatArray, s: int) -> float:
-    """How far along a segment a beam meets it [m]."""
+    """Distance along a segment at which a beam meets it [m]."""
     ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
     dx, dy = x + length * ux - segments[s, 0], y + length * uy - segments[s, 1]
     return (dx * ex + dy * ey) / math.sqrt(ex * ex + ey * ey)
@@ -261,7 +261,7 @@ def _patch(surfaces: Surfaces, s: int, along: float) -> tuple[float, float, floa
 
 @kernel
 def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
-    """Whether glass returns a beam at a place from any side."""
+    """True if glass returns a beam at a place from any side."""
     return _hash(surfaces.seed + 3, math.floor(x / _DIRT_SIZE), math.floor(y / _DIRT_SIZE)) < _DIRTY_SHARE
 
 
@@ -276,7 +276,7 @@ def _blend(
     true: FloatArray,
     hits: IntArray,
     segments: FloatArray,
-    law: BeamLaw,
+    model: BeamModel,
 ) -> float:
     """The range of a beam whose footprint lies over an edge: in between, by the parts of it on either side."""
     for j in (i - 1, i + 1):
@@ -289,12 +289,12 @@ def _blend(
         for end in (0, 2):
             ex, ey = segments[s, end] - x, segments[s, end + 1] - y
             angle = math.atan2(ux * ey - uy * ex, ux * ex + uy * ey) * (j - i)
-            if -1e-9 <= angle <= law.angle_increment:
+            if -1e-9 <= angle <= model.angle_increment:
                 off = min(off, max(0.0, angle))
-        if off >= 0.5 * law.beam_width:
+        if off >= 0.5 * model.beam_width:
             continue
-        major = 0.5 + off / law.beam_width
-        if is_near and true[j] > law.range_max:
+        major = 0.5 + off / model.beam_width
+        if is_near and true[j] > model.range_max:
             continue
         gap = abs(true[j] - true[i])
         if gap < _BLENDING:
@@ -316,7 +316,7 @@ def _hash(seed: int, i: int, j: int) -> float:
 
 @kernel
 def _no_corners() -> FloatArray:
-    """What :func:`_smooth_noise` remembers, before its first call."""
+    """The memory of :func:`_smooth_noise` before its first call."""
     return np.full(6, np.nan)
 
 

@@ -1,4 +1,4 @@
-"""What is in a building but not in its drawing: furniture, doors' leaves, people."""
+"""Things in a building that its drawing doesn't have: furniture, doors' leaves, people."""
 
 import logging
 from collections.abc import Sequence
@@ -43,7 +43,7 @@ _LEG = 0.1
 class ClutterConfig(
     Settings, section="clutter", dropped={"passage": _PASSAGE, "walking_speed": list(_WALKING_SPEED)}
 ):
-    """How much there is of it. The default is an empty building."""
+    """Amounts of furniture, doors and people. The default is an empty building."""
 
     furniture: Annotated[float, Within(ge=0.0, le=3.0)] = 0.0
     """Share of the usual furniture that is there: 0 an empty building, 1 a furnished one, 2 a crowded one with twice as
@@ -51,7 +51,7 @@ class ClutterConfig(
     placed."""
 
     untidiness: Share = 0.0
-    """How untidy furnished rooms are: chairs stand at any angle about their tables, and small things on the floor,
+    """Untidiness of furnished rooms: chairs stand at any angle about their tables, and small things on the floor,
     one for each square metre at 1."""
 
     doors: Share = 0.0
@@ -67,7 +67,7 @@ class ClutterConfig(
     """Closed doors may cut rooms off; :attr:`Clutter.cut_off` names them."""
 
     changes: NonNegative = 0.0
-    """How often a chair is moved or a door's leaf swings while the robot drives [1/min]."""
+    """Rate at which a chair is moved or a door's leaf swings while the robot drives [1/min]."""
 
     people: CountOrZero = 0
     """Number of people who walk about."""
@@ -83,10 +83,10 @@ class Clutter:
     """Furniture, doors' leaves and people of one building, world frame."""
 
     furniture: tuple[FloatArray, ...] = ()
-    """What stands on the floor and stays there, bodies and single legs: corners of each, shape (K, 2) [m]."""
+    """Solids that stand on the floor and stay there, bodies and single legs: corners of each, shape (K, 2) [m]."""
 
     outlines: FloatArray = field(default_factory=lambda: np.empty((0, 6)))
-    """What pieces cover as seen from above, with what lies between their legs, the room for their chairs and all
+    """Areas that pieces cover as seen from above, with what lies between their legs, the room for their chairs and all
     places of doors' leaves: boxes as :mod:`slamgym.sim.passages` has them, shape (B, 6)."""
 
     movables: tuple[tuple[tuple[FloatArray, ...], ...], ...] = ()
@@ -107,10 +107,10 @@ class Clutter:
     """Pieces for which there was no room."""
 
     changes: float = 0.0
-    """How often one of the movables goes to another place [1/s]."""
+    """Rate at which one of the movables goes to another place [1/s]."""
 
     seed: int = 0
-    """Of these changes."""
+    """Seed of these changes."""
 
     def segments(self) -> FloatArray:
         """Outlines of what stands at first, shape (S, 4) as x0, y0, x1, y1 [m]: furniture, then the movables."""
@@ -129,7 +129,7 @@ class Clutter:
 
 
 def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
-    """What contacts and scanners meet of solids, shape (S, 4) [m]: the diagonals of legs, and others' edges."""
+    """Segments of solids that contacts and scanners meet, shape (S, 4) [m]: diagonals of legs, and others' edges."""
     parts = [np.empty((0, 4))]
     boxes = np.array([corners for corners in solids if len(corners) == 4]).reshape(-1, 4, 2)
     is_leg = np.ptp(boxes, axis=1).max(axis=1, initial=0.0) < _LEG
@@ -168,7 +168,7 @@ class Changes:
             self._put(index, 0)
 
     def furniture(self) -> tuple[FloatArray, ...]:
-        """What stands on the floor now: corners of each solid, shape (K, 2) [m]."""
+        """Solids that stand on the floor now: corners of each solid, shape (K, 2) [m]."""
         if not self.movables:
             return self._clutter.solids()
         moved = zip(self.movables, self._now, strict=True)
@@ -303,7 +303,7 @@ def _hang_leaves(
 
 
 def _cuts_off(passages: Passages, leaf: FloatArray, radius: float) -> bool:
-    """Whether a closed door would cut the building in two."""
+    """True if a closed door would cut the building in two."""
     count = passages.parts(radius)[1].max()
     return bool(passages.with_box(leaf).parts(radius)[1].max() > count)
 

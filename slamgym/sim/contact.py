@@ -36,7 +36,7 @@ _ITERATIONS = 30
 _SOLVER_STEP = 0.01
 
 Velocity = tuple[float, float, float]
-"""Of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
+"""Velocity of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
 
 _set_position = vars(pymunk.Body)["position"].__set__
 _set_angle = vars(pymunk.Body)["angle"].__set__
@@ -136,7 +136,7 @@ class DiscBody(NamedTuple):
 
 
 class DiscContacts(NamedTuple):
-    """What the solver remembers from step to step, one row a robot; S is the most walls that one has."""
+    """State of the solver between steps, one row a robot; S is the most walls that one has."""
 
     order: IntArray  # (N, S) see :func:`wall_order`
     pairs: IntArray  # (N, S) walls near the robot
@@ -148,7 +148,7 @@ class DiscContacts(NamedTuple):
 
     @classmethod
     def none(cls, count: int, walls: int) -> "DiscContacts":
-        """Of so many robots that have touched nothing, among so many walls at most."""
+        """State of so many robots that have touched nothing, among so many walls at most."""
         order, pairs, stamps = (np.zeros((count, walls), dtype=np.int64) for _ in range(3))
         near, push = np.zeros((count, 4)), np.zeros((count, 3))
         marks = np.zeros((count, 3), dtype=np.int64)

@@ -42,7 +42,7 @@ class PlacedPiece:
 
 @dataclass(frozen=True)
 class Wish:
-    """How a building is to be furnished."""
+    """The way in which a building is to be furnished."""
 
     share: float  # of the usual furniture; more than 1 crowds the rooms
     radii: FloatArray  # discs that must still reach all they reached [m]
@@ -169,7 +169,7 @@ def _about_middle(shape: Shape, room: RoomArea, spread: float, draws: FloatArray
 
 @kernel
 def _boxes(depth: float, width: float, poses: FloatArray) -> FloatArray:
-    """What a piece would cover at some poses, shape (N, 6)."""
+    """Boxes that a piece would cover at some poses, shape (N, 6)."""
     boxes = np.empty((len(poses), 6))
     for i in range(len(poses)):
         cos, sin = math.cos(poses[i, 2]), math.sin(poses[i, 2])

@@ -63,7 +63,7 @@ Corners = Sequence[tuple[float, float]]
 
 @dataclass(frozen=True)
 class Shape:
-    """What stands on the floor, in a frame whose y axis is the piece's back and whose x axis leads away."""
+    """Solids that stand on the floor, in a frame whose y axis is the piece's back and whose x axis leads away."""
 
     depth: float  # of all it needs, with the room for its chairs [m]
     width: float
@@ -129,7 +129,7 @@ def _chair(
 
 
 def _solids(form: Form, back: float, width: float, depth: float) -> Sequence[Corners]:
-    """What stands on the floor of a piece whose back lies at x = ``back``."""
+    """Solids of a piece whose back lies at x = ``back``."""
     half, front, middle = 0.5 * width, back + depth, back + 0.5 * depth
     if form == "solid":
         return (_box(back, -half, front, half),)
@@ -235,7 +235,7 @@ SMALL_THINGS = (
     Piece((0.2, 0.6), (0.03, 0.05), turned=0.1),
     Piece((0.1, 0.4), (0.1, 0.3), turned=1.0),
 )
-"""What lies and stands about where it is untidy: bags, toys, shoes, stands, stools, boards against a wall, boxes."""
+"""Things that lie and stand about in untidy rooms: bags, toys, shoes, stands, stools, boards, boxes."""
 
 # For rooms of no known category.
 _ANY_ROOM = (
@@ -247,7 +247,7 @@ _ANY_ROOM = (
 
 
 def pieces_for(category: str) -> tuple[Piece, ...]:
-    """What belongs in a room of a category, in the order in which it is placed."""
+    """Pieces that belong in a room of a category, in the order in which it is placed."""
     name = category.lower()
     for words, pieces in _CATALOGUE.items():
         if any(word in name for word in words):

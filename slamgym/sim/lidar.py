@@ -19,7 +19,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.sim.beams import BeamLaw, blur_beams, fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import BeamModel, blur_beams, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
 from slamgym.sim.raycast import cast_sweep
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
@@ -87,7 +87,7 @@ class LidarConfig(Settings, section="lidar"):
     """Width of a beam's footprint; over an edge it measures a range in between [deg]."""
 
     attenuation: NonNegative = 0.1
-    """How much of the echo of a matt white wall straight ahead at ``range_max`` is needed to hear it; farther,
+    """Share of the echo of a matt white wall straight ahead at ``range_max`` that is needed to hear it; farther,
     darker and flatter surfaces are lost. 0: every echo is heard."""
 
     lost: Share = 0.001
@@ -100,7 +100,7 @@ class LidarConfig(Settings, section="lidar"):
     """Probability of a burst of cross-talk in a scan: some neighbouring beams read short."""
 
     surfaces: SurfaceConfig = OPAQUE_SURFACES
-    """What the building is made of."""
+    """Materials of the building."""
 
     def _check(self) -> None:
         if self.range_min >= self.range_max:
@@ -175,13 +175,13 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
 
 
 class Sighting(NamedTuple):
-    """What the beams of a scanner meet, without errors."""
+    """Surfaces that the beams of a scanner meet, without errors."""
 
     sensors: FloatArray
     """Poses of the sensor in the frame of the segments, shape (K, 3) [m, m, rad]: of each part of the beams."""
 
     segments: FloatArray
-    """What can be seen, shape (S, 4) [m]."""
+    """Segments that can be seen, shape (S, 4) [m]."""
 
     ranges: FloatArray
     """Distances along the beams, shape (num_beams,) [m]; ``inf`` where nothing is within the range."""
@@ -196,15 +196,15 @@ class Lidar:
     Attributes:
         geometry: The beams.
         law: What decides about an echo.
-        depends_on_place: Whether errors belong to places.
-        is_perfect: Whether there are none.
+        depends_on_place: True if errors belong to places.
+        is_perfect: True if there are none.
     """
 
     def __init__(self, config: LidarConfig) -> None:
         self.config = config
         self.geometry = config.geometry
         self._plain = no_surfaces()
-        self.law = BeamLaw(
+        self.law = BeamModel(
             self.geometry.angle_min,
             self.geometry.angle_increment,
             float(config.range_max),
@@ -219,7 +219,7 @@ class Lidar:
         self.is_perfect = config == lidar_level("exact", config)
 
     def look(self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)) -> Sighting:
-        """What each beam meets first.
+        """Find the surface that each beam meets first.
 
         Convention: ``pose`` is the robot's *base* in the frame of the segments when the last beam is measured; the
         mount is applied here.

@@ -57,7 +57,7 @@ def clearance(x: float, y: float, segments: FloatArray, discs: FloatArray) -> fl
 
 @kernel
 def inside(x: float, y: float, segments: FloatArray) -> bool:
-    """Whether a point lies within the closed outlines that the segments form, by the even-odd rule."""
+    """True if a point lies within the closed outlines that the segments form, by the even-odd rule."""
     odd = False
     for s in range(segments.shape[0]):
         ax, ay, bx, by = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
@@ -82,7 +82,7 @@ def ramp(velocity: float, target: float, acceleration: float, span: float) -> tu
 def wished(
     state: FloatArray, target_linear: float, target_angular: float, limits: FloatArray, span: float
 ) -> tuple[float, float, float, float, float, float, float]:
-    """What the drive does towards a target velocity over a short span, if nothing is in the way.
+    """Motion of the drive towards a target velocity over a short span, if nothing is in the way.
 
     Args:
         state: Drive state.

@@ -24,7 +24,7 @@ PASSAGE_CELL = 0.05
 """Side of a cell [m]."""
 
 ROUNDING = 0.005
-"""What a path over the raster's cells may come nearer to an obstacle than the cells themselves [m]."""
+"""A path over the raster's cells comes nearer to an obstacle than the cells themselves by this at most [m]."""
 
 
 class Passages:
@@ -242,7 +242,7 @@ def _draw_box(
 
 @kernel
 def _meets_segment(box: FloatArray, segment: FloatArray) -> bool:
-    """Whether a segment meets a box, by clipping it to the box (Liang and Barsky)."""
+    """True if a segment meets a box, by clipping it to the box (Liang and Barsky)."""
     low, high = 0.0, 1.0
     dx, dy = segment[0] - box[0], segment[1] - box[1]
     ex, ey = segment[2] - segment[0], segment[3] - segment[1]
@@ -260,7 +260,7 @@ def _meets_segment(box: FloatArray, segment: FloatArray) -> bool:
 
 @kernel
 def _overlap(a: FloatArray, b: FloatArray) -> bool:
-    """Whether two boxes overlap, by the separating axis theorem."""
+    """True if two boxes overlap, by the separating axis theorem."""
     dx, dy = b[0] - a[0], b[1] - a[1]
     cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
     return (

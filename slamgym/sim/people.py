@@ -50,7 +50,7 @@ class Walkable:
     origin: tuple[float, float]  # lower left corner [m]
 
     def covers(self, here: FloatArray, there: FloatArray) -> bool:
-        """Whether a straight path stays on it; points (x, y) [m]."""
+        """True if a straight path stays on it; points (x, y) [m]."""
         number = 2 + int(np.hypot(*(there - here)) / (0.5 * PASSAGE_CELL))
         path = (here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin) / PASSAGE_CELL
         cols, rows = np.floor(path).astype(np.int64).T
@@ -72,7 +72,7 @@ class Crowd:
         self._people = people
         self._walkable = walkable
         self.discs = np.empty((len(people), 3))
-        """What can be touched, shape (P, 3) as x, y, radius [m]."""
+        """Discs that can be touched, shape (P, 3) as x, y, radius [m]."""
         self.reset()
 
     def reset(self) -> None:
@@ -94,7 +94,7 @@ class Crowd:
                 self._walk(index, span / pieces, (robot_x, robot_y, robot_radius))
 
     def legs(self) -> FloatArray:
-        """What the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
+        """Segments that the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
         angles = np.arange(_LEG_CORNERS + 1) * (2.0 * math.pi / _LEG_CORNERS)
         ring = _LEG_RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
         outlines = []
@@ -134,7 +134,7 @@ class Crowd:
         there: tuple[float, float],
         robot: tuple[float, float, float],
     ) -> bool:
-        """Whether nobody is too near to a place; stepping back from somebody near is always free."""
+        """True if nobody is too near to a place; stepping back from somebody near is always free."""
         others = [tuple(disc) for other, disc in enumerate(self.discs.tolist()) if other != index]
         for x, y, radius in (robot, *others):
             distance = math.hypot(x - there[0], y - there[1])

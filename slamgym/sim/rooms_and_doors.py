@@ -74,7 +74,7 @@ class RoomArea:
     """Shape (W, 4), each with the free space on its left [m]."""
 
     label: int
-    """Of its cells, as :func:`room_areas` gives them."""
+    """Label of its cells, as :func:`room_areas` gives them."""
 
     @cached_property
     def longest_wall(self) -> FloatArray:

@@ -41,7 +41,7 @@ _SIMPLIFICATION = 0.01
 
 
 class Motion(NamedTuple):
-    """What happened to the robot during one step."""
+    """The robot's motion during one step."""
 
     pose: Pose2D
     """True pose after the step, world frame."""
@@ -50,11 +50,11 @@ class Motion(NamedTuple):
     """True motion of the body, in the frame of the pose before the step."""
 
     wheels: tuple[float, float]
-    """How far the left and the right wheel rolled [m]; more or less than the body moved where contact made
+    """Distances that the left and the right wheel rolled [m]; more or less than the body moved where contact made
     them slip."""
 
     contact: bool
-    """Whether contact stopped or deflected the body at any time during the step."""
+    """True if contact stopped or deflected the body at any time during the step."""
 
     distance: float
     """Distance of the axle's middle, forward or backward [m]."""
@@ -132,7 +132,7 @@ class World:
         return self._visible
 
     def furniture(self) -> tuple[FloatArray, ...]:
-        """What stands on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
+        """Solids that stand on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
         return self._changes.furniture()
 
     def reset(self, pose: Pose2D) -> None:

@@ -1,4 +1,4 @@
-"""What the surfaces of a building are made of, as far as a laser scanner notices.
+"""Materials of a building's surfaces, as far as a laser scanner notices.
 
 Materials belong to the place: they are drawn once for a building, from its own geometry and a seed, so that the same
 pane is glass in every scan of every episode, and no other source of randomness moves. Each wall is cut into modules
@@ -54,7 +54,7 @@ _FRAME_WIDTH = 0.08  # [m] of a door's frame
 
 
 class SurfaceConfig(Settings, section="lidar.surfaces"):
-    """How much of a building is hard to see for a scanner. The default is matt white everywhere and even."""
+    """Shares of a building that are hard to see for a scanner. The default is matt white everywhere and even."""
 
     glazing: ShareBelowOne = 0.0
     """Share of the outer walls' length that is glass at the scanner's height: gaps between curtains, French windows,
@@ -101,13 +101,13 @@ class Surfaces(NamedTuple):
     """Shape (P, 5): begin and end along the segment [m], kind, echo (1: a white wall), how far it stands out [m]."""
 
     outside: FloatArray
-    """What can be seen through glass only, shape (K, 4) as x0, y0, x1, y1 [m]."""
+    """Segments that can be seen through glass only, shape (K, 4) as x0, y0, x1, y1 [m]."""
 
     num_walls: int
     """The first segments are the walls' faces."""
 
     seed: int
-    """Of all that varies smoothly with the place."""
+    """Seed of all that varies smoothly with the place."""
 
     roughness: float
     """Standard deviation of a wall's evenness [m]."""
@@ -181,7 +181,7 @@ def furnished_surfaces(walls: Surfaces, furniture: FloatArray, config: SurfaceCo
 
 
 def _outer(plan: "FloorPlan", walls: FloatArray) -> list[bool]:
-    """Whether there is nothing behind each wall: no other room within the thickness of a wall."""
+    """True if there is nothing behind each wall: no other room within the thickness of a wall."""
     import shapely
 
     middles = 0.5 * (walls[:, :2] + walls[:, 2:])

@@ -1,4 +1,4 @@
-"""What all engines have in common: tasks on their way to workers, fresh ones and those whose worker died."""
+"""Common parts of all engines: tasks on their way to workers, fresh ones and those whose worker died."""
 
 import faulthandler
 import os
@@ -133,7 +133,7 @@ class Engine(ABC):
 
 
 class Backlog(Generic[_Item]):
-    """What an engine submits next: tasks whose worker died, then fresh items.
+    """Tasks that an engine submits next: tasks whose worker died, then fresh items.
 
     Args:
         items: The tasks' arguments.

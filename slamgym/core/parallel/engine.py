@@ -62,7 +62,7 @@ class Execution:
     engine: EngineName = "local"
     """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
     address: str | None = None
-    """Of the Ray cluster; None starts one on this machine."""
+    """Address of the Ray cluster; None starts one on this machine."""
     task_timeout: float = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted."""
 

@@ -33,7 +33,7 @@ SINGLE_THREADED = {
 """Every worker computes on one thread: the tasks themselves are the parallelism."""
 
 PARENT_CHECK_INTERVAL = 0.5
-"""How often a worker looks whether its parent lives [s]."""
+"""Time after which a worker looks again whether its parent lives [s]."""
 
 
 class InProcessEngine(Engine):
@@ -109,7 +109,7 @@ class LocalEngine(Engine):
 def _result_of(
     future: Future[_Result], attempt: Attempt[_Item], backlog: Backlog[_Item]
 ) -> _Result | Lost[_Item] | None:
-    """What a task gave; None if its worker died and it will be tried again."""
+    """Result of a task; None if its worker died and it will be tried again."""
     try:
         result = future.result()
     except BrokenProcessPool as error:

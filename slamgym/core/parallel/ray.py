@@ -28,7 +28,7 @@ SMALLEST_STORE = 128 << 20
 """Ray refuses less than 75 MiB."""
 
 CONNECTION_TIMEOUT = 10.0
-"""How long a cluster's head may take to accept a connection [s]."""
+"""Longest time that a cluster's head may take to accept a connection [s]."""
 
 _REASON_LENGTH = 200
 
@@ -130,7 +130,7 @@ def _no_answer(where: str, error: Exception) -> ConfigError:
 
 
 def one_line(error: Exception) -> str:
-    """What an error says, on one line of some length."""
+    """The text of an error, on one line of some length."""
     text = " ".join(str(error).split()) or type(error).__name__
     return text if len(text) <= _REASON_LENGTH else text[: _REASON_LENGTH - 3] + "..."
 
@@ -140,7 +140,7 @@ IN_FLIGHT_PER_CPU = 2
 grow sees that there is work."""
 
 FETCH_TIMEOUT = 60.0
-"""How long the few MB of a result that is ready may take to arrive [s]."""
+"""Longest time that the few MB of a result that is ready may take to arrive [s]."""
 
 
 class RayEngine(Engine):
@@ -162,7 +162,7 @@ class RayEngine(Engine):
     def __init__(self, workers: int, address: str | None = None, timeout: float | None = None) -> None:
         self._ray = import_ray()
         self._is_ours = not self._ray.is_initialized()
-        """Whether the connection was made here, and ends here."""
+        """True if the connection was made here, and ends here."""
         if self._is_ours:
             connect(self._ray, workers, address)
         self._most = workers
@@ -208,7 +208,7 @@ class RayEngine(Engine):
     def _result_of(
         self, reference: Any, attempt: Attempt[_Item], backlog: Backlog[_Item]
     ) -> _Result | Lost[_Item] | None:
-        """What a task gave; None if it was lost and will be tried again."""
+        """Result of a task; None if it was lost and will be tried again."""
         errors = self._ray.exceptions
         try:
             result: _Result = self._ray.get(reference, timeout=FETCH_TIMEOUT)
@@ -236,7 +236,7 @@ class RayEngine(Engine):
         return next((cause for kind, cause in causes.items() if isinstance(error, kind)), None)
 
     def _in_flight_limit(self) -> int:
-        """How many tasks may be under way, by the present size of the cluster."""
+        """Number of tasks that may be under way, by the present size of the cluster."""
         limit = max(1, IN_FLIGHT_PER_CPU * self._cpus())
         return min(limit, self._most) if self._most and not self._is_ours else limit
 

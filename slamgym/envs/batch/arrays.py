@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
-from slamgym.sim.beams import BeamLaw
+from slamgym.sim.beams import BeamModel
 from slamgym.sim.contact import SKIN, DiscBody
 from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
@@ -69,7 +69,7 @@ class Scenes(NamedTuple):
 class Scanner(NamedTuple):
     """What all scanners have in common."""
 
-    law: BeamLaw
+    law: BeamModel
     mount: tuple[float, float, float]  # in the base frame [m, m, rad]
     directions: FloatArray  # (num_beams, 2) in the sensor frame
     range_min: float  # [m]
