@@ -30,7 +30,6 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.commands.generate.GenerateArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.explore_env.ExploreEnv": 18,
-    "slamgym.envs.rewards.StepRecord": 16,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.sim.space.World": 16,

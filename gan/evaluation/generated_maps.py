@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.grids import paste
+from slamgym.core.geometry import paste
 from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
 from slamgym.gan.encoding import resample_grey

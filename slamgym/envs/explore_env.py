@@ -16,7 +16,7 @@ from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.episode_log import EpisodeLog
-from slamgym.envs.observations import Measurements, Moment, make_view, observation_space
+from slamgym.envs.observations import Measurements, SensedStep, make_view, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
 from slamgym.envs.rewards import Reward, RewardFunction
 from slamgym.envs.simulation import Actions, Simulation
@@ -347,7 +347,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         simulation = self.simulation
         ranges, pose, velocity = simulation.scan.ranges, simulation.believed_pose, simulation.velocity
         is_new = simulation.is_new_scan_processed
-        seen = self._view.look(Moment(simulation.mapper, ranges, pose, velocity, is_new, is_publication_due))
+        seen = self._view.look(
+            SensedStep(simulation.mapper, ranges, pose, velocity, is_new, is_publication_due)
+        )
         if self.config.observation.preset != "dict":
             return seen
         return self._measurements.observe(seen, ranges, pose, velocity, (simulation.scan.stamp,))

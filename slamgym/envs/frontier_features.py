@@ -1,4 +1,4 @@
-"""What a policy knows of the frontiers it may choose from: features of each, and of the whole.
+"""Features of the frontiers that a policy may choose from, and of the whole exploration.
 
 All of it is belief: map, believed pose and clock, as the
 :class:`~slamgym.planning.exploration_loop.ExplorationLoop` has them. Neither the floor plan, nor the true pose, nor
@@ -8,27 +8,23 @@ the true coverage can get in here.
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray, Observation, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Observation, Pose2D
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
 from slamgym.planning.frontier_feature_kernels import (
-    UnknownRegion,
-    classify_costs,
-    coarse_cells,
     cut_frontier_crop,
-    explore_unknown_region,
 )
 from slamgym.planning.frontiers import expected_gain
 from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
 from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
+from slamgym.planning.remaining import unknown_regions
 
 FEATURE_VERSION = 3
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
@@ -37,11 +33,6 @@ CROP_PX = 13
 """Side of the crop about a candidate [cells]."""
 CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
-
-NEAR_UNKNOWN = 1.5
-"""The unknown region behind a frontier is measured up to this distance ... [m]"""
-FAR_UNKNOWN = 4.0
-"""... and to this one [m]."""
 
 _EXPOSURE_UNIT = 1.5  # [m]
 _FARTHEST_WALL = 3.0  # [m]
@@ -53,96 +44,19 @@ LIMIT = 10.0
 """Features are cut off here."""
 
 
-@dataclass(frozen=True)
-class _Measured:
-    """A candidate and what was measured of it."""
-
-    candidate: FrontierCandidate
-    bearing: tuple[float, float]  # its middle, ahead and left of the robot [m]
-    turns: tuple[float, float]  # at the start of the path, and from its end to the frontier [rad]
-    size: float  # [m]
-    extent: float  # [m]
-    gain: float  # unknown area in sight [m2]
-    cell: float  # side of a cell of the unknown region [m]
-    unknown: UnknownRegion
-    clearance: float  # distance of its middle from walls [m]
-    exposure: float  # mean distance of the path from walls [m]
-    others: tuple[float, float]  # distance to the nearest other candidate, and the mean distance [m]
-    is_target: bool
-    expected: float  # unseen floor behind it by the estimate that promises go by, inf where it has none [m2]
-    tour: int  # its position in the shortest tour through all candidates
-    tour_detour: float  # how much longer that tour is if it begins here [m]
-
-
-_CANDIDATE_TABLE: tuple[tuple[str, Callable[[_Measured], float]], ...] = (
-    ("path_length", lambda m: m.candidate.path_length / 10.0),
-    ("path_cost", lambda m: m.candidate.path_cost / 20.0),
-    ("straight_distance", lambda m: m.candidate.frontier.min_distance / 10.0),
-    ("ahead", lambda m: m.bearing[0] / 10.0),
-    ("left", lambda m: m.bearing[1] / 10.0),
-    ("heading_cos", lambda m: math.cos(m.turns[0])),
-    ("heading_sin", lambda m: math.sin(m.turns[0])),
-    ("heading_change", lambda m: abs(m.turns[0]) / math.pi),
-    ("arrival_turn", lambda m: abs(m.turns[1]) / math.pi),
-    ("size", lambda m: m.size / 3.0),
-    ("extent", lambda m: m.extent / 3.0),
-    ("elongation", lambda m: m.extent / max(m.size, 0.1)),
-    ("gain", lambda m: m.gain / 15.0),
-    ("gain_per_metre", lambda m: m.gain / 10.0 / (1.0 + m.candidate.path_length)),
-    ("unknown_near", lambda m: m.unknown.near * m.cell**2 / 5.0),
-    ("unknown_far", lambda m: m.unknown.far * m.cell**2 / 20.0),
-    ("unknown_outside", lambda m: m.unknown.outside),
-    ("unknown_enclosed", lambda m: m.unknown.is_enclosed),
-    ("unknown_free_border", lambda m: m.unknown.free * m.cell / 5.0),
-    ("unknown_wall_border", lambda m: m.unknown.occupied * m.cell / 10.0),
-    ("unknown_frontiers", lambda m: m.unknown.frontiers / 4.0),
-    ("clearance", lambda m: m.clearance / 1.5),
-    ("doorway", lambda m: float(m.extent < 1.3 and m.clearance < 0.7)),
-    ("exposure", lambda m: m.exposure / _EXPOSURE_UNIT),
-    ("nearest_other", lambda m: m.others[0] / 5.0),
-    ("mean_other", lambda m: m.others[1] / 10.0),
-    ("is_target", lambda m: float(m.is_target)),
-    ("path_detour", lambda m: m.candidate.path_length / max(m.candidate.frontier.min_distance, 0.5) / 3.0),
-    ("expected", lambda m: 0.5 * math.log10(1.0 + 10.0 * min(m.expected, _LARGEST_EXPECTED))),
-    ("tour", lambda m: 1.0 / (1.0 + m.tour)),
-    ("tour_detour", lambda m: m.tour_detour / 5.0),
-)
-
-CANDIDATE_FEATURES: tuple[str, ...] = tuple(name for name, _ in _CANDIDATE_TABLE)
+CANDIDATE_FEATURES: tuple[str, ...] = (
+    "path_length", "path_cost", "straight_distance", "ahead", "left", "heading_cos", "heading_sin",
+    "heading_change", "arrival_turn", "size", "extent", "elongation", "gain", "gain_per_metre", "unknown_near",
+    "unknown_far", "unknown_outside", "unknown_enclosed", "unknown_free_border", "unknown_wall_border",
+    "unknown_frontiers", "clearance", "doorway", "exposure", "nearest_other", "mean_other", "is_target",
+    "path_detour", "expected", "tour", "tour_detour",
+)  # fmt: skip
 """Features of each candidate; docs/learning.md explains them."""
 
-
-class _Overall(NamedTuple):
-    """What was measured of the whole exploration."""
-
-    loop: ExplorationLoop
-    growth: float  # of the known area, lately [m2/s]
-    since_growth: float  # [s]
-    since_last: float  # decision [s]
-    length: float  # of all candidates' frontiers, as a feature
-    gain: float  # of all candidates, as a feature
-    width: float  # of what is known [m]
-    height: float  # [m]
-    unseen: float  # estimated share of the floor
-
-
-_GLOBAL_TABLE: tuple[tuple[str, Callable[[_Overall], float]], ...] = (
-    ("time", lambda o: o.loop.time / 600.0),
-    ("known_area", lambda o: o.loop.known_area / 100.0),
-    ("growth", lambda o: o.growth),
-    ("time_since_growth", lambda o: o.since_growth / 20.0),
-    ("last_duration", lambda o: o.since_last / 10.0),
-    ("frontiers", lambda o: o.loop.num_frontiers / 16.0),
-    ("frontier_length", lambda o: o.length / 5.0),
-    ("total_gain", lambda o: o.gain / 5.0),
-    ("known_width", lambda o: o.width / 15.0),
-    ("known_height", lambda o: o.height / 15.0),
-    ("known_share", lambda o: o.loop.known_area / (o.width * o.height)),
-    ("ending", lambda o: float(o.loop.round)),
-    ("unseen_share", lambda o: 1.0 + 0.25 * math.log10(max(o.unseen, 1e-4))),
-)
-
-GLOBAL_FEATURES: tuple[str, ...] = tuple(name for name, _ in _GLOBAL_TABLE)
+GLOBAL_FEATURES: tuple[str, ...] = (
+    "time", "known_area", "growth", "time_since_growth", "last_duration", "frontiers", "frontier_length",
+    "total_gain", "known_width", "known_height", "known_share", "ending", "unseen_share",
+)  # fmt: skip
 """Features of the exploration as a whole."""
 
 
@@ -200,18 +114,18 @@ class FrontierFeatures:
         rows: FloatArray = np.zeros((0, own))
         if candidates:
             measured = _measure(loop, costmap, observation["crops"])
-            rows = np.array([[value(one) for _, value in _CANDIDATE_TABLE] for one in measured])
+            rows = np.array([[one[name] for name in CANDIDATE_FEATURES] for one in measured])
             observation["candidates"][: len(rows), :own] = np.clip(rows, -LIMIT, LIMIT)
             if self._extra:
                 further = np.clip(self._extra.measure(loop), -LIMIT, LIMIT)
                 observation["candidates"][: len(rows), own:] = further
             observation["mask"][: len(rows)] = 1.0
-        overall = self._measure_whole(loop, costmap, rows)
-        values = [value(overall) for _, value in _GLOBAL_TABLE]
-        observation["globals"][:] = np.clip(values, -LIMIT, LIMIT)
+        whole = self._measure_whole(loop, costmap, rows)
+        observation["globals"][:] = np.clip([whole[name] for name in GLOBAL_FEATURES], -LIMIT, LIMIT)
         return observation
 
-    def _measure_whole(self, loop: ExplorationLoop, costmap: Costmap, rows: FloatArray) -> _Overall:
+    def _measure_whole(self, loop: ExplorationLoop, costmap: Costmap, rows: FloatArray) -> dict[str, float]:
+        """Features of the whole, given those of the candidates, shape (N, len(CANDIDATE_FEATURES))."""
         time, area = loop.time, loop.known_area
         last_time, last_area = self._history[-1]
         if area > last_area + 0.05:
@@ -220,20 +134,25 @@ class FrontierFeatures:
         while len(self._history) > 2 and self._history[1][0] <= time - 20.0:
             self._history.popleft()
         since, before = self._history[0]
-        frame, remains = costmap.frame, loop.remains()
-        return _Overall(
-            loop=loop,
-            growth=(area - before) / max(time - since, 1.0),
-            since_growth=time - self._grown_at,
-            since_last=time - last_time,
-            length=float(rows[:, CANDIDATE_FEATURES.index("size")].sum()),
-            gain=float(rows[:, CANDIDATE_FEATURES.index("gain")].sum()),
-            width=max(
-                0.1, frame.width_px * frame.resolution - 1.0
-            ),  # without the margin about the known part
-            height=max(0.1, frame.height_px * frame.resolution - 1.0),
-            unseen=pretrained_unseen_floor().share(remains) if remains is not None else 1.0,
-        )
+        remains = loop.remains()
+        unseen = pretrained_unseen_floor().share(remains) if remains is not None else 1.0
+        # Without the margin about the known part.
+        height, width = (max(0.1, size * costmap.frame.resolution - 1.0) for size in costmap.frame.shape)
+        return {
+            "time": time / 600.0,
+            "known_area": area / 100.0,
+            "growth": (area - before) / max(time - since, 1.0),
+            "time_since_growth": (time - self._grown_at) / 20.0,
+            "last_duration": (time - last_time) / 10.0,
+            "frontiers": loop.num_frontiers / 16.0,
+            "frontier_length": float(rows[:, CANDIDATE_FEATURES.index("size")].sum()) / 5.0,
+            "total_gain": float(rows[:, CANDIDATE_FEATURES.index("gain")].sum()) / 5.0,
+            "known_width": width / 15.0,
+            "known_height": height / 15.0,
+            "known_share": area / (width * height),
+            "ending": float(loop.round),
+            "unseen_share": 1.0 + 0.25 * math.log10(max(unseen, 1e-4)),
+        }
 
 
 def action_mask(observation: Observation) -> BoolArray:
@@ -248,51 +167,62 @@ def exposures(observation: Observation) -> FloatArray:
     return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * _EXPOSURE_UNIT
 
 
-def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[_Measured]:
-    """Measure the candidates; fills their crops."""
-    candidates, pose = loop.candidates, loop.pose
-    classes = classify_costs(costmap.costs, COARSENING)
-    labels = np.full(classes.shape, -1, np.int16)
-    cells = [coarse_cells(one.frontier.cells, COARSENING, classes.shape) for one in candidates]
-    for index, coarse in enumerate(cells):
-        labels[coarse[:, 0], coarse[:, 1]] = index
-    middles = np.array([one.frontier.middle for one in candidates])
-    others = _nearest_and_mean(middles)
-    resolution = costmap.frame.resolution
-    cell = resolution * COARSENING
-    margin = round(0.5 / cell)  # what a costmap keeps about the known part
-    steps = _path_steps(costmap)
-    expected = _expected(loop)
-    tour, tour_detours = _tour(loop, costmap)
+def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[dict[str, float]]:
+    """Features of the candidates; fills their crops."""
+    candidates, pose, resolution = loop.candidates, loop.pose, costmap.frame.resolution
+    classes, cell, regions = unknown_regions(costmap, [one.frontier.cells for one in candidates])
+    others = _nearest_and_mean(np.array([one.frontier.middle for one in candidates]))
+    steps = max(1, round(_STRETCH / cell))  # of a path, over which its direction is taken
+    expected, (tour, tour_detours) = _expected(loop), _tour(loop, costmap)
     measured = []
     for index, one in enumerate(candidates):
-        outward = _outward(one, costmap)
+        outward = _outward(one, costmap, steps)
         places = np.empty((1 + len(one.path), 2))
         places[0], places[1:] = one.frontier.middle, one.path
         clearances = _wall_distances(costmap, places)
-        _crop(one, outward, classes, costmap, crops[index])
+        row, col = (float(place) / COARSENING for place in costmap.frame.to_cell(*one.frontier.middle))
+        cut_frontier_crop(classes, row, col, outward, CROP_CELL / cell, crops[index])
+        (ahead, left), (turn, arrival) = _bearing(one, pose), _turns(one, pose, outward, steps)
+        length, straight, clearance = one.path_length, one.frontier.min_distance, float(clearances[0])
+        size, unknown = one.frontier.size * resolution, regions[index]
+        extent = float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0))))
+        gain = expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max)
+        behind = min(float(expected[index]), _LARGEST_EXPECTED)
         measured.append(
-            _Measured(
-                candidate=one,
-                bearing=_bearing(one, pose),
-                turns=_turns(one, pose, outward, steps),
-                size=one.frontier.size * resolution,
-                extent=float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0)))),
-                gain=expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max),
-                cell=cell,
-                unknown=explore_unknown_region(
-                    classes, labels, index, cells[index],
-                    (round(NEAR_UNKNOWN / cell), round(FAR_UNKNOWN / cell)), margin, len(candidates),
-                ),
-                clearance=float(clearances[0]),
-                exposure=float(clearances[1:].sum() / len(one.path)),
-                others=others[index],
-                is_target=loop.target is not None and one.target == loop.target.target,
-                expected=float(expected[index]),
-                tour=int(tour[index]),
-                tour_detour=float(tour_detours[index]),
-            )
-        )  # fmt: skip
+            {
+                "path_length": length / 10.0,
+                "path_cost": one.path_cost / 20.0,
+                "straight_distance": straight / 10.0,
+                "ahead": ahead / 10.0,
+                "left": left / 10.0,
+                "heading_cos": math.cos(turn),
+                "heading_sin": math.sin(turn),
+                "heading_change": abs(turn) / math.pi,
+                "arrival_turn": abs(arrival) / math.pi,
+                "size": size / 3.0,
+                "extent": extent / 3.0,
+                "elongation": extent / max(size, 0.1),
+                "gain": gain / 15.0,
+                "gain_per_metre": gain / 10.0 / (1.0 + length),
+                "unknown_near": unknown.near * cell**2 / 5.0,
+                "unknown_far": unknown.far * cell**2 / 20.0,
+                "unknown_outside": unknown.outside,
+                "unknown_enclosed": unknown.is_enclosed,
+                "unknown_free_border": unknown.free * cell / 5.0,
+                "unknown_wall_border": unknown.occupied * cell / 10.0,
+                "unknown_frontiers": unknown.frontiers / 4.0,
+                "clearance": clearance / 1.5,
+                "doorway": float(extent < 1.3 and clearance < 0.7),
+                "exposure": float(clearances[1:].sum() / len(one.path)) / _EXPOSURE_UNIT,
+                "nearest_other": others[index][0] / 5.0,
+                "mean_other": others[index][1] / 10.0,
+                "is_target": float(loop.target is not None and one.target == loop.target.target),
+                "path_detour": length / max(straight, 0.5) / 3.0,
+                "expected": 0.5 * math.log10(1.0 + 10.0 * behind),
+                "tour": 1.0 / (1.0 + int(tour[index])),
+                "tour_detour": float(tour_detours[index]) / 5.0,
+            }
+        )
     return measured
 
 
@@ -355,33 +285,11 @@ def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
     return np.minimum(there * np.float32(frame.resolution), np.float32(_FARTHEST_WALL))
 
 
-def _outward(candidate: FrontierCandidate, costmap: Costmap) -> float:
+def _outward(candidate: FrontierCandidate, costmap: Costmap, steps: int) -> float:
     """Direction from where the path ends to the frontier [rad]."""
     x, y = costmap.frame.to_point(*candidate.place)
     dx, dy = candidate.frontier.middle[0] - float(x), candidate.frontier.middle[1] - float(y)
-    if math.hypot(dx, dy) < costmap.frame.resolution and len(candidate.path) > 1:
-        dx, dy = (
-            float(value)
-            for value in candidate.path[-1]
-            - candidate.path[max(0, len(candidate.path) - 1 - _path_steps(costmap))]
-        )
+    path = candidate.path
+    if math.hypot(dx, dy) < costmap.frame.resolution and len(path) > 1:
+        dx, dy = (path[-1] - path[max(0, len(path) - 1 - steps)]).tolist()
     return math.atan2(dy, dx)
-
-
-def _path_steps(costmap: Costmap) -> int:
-    """Cells of a path that make up the stretch over which its direction is taken."""
-    return max(1, round(_STRETCH / (costmap.frame.resolution * COARSENING)))
-
-
-def _crop(
-    candidate: FrontierCandidate, outward: float, classes: ByteArray, costmap: Costmap, crop: Float32Array
-) -> None:
-    row, col = costmap.frame.to_cell(*candidate.frontier.middle)
-    cut_frontier_crop(
-        classes,
-        float(row) / COARSENING,
-        float(col) / COARSENING,
-        outward,
-        CROP_CELL / (costmap.frame.resolution * COARSENING),
-        crop,
-    )

@@ -166,7 +166,7 @@ def _within(values: Any, limits: Float32Array) -> Float32Array:
     return np.minimum(np.maximum(single, -limits, out=single), limits, out=single)
 
 
-class Moment(NamedTuple):
+class SensedStep(NamedTuple):
     """What is observed at the end of a step."""
 
     mapper: Mapper
@@ -180,7 +180,7 @@ class Moment(NamedTuple):
 class MapView(Protocol):
     """One episode's view of the map; what it looks at is the observation's map, or the whole one if it is compact."""
 
-    def look(self, now: Moment) -> Any:
+    def look(self, now: SensedStep) -> Any:
         """The map, shape (1, H, W), or a compact observation; to be called at every step."""
         ...
 
@@ -193,7 +193,7 @@ class GlobalView:
         self._is_shared = config.shared_map
         self._cells: ByteArray | None = None
 
-    def look(self, now: Moment) -> ByteArray:
+    def look(self, now: SensedStep) -> ByteArray:
         """The canvas: if shared the very same array until the next publication, by which explorers know a new one."""
         if now.is_published or self._cells is None:
             self._cells = now.mapper.render(self._frame)[np.newaxis]
@@ -211,7 +211,7 @@ class EgocentricView:
         self._window: ByteArray | None = None
         self._left, self._bottom, self._centre = 0.0, 0.0, (0.0, 0.0)  # of the window [m]
 
-    def look(self, now: Moment) -> ByteArray:
+    def look(self, now: SensedStep) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
         pose, config = now.pose, self._config
         off = math.hypot(pose.x - self._centre[0], pose.y - self._centre[1])
@@ -237,7 +237,7 @@ class CompactView:
         self._resolution = config.slam.resolution
         self._tiles: MapTiles | None = None
 
-    def look(self, now: Moment) -> Float32Array:
+    def look(self, now: SensedStep) -> Float32Array:
         """The observation."""
         if self._tiles is None or (now.is_published if self._waits else now.is_new):
             self._tiles = MapTiles.of(*now.mapper.lattice(), self._resolution)

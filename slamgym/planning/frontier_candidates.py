@@ -127,8 +127,8 @@ def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     centroid = points.mean(axis=0)
     from_robot = np.hypot(*(points - np.array(pose[:2])).T)
     nearest, middle = np.argmin(from_robot), np.argmin(np.hypot(*(points - centroid).T))
-    places = [(x, y) for x, y in np.array([centroid, points[nearest], points[middle]]).tolist()]
-    return Frontier(len(cells), float(from_robot[nearest]), *places, cells)
+    first, second, third = ((x, y) for x, y in np.array([centroid, points[nearest], points[middle]]).tolist())
+    return Frontier(len(cells), float(from_robot[nearest]), first, second, third, cells)
 
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:

@@ -113,8 +113,9 @@ def find_frontiers(
     frontiers = []
     for values, first, end in zip(described.tolist(), starts[:-1], starts[1:], strict=True):
         cells = np.column_stack(np.divmod(members[first:end], frame.width_px))
-        points = [frame.to_point(row, col) for row, col in zip(values[2::2], values[3::2], strict=True)]
-        frontiers.append(Frontier(int(values[0]), values[1] * frame.resolution, *points, cells))
+        centroid, nearest, middle = (frame.to_point(*values[k : k + 2]) for k in (2, 4, 6))
+        distance = values[1] * frame.resolution
+        frontiers.append(Frontier(int(values[0]), distance, centroid, nearest, middle, cells))
     return frontiers
 
 
@@ -123,7 +124,7 @@ def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:
     import cv2
 
     closed = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
-    opened: ByteArray = cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)  # type: ignore[assignment]
+    opened: ByteArray = cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)
     return opened
 
 

@@ -28,7 +28,7 @@ from slamgym.planning.costmap import (
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
 from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
-from slamgym.planning.unmapped import UnmappedObstacles, free_unknown
+from slamgym.planning.unmapped import MapCorrections
 
 _STOP = Twist2D(0.0, 0.0)
 
@@ -92,6 +92,7 @@ class _Leg:
     anchor_at: float  # [s]
     recovered_from: Pose2D  # where the first of the recoveries began
     progress_at: float  # when it last came nearer [s]
+    planned_at: float = -math.inf  # [s]
     best_remaining: float = math.inf  # the shortest path left since the goal was set [m]
     arrived: bool = False
     recoveries: int = 0  # since the last progress
@@ -132,9 +133,7 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._open_space: list[FloatArray] = []  # points taken for free
-        self._obstacles = UnmappedObstacles(0.5 * context.frame.resolution)
-        self._planned_at = -math.inf
+        self._corrections = MapCorrections(0.5 * context.frame.resolution)
         self._leg = _Leg(Pose2D(0.0, 0.0, 0.0), 0.0, Pose2D(0.0, 0.0, 0.0), 0.0)
 
     @property
@@ -160,9 +159,7 @@ class Navigator:
             time: Now [s].
         """
         self._published = grid
-        for points in self._open_space:
-            grid = free_unknown(points, grid)
-        self._grid = crop_known(grid, pose)
+        self._grid = crop_known(self._corrections.free(grid), pose)
         self._rebuild(pose, time)
         if self.is_active and self.costmap is not None:
             ahead = self.follower.ahead
@@ -184,7 +181,7 @@ class Navigator:
 
     def enter_open_space(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
-        self._open_space.append(points)
+        self._corrections.note_open_space(points)
         if self._published is not None:
             self.update_map(self._published, pose, time)
 
@@ -199,13 +196,13 @@ class Navigator:
         if len(beyond) == 0:
             return
         along = beyond[0] / np.hypot(*beyond[0])
-        if self._obstacles.note_impassable(pose[:2] + reach * along, along):
+        if self._corrections.note_impassable(pose[:2] + reach * along, along):
             self._rebuild(pose, time)
 
     def keep_obstacles(self, pose: Pose2D, time: float) -> None:
         """Keep the obstacles just around the robot, where it gave a goal up, even if map and scan show them no more."""
         if self.costmap is not None and self._grid is not None:
-            self._obstacles.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
+            self._corrections.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
             self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -273,7 +270,7 @@ class Navigator:
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Plan again when the robot is off its path or the scan blocks it."""
-        if time - self._planned_at < _REPLAN_INTERVAL:
+        if time - self._leg.planned_at < _REPLAN_INTERVAL:
             return
         ahead = self.follower.ahead
         off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y) if len(ahead) else 0.0
@@ -287,7 +284,7 @@ class Navigator:
 
     def _plan(self, pose: Pose2D, time: float, keep_old: bool = False) -> None:
         """Plan a path to the goal; without one, give up (or keep the old path)."""
-        self._planned_at = time
+        self._leg.planned_at = time
         if self.costmap is None or self.goal is None:
             self._abort("no map")
             return
@@ -307,13 +304,13 @@ class Navigator:
         grid = self._grid
         for place, ranges in self._views:
             grid = clear_seen(grid, place, ranges, self.context.geometry)
-        grid = free_body(self._obstacles.mark(grid, time), pose, self.context.robot_radius)
+        grid = free_body(self._corrections.mark(grid, time), pose, self.context.robot_radius)
         self.costmap, self._searched_from = make_costmap(grid, _inflation(self.inscribed_radius)), pose
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows near the robot for the costmap."""
         near = obstacles[(obstacles**2).sum(axis=1) < _SEEN_NEAR**2]
-        self._obstacles.note_seen(transform_points(pose, near), pose, time)
+        self._corrections.note_seen(transform_points(pose, near), pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 

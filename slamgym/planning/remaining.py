@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, FloatArray, IntArray, OccupancyGrid, Pose2D
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, OccupancyGrid, Pose2D
 from slamgym.planning.costmap import Costmap, CostmapConfig, crop_known, free_body, make_costmap
 from slamgym.planning.frontier_candidates import COARSENING
 from slamgym.planning.frontier_feature_kernels import (
+    UnknownRegion,
     classify_costs,
     coarse_cells,
     explore_unknown_region,
@@ -107,6 +108,28 @@ def _joined(edge: BoolArray, resolution: float) -> list[IntArray]:
     return sorted((group for group in groups if len(group) >= least), key=len, reverse=True)
 
 
+def unknown_regions(
+    costmap: Costmap, frontiers: Sequence[IntArray | Int32Array]
+) -> tuple[ByteArray, float, list[UnknownRegion]]:
+    """Measure the unknown behind frontiers, given by their cells, each of shape (N, 2).
+
+    Returns:
+        A coarse map (:func:`classify_costs`), the size of its cells [m], and the region behind each frontier.
+    """
+    classes, cell = classify_costs(costmap.costs, COARSENING), costmap.frame.resolution * COARSENING
+    coarse = [coarse_cells(cells.astype(np.int32), COARSENING, classes.shape) for cells in frontiers]
+    labels = np.full(classes.shape, -1, np.int16)
+    for index, cells in enumerate(coarse):
+        labels[cells[:, 0], cells[:, 1]] = index
+    # The margin is what a costmap keeps about the known part.
+    steps, margin, count = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell), len(coarse)
+    regions = [
+        explore_unknown_region(classes, labels, index, cells, steps, margin, count)
+        for index, cells in enumerate(coarse)
+    ]
+    return classes, cell, regions
+
+
 def _measure(
     costmap: Costmap,
     frontiers: Sequence[IntArray],
@@ -117,17 +140,10 @@ def _measure(
 ) -> FloatArray:
     """Features of frontiers, given by their cells and these cells' centres, shape (N, len(FRONTIER_FEATURES))."""
     resolution = costmap.frame.resolution
-    classes = classify_costs(costmap.costs, COARSENING)
-    labels = np.full(classes.shape, -1, np.int16)
-    coarse = [coarse_cells(cells.astype(np.int32), COARSENING, classes.shape) for cells in frontiers]
-    for index, cells in enumerate(coarse):
-        labels[cells[:, 0], cells[:, 1]] = index
-    cell = resolution * COARSENING
-    steps, margin = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell)
+    _, cell, regions = unknown_regions(costmap, frontiers)
     wanted = np.array(offered, dtype=np.float64).reshape(-1, 2)
     rows = np.zeros((len(frontiers), len(FRONTIER_FEATURES)))
-    for index, (cells, places) in enumerate(zip(frontiers, points, strict=True)):
-        region = explore_unknown_region(classes, labels, index, coarse[index], steps, margin, len(frontiers))
+    for index, (cells, places, region) in enumerate(zip(frontiers, points, regions, strict=True)):
         outline = outline_frontier(places, wanted)
         middle_x, middle_y = places[outline.middle].tolist()
         opening = float(costmap.distance[cells[:, 0], cells[:, 1]].max()) * resolution

@@ -30,8 +30,8 @@ _UNMAPPED = 0.5
 """Share of the gap, up to the reach, that the map must not know."""
 
 
-class UnmappedObstacles:
-    """Obstacles that the map doesn't show: for some seconds, or for the rest of the exploration.
+class MapCorrections:
+    """What the map doesn't show: obstacles for some seconds or for the rest of the exploration, and open space.
 
     Points are in the frame of the map [m].
 
@@ -45,6 +45,7 @@ class UnmappedObstacles:
         self._failed: list[FloatArray] = []  # places (2,) where the robot didn't get through
         self._closing = np.zeros((0, 2))  # points across passages
         self._kept = np.zeros((0, 2))  # points
+        self._open_space: list[FloatArray] = []  # points taken for free
 
     def note_seen(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows, points (N, 2), for a while."""
@@ -62,6 +63,16 @@ class UnmappedObstacles:
             across = np.array([-along[1], along[0]])
             self._closing = np.vstack([self._closing, centre + self._offsets[:, None] * across])
         return again
+
+    def note_open_space(self, points: FloatArray) -> None:
+        """Take what the map doesn't know at some points for free, shape (N, 2)."""
+        self._open_space.append(points)
+
+    def free(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """Copy a map with the open space entered, if there is some."""
+        for points in self._open_space:
+            grid = free_unknown(points, grid)
+        return grid
 
     def keep_around(self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid) -> None:
         """Keep the obstacles near the robot for good, even if map and scan show them no more.
@@ -88,7 +99,7 @@ class UnmappedObstacles:
         self._kept = np.unique(np.vstack([self._kept, costmap.frame.to_points(*cells.T)]), axis=0)
 
     def mark(self, grid: OccupancyGrid, time: float) -> OccupancyGrid:
-        """Copy a map with all of them entered; forgets what was seen too long ago."""
+        """Copy a map with the obstacles entered; forgets what was seen too long ago."""
         self._seen = [seen for seen in self._seen if time - seen[0] < _MEMORY]
         if self._seen:
             grid = mark_obstacles(grid, np.vstack([points for _, _, points in self._seen]))

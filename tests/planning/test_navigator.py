@@ -12,7 +12,7 @@ from slamgym.core.types import FREE, OCCUPIED, GridFrame, LaserGeometry, Occupan
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower import free_travel, scan_points
-from slamgym.planning.unmapped import UnmappedObstacles
+from slamgym.planning.unmapped import MapCorrections
 
 
 def room(rows=80, cols=120):
@@ -157,14 +157,14 @@ def test_what_only_the_scan_showed_is_kept_as_a_wall_across_its_line_of_sight(ma
     cells = room()
     cells[:, 60] = OCCUPIED
     cells[30:50, 60] = FREE
-    obstacles = UnmappedObstacles(spacing=0.025)
+    corrections = MapCorrections(spacing=0.025)
     world = make_world(cells)
     world.place(40, 54)
-    obstacles.note_seen(np.array([world.point(40, 60)]), world.pose, 0.0)
-    marked = obstacles.mark(world.truth, 5.0).cells
+    corrections.note_seen(np.array([world.point(40, 60)]), world.pose, 0.0)
+    marked = corrections.mark(world.truth, 5.0).cells
     assert (marked == OCCUPIED).sum() == (cells == OCCUPIED).sum() + 1
-    obstacles.keep_around(world.pose, 0.22, make_costmap(world.truth), world.truth)
-    kept = obstacles.mark(world.truth, 50.0).cells
+    corrections.keep_around(world.pose, 0.22, make_costmap(world.truth), world.truth)
+    kept = corrections.mark(world.truth, 50.0).cells
     assert np.all(kept[31:49, 60] == OCCUPIED)
     assert np.all(kept[:, 59] == cells[:, 59])
 

@@ -124,8 +124,8 @@ class Maps(NamedTuple):
             zeros(count, np.int64, (2,), (2,), (4,), (4,), ()),
         )
         flags, tables = zeros(count, np.bool_, (), ()), zeros(count, np.uint8, (0,), (0,))
-        counts, tiles = *zeros(count, np.int32, (0, 2)), *zeros(count, np.uint32, (0,))
-        return cls(*poses, *places, *flags, counts, tiles, *tables)
+        counts, tiles = zeros(count, np.int32, (0, 2)), zeros(count, np.uint32, (0,))
+        return cls(*poses, *places, *flags, *counts, *tiles, *tables)
 
 
 class MapModel(NamedTuple):

@@ -115,7 +115,7 @@ class Fleet:
     def pose_errors(self) -> FloatArray:
         """Distances of the believed from the true positions, shape (N,) [m]."""
         true = self.robots.pose[:, :2] - self.robots.start[:, :2]
-        return np.hypot(*(self.maps.believed[:, :2] - true).T)
+        return np.asarray(np.hypot(*(self.maps.believed[:, :2] - true).T), dtype=np.float64)
 
     @property
     def n_eff(self) -> FloatArray:
@@ -146,8 +146,8 @@ class Fleet:
             ConfigError: If the start leaves no room for the robot.
         """
         config, robots = self._config, self.robots
-        seen = {"clutter": prepared.clutter, "surfaces": prepared.surfaces}
-        world = World(prepared.plan, config.robot, **seen, state=robots.drive[index])
+        plan, clutter, surfaces = prepared.plan, prepared.clutter, prepared.surfaces
+        world = World(plan, config.robot, clutter=clutter, surfaces=surfaces, state=robots.drive[index])
         world.reset(start)
         wheels = WheelOdometry(config.odometry, config.robot, streams.odometry)
         initial = Pose2D(0.0, 0.0, start.theta)

@@ -10,7 +10,7 @@ from slamgym.envs.batch.stepping import compact_all, crop_all
 from slamgym.envs.compact import MAP_TILE, CompactObserver
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FarLook
-from slamgym.envs.observations import MapView, Measurements, Moment, make_view, window_sizes
+from slamgym.envs.observations import MapView, Measurements, SensedStep, make_view, window_sizes
 
 
 class BatchObserver:
@@ -61,7 +61,7 @@ class BatchObserver:
                     maps.believed[i].tolist(),
                     robots.velocity[i].tolist(),
                 )
-                now = Moment(
+                now = SensedStep(
                     mapper,
                     ranges[i],
                     Pose2D(*pose),
