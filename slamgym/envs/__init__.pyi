@@ -2,10 +2,10 @@ from .batch.env import BatchExploreEnv
 from .config import ExploreConfig, ObservationConfig
 from .coverage import Coverage, ReachableFloor
 from .episode import Episode, EpisodeConfig, run_episode
-from .episode_log import EpisodeLog
 from .explore_env import ExploreEnv
 from .explore_frontiers_env import ExploreFrontiersEnv
 from .rewards import RewardConfig, RewardFunction, StepRecord
+from .simulation import EpisodeLog
 
 __all__ = [
     "BatchExploreEnv",

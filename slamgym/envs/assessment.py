@@ -10,10 +10,9 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import UNKNOWN, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.envs.coverage import Coverage
-from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.rewards import Reward, StepRecord
-from slamgym.envs.simulation import Simulation
+from slamgym.envs.simulation import EpisodeLog, Simulation
 from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.sim import Motion
 from slamgym.slam import Mapper

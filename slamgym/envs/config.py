@@ -127,7 +127,7 @@ class ExploreConfig(
     such as ``"98%:95%"``, once the map keeps it (:class:`~slamgym.planning.promise.Promise`)."""
 
     record: bool = False
-    """True to keep an :class:`~slamgym.envs.episode_log.EpisodeLog` of every scan."""
+    """True to keep an :class:`~slamgym.envs.simulation.EpisodeLog` of every scan."""
 
     def _check(self) -> None:
         _ = self.promise

@@ -15,11 +15,10 @@ from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
-from slamgym.envs.episode_log import EpisodeLog
 from slamgym.envs.observations import Measurements, SensedStep, make_view, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
 from slamgym.envs.rewards import Reward, RewardFunction
-from slamgym.envs.simulation import Actions, Simulation
+from slamgym.envs.simulation import Actions, EpisodeLog, Simulation
 from slamgym.planning import ExplorerContext
 from slamgym.sim import Clutter, Lidar
 from slamgym.sim.raycast import cast_sweep

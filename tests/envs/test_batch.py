@@ -70,14 +70,6 @@ def drive_both(mode, steps, **settings):
 
 
 CASES = {
-    "compact": (
-        AutoresetMode.NEXT_STEP,
-        {"localization": "ground_truth", "observation": {"preset": "compact"}},
-    ),
-    "published": (
-        AutoresetMode.DISABLED,
-        {"localization": "ground_truth", "observation": {"preset": "compact", "map": "global"}},
-    ),
     "far": (
         AutoresetMode.SAME_STEP,
         {"localization": "ground_truth", "observation": {"preset": "compact_far", "map": "global"}},

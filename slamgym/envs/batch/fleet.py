@@ -103,7 +103,7 @@ class Fleet:
     @property
     def times(self) -> FloatArray:
         """Robot time, shape (N,) [s]."""
-        return self.robots.steps * self._config.control_step
+        return np.asarray(self.robots.steps * self._config.control_step, dtype=np.float64)
 
     @property
     def shares(self) -> FloatArray:
