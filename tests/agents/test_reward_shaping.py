@@ -40,6 +40,7 @@ def main(argv):
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
+    terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
     position_sigma=0.1, exposure=0.5, floor_area=50.0,
 )  # fmt: skip
 
@@ -67,9 +68,9 @@ def test_every_preset_rewards_what_its_weights_say(name):
 
 
 def test_the_presets_differ_in_what_they_pay_for():
-    active = {
-        name: {term.name for term in Reward(chosen.reward).terms} for name, chosen in REWARD_PRESETS.items()
-    }
+    active = {name: set(Reward(chosen.reward, chosen.terms).terms) for name, chosen in REWARD_PRESETS.items()}
+    assert active["coverage_only"] == {"coverage_gain"}
+    assert active["information_gain"] == {"information_gain"}
     assert active["path_cost"] == {"coverage_gain", "path_length"}
     assert active["map_error"] - active["time"] == {"map_error"}
     assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
