@@ -25,6 +25,7 @@ def dataset(tmp_path_factory):
         *("generate", "--plans", BUNDLED, "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
         *("--seed", 3, "--workers", 1, "-o", root),
     )
+    (root / "contact_sheet.png").unlink()
     return root
 
 

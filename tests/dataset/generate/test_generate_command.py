@@ -71,9 +71,8 @@ def test_the_settings_reach_the_exploration(plans, tmp_path):
         "1",
         "--engine",
         "in_process",
-        "--odometry",
-        "ideal",
         "--set",
+        "odometry=ideal",
         "lidar.range_max=5",
         "clutter.people=1",
     ]
