@@ -278,8 +278,15 @@ def load_checkpoint(folder: Path, model: Any) -> None:
                 setattr(statistics, key, state[name][key].numpy())
         model.num_timesteps, model._n_updates = int(state["steps"]), int(state["updates"])
     except (
-        OSError, RuntimeError, LookupError, TypeError, ValueError, EOFError, AttributeError, pickle.UnpicklingError,
-    ) as error:  # fmt: skip
+        OSError,
+        RuntimeError,
+        LookupError,
+        TypeError,
+        ValueError,
+        EOFError,
+        AttributeError,
+        pickle.UnpicklingError,
+    ) as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputFileError(
             path, f"is no checkpoint of this run ({reason}); delete it to begin again"

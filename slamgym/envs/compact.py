@@ -39,9 +39,14 @@ _ONE = float(1 << _FRACTION)
 
 @kernel
 def write_compact(
-    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float], pose: FloatArray, side: float,
-    ranges: Float32Array, velocity: FloatArray, limits: FloatArray, out: Float32Array,
-) -> None:  # fmt: skip
+    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float],
+    pose: FloatArray,
+    side: float,
+    ranges: Float32Array,
+    velocity: FloatArray,
+    limits: FloatArray,
+    out: Float32Array,
+) -> None:
     """Write the observation.
 
     Convention: in the crop the robot is in the middle, ahead is up, its left is left.
@@ -69,8 +74,11 @@ def write_compact(
 
 @kernel
 def _write_shares(
-    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float], pitch: float, pose: FloatArray, out: Float32Array
-) -> None:  # fmt: skip
+    tiles: tuple[np.ndarray, ByteArray, tuple[int, int], float],
+    pitch: float,
+    pose: FloatArray,
+    out: Float32Array,
+) -> None:
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
     packed, kinds, corner, resolution = tiles
     tile_cols, shift = packed.shape[1], _FRACTION + _TILE_BITS

@@ -156,9 +156,17 @@ def _outlines(area: BaseGeometry) -> FloatArray:
 
 @kernel
 def sweep(
-    unseen: BoolArray, origin_x: float, origin_y: float, resolution: float, x: float, y: float, theta: float,
-    directions: FloatArray, ranges: FloatArray, usable: float,
-) -> int:  # fmt: skip
+    unseen: BoolArray,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    x: float,
+    y: float,
+    theta: float,
+    directions: FloatArray,
+    ranges: FloatArray,
+    usable: float,
+) -> int:
     """Mark the cells along each beam as seen.
 
     Convention: ``unseen`` has row 0 at the *bottom*, so that row and y grow together; ``x, y, theta`` is the

@@ -36,9 +36,17 @@ def _cell(position: int) -> np.uint32:
 
 @kernel
 def cut_crop(
-    cells: ByteArray, origin_x: float, origin_y: float, resolution: float, x: float, y: float, theta: float,
-    crop_resolution: float, samples: int, out: ByteArray,
-) -> None:  # fmt: skip
+    cells: ByteArray,
+    origin_x: float,
+    origin_y: float,
+    resolution: float,
+    x: float,
+    y: float,
+    theta: float,
+    crop_resolution: float,
+    samples: int,
+    out: ByteArray,
+) -> None:
     """Read a map on a grid that stands on the robot and looks where it looks.
 
     Each cell of the crop is read at ``samples`` x ``samples`` points; occupied wins over free and free over

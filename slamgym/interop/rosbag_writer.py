@@ -54,9 +54,15 @@ NO_TRACKS = BagTracks()
 
 
 def write_rosbag2(
-    path: Path | str, records: Sequence[LogRecord], geometry: LaserGeometry, *, grid: OccupancyGrid | None = None,
-    tracks: BagTracks = NO_TRACKS, first_stamp: float | None = None, storage: Storage = "sqlite3",
-) -> None:  # fmt: skip
+    path: Path | str,
+    records: Sequence[LogRecord],
+    geometry: LaserGeometry,
+    *,
+    grid: OccupancyGrid | None = None,
+    tracks: BagTracks = NO_TRACKS,
+    first_stamp: float | None = None,
+    storage: Storage = "sqlite3",
+) -> None:
     """Write a rosbag2 folder.
 
     Args:

@@ -250,9 +250,14 @@ def _cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) -
 
 @kernel
 def _clear_beams(
-    cells: ByteArray, y: float, x: float, beams: tuple[float, float, float],
-    ranges: Float32Array, longest: float, margin: float,
-) -> None:  # fmt: skip
+    cells: ByteArray,
+    y: float,
+    x: float,
+    beams: tuple[float, float, float],
+    ranges: Float32Array,
+    longest: float,
+    margin: float,
+) -> None:
     """Free the occupied cells that the beams of a scan passed, but for the last stretch of each beam.
 
     Args:
@@ -349,8 +354,13 @@ def _distance_to_occupied(cells: ByteArray) -> Float32Array:
 
 @kernel
 def _lower_envelope(
-    along_column: Int32Array, far: int, half_inverse: FloatArray, apex: Int32Array, lift: Int32Array, first: Int32Array
-) -> int:  # fmt: skip
+    along_column: Int32Array,
+    far: int,
+    half_inverse: FloatArray,
+    apex: Int32Array,
+    lift: Int32Array,
+    first: Int32Array,
+) -> int:
     """The parabolas of a row that are lowest somewhere, from left to right; returns their number.
 
     Args:

@@ -98,9 +98,14 @@ class UnknownRegion(NamedTuple):
 
 @kernel
 def explore_unknown_region(
-    classes: ByteArray, labels: Int16Array, label: int, cells: IntArray,
-    steps: tuple[int, int], margin: int, num_labels: int,
-) -> UnknownRegion:  # fmt: skip
+    classes: ByteArray,
+    labels: Int16Array,
+    label: int,
+    cells: IntArray,
+    steps: tuple[int, int],
+    margin: int,
+    num_labels: int,
+) -> UnknownRegion:
     """Flood the unknown region behind a frontier, 4-connected.
 
     Args:

@@ -216,9 +216,13 @@ def nearest_on_path(path: FloatArray, here: tuple[float, float], begin: int) -> 
 
 @kernel
 def lookahead_on_path(
-    path: FloatArray, begin: int, here: tuple[float, float],
-    costs: ByteArray, corner: tuple[float, float], resolution: float,
-) -> int:  # fmt: skip
+    path: FloatArray,
+    begin: int,
+    here: tuple[float, float],
+    costs: ByteArray,
+    corner: tuple[float, float],
+    resolution: float,
+) -> int:
     """Index of the farthest path point within the lookahead that a straight line reaches over free cells.
 
     Args:
@@ -285,9 +289,13 @@ def free_travel(
 
 @kernel
 def best_arc(
-    points: FloatArray, target: tuple[float, float], fastest: tuple[float, float],
-    radius: float, horizon: float, time_step: float,
-) -> tuple[float, float, float]:  # fmt: skip
+    points: FloatArray,
+    target: tuple[float, float],
+    fastest: tuple[float, float],
+    radius: float,
+    horizon: float,
+    time_step: float,
+) -> tuple[float, float, float]:
     """The free arc that ends nearest to a target, as in the dynamic window approach (Fox et al. 1997).
 
     Args:

@@ -53,9 +53,15 @@ def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du:
 
 @kernel
 def best_in_block(
-    levels: ByteArray, floors: ByteArray, us: np.ndarray, vs: np.ndarray, block: tuple[int, int, int],
-    most: tuple[int, int], least: int, avoided: tuple[float, float, float],
-) -> tuple[int, int, int]:  # fmt: skip
+    levels: ByteArray,
+    floors: ByteArray,
+    us: np.ndarray,
+    vs: np.ndarray,
+    block: tuple[int, int, int],
+    most: tuple[int, int],
+    least: int,
+    avoided: tuple[float, float, float],
+) -> tuple[int, int, int]:
     """Find the best place of a block of the top level.
 
     Args:

@@ -42,12 +42,25 @@ class PoseGraphConfig(
     Settings,
     section="slam.pose_graph",
     dropped={
-        "keyframe_distance": 0.5, "keyframe_turn": 0.2, "match_range": 25.0, "cell": 0.1, "surface_sigma": 0.02,
-        "point_share": 0.05, "minimum_fit": 0.45, "loop_interval": 2, "loop_radius": 3.0, "drift": 0.04,
-        "drift_turn": 0.012, "largest_window": 6.0, "loop_fit": 0.7, "final_fit": 0.5, "trusted_window": 0.6,
-        "agreeing": 2, "robust_width": 8.0,
+        "keyframe_distance": 0.5,
+        "keyframe_turn": 0.2,
+        "match_range": 25.0,
+        "cell": 0.1,
+        "surface_sigma": 0.02,
+        "point_share": 0.05,
+        "minimum_fit": 0.45,
+        "loop_interval": 2,
+        "loop_radius": 3.0,
+        "drift": 0.04,
+        "drift_turn": 0.012,
+        "largest_window": 6.0,
+        "loop_fit": 0.7,
+        "final_fit": 0.5,
+        "trusted_window": 0.6,
+        "agreeing": 2,
+        "robust_width": 8.0,
     },
-):  # fmt: skip
+):
     """When loops are sought. The defaults serve indoor scanners of 3 to 80 m range."""
 
     local_nodes: Count = 30
@@ -65,12 +78,28 @@ class LocalizationConfig(
     Settings,
     section="slam.localization",
     dropped={
-        "z_hit": 0.75, "z_rand": 0.2, "z_max": 0.05, "beam_weight": 0.15, "evidence": 0.2, "jump_cost": 10.0,
-        "linear_update": 0.1, "angular_update": 0.1, "min_particles": 100, "kld_error": 0.05, "kld_quantile": 2.33,
-        "resample_threshold": 0.5, "most_hypotheses": 60, "score_margin": 0.12, "search_memory": 3.0,
-        "search_distance": 0.5, "check_distance": 5.0, "claim_fit": 0.75, "fit_distance": 0.2, "certain_weight": 0.95,
+        "z_hit": 0.75,
+        "z_rand": 0.2,
+        "z_max": 0.05,
+        "beam_weight": 0.15,
+        "evidence": 0.2,
+        "jump_cost": 10.0,
+        "linear_update": 0.1,
+        "angular_update": 0.1,
+        "min_particles": 100,
+        "kld_error": 0.05,
+        "kld_quantile": 2.33,
+        "resample_threshold": 0.5,
+        "most_hypotheses": 60,
+        "score_margin": 0.12,
+        "search_memory": 3.0,
+        "search_distance": 0.5,
+        "check_distance": 5.0,
+        "claim_fit": 0.75,
+        "fit_distance": 0.2,
+        "certain_weight": 0.95,
     },
-):  # fmt: skip
+):
     """How a robot finds itself on a map, named after AMCL's parameters where it has them.
 
     The sensor model is the likelihood field of Thrun, Burgard and Fox (*Probabilistic Robotics*, 2005, Table 6.3),
@@ -111,10 +140,13 @@ class SlamConfig(
     Settings,
     section="slam",
     dropped={
-        "min_particles": None, "linear_step": 0.05, "angular_step": 0.05, "likelihood_sigma": 0.075,
+        "min_particles": None,
+        "linear_step": 0.05,
+        "angular_step": 0.05,
+        "likelihood_sigma": 0.075,
         "likelihood_gain": 3.0,
     },
-):  # fmt: skip
+):
     """How the map is made.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),

@@ -149,9 +149,15 @@ def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
 
 @kernel
 def score(
-    cells: np.ndarray, table: np.ndarray, near: NearMeans, turned: FloatArray, u0: float, v0: float, gain: float,
+    cells: np.ndarray,
+    table: np.ndarray,
+    near: NearMeans,
+    turned: FloatArray,
+    u0: float,
+    v0: float,
+    gain: float,
     to_beat: float,
-) -> float:  # fmt: skip
+) -> float:
     """GMapping's matching score of a position; ``gain`` in 1/cells^2.
 
     The count starts at what a perfect fit would score and ends as soon as ``to_beat`` is out of reach; most
@@ -207,9 +213,15 @@ def prior_cost(prior: Prior, pose: CellPose) -> float:
 
 @kernel
 def climb(
-    pool: TilePool, table: np.ndarray, near: NearMeans, points: FloatArray, stride: int, prior: Prior,
-    halvings: int, s: MatchSettings,
-) -> CellPose:  # fmt: skip
+    pool: TilePool,
+    table: np.ndarray,
+    near: NearMeans,
+    points: FloatArray,
+    stride: int,
+    prior: Prior,
+    halvings: int,
+    s: MatchSettings,
+) -> CellPose:
     """GMapping's hill climbing: the best of six axis moves while there is one, then half the step.
 
     Returns:

@@ -156,9 +156,14 @@ def cells_of(
 
 @kernel
 def draw_scans(
-    counts: np.ndarray, corner: tuple[int, int], resolution: float, poses: FloatArray, ranges: Float32Array,
-    beams: BeamTable, sign: int,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    counts: np.ndarray,
+    corner: tuple[int, int],
+    resolution: float,
+    poses: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    sign: int,
+) -> tuple[float, float, float, float]:
     """Draw scans into the counts, or take them out again; nothing is drawn if the counts don't cover them.
 
     Each beam visits the cells from the sensor to its end (Bresenham's line, in fixed point) and hits the last
@@ -225,9 +230,14 @@ def draw_scans(
 
 @kernel
 def draw_scans_once(
-    counts: np.ndarray, corner: tuple[int, int], resolution: float, poses: FloatArray, ranges: Float32Array,
-    beams: BeamTable, sign: int,
-) -> tuple[float, float, float, float]:  # fmt: skip
+    counts: np.ndarray,
+    corner: tuple[int, int],
+    resolution: float,
+    poses: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    sign: int,
+) -> tuple[float, float, float, float]:
     """As :func:`draw_scans`, but a scan counts a cell once: as a hit if a beam ends there, else as a visit."""
     beams = BeamTable(*beams)
     bounds = scan_bounds(poses, ranges, beams, np.empty(ranges.shape))
@@ -251,9 +261,13 @@ def draw_scans_once(
 
 @kernel
 def classify_counts(
-    counts: np.ndarray, box: tuple[int, int, int, int], threshold: float, margins: tuple[float, float],
-    min_passes: int, out: ByteArray,
-) -> None:  # fmt: skip
+    counts: np.ndarray,
+    box: tuple[int, int, int, int],
+    threshold: float,
+    margins: tuple[float, float],
+    min_passes: int,
+    out: ByteArray,
+) -> None:
     """Cell values from counts.
 
     Args:

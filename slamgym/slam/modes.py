@@ -22,9 +22,12 @@ MODES: dict[str, Callable[..., Mapper]] = {
 
 
 def make_mapper(
-    config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator,
+    config: SlamConfig,
+    geometry: LaserGeometry,
+    initial_pose: Pose2D,
+    rng: np.random.Generator,
     finished: OccupancyGrid | None = None,
-) -> Mapper:  # fmt: skip
+) -> Mapper:
     """Make the mapper that ``config.mode`` names.
 
     Args:

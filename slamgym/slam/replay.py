@@ -94,9 +94,12 @@ def read_overrides(path: Path | str) -> dict[str, Any]:
 
 
 def replay(
-    log: Log, config: SlamConfig, rng: np.random.Generator, on_scan: OnScan | None = None,
+    log: Log,
+    config: SlamConfig,
+    rng: np.random.Generator,
+    on_scan: OnScan | None = None,
     older: OlderMap | None = None,
-) -> ReplayResult:  # fmt: skip
+) -> ReplayResult:
     """Feed a log to a mapper, scan by scan.
 
     Args:

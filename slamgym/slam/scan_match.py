@@ -91,9 +91,15 @@ def _solve(
 
 @kernel
 def align(
-    pool: TilePool, table: np.ndarray, scan: CellScan, stride: int, start: CellPose, prior: Prior, steps: int,
+    pool: TilePool,
+    table: np.ndarray,
+    scan: CellScan,
+    stride: int,
+    start: CellPose,
+    prior: Prior,
+    steps: int,
     s: MatchSettings,
-) -> Match:  # fmt: skip
+) -> Match:
     """Refine a pose by at most ``steps`` ICP steps; zero steps only evaluate it.
 
     Each step solves for the motion that brings the points to the surface near them, weighted by the objective's
@@ -186,9 +192,14 @@ def _cell_scan(points: FloatArray, scale: float) -> CellScan:
 
 @kernel
 def match_particles(
-    maps: TileMaps, poses: FloatArray, points: FloatArray, variance: float, turn_variance: float,
-    s: MatchSettings, log_likelihoods: FloatArray,
-) -> int:  # fmt: skip
+    maps: TileMaps,
+    poses: FloatArray,
+    points: FloatArray,
+    variance: float,
+    turn_variance: float,
+    s: MatchSettings,
+    log_likelihoods: FloatArray,
+) -> int:
     """Move each particle to the best match of the scan with the particle's own map.
 
     Args:

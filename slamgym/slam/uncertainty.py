@@ -64,9 +64,15 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
 
 @kernel
 def know_nodes(
-    first: int, poses: FloatArray, steps: FloatArray, tied: IntArray, ties: FloatArray,
-    covariances: FloatArray, sources: IntArray, added: FloatArray,
-) -> None:  # fmt: skip
+    first: int,
+    poses: FloatArray,
+    steps: FloatArray,
+    tied: IntArray,
+    ties: FloatArray,
+    covariances: FloatArray,
+    sources: IntArray,
+    added: FloatArray,
+) -> None:
     """Find by which older node each node is known best, and how well, in the order of the path.
 
     Args:

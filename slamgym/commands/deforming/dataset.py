@@ -136,7 +136,10 @@ def _summary(slot: Slot, hypothesis: DrawnMap) -> str:
     parts = ["drawn"]
     if "truth" in hypothesis.paths:
         truth, method = hypothesis.paths["truth"], hypothesis.parameters["config"]["method"]
-        parts = [f"{truth.length:.1f} m driven, {len(truth)} scans, {method}"]
+        parts = [
+            f"{truth.length:.1f} m driven, {len(truth)} scans",
+            f"{method} took {hypothesis.cpu_seconds:.3f} s",
+        ]
     if moved := _displacement(hypothesis):
         parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")
     return f"{slot.name}: {', '.join(parts)}"

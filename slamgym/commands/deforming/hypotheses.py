@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -149,6 +150,7 @@ class DrawnMap:
     paths: dict[str, Trajectory]  # "truth", "odometry" and "estimate"; empty where a method knows none
     coverage: float  # share of the floor that was seen
     parameters: dict[str, Any]
+    cpu_seconds: float = 0.0
 
 
 def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterator[tuple[Subject, DrawnMap]]:
@@ -190,7 +192,8 @@ def _along_path(subject: Subject, arguments: DeformArguments, rng: np.random.Gen
     if arguments.size:
         frame = _square_around(subject.plan, arguments.size)
         config = replace(config, resolution=frame.resolution)
-    result = deform(subject.plan, _path(subject, arguments, rng), config, rng, frame)
+    path, began = _path(subject, arguments, rng), time.process_time()
+    result = deform(subject.plan, path, config, rng, frame)
     return DrawnMap(
         grid=result.grid,
         cad=result.cad,
@@ -199,6 +202,7 @@ def _along_path(subject: Subject, arguments: DeformArguments, rng: np.random.Gen
         paths={"truth": result.true, "odometry": result.odometry, "estimate": result.believed},
         coverage=float(result.seen[result.cad.cells == FREE].mean()),
         parameters={"drawn": result.parameters, "config": to_dict(result.config)},
+        cpu_seconds=time.process_time() - began,
     )
 
 

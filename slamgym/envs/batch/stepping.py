@@ -278,9 +278,15 @@ def publish_all(maps: Maps, model: MapModel, ids: IntArray) -> None:
 
 @kernel
 def compact_all(
-    robots: Robots, scans: Scans, maps: Maps, resolution: float, side: float,
-    limits: FloatArray, ids: IntArray, out: Float32Array,
-) -> None:  # fmt: skip
+    robots: Robots,
+    scans: Scans,
+    maps: Maps,
+    resolution: float,
+    side: float,
+    limits: FloatArray,
+    ids: IntArray,
+    out: Float32Array,
+) -> None:
     """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
     for i in ids:
         rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
@@ -292,9 +298,15 @@ def compact_all(
 
 @kernel
 def crop_all(
-    maps: Maps, windows: ByteArray, centres: FloatArray, resolution: float, crop_resolution: float,
-    samples: int, ids: IntArray, out: ByteArray,
-) -> None:  # fmt: skip
+    maps: Maps,
+    windows: ByteArray,
+    centres: FloatArray,
+    resolution: float,
+    crop_resolution: float,
+    samples: int,
+    ids: IntArray,
+    out: ByteArray,
+) -> None:
     """Cut the crops about the robots from windows of the maps; see :class:`slamgym.envs.observations.EgocentricView`.
 
     Args:

@@ -191,9 +191,16 @@ class PoseGraphMapper(ParticleFilter):
             self._optimise()
 
     def _match(
-        self, points: FloatArray, reference: int, members: IntArray, guess: FloatArray, prior_info: FloatArray,
-        window: float, turn: float, least: float,
-    ) -> NodeMatch | None:  # fmt: skip
+        self,
+        points: FloatArray,
+        reference: int,
+        members: IntArray,
+        guess: FloatArray,
+        prior_info: FloatArray,
+        window: float,
+        turn: float,
+        least: float,
+    ) -> NodeMatch | None:
         """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
 
         A window of zero leaves the search out: the scan is aligned from the guess. So it is where the search finds

@@ -23,9 +23,16 @@ ANGULAR_STEPS = (0.008, 0.06)
 
 @kernel
 def search_window(
-    levels: ByteArray, corner: tuple[float, float], points: FloatArray, centre: FloatArray, window: int,
-    angles: FloatArray, least: float, away_from: FloatArray, pose: FloatArray,
-) -> float:  # fmt: skip
+    levels: ByteArray,
+    corner: tuple[float, float],
+    points: FloatArray,
+    centre: FloatArray,
+    window: int,
+    angles: FloatArray,
+    least: float,
+    away_from: FloatArray,
+    pose: FloatArray,
+) -> float:
     """Find the best pose in a window.
 
     Args:
@@ -113,9 +120,14 @@ def score_levels(numbers: np.ndarray, count: int) -> ByteArray:
 
 
 def search(
-    local: LocalMap, points: FloatArray, centre: FloatArray, window: float, turn: float, least: float,
+    local: LocalMap,
+    points: FloatArray,
+    centre: FloatArray,
+    window: float,
+    turn: float,
+    least: float,
     away_from: FloatArray | None = None,
-) -> tuple[FloatArray, float]:  # fmt: skip
+) -> tuple[FloatArray, float]:
     """Find the best pose in a window of ``window`` [m] and ``turn`` [rad] round ``centre``.
 
     With ``away_from``, a pose (3,), only what lies elsewhere counts.

@@ -56,8 +56,13 @@ class LocalMap(NamedTuple):
 
 
 def make_local_map(
-    points: FloatArray, counts: IntArray, members: IntArray, poses: FloatArray, centre: FloatArray, radius: float,
-) -> LocalMap:  # fmt: skip
+    points: FloatArray,
+    counts: IntArray,
+    members: IntArray,
+    poses: FloatArray,
+    centre: FloatArray,
+    radius: float,
+) -> LocalMap:
     """Make a local map.
 
     Args:
@@ -79,9 +84,14 @@ def make_local_map(
 
 @kernel
 def _collect_cells(
-    points: FloatArray, counts: IntArray, members: IntArray, poses: FloatArray,
-    numbers: np.ndarray, origin_x: float, origin_y: float,
-) -> tuple[FloatArray, FloatArray]:  # fmt: skip
+    points: FloatArray,
+    counts: IntArray,
+    members: IntArray,
+    poses: FloatArray,
+    numbers: np.ndarray,
+    origin_x: float,
+    origin_y: float,
+) -> tuple[FloatArray, FloatArray]:
     """Put the end points of some scans into cells; returns means and information, see :class:`LocalMap`.
 
     ``numbers`` receives the number of each occupied cell; all others as for :func:`make_local_map`.
@@ -176,9 +186,14 @@ def nearest_turn(angle: float) -> float:
 
 @kernel
 def align_scan(
-    local: LocalMap, points: FloatArray, start: FloatArray, prior: FloatArray, prior_info: FloatArray,
-    pose: FloatArray, information: FloatArray,
-) -> float:  # fmt: skip
+    local: LocalMap,
+    points: FloatArray,
+    start: FloatArray,
+    prior: FloatArray,
+    prior_info: FloatArray,
+    pose: FloatArray,
+    information: FloatArray,
+) -> float:
     """Align a scan with a local map by Gauss-Newton steps with Geman-McClure weights.
 
     Args:

@@ -68,9 +68,14 @@ class Place(NamedTuple):
 
 @kernel
 def search_heading(
-    levels: ByteArray, floors: ByteArray, us: np.ndarray, vs: np.ndarray, bounds: np.ndarray, least: int,
+    levels: ByteArray,
+    floors: ByteArray,
+    us: np.ndarray,
+    vs: np.ndarray,
+    bounds: np.ndarray,
+    least: int,
     places: np.ndarray,
-) -> int:  # fmt: skip
+) -> int:
     """Find the best place of every block at one heading.
 
     Args:

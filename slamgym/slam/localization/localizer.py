@@ -51,9 +51,13 @@ class MapLocalizer(Mapper):
     """
 
     def __init__(
-        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator,
+        self,
+        config: SlamConfig,
+        geometry: LaserGeometry,
+        initial_pose: Pose2D,
+        rng: np.random.Generator,
         finished: OccupancyGrid,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(config, geometry, THRESHOLDS)
         self._settings, self._rng = config.localization, rng
         settings, is_known = config.localization, config.localization.start == "known"

@@ -39,9 +39,13 @@ class LocalizationResult:
 
 
 def localize_log(
-    log: Log, grid: OccupancyGrid, placement: Pose2D, config: LocalizationConfig, rng: np.random.Generator,
+    log: Log,
+    grid: OccupancyGrid,
+    placement: Pose2D,
+    config: LocalizationConfig,
+    rng: np.random.Generator,
     initial_pose: Pose2D | None = None,
-) -> LocalizationResult:  # fmt: skip
+) -> LocalizationResult:
     """Localise every scan of a log.
 
     Args:
@@ -65,8 +69,12 @@ def localize_log(
 
 
 def _localizer(
-    log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: np.random.Generator, start: Pose2D | None = None,
-) -> MapLocalizer:  # fmt: skip
+    log: Log,
+    grid: OccupancyGrid,
+    config: LocalizationConfig,
+    rng: np.random.Generator,
+    start: Pose2D | None = None,
+) -> MapLocalizer:
     """A localizer for a log, from a known start or none."""
     config = dataclasses.replace(config, start="global" if start is None else "known")
     mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
