@@ -45,6 +45,7 @@ def nowhere(probability: Float32Array, *_: object) -> BoolArray:
 RULES: dict[str, tuple[Any, str, Any]] = {
     "none": (corrections, "CONTACT", corrections.CONTACT),
     "walls that were seen and lost": (corrections, "lost_walls", nowhere),
+    "unseen floor takes a sure model": (corrections, "doubted_floor", nowhere),
     "unseen floor between rooms": (corrections, "dividing_floor", nowhere),
     "steps in walls": (edges, "MERGE", 0.0),
     "rounded corners": (edges, "CHAMFER", 0.0),

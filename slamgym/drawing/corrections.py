@@ -1,6 +1,6 @@
-"""Where the map overrules the model: unseen floor between rooms, and walls that were seen long.
+"""Where the map overrules the model: floor that was never seen, and walls that were seen long.
 
-Straight rows of occupied cells with free cells on both sides are walls, whatever a model that has learnt to remove
+Unseen floor takes a sure model, and must not join two rooms. Straight rows of occupied cells with free cells on both sides are walls, whatever a model that has learnt to remove
 furniture makes of them.
 """
 
@@ -16,6 +16,10 @@ from slamgym.metrics.wall_direction import padded_for_turning, transformed
 
 SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
+SURE_OF_UNSEEN = 0.8
+"""Floor that nobody has seen is drawn from this probability on, where seen floor needs a half."""
+SURE_WITHIN = 0.4
+"""Standard deviation of the Gaussian over which the probability of unseen floor is averaged [m]."""
 BESIDE_FREE = 0.1
 """Cells so near to free ones hold echoes and the faces of walls: the model is right about them [m]."""
 SMALLEST_UNSEEN = 0.1
@@ -41,7 +45,30 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
         angle_deg: Direction of the main walls, counter-clockwise from the x axis.
     """
     result = np.where(lost_walls(probability, grid, angle_deg), 0.0, probability).astype(np.float32)
+    result = without(result, doubted_floor(result, grid))
     return without(result, dividing_floor(result, grid))
+
+
+def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
+    """Cells of floor that nobody has seen and of which the model isn't sure, with the echoes before them.
+
+    Without this rule 9.8 % of the floor drawn of real maps was never seen instead of 6.4 %.
+
+    Args:
+        probability: Of being floor, shape of the map.
+        grid: The map.
+    """
+    cell = grid.frame.resolution
+    free = grid.cells == FREE
+    unseen = _unseen(probability, free, cell)
+    if not unseen.any():
+        return unseen
+    total, weight = (
+        cv2.GaussianBlur(image.astype(np.float32), (0, 0), SURE_WITHIN / cell)
+        for image in (np.where(unseen, probability, 0.0), unseen)
+    )
+    doubted = unseen & (total < SURE_OF_UNSEEN * weight)
+    return _with_echoes(without_small(doubted, SMALLEST_UNSEEN / cell**2), free, cell)
 
 
 def _unseen(probability: Float32Array, free: BoolArray, cell: float) -> BoolArray:

@@ -42,6 +42,17 @@ class Unsure:
 
 
 @pytest.mark.parametrize("turn", [0.0, 20.0])
+@pytest.mark.parametrize(("sure", "drawn"), [(0.75, False), (0.95, True)])
+def test_floor_that_nobody_has_seen_takes_a_sure_model(turn, sure, drawn):
+    wardrobe = shapely.box(3.0, 0.0, 5.0, 0.6)
+    grid, _, _ = painted(HALL.difference(wardrobe), turn_deg=turn)
+    hall, behind = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, wardrobe))
+    drawing = make_drawing(grid, model=Unsure(Painted(hall), behind, sure))
+    hidden = 0.0 if drawn else wardrobe.area
+    assert drawing.area == pytest.approx(HALL.area - hidden, abs=0.3)
+
+
+@pytest.mark.parametrize("turn", [0.0, 20.0])
 @pytest.mark.parametrize(("reaches", "parted"), [(4.0, True), (2.0, False)])
 def test_what_nobody_has_seen_between_two_rooms_is_no_floor_and_a_cupboard_in_one_is(turn, reaches, parted):
     """A block that leaves a door's width between two rooms stays; one that leaves them a hall is furniture."""
