@@ -1,7 +1,7 @@
 """Where the map overrules the model: floor that was never seen, and walls that were seen long.
 
-Unseen floor takes a sure model, and must not join two rooms. Straight rows of occupied cells with free cells on both sides are walls, whatever a model that has learnt to remove
-furniture makes of them.
+Unseen floor takes a sure model, and must not join two rooms. Straight rows of occupied cells with free cells on both
+sides are walls, whatever a model that has learnt to remove furniture makes of them.
 """
 
 import cv2
