@@ -1,7 +1,9 @@
 """Measurements of the surfaces that beams meet: numba kernels.
 
 Whatever is random about a *place* comes from a hash of its coordinates, so that it is the same in every scan and for
-neighbouring beams; only the noise of a measurement is drawn again. One law decides whether an echo is heard: what comes
+neighbouring beams; only the noise of a measurement is drawn again.
+
+One law decides whether an echo is heard: what comes
 back from a matt surface falls with the square of the distance and with the cosine of the angle of incidence, so that
 far, oblique and dark surfaces are lost together.
 """

@@ -1,7 +1,9 @@
 """One step of many environments: loops over the kernels that a single environment uses, so that both compute the same.
 
 Named tuples go on as ``law[:]``, without names, as a single environment's do (:func:`slamgym.core.jit.plain`), so that
-what takes them is compiled once. Every kernel takes ``ids``, the environments that it is about, shape (n,).
+what takes them is compiled once.
+
+Every kernel takes ``ids``, the environments that it is about, shape (n,).
 """
 
 import math
