@@ -54,7 +54,7 @@ class TrialConfig(Settings):
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Ended:
     """Identity of an exploration that has ended."""
 
     explorer: str
@@ -70,7 +70,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Trial(Outcome):
+class Trial(Ended):
     """The outcome of an exploration. Keys of ``time_to`` and ``path_to`` are levels such as ``"0.95"``."""
 
     area: Measured
@@ -122,7 +122,7 @@ class Trial(Outcome):
 
 
 @dataclass(frozen=True)
-class FailedTrial(Outcome):
+class FailedTrial(Ended):
     """An exploration that crashed, hung or failed, so that it is not begun again and again."""
 
     error: str

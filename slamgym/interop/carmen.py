@@ -55,6 +55,7 @@ DEFAULT_RANGE_MAX = 80.0
 """A SICK LMS reports 81.91 m or so where nothing came back [m]."""
 
 MAX_LINE_BYTES = 1 << 22
+CHUNK_BYTES = 1 << 16
 GZIP_MAGIC = b"\x1f\x8b"
 
 _NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
@@ -193,24 +194,28 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[_Hints, list[_Sca
 
 def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
     """Lines of a plain or gzip file; what is readable before a fault of compressed data is kept."""
+    rest, expanded = b"", 0
     try:
         with open_regular(path) as file:
             is_packed = file.read(2) == GZIP_MAGIC
             file.seek(0)
-            stream, expanded = gzip.GzipFile(fileobj=file) if is_packed else file, 0
-            while line := stream.readline(MAX_LINE_BYTES + 1):
-                expanded += len(line)
+            stream = gzip.GzipFile(fileobj=file) if is_packed else file
+            while chunk := stream.read1(CHUNK_BYTES):
+                expanded += len(chunk)
                 if is_packed:
                     check_expansion(path, expanded, file.tell())
-                if len(line) > MAX_LINE_BYTES:
+                *lines, rest = (rest + chunk).split(b"\n")
+                if len(rest) > MAX_LINE_BYTES:
                     raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
-                yield line.rstrip(b"\n")
+                yield from lines
     except EOFError:
         warnings.add("compressed data that end early, the rest of which is lost", path)
     except (gzip.BadGzipFile, zlib.error):
         warnings.add("damage in the compressed data, the rest of which is lost", path)
     except OSError as error:
         raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
+    if rest:
+        yield rest
 
 
 def _parse(fields: Sequence[str], line: int) -> _Scan | _Odometry:

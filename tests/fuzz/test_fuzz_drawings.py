@@ -10,7 +10,7 @@ from slamgym.cad import check_plan, open_plans
 def check_drawing(path):
     source = open_plans(path)
     for plan_id in source.ids:
-        check_plan(source.read(plan_id).plan)
+        check_plan(source.load(plan_id))
 
 
 DXF = [flat.dxf().encode(), flat.dxf(unit="mm", swings=True, block=True).encode()]

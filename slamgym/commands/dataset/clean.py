@@ -19,11 +19,10 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import exclusive_lock, write_text
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, say, tell
-from slamgym.dataset.curate.cleaning import CleanConfig
-from slamgym.dataset.curate.review import Which
+from slamgym.dataset.curate.verdicts import Which
 
 if TYPE_CHECKING:
-    from slamgym.dataset.curate.cleaning import CleanReport
+    from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport
     from slamgym.dataset.curate.completeness_model import ProbabilityScore
     from slamgym.dataset.curate.map_items import MapItem
     from slamgym.dataset.curate.review import Decision
@@ -60,7 +59,7 @@ class CleanArguments(Arguments):
 
 def main(arguments: CleanArguments) -> None:
     """Run the command."""
-    from slamgym.dataset.curate.cleaning import clean_maps
+    from slamgym.dataset.curate.cleaning import CleanConfig, clean_maps
     from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL
     from slamgym.dataset.curate.map_items import open_items
     from slamgym.dataset.format import Layout, is_dataset

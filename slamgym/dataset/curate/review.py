@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,12 +20,11 @@ from slamgym.core.limits import FILE_BYTES
 from slamgym.core.text import markup
 from slamgym.core.types import FREE, UNKNOWN, ByteArray
 from slamgym.dataset.curate.map_items import MapItem
-from slamgym.dataset.curate.verdicts import Verdict
+from slamgym.dataset.curate.verdicts import Verdict, Which
 
 if TYPE_CHECKING:
     from slamgym.dataset.record import PairRecord
 
-Which = Literal["doubtful", "disagreements", "dropped", "kept", "all"]
 
 _PARTS = Path(__file__).parent / "review_page"
 _MARGIN_PX = 8

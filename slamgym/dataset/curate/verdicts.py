@@ -5,7 +5,7 @@ import json
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from slamgym.core.documents import parse_json, read_record
 from slamgym.core.errors import ConfigError, InputFileError
@@ -13,6 +13,8 @@ from slamgym.core.files import replace_if_changed, text_lines
 from slamgym.dataset.faults import MapFault
 
 VERDICTS_FILE = "clean.jsonl"
+Which = Literal["doubtful", "disagreements", "dropped", "kept", "all"]
+"""Maps of a page of review."""
 SUMMARY_FILE = "clean.json"
 
 

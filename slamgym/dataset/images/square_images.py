@@ -26,7 +26,6 @@ from slamgym.core.types import (
     IntArray,
     OccupancyGrid,
 )
-from slamgym.dataset.curate.completeness import SPIKE_WIDTH
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.images.format import Scaling
 
@@ -138,6 +137,8 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
     The spikes of stray beams extend far beyond the building and don't count.
     """
     import cv2
+
+    from slamgym.dataset.curate.completeness import SPIKE_WIDTH
 
     frame, step = grid.frame, grid.frame.resolution
     width = max(1, math.ceil(SPIKE_WIDTH / step))
