@@ -4,12 +4,13 @@ import dataclasses
 import difflib
 import functools
 import hashlib
+import itertools
 import json
 import math
 import numbers
 import types
 import typing
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
 from slamgym.core.errors import ConfigError
@@ -89,8 +90,9 @@ class Settings:
         dataclasses.dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
-        for name, hint in _hints(type(self)).items():
-            _require(hint, getattr(self, name), self._called(name))
+        for name, field in _fields(type(self)).items():
+            if (fault := field.test(getattr(self, name))) is not None:
+                raise field.error(fault, self._called(name))
         self._check()
 
     def _called(self, name: str) -> str:
@@ -108,31 +110,47 @@ class Arguments(Settings):
         return f"--{name.replace('_', '-')}"
 
 
-def _hints(cls: type) -> dict[str, Any]:
-    """Types of the fields of a dataclass or named tuple, with their bounds; looked up once."""
-    return _look_up_hints(typing.cast(Hashable, cls))
+class _Fault(NamedTuple):
+    """What is wrong with a value, or with an inner one of it at a place such as ``[2].x``."""
+
+    must_be: str
+    value: Any
+    place: str = ""
+
+
+_Test = Callable[[Any], _Fault | None]
+_Conversion = Callable[[Any, str], Any]
+
+
+class _Field(NamedTuple):
+    """A setting, or a field of a record: what its type says, looked up once because records come by the million."""
+
+    hint: Any
+    convert: _Conversion | None
+    test: _Test
+
+    def error(self, fault: _Fault, name: str) -> ConfigError:
+        """The sentence about a value that doesn't fit what the field declares."""
+        choices = [str(choice) for choice in _choices(self.hint)]
+        close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
+        advice = f"; did you mean {close[0]!r}?" if close else ""
+        return ConfigError(f"{name}{fault.place} must be {fault.must_be}, not {shown(fault.value)}{advice}")
+
+    def read(self, value: Any, name: str) -> Any:
+        """Convert a JSON value, and refuse one that doesn't fit."""
+        if self.convert is not None:
+            value = self.convert(value, name)
+        if (fault := self.test(value)) is not None:
+            raise self.error(fault, name)
+        return value
 
 
 @functools.cache
-def _look_up_hints(cls: Any) -> dict[str, Any]:
-    names = getattr(cls, "_fields", None) or [entry.name for entry in dataclasses.fields(cls)]
+def _fields(cls: Any) -> dict[str, _Field]:
+    """The fields of a dataclass."""
     hints = typing.get_type_hints(cls, include_extras=True)
-    return {name: hints[name] for name in names}
-
-
-class _Fault(NamedTuple):
-    name: str
-    must_be: str
-    value: Any
-
-
-def _require(hint: Any, value: Any, name: str) -> None:
-    """Refuse a value that doesn't fit what its field declares."""
-    for fault in _faults(hint, value, name, Within()):
-        choices = [str(choice) for choice in _choices(hint)]
-        close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
-        advice = f"; did you mean {close[0]!r}?" if close else ""
-        raise ConfigError(f"{fault.name} must be {fault.must_be}, not {shown(fault.value)}{advice}")
+    names = [entry.name for entry in dataclasses.fields(cls)]
+    return {name: _Field(hints[name], _conversion(hints[name]), _test(hints[name])) for name in names}
 
 
 def _choices(hint: Any) -> list[Any]:
@@ -142,53 +160,73 @@ def _choices(hint: Any) -> list[Any]:
     return [choice for option in typing.get_args(hint) for choice in _choices(option)]
 
 
-def _faults(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
-    """Find what is wrong with a value; nothing if it fits the type."""
+def _test(hint: Any, rule: Any = None) -> _Test:
+    """Make the function that finds what is wrong with a value of a type, which a rule may restrict."""
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
-        rules = [rule for rule in hint.__metadata__ if isinstance(rule, Within)]
-        yield from _faults(hint.__origin__, value, name, rules[0] if rules else bounds)
-        for rule in hint.__metadata__:
-            if isinstance(rule, OneLine) and isinstance(value, str) and not rule.allow(value):
-                yield _Fault(name, str(rule), value)
-    elif origin in (types.UnionType, typing.Union):
-        faults = [next(_faults(option, value, name, bounds), None) for option in options]
-        if None not in faults:
-            yield _Fault(name, " or ".join(fault.must_be for fault in faults if fault), value)
-    elif origin is typing.Literal:
-        if not any(value == choice and type(value) is type(choice) for choice in options):
-            yield _Fault(name, " or ".join(map(repr, options)), value)
-    elif hint in (int, float):
-        kind: Any = numbers.Integral if hint is int else numbers.Real  # numpy's scalars are numbers, too
-        if isinstance(value, bool) or not isinstance(value, kind):
-            yield _Fault(name, f"of type {hint.__name__}", value)
-        elif not bounds.allow(value):
-            yield _Fault(name, str(bounds), value)
-    elif hint is not Any and not isinstance(value, origin or hint):
-        expected = "None" if hint is types.NoneType else f"of type {getattr(hint, '__name__', hint)}"
-        yield _Fault(name, expected, value)
-    else:
-        yield from _faults_inside(hint, value, name, bounds)
+        return _test(
+            options[0], next((own for own in options[1:] if isinstance(own, Within | OneLine)), rule)
+        )
+    if hint in (int, float) or (hint is str and isinstance(rule, OneLine)):
+        return _ruled_test(hint, rule or Within())
+    if origin in (types.UnionType, typing.Union):
+        return _union_test([_test(option, rule) for option in options])
+    if origin in (tuple, list, dict, Mapping) or hasattr(hint, "_fields"):
+        return _container_test(hint, rule)
+    if origin is typing.Literal:
+        choices, expected = [(type(choice), choice) for choice in options], " or ".join(map(repr, options))
+        return lambda value: None if (type(value), value) in choices else _Fault(expected, value)
+    kind = object if hint is Any else origin or hint
+    expected = "None" if hint is types.NoneType else _type_name(hint)
+    return lambda value: None if isinstance(value, kind) else _Fault(expected, value)
 
 
-def _faults_inside(hint: Any, value: Any, name: str, bounds: Within) -> Iterator[_Fault]:
-    """Find what is wrong with the items of a tuple, a named tuple or a mapping."""
-    options = typing.get_args(hint)
-    if typing.get_origin(hint) is tuple:
-        inner = [options[0]] * len(value) if options[1:] == (Ellipsis,) else options
-        if len(inner) != len(value):
-            yield _Fault(name, f"{len(inner)} values", value)
-        for index, (option, item) in enumerate(zip(inner, value, strict=False)):
-            yield from _faults(option, item, f"{name}[{index}]", bounds)
-    elif isinstance(value, tuple) and hasattr(hint, "_fields"):
-        for inner_name, option in _hints(hint).items():
-            yield from _faults(option, getattr(value, inner_name), f"{name}.{inner_name}", bounds)
-    elif typing.get_origin(hint) is list:
-        for index, item in enumerate(value):
-            yield from _faults(options[0], item, f"{name}[{index}]", bounds)
-    elif isinstance(value, Mapping) and options:
-        for key, item in value.items():
-            yield from _faults(options[1], item, f"{name}[{key!r}]", bounds)
+def _type_name(hint: Any) -> str:
+    return f"of type {getattr(hint, '__name__', hint)}"
+
+
+def _ruled_test(hint: Any, rule: Within | OneLine) -> _Test:
+    kinds: dict[Any, Any] = {int: numbers.Integral, float: numbers.Real}  # numpy's scalars are numbers, too
+    kind, usual = kinds.get(hint, hint), (int, float) if hint is float else (hint,)
+
+    def find_fault(value: Any) -> _Fault | None:
+        if type(value) not in usual and (isinstance(value, bool) or not isinstance(value, kind)):
+            return _Fault(_type_name(hint), value)
+        return None if rule.allow(value) else _Fault(str(rule), value)
+
+    return find_fault
+
+
+def _union_test(tests: Sequence[_Test]) -> _Test:
+    def find_fault(value: Any) -> _Fault | None:
+        faults = [test(value) for test in tests]
+        return (
+            None if None in faults else _Fault(" or ".join(fault.must_be for fault in faults if fault), value)
+        )
+
+    return find_fault
+
+
+def _container_test(hint: Any, rule: Any) -> _Test:
+    """The test of a tuple, a named tuple, a list or a mapping and of all that it holds."""
+    kind, names = typing.get_origin(hint) or hint, getattr(hint, "_fields", None)
+    options = typing.get_type_hints(hint, include_extras=True).values() if names else typing.get_args(hint)
+    tests = [_test(option, rule) for option in options if option is not Ellipsis]
+    is_mapping, is_fixed = kind in (dict, Mapping), kind is tuple and Ellipsis not in options
+    form, each = ".{}" if names else "[{!r}]", tests if names or is_fixed else itertools.repeat(tests[-1])
+
+    def find_fault(value: Any) -> _Fault | None:
+        if not isinstance(value, kind):
+            return _Fault(_type_name(hint), value)
+        if is_fixed and len(value) != len(tests):
+            return _Fault(f"{len(tests)} values", value)
+        keys = value if is_mapping else names or itertools.count()
+        for key, test, item in zip(keys, each, value.values() if is_mapping else value, strict=False):
+            if (fault := test(item)) is not None:
+                return fault._replace(place=form.format(key) + fault.place)
+        return None
+
+    return find_fault
 
 
 def suggest(name: str, known: typing.Iterable[str]) -> str:
@@ -222,27 +260,25 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
         ConfigError: If a name is unknown (the error suggests the nearest known one) or one without a default is
             missing, or a value is refused, or a former setting has another value than the one that it still has.
     """
-    hints, dropped = _hints(cls), getattr(cls, "_dropped", {})
+    fields, dropped = _fields(typing.cast(Any, cls)), getattr(cls, "_dropped", {})
     prefix = f"{where}: " if where else ""
     if not isinstance(values, Mapping):
         raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {shown(values)}")
     converted = {}
-    for name in values:
-        if name in dropped:
-            if values[name] != dropped[name]:
-                always = f"is always {shown(dropped[name])} in this version, not {shown(values[name])}"
-                raise ConfigError(f"{prefix}{name} of {cls.__name__} {always}")
-            continue
-        if name not in hints:
+    for name, value in values.items():
+        if name in fields:
+            converted[name] = fields[name].read(value, f"{where}.{name}" if where else name)
+        elif name not in dropped:
             raise ConfigError(
-                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), hints)}"
+                f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), fields)}"
             )
-        path = f"{where}.{name}" if where else name
-        converted[name] = _convert(hints[name], values[name], path)
-        _require(hints[name], converted[name], path)
-    for entry in dataclasses.fields(typing.cast(Any, cls)):
+        elif value != dropped[name]:
+            always = f"is always {shown(dropped[name])} in this version, not {shown(value)}"
+            raise ConfigError(f"{prefix}{name} of {cls.__name__} {always}")
+    missing = fields.keys() - converted.keys()
+    for entry in dataclasses.fields(typing.cast(Any, cls)) if missing else ():
         is_needed = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
-        if is_needed and entry.name not in converted:
+        if is_needed and entry.name in missing:
             raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
     return cls(**converted)
 
@@ -265,15 +301,11 @@ def replace_setting(config: _T, name: str, value: Any) -> _T:
 def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     """Replace what lies at ``path``; ``name`` is the whole path from ``root``, for errors."""
     first, _, rest = path.partition(".")
-    hints = _hints(type(config))
-    current = getattr(config, first) if first in hints else None
-    if first not in hints or (rest and not dataclasses.is_dataclass(current)):
+    field = _fields(type(config)).get(first)
+    current = getattr(config, first) if field else None
+    if field is None or (rest and not dataclasses.is_dataclass(current)):
         raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, setting_names(root))}")
-    if rest:
-        value = _replace(current, rest, value, name, root)
-    else:
-        value = _convert(hints[first], value, name)
-        _require(hints[first], value, name)
+    value = _replace(current, rest, value, name, root) if rest else field.read(value, name)
     return dataclasses.replace(config, **{first: value})  # type: ignore[type-var]
 
 
@@ -289,33 +321,42 @@ def setting_names(config: Any) -> list[str]:
     return names
 
 
-def _convert(hint: Any, value: Any, where: str) -> Any:
-    """Give a JSON value the type that the field declares."""
-    if typing.get_origin(hint) is Annotated:
-        return _convert(hint.__origin__, value, where)
-    if typing.get_origin(hint) in (types.UnionType, typing.Union):
-        dataclass_options = [option for option in typing.get_args(hint) if dataclasses.is_dataclass(option)]
-        if isinstance(value, Mapping) and dataclass_options:
-            return _convert(dataclass_options[0], value, where)
-        return value
-    if dataclasses.is_dataclass(hint) and isinstance(value, Mapping):
-        return from_dict(typing.cast(type, hint), value, where)
-    if isinstance(value, list) and isinstance(hint, type) and issubclass(hint, tuple):
-        try:
-            return hint(*value)
-        except TypeError:  # too few or too many
-            return tuple(value)
+def _conversion(hint: Any) -> _Conversion | None:
+    """Make the function that gives a JSON value the type that a field declares; None where there is nothing to do."""
     origin, options = typing.get_origin(hint), typing.get_args(hint)
-    if isinstance(value, list) and origin is tuple:
-        variadic = len(options) == 2 and options[1] is Ellipsis
-        if not variadic and len(options) != len(value):
-            return tuple(value)
-        inner = [options[0]] * len(value) if variadic else options
-        pairs = enumerate(zip(inner, value, strict=True))
-        return tuple(_convert(option, item, f"{where}[{index}]") for index, (option, item) in pairs)
-    if isinstance(value, Mapping) and origin in (dict, Mapping):
-        return {name: _convert(options[1], item, f"{where}.{name}") for name, item in value.items()}
-    return value
+    if origin is Annotated:
+        return _conversion(options[0])
+    if origin in (types.UnionType, typing.Union):
+        return next((_conversion(option) for option in options if dataclasses.is_dataclass(option)), None)
+    if dataclasses.is_dataclass(hint):
+        cls = typing.cast(type, hint)
+        return lambda value, where: from_dict(cls, value, where) if isinstance(value, Mapping) else value
+    if origin in (dict, Mapping):
+        inner = _conversion(options[1])
+        return inner and functools.partial(_to_mapping, inner)
+    if origin is tuple or hasattr(hint, "_fields"):
+        inside = [_conversion(option) for option in options if option is not Ellipsis]
+        return functools.partial(_to_tuple, getattr(hint, "_make", tuple), inside if any(inside) else ())
+    return None
+
+
+def _to_mapping(convert: _Conversion, value: Any, where: str) -> Any:
+    if not isinstance(value, Mapping):
+        return value
+    return {name: convert(item, f"{where}.{name}") for name, item in value.items()}
+
+
+def _to_tuple(make: Any, conversions: Sequence[_Conversion | None], value: Any, where: str) -> Any:
+    """A list as the tuple that a field declares, whose test refuses it where it has a wrong length."""
+    if not isinstance(value, list):
+        return value
+    if conversions:
+        pairs = enumerate(zip(itertools.cycle(conversions), value, strict=False))
+        value = [convert(item, f"{where}[{index}]") if convert else item for index, (convert, item) in pairs]
+    try:
+        return make(value)
+    except TypeError:  # too few or too many
+        return tuple(value)
 
 
 def config_hash(config: Any) -> str:

@@ -1,26 +1,20 @@
-"""JSON and YAML from outside, parsed within the limits of size and depth, and records by the million from JSON."""
+"""JSON and YAML from outside, parsed within the limits of size and depth."""
 
 import dataclasses
-import functools
 import json
-import sys
-import types
-import typing
 from collections import Counter
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import yaml
 
-from slamgym.core.config import Within, from_dict
+from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DOCUMENT_BYTES, YAML_BYTES, Limit, shown
-from slamgym.core.names import OneLine
 
 _T = TypeVar("_T")
-_Fits = Callable[[Any], bool]
 
 YAML_SUFFIXES = (".yaml", ".yml")
 MAX_DIGITS = 300
@@ -174,96 +168,24 @@ def _one_line(reason: object) -> str:
     return " ".join(str(reason).split())[:160]
 
 
-def read_record(cls: type[_T], values: Any) -> _T:
-    """Build a dataclass of plain values from its JSON form, twenty times faster than ``from_dict``.
+def known_fields(
+    cls: type[_T], values: Mapping[str, Any], where: object, error: type[InputFileError] = InputFileError
+) -> _T:
+    """Build a dataclass from those values of a document that it declares: files from elsewhere hold more.
 
-    What the class declares is turned into tests, once. A value that fails its test, or a declaration that is not known
-    here, goes to :func:`slamgym.core.config.from_dict`, which says what is wrong.
+    Args:
+        cls: The dataclass.
+        values: Names to values.
+        where: The file, for errors.
+        error: What to raise.
 
     Raises:
-        ConfigError: As ``from_dict`` raises it.
+        InputFileError: If a value doesn't fit what its field declares, or one without a default is missing.
     """
-    tests = _tests_of(cast(Hashable, cls))
-    if tests is None or type(values) is not dict or len(values) != len(tests):
-        return from_dict(cls, values)
-    converted = {}
+    known = {
+        entry.name: values[entry.name] for entry in dataclasses.fields(cast(Any, cls)) if entry.name in values
+    }
     try:
-        for name, convert, fits in tests:
-            value = values[name] if convert is None else convert(values[name])
-            if not fits(value):
-                return from_dict(cls, values)
-            converted[name] = value
-    except (KeyError, TypeError, ConfigError):
-        return from_dict(cls, values)
-    if hasattr(cls, "__post_init__"):
-        return cls(**converted)
-    # What a frozen dataclass does by 28 calls of object.__setattr__, at once.
-    record = object.__new__(cls)
-    record.__dict__.update(converted)
-    return record
-
-
-@functools.cache
-def _tests_of(cls: Any) -> list[tuple[str, Callable[[Any], Any] | None, _Fits]] | None:
-    """Name, conversion from JSON and test of each field; None if the class declares what isn't known here."""
-    hints = typing.get_type_hints(cls, include_extras=True)
-    names = [entry.name for entry in dataclasses.fields(cls)]
-    tests = [_test_of(hints[name]) for name in names]
-    known = [
-        (name, _conversion_of(hints[name]), test) for name, test in zip(names, tests, strict=True) if test
-    ]
-    return known if len(known) == len(names) else None
-
-
-def _conversion_of(hint: Any) -> Callable[[Any], Any] | None:
-    """From a list to the tuple that a field declares, perhaps of records."""
-    if typing.get_origin(hint) is not tuple:
-        return None
-    item: Any = typing.get_args(hint)[0]
-    make = functools.partial(read_record, cast(type, item)) if dataclasses.is_dataclass(item) else None
-    return lambda value: tuple(map(make, value) if make else value) if type(value) is list else value
-
-
-def _test_of(hint: Any) -> _Fits | None:
-    """A test of a declared type and its bounds; None if the declaration isn't known here."""
-    origin, options = typing.get_origin(hint), typing.get_args(hint)
-    if origin is Annotated:
-        return _bounded(*options) if len(options) == 2 else None
-    if origin is typing.Literal:
-        return lambda value: type(value) is str and value in options
-    if hint in (int, float):
-        return _bounded(hint, Within())
-    if hint is Any:
-        return lambda value: True  # noqa: ARG005 - of a protocol
-    if hint in (str, bool, types.NoneType) or dataclasses.is_dataclass(hint):
-        return lambda value: type(value) is hint
-    inner = [_test_of(option) for option in options if option is not Ellipsis]
-    tests = [test for test in inner if test is not None]
-    if not tests or len(tests) < len(inner):
-        return None
-    first, last = tests[0], tests[-1]
-    if origin in (types.UnionType, typing.Union):
-        return lambda value: any(test(value) for test in tests)
-    if origin is tuple and Ellipsis in options:
-        return lambda value: type(value) is tuple and all(map(first, value))
-    if origin is tuple:
-        return lambda value: (
-            type(value) is tuple
-            and len(value) == len(tests)
-            and all(test(item) for test, item in zip(tests, value, strict=True))
-        )
-    if origin in (dict, Mapping):
-        return lambda value: type(value) is dict and all(map(last, value.values()))
-    return None
-
-
-def _bounded(hint: Any, rule: Any) -> _Fits | None:
-    if hint is str and isinstance(rule, OneLine):
-        return lambda value: type(value) is str and rule.allow(value)
-    if not isinstance(rule, Within) or hint not in (int, float):
-        return None
-    kinds = (int,) if hint is int else (float, int)
-    if rule == Within(ge=rule.ge, le=rule.le):
-        low, high = max(rule.ge, -sys.float_info.max), min(rule.le, sys.float_info.max)
-        return lambda value: type(value) in kinds and low <= value <= high
-    return lambda value: type(value) in kinds and rule.allow(value)
+        return from_dict(cls, known)
+    except ConfigError as fault:
+        raise error(where, str(fault)) from None

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Counted, Measured, Positive, Settings, Share, Within, to_dict
-from slamgym.core.documents import parse_json, read_record
+from slamgym.core.config import Counted, Measured, Positive, Settings, Share, Within, from_dict, to_dict
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import staged
 from slamgym.core.names import FileName, as_file_name
@@ -139,7 +139,7 @@ class ManifestLine:
             InputFileError: If the line is no such record.
         """
         try:
-            return read_record(cls, parse_json(line, where))
+            return from_dict(cls, parse_json(line, where))
         except ConfigError as error:
             raise InputFileError(where, f"is not {cls.noun} ({error})") from error
 

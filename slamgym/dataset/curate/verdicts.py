@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from slamgym.core.documents import parse_json, read_record
+from slamgym.core.config import from_dict
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_if_changed, text_lines
 from slamgym.dataset.faults import MapFault
@@ -88,6 +89,6 @@ def iterate_verdicts(root: Path | str) -> Iterator[Verdict]:
                 path, f"was written by an older version; run `slamgym dataset clean {root}` again"
             )
         try:
-            yield read_record(Verdict, entry)
+            yield from_dict(Verdict, entry)
         except ConfigError as error:
             raise InputFileError(where, f"is not a verdict ({error})") from error
