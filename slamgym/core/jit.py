@@ -62,13 +62,13 @@ class Kernel:
         # No kernel is a callback of C, which would be an entry of its own.
         jit = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
         try:
-            return _without_literals(jit(self._function))
+            return _prepared(jit(self._function))
         except RuntimeError as error:
             # Neither the package nor the user's cache folder is writable.
             if "no locator available" not in str(error):
                 raise
             numba.config.CACHE_DIR = use_temporary_cache()
-            return _without_literals(jit(self._function))
+            return _prepared(jit(self._function))
 
     @property
     def _numba_type_(self) -> Any:
@@ -76,12 +76,25 @@ class Kernel:
         return self.dispatcher._numba_type_
 
 
-def _without_literals(dispatcher: Any) -> Any:
-    """Let kernels that call this one with a number of their own text share what is compiled for any number."""
+def _prepared(dispatcher: Any) -> Any:
+    """Change two habits of numba's dispatcher.
+
+    Kernels that call this one with a number of their own text share what is compiled for any number. An index of the
+    cache that can't be read counts as none: numba unpickles it before it compares the source's stamp, and that of a
+    former version may name classes that are gone.
+    """
     from numba.types import unliteral
 
-    find = dispatcher.get_call_template
+    find, load = dispatcher.get_call_template, dispatcher._cache._cache_file._load_index
+
+    def load_index() -> Any:
+        try:
+            return load()
+        except Exception:  # noqa: BLE001 - unpickling may raise anything
+            return {}
+
     dispatcher.get_call_template = lambda args, keywords: find([unliteral(each) for each in args], keywords)
+    dispatcher._cache._cache_file._load_index = load_index
     return dispatcher
 
 
