@@ -40,8 +40,7 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
     texts: dict[str, bytes] = {}
     members: dict[str, Path] = {}
     try:
-        # ignore: tarfile asks for no more of a file than read().
-        with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:  # type: ignore[call-overload]
+        with open_expanded(path) as file, tarfile.open(fileobj=file, mode="r|") as archive:
             for number, member in enumerate(archive, start=1):
                 ENTRIES.check(path, number)
                 name = Path(member.name)

@@ -3,6 +3,7 @@
 import bz2
 import contextlib
 import gzip
+import io
 import lzma
 import os
 import struct
@@ -14,7 +15,7 @@ from collections.abc import Callable, Iterator
 from http import HTTPStatus
 from http.client import HTTPException, InvalidURL
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import open_regular, staged
@@ -36,7 +37,7 @@ DAMAGED_ZIP = (
 """Errors that reading a damaged zip archive raises, and numpy's files of several arrays are such."""
 
 
-class ExpandedFile:
+class _Expanded(io.RawIOBase):
     """The content of a compressed file, counted while it is read.
 
     Args:
@@ -45,30 +46,26 @@ class ExpandedFile:
         content: The decompressed stream of it.
     """
 
-    def __init__(self, path: Path, raw: BinaryIO, content: BinaryIO) -> None:
+    def __init__(self, path: Path, raw: BinaryIO, content: Any) -> None:
         self._path, self._raw, self._content = path, raw, content
         self._expanded = 0
 
-    def read(self, size: int) -> bytes:
-        """Up to so many bytes; none at the end.
+    def readable(self) -> bool:
+        """True."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Fill the buffer as far as there is something at hand.
 
         Raises:
             InputFileError: If the file expands beyond the limits.
         """
-        chunk = self._content.read(min(size, _CHUNK))
+        chunk = self._content.read1(len(buffer))
         self._expanded += len(chunk)
-        check_expansion(
-            self._path, self._expanded, self._raw.tell() if self._content is not self._raw else 1 << 62
-        )
-        return chunk
-
-    def read_all(self) -> bytes:
-        """Everything.
-
-        Raises:
-            InputFileError: If the file expands beyond the limits.
-        """
-        return b"".join(iter(lambda: self.read(_CHUNK), b""))
+        compressed = self._raw.tell() if self._content is not self._raw else 1 << 62
+        check_expansion(self._path, self._expanded, compressed)
+        buffer[: len(chunk)] = chunk
+        return len(chunk)
 
 
 def check_zip(path: Path | str, limit: Limit) -> None:
@@ -88,16 +85,16 @@ def check_zip(path: Path | str, limit: Limit) -> None:
 
 
 @contextlib.contextmanager
-def open_expanded(path: Path) -> Iterator[ExpandedFile]:
+def open_expanded(path: Path) -> Iterator[io.BufferedReader]:
     """Open a plain, gzip, xz or bzip2 file, known by how it begins.
 
     Raises:
-        InputFileError: If it can't be read or is no regular file.
+        InputFileError: If it can't be read or is no regular file; while it is read, if it expands beyond the limits.
     """
     with open_regular(path) as raw:
         opener = _OPENERS.get(raw.read(2))
         raw.seek(0)
-        yield ExpandedFile(path, raw, opener(raw) if opener else raw)  # type: ignore[operator]
+        yield io.BufferedReader(_Expanded(path, raw, opener(raw) if opener else raw), _CHUNK)  # type: ignore[operator]
 
 
 class DownloadError(SlamgymError):

@@ -14,10 +14,8 @@ Formats (http://carmen.sourceforge.net, logger module):
 - ``PARAM name value ...`` and comments that start with ``#``.
 """
 
-import gzip
 import math
 import re
-import zlib
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -27,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import open_regular
 from slamgym.core.geometry import between, wrap_angle
-from slamgym.core.limits import SCANS, check_expansion
+from slamgym.core.limits import SCANS
+from slamgym.core.streams import DAMAGED, open_expanded
 from slamgym.core.types import Float32Array, LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.records import (
     MAX_ABS_COORDINATE,
@@ -55,8 +53,6 @@ DEFAULT_RANGE_MAX = 80.0
 """A SICK LMS reports 81.91 m or so where nothing came back [m]."""
 
 MAX_LINE_BYTES = 1 << 22
-CHUNK_BYTES = 1 << 16
-GZIP_MAGIC = b"\x1f\x8b"
 
 _NUMBER = r"([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)"
 _BEAMS_COMMENT = re.compile(rf"beams from {_NUMBER} rad in steps of {_NUMBER} rad")
@@ -129,7 +125,7 @@ def read_carmen(path: Path | str) -> Log:
     """Read the front laser's scans and the odometry, at the scans and (ODOM lines) between them.
 
     Args:
-        path: A log, plain or compressed by gzip (known by its content, not by its name).
+        path: A log, plain or compressed by gzip, xz or bzip2 (known by its content, not by its name).
 
     Returns:
         The scans in the order of time. Readings at or beyond the laser's maximum are ``+inf``, zero, negative
@@ -193,29 +189,22 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[_Hints, list[_Sca
 
 
 def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
-    """Lines of a plain or gzip file; what is readable before a fault of compressed data is kept."""
-    rest, expanded = b"", 0
+    """Lines of a plain or compressed file; what is readable before a fault of compressed data is kept."""
     try:
-        with open_regular(path) as file:
-            is_packed = file.read(2) == GZIP_MAGIC
-            file.seek(0)
-            stream = gzip.GzipFile(fileobj=file) if is_packed else file
-            while chunk := stream.read1(CHUNK_BYTES):
-                expanded += len(chunk)
-                if is_packed:
-                    check_expansion(path, expanded, file.tell())
-                *lines, rest = (rest + chunk).split(b"\n")
-                if len(rest) > MAX_LINE_BYTES:
+        with open_expanded(path) as file:
+            while line := file.readline(MAX_LINE_BYTES + 1):
+                if len(line) > MAX_LINE_BYTES:
                     raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
-                yield from lines
-    except EOFError:
-        warnings.add("compressed data that end early, the rest of which is lost", path)
-    except (gzip.BadGzipFile, zlib.error):
-        warnings.add("damage in the compressed data, the rest of which is lost", path)
+                yield line.rstrip(b"\n")
+    except DAMAGED as error:
+        fault = (
+            "compressed data that end early"
+            if isinstance(error, EOFError)
+            else "damage in the compressed data"
+        )
+        warnings.add(f"{fault}, the rest of which is lost", path)
     except OSError as error:
         raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
-    if rest:
-        yield rest
 
 
 def _parse(fields: Sequence[str], line: int) -> _Scan | _Odometry:
