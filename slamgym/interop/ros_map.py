@@ -8,13 +8,15 @@ ambiguous.
 """
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 import yaml
 
-from slamgym.core.documents import parse_yaml
+from slamgym.core.config import Share, Within
+from slamgym.core.documents import known_fields, parse_yaml
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, read_text, write_bytes, write_text
 from slamgym.core.geometry import wrap_angle
@@ -26,9 +28,6 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-_MODES = ("trinary", "scale", "raw")
-NEGATIONS = ("0", "1", "false", "true")
-"""What a description may say; the first where it says nothing."""
 DIGITS = 12
 """Of the origin in metres behind the point: -20.700000000000003 is written as -20.7."""
 
@@ -42,6 +41,25 @@ MIN_UNKNOWN_SHARE = 0.01
 
 COMMON_GREYS_SHARE = 0.5
 """The three commonest greys of a map cover at least this share of it (0.79 or more of a hundred maps in the wild)."""
+
+
+_Place = Annotated[float, Within(ge=-MAX_ORIGIN, le=MAX_ORIGIN)]
+
+
+@dataclass(frozen=True)
+class MapDescription:
+    """What the yaml file of a map says."""
+
+    image: str
+    """The picture, beside the file."""
+    resolution: Annotated[float, Within(ge=MIN_RESOLUTION, le=MAX_RESOLUTION)]
+    """Metres of a cell."""
+    origin: tuple[_Place, _Place, float]
+    """x and y of the outer corner of the bottom-left cell [m], yaw [rad]."""
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+    negate: Literal["0", "1", "false", "true"] = "0"
+    occupied_thresh: Share = OCCUPIED_THRESHOLD
+    free_thresh: Share = FREE_THRESHOLD
 
 
 def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
@@ -119,24 +137,13 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     """
     path = Path(path)
     description = _read_description(path)
-    image = _image(path, description)
-    resolution = _number(path, description, "resolution")
-    if not MIN_RESOLUTION <= resolution <= MAX_RESOLUTION:
-        raise InputFileError(
-            path,
-            f"resolution is {resolution}; it must be a positive number of metres per cell, of at most "
-            f"{MAX_RESOLUTION:.0f}",
-        )
-    origin = _origin(path, description)
-    occupied = _share(path, description, "occupied_thresh", OCCUPIED_THRESHOLD)
-    free = _share(path, description, "free_thresh", FREE_THRESHOLD)
+    occupied, free = description.occupied_thresh, description.free_thresh
     if not free <= occupied:
         raise InputFileError(
             path, f"'free_thresh' is {free:g}, above 'occupied_thresh', {occupied:g}; swap them"
         )
-    mode = _word(path, description, "mode", _MODES)
-    negated = _word(path, description, "negate", NEGATIONS) in ("1", "true")
-    pixels = _read_pixels(image)
+    negated, mode = description.negate in ("1", "true"), description.mode
+    pixels = _read_pixels(path.parent / description.image)
     if mode == "raw" and (negated or pixels.dtype != np.uint8):
         raise InputFileError(path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel")
     grey, transparent = grey_picture(pixels)
@@ -148,9 +155,11 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     else:
         cells = classify_greys(255 - grey if negated else grey, occupied, free)
     cells[transparent] = UNKNOWN
-    if origin.theta != 0.0:
-        return TurnedMap(OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape)), origin)
-    frame = GridFrame(resolution, origin.x, origin.y, *grey.shape)
+    resolution, (x, y, yaw) = description.resolution, description.origin
+    if abs(yaw) >= 1e-3:
+        grid = OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape))
+        return TurnedMap(grid, Pose2D(x, y, wrap_angle(yaw)))
+    frame = GridFrame(resolution, x, y, *grey.shape)
     return TurnedMap(OccupancyGrid(cells, frame), Pose2D(0.0, 0.0, 0.0))
 
 
@@ -209,11 +218,28 @@ def classify_greys(
     return table.astype(np.uint8)[grey]
 
 
-def _read_description(path: Path) -> dict[str, Any]:
-    description = parse_yaml(read_text(path, YAML_BYTES), path)
-    if not isinstance(description, dict):
+def _read_description(path: Path) -> MapDescription:
+    values = parse_yaml(read_text(path, YAML_BYTES), path)
+    if not isinstance(values, dict):
         raise InputFileError(path, "is not a map description; it needs the keys image, resolution and origin")
+    words = {name: str(values[name]).lower() for name in ("mode", "negate") if name in values}
+    keys = ("resolution", "occupied_thresh", "free_thresh")
+    numbers = {name: _as_number(values[name]) for name in keys if name in values}
+    origin = values.get("origin")
+    if isinstance(origin, list):
+        numbers["origin"] = [*map(_as_number, origin), *[0.0] * (len(origin) == 2)]
+    description = known_fields(MapDescription, {**values, **words, **numbers}, path)
+    if not description.image or "\0" in description.image:
+        raise InputFileError(path, f"'image' is {shown(description.image)}; it names the map's image file")
     return description
+
+
+def _as_number(value: Any) -> Any:
+    """A number that stands in quotes as one; anything else as it is."""
+    try:
+        return float(value) if isinstance(value, str) else value
+    except ValueError:
+        return value
 
 
 def described_picture(path: Path) -> Path:
@@ -222,64 +248,7 @@ def described_picture(path: Path) -> Path:
     Raises:
         InputFileError: If it is malformed or names none.
     """
-    return _image(path, _read_description(path))
-
-
-def _image(path: Path, description: dict[str, Any]) -> Path:
-    value = description.get("image")
-    if not isinstance(value, str) or not value or "\0" in value:
-        problem = "is missing" if value is None else f"is {shown(value)}"
-        raise InputFileError(path, f"'image' {problem}; it names the map's image file")
-    return path.parent / value
-
-
-def _number(path: Path, description: dict[str, Any], key: str, default: float | None = None) -> float:
-    value: Any = description.get(key, default)
-    if value is None:
-        raise InputFileError(
-            path, f"has no {key!r}; a map's yaml needs the keys image, resolution and origin"
-        )
-    number = _as_number(value)
-    if not math.isfinite(number):
-        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be a number")
-    return number
-
-
-def _as_number(value: Any) -> float:
-    """Of a number, which may stand in quotes; else nan."""
-    try:
-        return math.nan if isinstance(value, bool) else float(value)
-    except (TypeError, ValueError, OverflowError):
-        return math.nan
-
-
-def _word(path: Path, description: dict[str, Any], key: str, words: tuple[str, ...]) -> str:
-    """A key's word; the first where the key is missing."""
-    value = description.get(key, words[0])
-    if not isinstance(value, str | int) or str(value).lower() not in words:
-        raise InputFileError(path, f"{key!r} is {shown(value)}; it must be one of {', '.join(words)}")
-    return str(value).lower()
-
-
-def _share(path: Path, description: dict[str, Any], key: str, default: float) -> float:
-    value = _number(path, description, key, default)
-    if not 0.0 <= value <= 1.0:
-        raise InputFileError(path, f"{key!r} is {value:g}; it must be between 0 and 1")
-    return value
-
-
-def _origin(path: Path, description: dict[str, Any]) -> Pose2D:
-    origin: Any = description.get("origin")
-    listed = isinstance(origin, list) and len(origin) in (2, 3)
-    x, y, *yaw = map(_as_number, origin) if listed else (math.nan, math.nan)
-    if not (abs(x) <= MAX_ORIGIN and abs(y) <= MAX_ORIGIN):  # false for nan
-        raise InputFileError(
-            path, f"'origin' is {shown(origin)}; it must be a list [x, y, yaw] of numbers in metres"
-        )
-    turn = yaw[0] if yaw else 0.0
-    if not math.isfinite(turn):
-        raise InputFileError(path, f"the yaw of 'origin' is {turn}; it must be a number of radians")
-    return Pose2D(x, y, 0.0 if abs(turn) < 1e-3 else wrap_angle(turn))
+    return path.parent / _read_description(path).image
 
 
 def _read_pixels(path: Path) -> Any:
