@@ -7,8 +7,8 @@ that close gaps; two spaces with a door between them are one floor, and what lie
 Convention: metres, x right, y up, as in a :class:`FloorPlan`.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -47,8 +47,8 @@ class DrawnWalls:
     """Findings of a reader in a drawing; segments have shape (N, 4): x0, y0, x1, y1 [m]."""
 
     walls: FloatArray
-    doors: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    windows: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    doors: FloatArray
+    windows: FloatArray
     rooms: tuple[Room, ...] = ()
     doubts: tuple[str, ...] = ()
     """Sentences about what the drawing left open, its unit above all."""
@@ -100,6 +100,17 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
     rooms = tuple(room for room in drawn.rooms if floor.intersects(room.polygon))
     doors = tuple(_door(drawn.doors[way.door]) for way in used)
     return FloorPlan(plan_id, floor, rooms, doors, source, drawn.doubts)
+
+
+def stacked(lines: Iterable[FloatArray]) -> FloatArray:
+    """Segments of many lines, shape (N, 4); there may be none."""
+    return np.vstack([np.empty((0, 4)), *lines])
+
+
+def outline_edges(polygons: Iterable[Polygon]) -> list[FloatArray]:
+    """The edges of polygons and of their holes, ring by ring."""
+    rings = [ring for polygon in polygons for ring in (polygon.exterior, *polygon.interiors)]
+    return [edges_of(shapely.get_coordinates(ring), closed=False) for ring in rings]
 
 
 def edges_of(points: FloatArray, closed: bool) -> FloatArray:

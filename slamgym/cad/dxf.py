@@ -20,7 +20,7 @@ import shapely
 from scipy.spatial import cKDTree
 from shapely import Polygon
 
-from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls
+from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, outline_edges, stacked
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import refuse_crossings
 from slamgym.core.errors import PlanError, as_plan_error
@@ -88,7 +88,7 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     if unit is None:
         unit, doubts = _unit_by_size(walls)
     walls = walls * unit
-    windows = np.vstack([np.empty((0, 4)), *found.lines["window"]]) * unit
+    windows = stacked(found.lines["window"]) * unit
     doors = found.doors(walls / unit, unit)
     rooms = tuple(
         Room("Room", shapely.transform(ring, lambda points: points * unit))
@@ -224,10 +224,7 @@ class _Found:
 
     def doors(self, walls: FloatArray, unit: float) -> FloatArray:
         """The doors, from jamb to jamb [m]: lines, and closed positions of swings."""
-        edges = (
-            np.vstack([np.empty((0, 4)), *self.lines["door"], self._closed_leaves(walls, HINGED / unit)])
-            * unit
-        )
+        edges = stacked([*self.lines["door"], self._closed_leaves(walls, HINGED / unit)]) * unit
         lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
 
@@ -275,12 +272,9 @@ class _Found:
             self._crossings = refuse_crossings(edges_of(points, closed), self._source, self._crossings)
             line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
             body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
-            for ring in [
-                ring for part in shapely.get_parts(body) for ring in (part.exterior, *part.interiors)
-            ]:
-                self.lines[kind].append(edges_of(shapely.get_coordinates(ring), closed=False))
-            return
-        self.lines[kind].append(edges_of(points, closed))
+            self.lines[kind] += outline_edges(shapely.get_parts(body))
+        else:
+            self.lines[kind].append(edges_of(points, closed))
 
     def _closed_leaves(self, walls: FloatArray, near: float) -> FloatArray:
         """From hinges to those ends of the arcs that lie at a wall, or at another leaf's arc, shape (N, 4)."""

@@ -12,7 +12,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, middle_line
+from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, middle_line, stacked
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import PlanError, as_plan_error
@@ -54,14 +54,12 @@ def read_geojson(path: Path | str) -> FloorPlan:
                 middle_line(Polygon(ring))[None] if is_opening else edges_of(ring, closed=False)
                 for ring in rings
             ]
-    found = {kind: np.vstack([np.empty((0, 4)), *parts]) for kind, parts in lines.items()}
-    walls = found["wall"].reshape(-1, 2)
-    if len(walls) and max(walls.max(axis=0) - walls.min(axis=0)) < DEGREES:
+    walls, doors, windows = (stacked(lines[kind]) for kind in ("wall", "door", "window"))
+    if len(walls) and max(np.ptp(walls.reshape(-1, 2), axis=0)) < DEGREES:
         raise PlanError(
             source, "is smaller than 5 cm: its coordinates are degrees; project it to metres first"
         )
-    drawn = DrawnWalls(found["wall"], found["door"], found["window"], tuple(rooms))
-    return floor_of_walls(drawn, path.stem, source)
+    return floor_of_walls(DrawnWalls(walls, doors, windows, tuple(rooms)), path.stem, source)
 
 
 def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, Any]]]:

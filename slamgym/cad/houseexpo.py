@@ -24,7 +24,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
-from slamgym.cad.polygons import make_valid, polygon_parts
+from slamgym.cad.polygons import connected_part, make_valid, polygon_parts
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes, write_text
@@ -144,21 +144,13 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     x, y = outline.T
     signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
     repaired = make_valid(polygon, source)
-    parts = [part for part in polygon_parts(repaired) if part.area > 0.0]
-    area = sum(part.area for part in parts)
+    area = sum(part.area for part in polygon_parts(repaired))
     if area < MIN_AREA:
         raise PlanError(source, "the outline encloses no area; give at least a closed room in metres")
     if holes or abs(area - signed_area) > MAX_REPAIRED_SHARE * area:
         reason = shapely.is_valid_reason(polygon)
         raise PlanError(source, f"the outline crosses itself ({reason}); make it a simple polygon")
-    largest = max(parts, key=lambda part: float(part.area))
-    if area - largest.area > MAX_REPAIRED_SHARE * area:
-        raise PlanError(
-            source,
-            f"the free space falls into {len(parts)} disjoint parts, the largest {largest.area:.1f} of "
-            f"{area:.1f} m2; connect them",
-        )
-    return largest
+    return connected_part(repaired, 1.0 - MAX_REPAIRED_SHARE, source)
 
 
 def _parse_json(text: str | bytes, source: str) -> Mapping[str, Any]:

@@ -6,6 +6,7 @@ curtain walls are bodies of walls; openings that reach down to it are doors, or 
 Schema: ISO 16739-1 (IFC 4): IfcBuildingStorey, IfcWall, IfcRelVoidsElement, IfcRelFillsElement, IfcSpace.
 """
 
+import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,13 +18,14 @@ from shapely import Polygon
 from slamgym.cad.drawn_plan import (
     LINE_GRID,
     DrawnWalls,
-    edges_of,
     floor_of_walls,
     middle_line,
+    outline_edges,
+    stacked,
 )
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.errors import PlanError, needing_extra
 from slamgym.core.files import require_file
 from slamgym.core.limits import DRAWING_BYTES, ENTRIES, IFC_SECONDS, PLAN_PARTS, shown
 from slamgym.core.parallel.backlog import Lost
@@ -88,31 +90,30 @@ def _read(file: tuple[Path, str | None]) -> FloorPlan:
         names = ", ".join(shown(name) for name, _, _ in storeys[:8])
         raise PlanError(path, f"has no storey called {shown(storey)}; it has {names}")
     name, elevation, elements = chosen[0]
-    try:
+    with _undamaged(path, "has geometry that can't be computed"):
         drawn = _cut(elements, elevation + LASER_HEIGHT, str(path))
-    except _DAMAGED as error:
-        raise PlanError(
-            path, f"has geometry that can't be computed ({shown(str(error))}); export it again"
-        ) from None
     plan_id = path.stem if len(storeys) == 1 else f"{path.stem}-{name}"
     return floor_of_walls(drawn, plan_id, f"{path}, storey {shown(name)}" if len(storeys) > 1 else str(path))
 
 
 def _open(path: Path) -> Any:
-    try:
+    with needing_extra("reading IFC", "ifc"):
         import ifcopenshell
-    except ImportError:
-        raise ConfigError(
-            "reading IFC needs the package 'ifcopenshell': pip install 'slamgym[ifc]'"
-        ) from None
     require_file(path, DRAWING_BYTES)
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(1024):
             raise PlanError(path, "is no IFC model in STEP form (it must begin with ISO-10303-21)")
-    try:
+    with _undamaged(path, "is no readable IFC model", ifcopenshell.Error):
         return ifcopenshell.open(str(path))
-    except (ifcopenshell.Error, *_DAMAGED) as error:
-        raise PlanError(path, f"is no readable IFC model ({shown(str(error))}); export it again") from None
+
+
+@contextlib.contextmanager
+def _undamaged(path: Path, fault: str, *errors: type[Exception]) -> Iterator[None]:
+    """Say what is wrong with a file over which the library stumbles in the block."""
+    try:
+        yield
+    except (*errors, *_DAMAGED) as error:
+        raise PlanError(path, f"{fault} ({shown(str(error))}); export it again") from None
 
 
 def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
@@ -121,7 +122,7 @@ def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
     from ifcopenshell.util.placement import get_storey_elevation
     from ifcopenshell.util.unit import calculate_unit_scale
 
-    try:
+    with _undamaged(path, "has storeys that can't be read"):
         scale = float(calculate_unit_scale(model))
         found, count = [], 0
         for number, storey in enumerate(model.by_type("IfcBuildingStorey"), start=1):
@@ -131,10 +132,6 @@ def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
             if any(element.is_a("IfcWall") for element in elements):
                 name = str(storey.Name or f"storey {number}")
                 found.append((name, scale * float(get_storey_elevation(storey)), elements))
-    except _DAMAGED as error:
-        raise PlanError(
-            path, f"has storeys that can't be read ({shown(str(error))}); export it again"
-        ) from None
     if not found:
         raise PlanError(path, "has no storey with walls (IfcBuildingStorey with IfcWall)")
     return sorted(found, key=lambda entry: entry[1])
@@ -151,7 +148,7 @@ def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
     for element in elements:
         if any(element.is_a(kind) for kind in SOLIDS):
             section = _section(element, height)
-            walls += [edges_of(np.array(ring.coords), closed=False) for ring in _rings(section)]
+            walls += outline_edges(section)
             for opening, is_window in _openings(element):
                 line = _across(_section(opening, height), section)
                 if line is not None:
@@ -159,10 +156,7 @@ def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
         elif element.is_a("IfcSpace"):
             name = str(element.LongName or element.Name or "Room")[:100]
             rooms += [Room(name, part) for part in _section(element, height)]
-    none = np.empty((0, 4))
-    return DrawnWalls(
-        np.vstack([none, *walls]), np.vstack([none, *doors]), np.vstack([none, *windows]), tuple(rooms)
-    )
+    return DrawnWalls(stacked(walls), stacked(doors), stacked(windows), tuple(rooms))
 
 
 def _openings(wall: Any) -> Iterator[tuple[Any, bool]]:
@@ -231,9 +225,3 @@ def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray
         share = ((height - tip[:, 2]) / (other[:, 2] - tip[:, 2]))[:, None]
         ends.append((tip + share * (other - tip))[:, :2])
     return np.stack(ends, axis=1)
-
-
-def _rings(polygons: list[Polygon]) -> Iterator[Any]:
-    for polygon in polygons:
-        yield polygon.exterior
-        yield from polygon.interiors

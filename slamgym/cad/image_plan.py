@@ -12,7 +12,7 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.cad.polygons import polygon_parts
+from slamgym.cad.polygons import connected_part, polygon_parts
 from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.geometry import transform_points
@@ -103,14 +103,7 @@ def trace_plan(
         raise PlanError(
             source, f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution"
         )
-    largest = max(patches, key=lambda patch: float(patch.area))
-    total = sum(patch.area for patch in patches)
-    if largest.area < MIN_PATCH_SHARE * total:
-        raise PlanError(
-            source,
-            f"the free space falls into {len(patches)} disjoint parts, the largest {largest.area:.1f} of "
-            f"{total:.1f} m2; connect them",
-        )
+    largest = connected_part(shapely.GeometryCollection(patches), MIN_PATCH_SHARE, source)
     outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
     if not isinstance(outline, Polygon) or not outline.is_valid:
         outline = largest

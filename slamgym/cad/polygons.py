@@ -34,6 +34,28 @@ def largest_part(geometry: shapely.Geometry) -> Polygon:
     return max(polygon_parts(geometry), key=lambda part: float(part.area), default=Polygon())
 
 
+def connected_part(geometry: shapely.Geometry, least_share: float, source: str) -> Polygon:
+    """The largest polygon in a geometry, unless too little of the floor hangs together.
+
+    Args:
+        geometry: The floor.
+        least_share: The share of its area that the polygon must make up.
+        source: Named in errors.
+
+    Raises:
+        PlanError: If it makes up less.
+    """
+    parts = polygon_parts(geometry)
+    largest, total = largest_part(geometry), sum(part.area for part in parts)
+    if largest.is_empty or not largest.area >= least_share * total:
+        raise PlanError(
+            source,
+            f"the free space falls into {len(parts)} disjoint parts, the largest {largest.area:.1f} of {total:.1f} m2; "
+            "connect them",
+        )
+    return largest
+
+
 def oriented_rings(geometry: shapely.Geometry) -> Iterator[LinearRing]:
     """The outlines of all polygons in a geometry and of their holes, each with the inside on its left."""
     for part in map(orient, polygon_parts(geometry)):

@@ -19,7 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
-from slamgym.cad.polygons import largest_part, make_valid, polygon_parts, refuse_crowded
+from slamgym.cad.polygons import connected_part, make_valid, refuse_crowded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
@@ -61,7 +61,7 @@ def read_lines(path: Path) -> dict[str, tuple[Any, str, str]]:
     floors: dict[str, tuple[Any, str, str]] = {}
     try:
         with open_expanded(path) as file:
-            lines = file.read_all().decode().split("\n")
+            lines = file.read().decode().split("\n")
     except (OSError, UnicodeDecodeError, *DAMAGED) as error:
         raise InputFileError(path, f"is not a file of floors, one JSON object a line ({error})") from None
     ENTRIES.check(path, len(lines))
@@ -100,11 +100,7 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     doors = [door for room in drawn for door in _doors(room, scale)]
     passages = [_passage(door).intersection(building) for door in doors]
     space = shapely.union_all([*(room.polygon for room in rooms), *passages])
-    largest = largest_part(space)
-    if not largest.area >= MIN_CONNECTED_SHARE * space.area or largest.is_empty:
-        raise PlanError(
-            source, f"the free space falls into {len(polygon_parts(space))} disjoint parts; connect them"
-        )
+    largest = connected_part(space, MIN_CONNECTED_SHARE, source)
     return FloorPlan(
         id=plan_id,
         free_space=largest,

@@ -54,6 +54,24 @@ class ConfigError(SlamgymError):
     """A setting has an unknown name or a value that makes no sense."""
 
 
+@contextlib.contextmanager
+def needing_extra(what: str, extra: str) -> Iterator[None]:
+    """Say which extra brings a package that is imported in the block and isn't installed.
+
+    Args:
+        what: What needs it.
+        extra: The extra of slamgym.
+
+    Raises:
+        ConfigError: If it isn't installed.
+    """
+    try:
+        yield
+    except ImportError as error:
+        sentence = f"{what} needs the package {error.name!r}; install it with: pip install 'slamgym[{extra}]'"
+        raise ConfigError(sentence) from error
+
+
 class ActionError(SlamgymError):
     """An action is not one of the environment's.
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.records import (
@@ -141,14 +141,10 @@ def import_rosbags() -> Any:
     Raises:
         ConfigError: If it isn't installed.
     """
-    try:
+    with needing_extra("reading and writing ROS bags", "ros"):
         import rosbags.highlevel
         import rosbags.rosbag2
         import rosbags.typesys
-    except ImportError as error:
-        raise ConfigError(
-            "ROS bags need the package 'rosbags'; install it with: pip install 'slamgym[ros]'"
-        ) from error
     return rosbags
 
 

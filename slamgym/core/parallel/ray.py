@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import cv2
 
 from slamgym import __version__
-from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.errors import ConfigError, SlamgymError, needing_extra
 from slamgym.core.interruption import kept_termination
 from slamgym.core.parallel.backlog import Attempt, Backlog, Engine, Lost, available_cores, run_limited
 
@@ -45,12 +45,8 @@ def import_ray() -> ModuleType:
     # No report of usage to Ray's makers, and no remarks about settings that concern GPUs alone.
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
-    try:
+    with needing_extra("--engine ray", "ray"):
         import ray
-    except ImportError as error:
-        raise ConfigError(
-            "--engine ray needs Ray, which is not installed: pip install 'slamgym[ray]'"
-        ) from error
     module: ModuleType = ray
     return module
 
