@@ -21,7 +21,7 @@ from slamgym.agents.evaluation.trial import SUCCESS_COVERAGE, Trial, level_name
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.intervals import Interval, mean_difference, mean_interval, mean_of_ratios, ratio_of_means
+from slamgym.core.intervals import Interval, mean_interval, ratio_of_means
 from slamgym.core.types import FloatArray
 
 DONE = "done"
@@ -186,7 +186,7 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         trials[0].explorer,
         reference[0].explorer,
         tuple(levels),
-        {name: mean_difference(*pair) for name, pair in values.items()},
+        {name: mean_interval(np.subtract(*pair)) for name, pair in values.items()},
         {
             name: ratio_of_means(*values[name])
             for name in ("map_error", "ate")
@@ -272,9 +272,9 @@ def _compare_level(
         len(reached),
         len(trials),
         ratio_of_means(*both) if reached else None,
-        mean_of_ratios(*both) if reached else None,
+        mean_interval(np.divide(*both)) if reached else None,
         ratio_of_means(*everything) if timed else None,
-        mean_of_ratios(*everything) if timed else None,
+        mean_interval(np.divide(*everything)) if timed else None,
     )
 
 

@@ -76,7 +76,7 @@ class Cell:
 
 
 class Wall(NamedTuple):
-    """A straight piece of wall between two cells: its middle line, axis-parallel."""
+    """A straight piece of a cell's wall: its middle line, axis-parallel."""
 
     x0: float
     y0: float

@@ -48,8 +48,7 @@ class Opening:
 class _Neighbours:
     """Two cells that share enough wall for a door."""
 
-    first: int
-    second: int
+    cells: tuple[int, int]
     wall: Wall
     cost: float
 
@@ -80,8 +79,8 @@ def join_rooms(
     tree = _tree(len(cells), pairs)
     if len(tree) < len(cells) - 1:
         return None
-    joined = [_open(cells, pair, thickness, rng, open_plan) for pair in pairs if _ends(pair) in tree]
-    spare = [pair for pair in pairs if _ends(pair) not in tree and not _uses(cells, pair) & _SERVICE]
+    joined = [_open(cells, pair, thickness, rng, open_plan) for pair in pairs if pair.cells in tree]
+    spare = [pair for pair in pairs if pair.cells not in tree and not _uses(cells, pair) & _SERVICE]
     if spare and rng.random() < loops:
         number = min(len(spare), int(rng.integers(1, 1 + MAX_SPARE)))
         chosen = rng.choice(len(spare), size=number, replace=False)
@@ -89,12 +88,8 @@ def join_rooms(
     return joined
 
 
-def _ends(pair: _Neighbours) -> tuple[int, int]:
-    return pair.first, pair.second
-
-
 def _uses(cells: Sequence[Cell], pair: _Neighbours) -> set[str]:
-    return {cells[pair.first].category, cells[pair.second].category}
+    return {cells[index].category for index in pair.cells}
 
 
 def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> list[_Neighbours]:
@@ -114,7 +109,7 @@ def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generato
                     else walls[int(rng.integers(len(walls)))]
                 )
                 cost = _cost(cell.category, other.category) + float(rng.uniform(0.0, 0.9))
-                pairs.append(_Neighbours(first, second, wall, cost))
+                pairs.append(_Neighbours((first, second), wall, cost))
     return pairs
 
 
@@ -122,13 +117,7 @@ def _cost(a: str, b: str) -> float:
     """Cost of a door between two kinds of rooms: the unlikelier, the higher."""
     service = (a in _SERVICE) + (b in _SERVICE)
     hub = (a in _HUBS) + (b in _HUBS)
-    return (
-        2.0
-        + 2.0 * service
-        + (4.0 if service == 2 else 0.0)
-        - (1.5 if hub else 0.0)
-        - (0.3 if hub == 2 else 0.0)
-    )
+    return 2.0 + (0.0, 2.0, 8.0)[service] - (1.5 if hub else 0.0) - (0.3 if hub == 2 else 0.0)
 
 
 def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
@@ -137,8 +126,8 @@ def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    rows, cols = [pair.first for pair in pairs], [pair.second for pair in pairs]
-    graph = coo_array(([pair.cost for pair in pairs], (rows, cols)), shape=(count, count))
+    ends = np.array([pair.cells for pair in pairs], np.int32).reshape(-1, 2).T
+    graph = coo_array(([pair.cost for pair in pairs], tuple(ends)), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr()).tocoo()
     return {(int(row), int(col)) for row, col in zip(tree.row, tree.col, strict=True)}
 
@@ -147,14 +136,14 @@ def _open(
     cells: Sequence[Cell], pair: _Neighbours, thickness: float, rng: np.random.Generator, open_plan: float
 ) -> Opening:
     """Put an opening into a wall: none of the wall left, a wide opening, or a door."""
-    categories, members = _uses(cells, pair), _ends(pair)
+    categories = _uses(cells, pair)
     usable = pair.wall.length - thickness  # between the faces of the walls that cross at its ends
     start = 0.5 * thickness
     # Even a bedroom or a garage may have a passage rather than a door.
     chance = open_plan if categories <= _OPEN_PLAN else 0.4 * open_plan
     if not categories & _CLOSED and rng.random() < chance:
         if categories <= _OPEN_PLAN and rng.random() < 0.7:
-            return Opening(pair.wall.opening(start, start + usable, thickness), None, members)
+            return Opening(pair.wall.opening(start, start + usable, thickness), None, pair.cells)
         width = float(np.clip(rng.uniform(*WIDE_OPENING), 0.7, usable - 2 * MIN_NIB))
     else:
         width = float(rng.choice(DOOR_WIDTHS[0], p=DOOR_WIDTHS[1]))
@@ -163,7 +152,7 @@ def _open(
     # Whole centimetres, as the walls: rounding both ends of the box by themselves could narrow a door.
     width, at = snap(width), snap(start + _place(usable, width, rng))
     box = pair.wall.opening(at, at + width, thickness)
-    return Opening(box, _door(box), members)
+    return Opening(box, _door(box), pair.cells)
 
 
 def _place(usable: float, width: float, rng: np.random.Generator) -> float:

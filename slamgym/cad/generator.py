@@ -16,7 +16,7 @@ import shapely
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.cells import GRID, Box, Cell, snap
+from slamgym.cad.cells import GRID, Box, Cell, Wall, snap
 from slamgym.cad.doors import Opening, join_rooms
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
 from slamgym.cad.layouts import lay_out_home, lay_out_office, rooms_for_area
@@ -265,17 +265,15 @@ def _wall_blocks(
     return blocks
 
 
-def _edges(polygon: Polygon) -> list[tuple[float, float, float, float]]:
+def _edges(polygon: Polygon) -> list[Wall]:
     """Edges of a cell with the cell on their left."""
     points = shapely.get_coordinates(shapely.geometry.polygon.orient(polygon).exterior)
-    return [(*a, *b) for a, b in zip(points[:-1].tolist(), points[1:].tolist(), strict=True)]
+    return [Wall(*a, *b) for a, b in zip(points[:-1].tolist(), points[1:].tolist(), strict=True)]
 
 
-def _block(
-    wall: tuple[float, float, float, float], thickness: float, rng: np.random.Generator
-) -> Polygon | None:
+def _block(wall: Wall, thickness: float, rng: np.random.Generator) -> Polygon | None:
     """A block at a wall: a shaft in its corner, or a chimney breast along it."""
-    length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
+    length = wall.length
     width, depth = snap(rng.uniform(0.4, 1.4)), snap(rng.uniform(0.2, 0.55))
     if length < width + 1.8:
         return None
@@ -285,11 +283,10 @@ def _block(
     return _along_wall(wall, [(start, 0.0), (start + width, 0.0), (start + width, far), (start, far)])
 
 
-def _along_wall(wall: tuple[float, float, float, float], corners: Sequence[tuple[float, float]]) -> Polygon:
+def _along_wall(wall: Wall, corners: Sequence[tuple[float, float]]) -> Polygon:
     """A polygon of corners by their distances along a wall and to its left [m]."""
     x0, y0, x1, y1 = wall
-    length = math.hypot(x1 - x0, y1 - y0)
-    ux, uy = (x1 - x0) / length, (y1 - y0) / length
+    ux, uy = (x1 - x0) / wall.length, (y1 - y0) / wall.length
     return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
 
 
@@ -300,10 +297,7 @@ def _bay_windows(cells: Sequence[Cell], thickness: float, rng: np.random.Generat
     for index, cell in enumerate(cells):
         if cell.category not in _BAY_ROOMS or rng.random() >= _BAYS:
             continue
-        outer = [
-            wall for wall in _edges(cell.polygon) if math.hypot(wall[2] - wall[0], wall[3] - wall[1]) > 3.0
-        ]
-        for wall in outer:
+        for wall in [wall for wall in _edges(cell.polygon) if wall.length > 3.0]:
             bay = _bay(wall, thickness, rng)
             # Its outer wall must not run into another part of the building either.
             outside = bay.buffer(thickness).difference(cell.polygon)
@@ -313,9 +307,9 @@ def _bay_windows(cells: Sequence[Cell], thickness: float, rng: np.random.Generat
     return bays
 
 
-def _bay(wall: tuple[float, float, float, float], thickness: float, rng: np.random.Generator) -> Polygon:
+def _bay(wall: Wall, thickness: float, rng: np.random.Generator) -> Polygon:
     """A trapezium that leans out of a wall."""
-    length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
+    length = wall.length
     width, depth = rng.uniform(1.6, min(3.0, length - 0.6)), rng.uniform(0.5, 0.9)
     start, inside, slant = 0.5 * (length - width), 0.5 * thickness, rng.uniform(0.2, 0.9) * depth
     corners = [

@@ -81,10 +81,8 @@ def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, 
         if not isinstance(properties, dict) or not isinstance(geometry, dict | None):
             raise PlanError(source, "has a feature whose properties or geometry are no object")
         if geometry and str(geometry.get("type")) in _NESTING:
-            kind, name = (
-                properties.get("kind", ""),
-                properties.get("name") or properties.get("category") or "Room",
-            )
+            kind = properties.get("kind", "")
+            name = properties.get("name") or properties.get("category") or "Room"
             if not isinstance(kind, str) or not isinstance(name, str):
                 raise PlanError(
                     source, f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}"

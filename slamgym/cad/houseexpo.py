@@ -176,25 +176,22 @@ def _id(data: Mapping[str, Any], source: str) -> str:
     return str(plan_id)
 
 
-def _points(value: Any, source: str, what: str, at_least: int) -> FloatArray:
-    """A list of x, y pairs as an array, shape (N, 2)."""
+def _points(value: Any, source: str, what: str, at_least: int = 1, form: str = "[x, y]") -> FloatArray:
+    """A list of groups of coordinates as an array, shape (N, 2), or as many as the form has."""
+    size = form.count(",") + 1
     try:
-        points = np.asarray(value if len(value) else np.empty((0, 2)))
+        points = np.asarray(value if len(value) else np.empty((0, size)))
     except (TypeError, ValueError, OverflowError):
-        raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers") from None
-    if points.ndim != 2 or points.shape[1] != 2 or points.dtype.kind not in "iuf":
-        raise PlanError(source, f"{what} is not a list of [x, y] pairs of numbers")
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != size or points.dtype.kind not in "iuf":
+        raise PlanError(source, f"{what} is not a list of {form} of numbers")
     if len(points) < at_least:
         raise PlanError(source, f"{what} has {len(points)} vertices; an outline needs at least {at_least}")
-    return _checked(points.astype(np.float64), source, what)
-
-
-def _checked(numbers: FloatArray, source: str, what: str) -> FloatArray:
-    if not np.isfinite(numbers).all():
+    if not np.isfinite(points).all():
         raise PlanError(source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres")
-    if np.abs(numbers).max(initial=0.0) > MAX_PLAN_COORDINATE:
+    if np.abs(points).max(initial=0.0) > MAX_PLAN_COORDINATE:
         raise PlanError(source, f"{what} has a coordinate beyond {MAX_PLAN_COORDINATE:.0f} m; give metres")
-    return numbers
+    return points.astype(np.float64)
 
 
 def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, ...]:
@@ -223,14 +220,9 @@ def _rings(entry: Any, source: str) -> Polygon:
 
 
 def _box(entry: Any, source: str) -> Polygon:
-    what = "'room_category'"
-    try:
-        corners = np.asarray(entry)
-    except (ValueError, OverflowError):
-        corners = np.empty(0)
-    if corners.shape != (4,) or corners.dtype.kind not in "iuf":
-        raise PlanError(source, f"{what} has a room that is not [min x, min y, max x, max y]")
-    x0, y0, x1, y1 = _checked(corners.astype(np.float64), source, what)
+    ((x0, y0, x1, y1),) = _points(
+        [entry], source, "'room_category'", 1, "[min x, min y, max x, max y]"
+    ).tolist()
     return shapely.box(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
 
 

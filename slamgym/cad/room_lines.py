@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 import shapely
 from shapely import Polygon
-from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
@@ -92,7 +91,9 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
         for room in drawn
         if (polygon := _interior(_metres(room["polygon"], scale), source)) is not None
     ]
-    building = shapely.union_all([_outline(_metres(room["polygon"], scale), source) for room in drawn])
+    building = shapely.union_all(
+        [make_valid(Polygon(_metres(room["polygon"], scale)), source) for room in drawn]
+    )
     # Gaps between rooms belong to the building; its outer walls stay closed.
     building = building.buffer(_DOOR_DEPTH, join_style="mitre").buffer(
         -_DOOR_DEPTH - 0.5 * WALL_THICKNESS, join_style="mitre"
@@ -135,13 +136,11 @@ def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -
         refuse_crowded(np.vstack(walls), 2.0 * _DOOR_DEPTH, source)
 
 
-def _outline(points: FloatArray, source: str) -> BaseGeometry:
-    return make_valid(Polygon(points), source)
-
-
 def _interior(points: FloatArray, source: str) -> Polygon | None:
     """A room without its walls, None if nothing is left."""
-    parts = shapely.get_parts(_outline(points, source).buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
+    parts = shapely.get_parts(
+        make_valid(Polygon(points), source).buffer(-0.5 * WALL_THICKNESS, join_style="mitre")
+    )
     polygons = [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
     return max(polygons, key=lambda part: float(part.area), default=None)
 

@@ -86,11 +86,15 @@ def staged(path: Path | str, *, durable: bool = False) -> Iterator[Path]:
                 part.unlink(missing_ok=True)
 
 
-def open_regular(path: Path | str) -> BufferedReader:
+def open_regular(path: Path | str, limit: Limit | None = None) -> BufferedReader:
     """Open a file for reading; a device, a pipe or a folder is refused, not waited for.
 
+    Args:
+        path: The file.
+        limit: Of its bytes.
+
     Raises:
-        InputFileError: If it can't be read or is no regular file.
+        InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
     try:
         # A pipe that nobody writes to would block here.
@@ -103,6 +107,8 @@ def open_regular(path: Path | str) -> BufferedReader:
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
         raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
+    if limit is not None:
+        limit.check(path, os.fstat(file.fileno()).st_size)
     return file
 
 
@@ -122,8 +128,7 @@ def read_bytes(path: Path | str, limit: Limit = FILE_BYTES) -> bytes:
     Raises:
         InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
-    with open_regular(path) as file:
-        limit.check(path, os.fstat(file.fileno()).st_size)
+    with open_regular(path, limit) as file:
         try:
             return file.read(limit.value)
         except OSError as error:
@@ -187,8 +192,7 @@ def require_file(path: Path | str, limit: Limit = FILE_BYTES) -> None:
     Raises:
         InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
-    with open_regular(path) as file:
-        limit.check(path, os.fstat(file.fileno()).st_size)
+    open_regular(path, limit).close()
 
 
 def spare_inputs(sources: Iterable[Path], target: Path) -> None:

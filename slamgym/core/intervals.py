@@ -5,7 +5,7 @@ between plans, which are large, cancel out. Several values of one plan are a gro
 """
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,7 +57,7 @@ def mean_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None = 
     values = np.asarray(values, dtype=np.float64)
     if groups is not None:
         return ratio_of_means(values, np.ones(len(values)), seed, groups)
-    return _bootstrap(values[:, None], lambda means: means[:, 0], seed)
+    return _bootstrap([values], lambda means: means[:, 0], seed)
 
 
 def ratio_of_means(
@@ -73,11 +73,8 @@ def ratio_of_means(
         seed: Of the resampling.
         groups: The plan of each value, shape (N,), where a plan has several.
     """
-    table = np.column_stack([values, reference])
-    if groups is not None:
-        plan = np.unique(np.asarray(groups), return_inverse=True)[1]
-        table = np.column_stack([np.bincount(plan, weights=column) for column in table.T])
-    return _bootstrap(table, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed)
+    columns = [values, reference]
+    return _bootstrap(columns, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed, groups)
 
 
 def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike, seed: int = 0) -> Interval:
@@ -90,15 +87,13 @@ def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike
         seed: Of the resampling.
     """
     columns = [w.astype(np.float64) for w in (right * ~of_second, ~of_second, right * of_second, of_second)]
-    group = np.unique(np.asarray(groups), return_inverse=True)[1]
-    table: FloatArray = np.column_stack([np.bincount(group, weights=column) for column in columns])
 
     def balanced(means: FloatArray) -> FloatArray:
         counts = np.maximum(means[:, 1::2], 1e-12)
         mean: FloatArray = (means[:, ::2] / counts).mean(axis=1)
         return mean
 
-    return _bootstrap(table, balanced, seed)
+    return _bootstrap(columns, balanced, seed, groups)
 
 
 def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None = None) -> Interval:
@@ -118,22 +113,6 @@ def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None 
     below, above = (drawn >= half).argmax(axis=1), (drawn > half).argmax(axis=1)
     low, high = _percentiles(0.5 * (values[order][below] + values[order][above]))
     return Interval(float(np.median(values)), float(low), float(high))
-
-
-def mean_of_ratios(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
-    """Mean of the plans' own ratios: every plan weighs the same.
-
-    Args:
-        values: One of each plan, shape (N,).
-        reference: The same of the reference explorer on the same plans, shape (N,), positive.
-        seed: Of the resampling.
-    """
-    return mean_interval(np.asarray(values) / np.asarray(reference), seed)
-
-
-def mean_difference(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
-    """Mean of the paired differences, shape (N,) each."""
-    return mean_interval(np.asarray(values) - np.asarray(reference), seed)
 
 
 def crossed_mean(values: FloatArray, seed: int = 0) -> Interval:
@@ -308,12 +287,18 @@ def _percentiles(figures: FloatArray) -> FloatArray:
     return bounds
 
 
-def _bootstrap(table: FloatArray, statistic: Statistic, seed: int) -> Interval:
-    """A statistic of column means with its percentile interval over resampled rows.
+def _bootstrap(
+    columns: Sequence[FloatArray], statistic: Statistic, seed: int, groups: ArrayLike | None = None
+) -> Interval:
+    """A statistic of column means with its percentile interval over resampled rows, or sums of groups of rows.
 
     Raises:
         ValueError: If there is no row.
     """
+    if groups is not None:
+        group = np.unique(np.asarray(groups), return_inverse=True)[1]
+        columns = [np.bincount(group, weights=column) for column in columns]
+    table = np.column_stack(columns)
     if len(table) == 0:
         raise ValueError("there are no plans to compare on")
     figures = statistic(_fresh_draws(len(table), seed) @ table / len(table))

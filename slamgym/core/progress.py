@@ -21,29 +21,6 @@ Advance = Callable[[], None]
 """Called once for everything that is done."""
 
 
-class Meter:
-    """Counts what is done and predicts the remaining time."""
-
-    def __init__(self, done: int, total: int) -> None:
-        self.done = done
-        self.total = total
-        self._at_start = done
-        self._began = time.monotonic()
-
-    def advance(self) -> None:
-        """Note one more."""
-        self.done += 1
-
-    def describe(self) -> str:
-        """Rate and remaining time, e.g. ``1,240 an hour, 3 min left``."""
-        fresh = self.done - self._at_start
-        if fresh == 0:
-            return "rate not known yet"
-        seconds_each = (time.monotonic() - self._began) / fresh
-        left = seconds_each * (self.total - self.done)
-        return f"{3600.0 / seconds_each:,.0f} an hour, {duration(left)} left"
-
-
 def duration(seconds: float) -> str:
     """A time span in words: ``41 s``, ``3 min``, ``2 h 05 min``."""
     if seconds < 60.0:
@@ -68,15 +45,26 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
     """
     from rich.console import Console
 
-    meter = Meter(done, total)
     console = Console(stderr=True)
-    show = _bar if console.is_terminal else _lines
-    with show(console, label, meter) as advance:
+    with (_bar if console.is_terminal else _lines)(console, label, done, total) as show:
+        now, began = done, time.monotonic()
+
+        def advance() -> None:
+            nonlocal now
+            now += 1
+            seconds_each = (time.monotonic() - began) / (now - done)
+            left = duration(seconds_each * (total - now))
+            show(now, f"{3600.0 / seconds_each:,.0f} an hour, {left} left")
+
         yield advance
 
 
+_Show = Callable[[int, str], None]
+"""Shows how much is done, and the rate and the remaining time in words."""
+
+
 @contextmanager
-def _bar(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
+def _bar(console: Console, label: str, done: int, total: int) -> Iterator[_Show]:
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
@@ -87,29 +75,22 @@ def _bar(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
         TextColumn("{task.fields[outlook]}"),
     )
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(label, total=meter.total, completed=meter.done, outlook="")
-
-        def advance() -> None:
-            meter.advance()
-            progress.update(task, completed=meter.done, outlook=meter.describe())
-
-        yield advance
+        task = progress.add_task(label, total=total, completed=done, outlook="")
+        yield lambda now, outlook: progress.update(task, completed=now, outlook=outlook)
 
 
 @contextmanager
-def _lines(console: Console, label: str, meter: Meter) -> Iterator[Advance]:
+def _lines(console: Console, label: str, done: int, total: int) -> Iterator[_Show]:  # noqa: ARG001 - as _bar
     last = time.monotonic()
 
-    def advance() -> None:
+    def show(now: int, outlook: str) -> None:
         nonlocal last
-        meter.advance()
-        now = time.monotonic()
-        if now - last >= LINE_INTERVAL or meter.done == meter.total:
-            last = now
-            console.file.write(f"{meter.done}/{meter.total} {label}, {meter.describe()}\n")
+        if time.monotonic() - last >= LINE_INTERVAL or now == total:
+            last = time.monotonic()
+            console.file.write(f"{now}/{total} {label}, {outlook}\n")
             console.file.flush()
 
-    yield advance
+    yield show
 
 
 def say(message: str) -> None:

@@ -5,7 +5,6 @@ import contextlib
 import gzip
 import io
 import lzma
-import os
 import struct
 import urllib.error
 import urllib.request
@@ -74,8 +73,7 @@ def check_zip(path: Path | str, limit: Limit) -> None:
     Raises:
         InputFileError: If it can't be read, is no regular file or damaged, or is or becomes too large.
     """
-    with open_regular(path) as file:
-        limit.check(path, os.fstat(file.fileno()).st_size)
+    with open_regular(path, limit) as file:
         if zipfile.is_zipfile(file):
             try:
                 with zipfile.ZipFile(file) as archive:

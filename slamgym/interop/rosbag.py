@@ -347,15 +347,10 @@ def _fan(message: Any, flipped: bool) -> tuple[Float32Array, float, float]:
     return ranges, angle_min, increment
 
 
-def _kind(message: Any) -> tuple[int, float, float, float, float]:
+def _kind(message: Any) -> tuple[float, ...]:
     """Parts that must agree between scans; the angles are float32 in the message."""
-    return (
-        len(message.ranges),
-        round(float(message.angle_min), 5),
-        round(float(message.angle_increment), 7),
-        round(float(message.range_min), 5),
-        round(float(message.range_max), 5),
-    )
+    digits = {"angle_min": 5, "angle_increment": 7, "range_min": 5, "range_max": 5}
+    return len(message.ranges), *(round(float(getattr(message, name)), digits[name]) for name in digits)
 
 
 def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
 from slamgym.sim.furniture import SMALL_THINGS, UNTIDY_TABLES, Corners, Piece, Shape, pieces_for, shape_of
@@ -154,17 +155,8 @@ def _about_middle(shape: Shape, room: RoomArea, spread: float, draws: FloatArray
     wall = math.atan2(y1 - y0, x1 - x0)
     angle = wall + 0.5 * math.pi * np.floor(4.0 * draws[:, 2])
     wider = spread * np.linspace(1.0, 4.0 if spread < 1.0 else 1.0, len(draws))
-    x = (
-        room.middle[0]
-        + wider * room.spread[0] * (2.0 * draws[:, 0] - 1.0)
-        - 0.5 * shape.depth * np.cos(angle)
-    )
-    y = (
-        room.middle[1]
-        + wider * room.spread[1] * (2.0 * draws[:, 1] - 1.0)
-        - 0.5 * shape.depth * np.sin(angle)
-    )
-    return np.column_stack([x, y, angle])
+    aside = wider[:, None] * room.spread * (2.0 * draws[:, :2] - 1.0)
+    return np.column_stack([room.middle + aside - 0.5 * shape.depth * unit_vectors(angle), angle])
 
 
 @kernel

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furniture import likely_category
 from slamgym.sim.passages import PASSAGE_CELL, Passages
@@ -94,7 +93,7 @@ def room_areas(
     if np.count_nonzero(rest) * PASSAGE_CELL**2 > _SMALLEST_REST:
         labels[rest] = (_guessed(rest) + len(plan.rooms))[rest]
     count = int(labels.max(initial=0))
-    moments = _moments(labels, *passages.origin, np.zeros((count + 1, 5)))
+    moments = _moments(labels, passages)
     walls = _oriented_walls(plan)
     sides = _labels_before(walls, labels, passages)
     found = []
@@ -114,20 +113,14 @@ def room_areas(
     return found, labels
 
 
-@kernel
-def _moments(labels: IntArray, origin_x: float, origin_y: float, sums: FloatArray) -> FloatArray:
-    """Number of cells, and sums of x, y, x^2 and y^2 [m] for each label."""
-    for row in range(labels.shape[0]):
-        y = origin_y + (row + 0.5) * PASSAGE_CELL
-        for col in range(labels.shape[1]):
-            x = origin_x + (col + 0.5) * PASSAGE_CELL
-            own = sums[labels[row, col]]
-            own[0] += 1.0
-            own[1] += x
-            own[2] += y
-            own[3] += x * x
-            own[4] += y * y
-    return sums
+def _moments(labels: IntArray, passages: Passages) -> FloatArray:
+    """Number of cells, and sums of x, y, x^2 and y^2 [m], for each label, shape (labels, 5)."""
+    x, y = (
+        origin + (np.arange(count) + 0.5) * PASSAGE_CELL
+        for origin, count in zip(passages.origin, labels.shape[::-1], strict=True)
+    )
+    terms = np.broadcast_arrays(1.0, x, y[:, None], x * x, (y * y)[:, None], labels)[:-1]
+    return np.column_stack([np.bincount(labels.ravel(), weights=term.ravel()) for term in terms])
 
 
 def _named(plan: "FloorPlan", passages: Passages) -> IntArray:

@@ -71,6 +71,8 @@ class World:
         state: Where the drive state is kept, shape (8,), as kernels over many robots want it; its own where left out.
 
     Attributes:
+        pose: True pose of the robot's base frame, world frame.
+        velocity: True velocity of the body.
         surfaces: The materials of the first of :meth:`segments`; people are plain.
     """
 
@@ -104,25 +106,15 @@ class World:
         )
         self._contact_radius = float(robot.radius) + SKIN
         self._state = np.zeros(8) if state is None else state
-        self._pose = Pose2D(0.0, 0.0, 0.0)
-        self._velocity = Twist2D(0.0, 0.0)
+        self.pose = Pose2D(0.0, 0.0, 0.0)
+        self.velocity = Twist2D(0.0, 0.0)
         self._solver: ContactSolver | None = None
-
-    @property
-    def pose(self) -> Pose2D:
-        """True pose of the robot's base frame, world frame."""
-        return self._pose
 
     def _note_pose(self) -> Pose2D:
         """Read the pose off the drive state."""
         x, y, theta = self._state[:3].tolist()
-        self._pose = Pose2D(x, y, wrap_angle(theta))
-        return self._pose
-
-    @property
-    def velocity(self) -> Twist2D:
-        """True velocity of the body."""
-        return self._velocity
+        self.pose = Pose2D(x, y, wrap_angle(theta))
+        return self.pose
 
     def segments(self) -> FloatArray:
         """All that the LIDAR sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame.
@@ -144,7 +136,7 @@ class World:
         self._state[:] = 0.0
         self._state[:3] = pose
         self._note_pose()
-        self._velocity = Twist2D(0.0, 0.0)
+        self.velocity = Twist2D(0.0, 0.0)
         # The solver remembers earlier contacts; without it the next episode can't depend on the last one.
         self._solver = None
         if self._crowd:
@@ -177,7 +169,7 @@ class World:
             ValueError: If the command or the duration is not a number, or the duration is not positive.
         """
         target = self._within_limits(command, dt)
-        before = self._pose
+        before = self.pose
         self._state[motion.LEFT :] = 0.0
         if self._crowd:
             self._let_people_walk(self._crowd, dt)
@@ -229,7 +221,7 @@ class World:
                 self._discs,
             )
             if left < before:
-                self._velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
+                self.velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
             if left > motion.NO_TIME:
                 span = min(left, motion.contact_span(state, target.linear))
                 contact |= self._contact_substep(target, span)
@@ -251,7 +243,7 @@ class World:
             self._obstacles,
             self._discs,
         )
-        self._velocity = Twist2D(linear, angular)
+        self.velocity = Twist2D(linear, angular)
         return bool(contact)
 
     def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:

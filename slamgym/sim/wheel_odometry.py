@@ -122,6 +122,7 @@ class WheelOdometry:
         rng: Draws this robot's systematic errors.
 
     Attributes:
+        pose: Integrated pose in the odometry frame.
         diameter_ratio: This robot's E_d.
         wheelbase_ratio: This robot's E_b.
         scale: This robot's ratio of measured to true distance.
@@ -144,17 +145,12 @@ class WheelOdometry:
         ticks = config.ticks_per_revolution
         self._tick = 2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0
         self._slips = config.slip_distance, config.slip_drift, config.slip_turn
-        self._pose = Pose2D(0.0, 0.0, 0.0)
+        self.pose = Pose2D(0.0, 0.0, 0.0)
         self._rolled = (0.0, 0.0)
-
-    @property
-    def pose(self) -> Pose2D:
-        """Integrated pose in the odometry frame."""
-        return self._pose
 
     def reset(self, pose: Pose2D) -> None:
         """Start to integrate from a pose; the robot, with its systematic errors, stays the same."""
-        self._pose = pose
+        self.pose = pose
         self._rolled = (0.0, 0.0)
 
     def update(self, motion: Motion, rng: np.random.Generator) -> Pose2D:
@@ -168,15 +164,15 @@ class WheelOdometry:
             The pose in the odometry frame.
         """
         if self.config.model == "ideal":
-            self._pose = compose(self._pose, motion.increment)
-            return self._pose
+            self.pose = compose(self.pose, motion.increment)
+            return self.pose
         before, (left, right) = self._rolled, motion.wheels
         self._rolled = before[0] + self.gains[0] * left, before[1] + self.gains[1] * right
         counted = count_ticks(before, self._rolled, self._tick)
         slip, drift, turn = rng.standard_normal(3).tolist()
         moved = slipped_arc(counted, self.believed_base, self._slips, (slip, drift, turn))
-        self._pose = compose(self._pose, moved)
-        return self._pose
+        self.pose = compose(self.pose, moved)
+        return self.pose
 
 
 def count_ticks(before: tuple[float, float], rolled: tuple[float, float], tick: float) -> tuple[float, float]:

@@ -115,7 +115,7 @@ def test_an_outline_that_touches_itself_is_mended_and_one_in_two_parts_refused(v
             "crosses itself",
         ),
         ('{"verts": [[0, 0], [4, 0], [4, 3], [0, 3]], "room_category": [1]}', "'room_category' is not"),
-        ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, 1]]}}', "a room that is not"),
+        ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, 1]]}}', "list of .min x"),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, NaN, 1]]}}', "NaN"),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "doors": [[[0, 0]]]}', "'doors' has 1"),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_polygons": {"Hall": [7]}}', "not a list of rings"),
