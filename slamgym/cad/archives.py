@@ -52,7 +52,7 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
                     DOCUMENT_BYTES.check(f"{path}:{shown(member.name)}", member.size)
                     content = archive.extractfile(member)
                     texts[name.stem] = content.read() if content else b""
-                archive.members = []  # which would grow with every entry
+                archive.members = []  # type: ignore[attr-defined]  # which would grow with every entry
     except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
         raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
     places = {plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)}

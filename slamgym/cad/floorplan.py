@@ -132,8 +132,7 @@ class FloorPlan:
         matrix = np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
 
         def turn(shape: Polygon) -> Polygon:
-            turned_shape: Polygon = shapely.transform(shape, lambda points: points @ matrix.T)
-            return turned_shape
+            return shapely.transform(shape, lambda points: points @ matrix.T)
 
         def turn_point(point: tuple[float, float]) -> tuple[float, float]:
             x, y = (matrix @ point).tolist()
@@ -307,8 +306,7 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     col = np.clip(np.ceil(crossing), 0, width).astype(np.int64)
     crossings = np.bincount((height - 1 - row) * (width + 1) + col, minlength=height * (width + 1))
     parity = (crossings.reshape(height, width + 1) & 1).astype(np.uint8)
-    inside: BoolArray = np.bitwise_xor.accumulate(parity, axis=1)[:, :width].astype(np.bool_)
-    return inside
+    return np.bitwise_xor.accumulate(parity, axis=1)[:, :width].astype(np.bool_)
 
 
 SHARE_STEPS = 5

@@ -176,8 +176,7 @@ def _place(
     min_x, min_y, _, _ = shapely.transform(space, turn).bounds
 
     def move(points: FloatArray) -> FloatArray:
-        moved: FloatArray = np.round(turn(points) - [min_x - PLAN_MARGIN, min_y - PLAN_MARGIN], 2)
-        return moved
+        return np.round(turn(points) - [min_x - PLAN_MARGIN, min_y - PLAN_MARGIN], 2)
 
     order = sorted(range(len(cells)), key=lambda index: cells[index].category)
     return FloorPlan(

@@ -241,8 +241,7 @@ def _mirrored(polygon: Polygon, mirror: float) -> Polygon:
 
 def _ring(ring: Any, mirror: float) -> list[list[float]]:
     points = shapely.get_coordinates(ring)[:-1] * [1.0, -1.0] + [0.0, mirror]
-    rounded: list[list[float]] = np.round(points, _DECIMALS).tolist()
-    return rounded
+    return np.round(points, _DECIMALS).tolist()
 
 
 def _rounded(values: list[float]) -> list[float]:

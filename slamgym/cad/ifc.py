@@ -77,8 +77,7 @@ def read_ifc(path: Path | str, storey: str | None = None) -> FloorPlan:
     Raises:
         PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
     """
-    plan: FloorPlan = _apart(_read, (Path(path), storey), Path(path))
-    return plan
+    return _apart(_read, (Path(path), storey), Path(path))
 
 
 def _read(file: tuple[Path, str | None]) -> FloorPlan:
@@ -103,16 +102,16 @@ def _open(path: Path) -> Any:
     with path.open("rb") as file:
         if b"ISO-10303-21" not in file.read(1024):
             raise PlanError(path, "is no IFC model in STEP form (it must begin with ISO-10303-21)")
-    with _undamaged(path, "is no readable IFC model", ifcopenshell.Error):
+    with _undamaged(path, "is no readable IFC model", (ifcopenshell.Error, *_DAMAGED)):
         return ifcopenshell.open(str(path))
 
 
 @contextlib.contextmanager
-def _undamaged(path: Path, fault: str, *errors: type[Exception]) -> Iterator[None]:
+def _undamaged(path: Path, fault: str, errors: Any = _DAMAGED) -> Iterator[None]:
     """Say what is wrong with a file over which the library stumbles in the block."""
     try:
         yield
-    except (*errors, *_DAMAGED) as error:
+    except errors as error:
         raise PlanError(path, f"{fault} ({shown(str(error))}); export it again") from None
 
 

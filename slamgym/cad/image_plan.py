@@ -145,8 +145,7 @@ def _connected_to_edge(white: BoolArray) -> BoolArray:
 
     _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
     at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    touching: BoolArray = white & np.isin(labels, at_edge)
-    return touching
+    return white & np.isin(labels, at_edge)
 
 
 def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
@@ -158,5 +157,4 @@ def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
     room = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
     centres = _connected_to_edge(room)
     covered = cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
-    inner: BoolArray = covered[pad:-pad, pad:-pad]
-    return inner
+    return covered[pad:-pad, pad:-pad]

@@ -322,10 +322,8 @@ def _row(
     while not spaces or sum(space.area for space in spaces) < length - 1.5:
         category = str(rng.choice(list(weights), p=np.array(list(weights.values())) / sum(weights.values())))
         spaces.append(Space(category, _CELL_WIDTH[category] * float(rng.uniform(0.8, 1.3))))
-    total = sum(space.area for space in spaces)
     cells = []
     for index, space in enumerate(spaces[:-1]):
         room, box = box.cut(space.area / sum(rest.area for rest in spaces[index:]), along_x)
         cells.append(Cell(space.category, room.polygon()))
-    assert total > 0.0
     return [*cells, Cell(spaces[-1].category, box.polygon())]

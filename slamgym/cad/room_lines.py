@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import shapely
 from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
@@ -170,8 +171,5 @@ def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
     return doors
 
 
-def _passage(door: Door) -> Polygon:
-    line = shapely.LineString([door.start, door.end])
-    passage = line.buffer(_DOOR_DEPTH, cap_style="flat")
-    assert isinstance(passage, Polygon)
-    return passage
+def _passage(door: Door) -> BaseGeometry:
+    return shapely.LineString([door.start, door.end]).buffer(_DOOR_DEPTH, cap_style="flat")

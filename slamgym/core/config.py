@@ -90,7 +90,7 @@ class Settings:
         dataclasses.dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
-        for name, field in _fields(type(self)).items():
+        for name, field in _fields(typing.cast(Any, type(self))).items():
             if (fault := field.test(getattr(self, name))) is not None:
                 raise field.error(fault, self._called(name))
         self._check()
@@ -244,8 +244,7 @@ def suggest(name: str, known: typing.Iterable[str]) -> str:
 
 def to_dict(config: Any) -> dict[str, Any]:
     """The JSON form of a (nested) settings dataclass: tuples become lists."""
-    plain: dict[str, Any] = json.loads(json.dumps(dataclasses.asdict(config)))
-    return plain
+    return json.loads(json.dumps(dataclasses.asdict(config)))
 
 
 def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
@@ -301,7 +300,7 @@ def replace_setting(config: _T, name: str, value: Any) -> _T:
 def _replace(config: _T, path: str, value: Any, name: str, root: Any) -> _T:
     """Replace what lies at ``path``; ``name`` is the whole path from ``root``, for errors."""
     first, _, rest = path.partition(".")
-    field = _fields(type(config)).get(first)
+    field = _fields(typing.cast(Any, type(config))).get(first)
     current = getattr(config, first) if field else None
     if field is None or (rest and not dataclasses.is_dataclass(current)):
         raise ConfigError(f"unknown setting {shown(name)}; {suggest(name, setting_names(root))}")

@@ -7,6 +7,7 @@ between plans, which are large, cancel out. Several values of one plan are a gro
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -90,8 +91,7 @@ def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike
 
     def balanced(means: FloatArray) -> FloatArray:
         counts = np.maximum(means[:, 1::2], 1e-12)
-        mean: FloatArray = (means[:, ::2] / counts).mean(axis=1)
-        return mean
+        return (means[:, ::2] / counts).mean(axis=1)
 
     return _bootstrap(columns, balanced, seed, groups)
 
@@ -176,8 +176,7 @@ def interquartile_mean(values: FloatArray, seed: int = 0) -> Interval:
     def means(drawn: FloatArray) -> FloatArray:
         reached = drawn[:, order].cumsum(axis=1) / drawn.sum(axis=1, keepdims=True)
         kept = np.diff(np.clip(reached, 0.25, 0.75), axis=1, prepend=0.25)
-        middle: FloatArray = 2.0 * kept @ flat[order]
-        return middle
+        return 2.0 * kept @ flat[order]
 
     low, high = _percentiles(means(weights))
     return Interval(float(means(np.ones((1, flat.size)))[0]), float(low), float(high))
@@ -236,8 +235,7 @@ def _paired_draws(values: FloatArray, reference: FloatArray, seed: int) -> Calla
     others = _crossed_draws(reference, seed + 1)[0]
 
     def draw(table: FloatArray) -> FloatArray:
-        sums: FloatArray = np.einsum("ri,rj,rp,ijp->r", runs, others, plans, table, optimize=True)
-        return sums
+        return np.einsum("ri,rj,rp,ijp->r", runs, others, plans, table, optimize=True)
 
     return draw
 
@@ -268,8 +266,7 @@ def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
 
 def _draws(count: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
     """Counts of draws of each of N: the same as picking N with replacement, in much less memory; (R, N)."""
-    drawn: FloatArray = rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
-    return drawn
+    return rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
 
 
 @functools.lru_cache(maxsize=2)
@@ -283,12 +280,11 @@ def _fresh_draws(count: int, seed: int, resamples: int = RESAMPLES) -> FloatArra
 def _percentiles(figures: FloatArray) -> FloatArray:
     """Bounds of the percentile interval over the first axis."""
     tail = 50.0 * (1.0 - CONFIDENCE)
-    bounds: FloatArray = np.percentile(figures, [tail, 100.0 - tail], axis=0)
-    return bounds
+    return np.percentile(figures, [tail, 100.0 - tail], axis=0)
 
 
 def _bootstrap(
-    columns: Sequence[FloatArray], statistic: Statistic, seed: int, groups: ArrayLike | None = None
+    columns: Sequence[Any], statistic: Statistic, seed: int, groups: ArrayLike | None = None
 ) -> Interval:
     """A statistic of column means with its percentile interval over resampled rows, or sums of groups of rows.
 

@@ -111,22 +111,6 @@ EXPANSION_FROM = 4 << 20
 """Below so many bytes a compressed file may expand by any factor."""
 
 
-def check_expansion(where: object, expanded: int, compressed: int) -> None:
-    """Refuse a compressed file, while it is being read, that expands too much.
-
-    Args:
-        where: The file.
-        expanded: Bytes that came out so far.
-        compressed: Bytes that were read so far.
-
-    Raises:
-        InputFileError: If the bytes or the ratio are above the limits.
-    """
-    FILE_BYTES.check(where, expanded)
-    if expanded > EXPANSION_FROM:
-        EXPANSION.check(where, expanded // max(compressed, 1))
-
-
 def shown(value: Any) -> str:
     """A value from a file as a message shows it: its ``repr`` in at most 80 characters.
 

@@ -134,5 +134,4 @@ def read_png(path: Path) -> ByteArray:
     Raises:
         InputFileError: If it is missing, no picture, or larger than allowed.
     """
-    image: ByteArray = decode_picture(path, read_bytes(path))
-    return image
+    return decode_picture(path, read_bytes(path))

@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import open_regular, staged
-from slamgym.core.limits import FILE_BYTES, Limit, check_expansion
+from slamgym.core.limits import EXPANSION, EXPANSION_FROM, FILE_BYTES, Limit
 
 _OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
 _CHUNK = 1 << 18
@@ -61,8 +61,9 @@ class _Expanded(io.RawIOBase):
         """
         chunk = self._content.read1(len(buffer))
         self._expanded += len(chunk)
-        compressed = self._raw.tell() if self._content is not self._raw else 1 << 62
-        check_expansion(self._path, self._expanded, compressed)
+        FILE_BYTES.check(self._path, self._expanded)
+        if self._content is not self._raw and self._expanded > EXPANSION_FROM:
+            EXPANSION.check(self._path, self._expanded // max(self._raw.tell(), 1))
         buffer[: len(chunk)] = chunk
         return len(chunk)
 

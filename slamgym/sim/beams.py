@@ -50,6 +50,10 @@ _LEAST_NORMAL = -6.0
 _WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
 
 
+Ray = tuple[float, float, float, float]
+"""Start x, y [m] and direction x, y, a unit vector."""
+
+
 class BeamModel(NamedTuple):
     """A scanner's properties, as the kernels take them; see :class:`slamgym.sim.lidar.LidarConfig`."""
 
@@ -105,11 +109,10 @@ def measure_beams(
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
             if kind != PLAIN:
-                distance, cosine, echo, depth = _trace_beam(
-                    x, y, ux, uy, true[i], hits[i], segments, surfaces, model
-                )
+                ray = (x, y, ux, uy)
+                distance, cosine, echo, depth = _trace_beam(ray, true[i], hits[i], segments, surfaces, model)
         if distance == true[i] <= model.range_max and model.beam_width > 0.0:
-            distance = _blend(x, y, ux, uy, i, distance, true, hits, segments, model)
+            distance = _blend((x, y, ux, uy), i, distance, true, hits, segments, model)
         if distance > model.range_max:
             out[i] = np.inf
             continue
@@ -176,15 +179,7 @@ def write_rep117(ranges: FloatArray, range_min: float, range_max: float, out: Fl
 
 @kernel
 def _trace_beam(
-    x: float,
-    y: float,
-    ux: float,
-    uy: float,
-    distance: float,
-    hit: int,
-    segments: FloatArray,
-    surfaces: Surfaces,
-    model: BeamModel,
+    ray: Ray, distance: float, hit: int, segments: FloatArray, surfaces: Surfaces, model: BeamModel
 ) -> tuple[float, float, float, float]:
     """The surface whose echo a beam hears, through glass and by mirrors.
 
@@ -192,6 +187,7 @@ def _trace_beam(
         Length of its way [m], ``inf`` if it meets nothing; the cosine of its incidence; the echo's strength; how far
         the surface stands out [m].
     """
+    x, y, ux, uy = ray
     passed, echo, length = 0.0, 1.0, distance  # ``passed``: what lies before the last mirror
     outdoors = False
     pane = -1.0  # where the last pane was passed
@@ -269,10 +265,7 @@ def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
 
 @kernel
 def _blend(
-    x: float,
-    y: float,
-    ux: float,
-    uy: float,
+    ray: Ray,
     i: int,
     distance: float,
     true: FloatArray,
@@ -281,6 +274,7 @@ def _blend(
     model: BeamModel,
 ) -> float:
     """The range of a beam whose footprint lies over an edge: in between, by the parts of it on either side."""
+    x, y, ux, uy = ray
     for j in (i - 1, i + 1):
         if j < 0 or j >= len(true) or abs(true[j] - true[i]) <= _JUMP + _JUMP_RELATIVE * true[i]:
             continue

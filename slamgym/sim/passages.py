@@ -80,8 +80,7 @@ class Passages:
         return index
 
     def _next_clear(self, boxes: FloatArray, first: int) -> int:
-        index: int = next_clear(self.clearance, *self.origin, self.walls, self.boxes, boxes, first)
-        return index
+        return next_clear(self.clearance, *self.origin, self.walls, self.boxes, boxes, first)
 
     def _leaves_ways(self, box: FloatArray, radii: FloatArray) -> bool:
         """Put a box somewhere unless it cuts the ways of discs; returns True if it stands."""
@@ -148,14 +147,12 @@ class Passages:
 
     def fits(self, radius: float) -> BoolArray:
         """Cells where a disc can be."""
-        cells: BoolArray = self.clearance >= radius + ROUNDING
-        return cells
+        return self.clearance >= radius + ROUNDING
 
     def largest_part(self, radius: float) -> BoolArray:
         """Cells of the largest part in which a disc can move."""
         largest, labels = self.parts(radius)
-        part: BoolArray = labels == largest
-        return part
+        return labels == largest
 
     def cell(self, x: Any, y: Any) -> tuple[Any, Any]:
         """The cells of a point or of points, cut to the raster: row from the bottom, and column."""
@@ -182,16 +179,14 @@ class Passages:
         floor = (distance * PASSAGE_CELL <= reach) & (self.clearance > 0.0)
         x, _ = frame.to_point(0, np.arange(frame.width_px))
         _, y = frame.to_point(np.arange(frame.height_px)[::-1], 0)
-        found: BoolArray = np.ascontiguousarray(floor[np.ix_(*self.cell(x, y))])
-        return found
+        return np.ascontiguousarray(floor[np.ix_(*self.cell(x, y))])
 
     def distance_from(self, x: float, y: float) -> FloatArray:
         """Distance of each cell's centre from a point [m]."""
         height, width = self.frame.shape
         across = self.origin[0] + (np.arange(width) + 0.5) * PASSAGE_CELL - x
         up = self.origin[1] + (np.arange(height) + 0.5) * PASSAGE_CELL - y
-        distance: FloatArray = np.hypot(across[None, :], up[:, None])
-        return distance
+        return np.hypot(across[None, :], up[:, None])
 
     def sample_point(self, cells: BoolArray, rng: np.random.Generator) -> tuple[float, float]:
         """The middle of a cell drawn evenly from those that are true."""

@@ -78,8 +78,7 @@ class RoomArea:
     @cached_property
     def longest_wall(self) -> FloatArray:
         """One of ``walls``, of which there must be some."""
-        longest: FloatArray = self.walls[np.argmax(np.hypot(*(self.walls[:, 2:] - self.walls[:, :2]).T))]
-        return longest
+        return self.walls[np.argmax(np.hypot(*(self.walls[:, 2:] - self.walls[:, :2]).T))]
 
 
 def room_areas(
@@ -153,8 +152,7 @@ def _guessed(free: BoolArray) -> IntArray:
     # Without any wide place all is one room.
     of_pixel[:] = 1 if not cores.any() else 0
     of_pixel[nearest[cores > 0]] = cores[cores > 0]
-    labels: IntArray = of_pixel[nearest]
-    return labels
+    return of_pixel[nearest]
 
 
 def _oriented_walls(plan: "FloorPlan") -> FloatArray:
@@ -168,8 +166,7 @@ def _oriented_walls(plan: "FloorPlan") -> FloatArray:
         rings.append(segments if keeps else segments[:, [2, 3, 0, 1]])
     walls = np.vstack(rings)
     long_enough = np.hypot(*(walls[:, 2:] - walls[:, :2]).T) > _SHORTEST_WALL
-    found: FloatArray = walls[long_enough]
-    return found
+    return walls[long_enough]
 
 
 def _labels_before(walls: FloatArray, labels: IntArray, passages: Passages) -> IntArray:
@@ -177,8 +174,7 @@ def _labels_before(walls: FloatArray, labels: IntArray, passages: Passages) -> I
     along = walls[:, 2:] - walls[:, :2]
     normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
     x, y = (0.5 * (walls[:, :2] + walls[:, 2:]) + _BEFORE_WALL * normal).T
-    found: IntArray = labels[passages.cell(x, y)]
-    return found
+    return labels[passages.cell(x, y)]
 
 
 def doors_of(plan: "FloorPlan") -> list["Door"]:

@@ -276,5 +276,4 @@ def _things_outside(
     directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
     centres = middle + away[:, None] * out + aside[:, None] * along
     ends = half[:, None] * directions
-    things: FloatArray = np.hstack([centres - ends, centres + ends])
-    return things
+    return np.hstack([centres - ends, centres + ends])

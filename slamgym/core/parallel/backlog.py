@@ -174,25 +174,18 @@ class Backlog(Generic[_Item]):
             self._ready.appendleft((attempt.item, attempt.number + 1))
             return None
         self._lost_in_a_row += 1
+        limit = duration(self._timeout or 0.0)
+        if self._lost_in_a_row >= MAX_LOST_IN_A_ROW and too_long:
+            raise WorkerLostError(
+                f"{MAX_LOST_IN_A_ROW} tasks in a row took longer than {limit}; run the same command again with "
+                "a longer --task-timeout"
+            )
         if self._lost_in_a_row >= MAX_LOST_IN_A_ROW:
-            raise WorkerLostError(self._advice(cause, too_long))
-        if too_long:
-            return Lost(
-                attempt.item, f"took longer than {self._limit}, the --task-timeout", TimeoutError.__name__
+            raise WorkerLostError(
+                f"{cause} under {MAX_LOST_IN_A_ROW} tasks in a row, {MAX_ATTEMPTS} times each; perhaps memory "
+                "is short: run the same command again with fewer --workers"
             )
+        if too_long:
+            reason = f"took longer than {limit}, the --task-timeout"
+            return Lost(attempt.item, reason, TimeoutError.__name__)
         return Lost(attempt.item, f"{cause} at each of {MAX_ATTEMPTS} attempts")
-
-    @property
-    def _limit(self) -> str:
-        return duration(self._timeout or 0.0)
-
-    def _advice(self, cause: str, too_long: bool) -> str:
-        if too_long:
-            return (
-                f"{MAX_LOST_IN_A_ROW} tasks in a row took longer than {self._limit}; run the same command again "
-                "with a longer --task-timeout"
-            )
-        return (
-            f"{cause} under {MAX_LOST_IN_A_ROW} tasks in a row, {MAX_ATTEMPTS} times each; perhaps memory "
-            "is short: run the same command again with fewer --workers"
-        )

@@ -47,8 +47,7 @@ def import_ray() -> ModuleType:
     os.environ.setdefault("RAY_ACCEL_ENV_VAR_OVERRIDE_ON_ZERO", "0")
     with needing_extra("--engine ray", "ray"):
         import ray
-    module: ModuleType = ray
-    return module
+    return ray
 
 
 def connect(ray: ModuleType, workers: int, address: str | None) -> None:
