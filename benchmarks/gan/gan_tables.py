@@ -1,7 +1,7 @@
 """Write the measured tables of docs/gan.md again from the results in benchmarks/results.
 
-A table stands in the page between ``<!-- table: NAME -->`` and ``<!-- end -->``; NAME is ``evaluation``,
-``realism``, ``medians`` or the stem of a benchmark's JSON file. A place whose results don't exist stays as it is.
+A table stands in the page between ``<!-- table: NAME -->`` and ``<!-- end -->``; NAME is ``evaluation``
+or the stem of a benchmark's JSON file. A place whose results don't exist stays as it is.
 
 Run: ``python benchmarks/gan/gan_tables.py [--evaluation OUT]``, where OUT is a folder that `slamgym gan evaluate`
 wrote: its evaluation.json is kept as gan_evaluation.json first.
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from slamgym.core.text import markdown
-from slamgym.gan.evaluation.realism import medians_table, realism_table
 from slamgym.gan.evaluation.summary import main_table
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -49,12 +48,12 @@ def main() -> None:
 
 def render(name: str) -> str | None:
     """A table in Markdown, None if its results don't exist."""
-    if name in ("evaluation", "realism", "medians"):
+    if name == "evaluation":
         path = RESULTS / "gan/gan_evaluation.json"
         if not path.exists():
             return None
         try:
-            return from_evaluation(name, json.loads(path.read_text()))
+            return from_evaluation(json.loads(path.read_text()))
         except KeyError as missing:
             raise SystemExit(
                 f"{path} lacks {missing}, as an earlier version wrote it: run `slamgym gan evaluate` again and "
@@ -68,19 +67,12 @@ def render(name: str) -> str | None:
     return markdown(result["columns"], rows) + f"\n{result['title']}.\n"
 
 
-def from_evaluation(name: str, result: dict[str, Any]) -> str | None:
-    realism = result["realism"]
-    if name == "evaluation":
-        scale = result["metres_per_px"]
-        return markdown(*main_table(result["methods"])) + (
-            f"\n{result['maps']} maps of {result['plans']} plans at {result['size_px']} px, "
-            f"{scale['p5']:.3f} to {scale['p95']:.3f} m/px (median {scale['p50']:.3f}).\n"
-        )
-    if realism is None:
-        return None
-    if name == "realism":
-        return markdown(*realism_table(realism["kinds"]))
-    return markdown(*medians_table(realism["reference_medians"], realism["kinds"]))
+def from_evaluation(result: dict[str, Any]) -> str:
+    scale = result["metres_per_px"]
+    return markdown(*main_table(result["methods"])) + (
+        f"\n{result['maps']} maps of {result['plans']} plans at {result['size_px']} px, "
+        f"{scale['p5']:.3f} to {scale['p95']:.3f} m/px (median {scale['p50']:.3f}).\n"
+    )
 
 
 def _text(value: Any) -> str:

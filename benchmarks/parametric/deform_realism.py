@@ -153,10 +153,10 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
         cells = [looks(grid) for grid, _ in made]
         of_second = np.arange(2 * len(real)) >= len(real)
         statistics = own + [look_statistics(cut_to_floor(one)) for one in cells]
-        trees = distinguish(of_second, plans * 2, tree_learner(statistics), 5, 3).accuracy
+        trees = distinguish(of_second, plans * 2, tree_learner(statistics), 5, 3)
         network = None
         if arguments.network:
-            network = distinguish(of_second, plans * 2, PatchLearner(real + cells), 4, 1).accuracy
+            network = distinguish(of_second, plans * 2, PatchLearner(real + cells), 4, 1)
         differs = np.array([disagreement(made[a][0], made[b][0]) for a, b in twice])
         ratio = None
         if len(twice):

@@ -1,31 +1,23 @@
-"""Find the SLAM-like maps that were generated from a set of CAD maps, one file per pair.
+"""SLAM-like maps that were made from the CAD maps of a set of pairs: elastic ones, translated ones, those of a folder.
 
-Three layouts of a folder are taken, by the names of the pairs::
-
-    FOLDER/<name>.png            as `slamgym gan translate IMAGES/test/A` writes them
-    FOLDER/B/<name>.png          a folder of pairs
-    FOLDER/<name>/.../map.yaml   a ROS map and the cad.png it was made from, as `slamgym deform` writes them: the
-                                 first one in the folder, laid over the pair's CAD map
+For CAD to SLAM, which has no single right answer, they are compared with the simulated maps as sets.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.geometry import paste
-from slamgym.core.types import UNKNOWN, BoolArray, ByteArray
+from slamgym.core.types import ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
-from slamgym.gan.encoding import resample_grey
+from slamgym.gan.translation.elastic import bend
+from slamgym.gan.translation.translate import LearnedTranslator
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys
-from slamgym.metrics import displacement_statistics, map_statistics
 from slamgym.metrics.maps import resample_slam
 
-MINIMUM = 10
-"""A test on fewer maps says nothing."""
+GeneratedMaps = dict[int, ByteArray]
+"""By the index of the pair (H, W): 0, 205, 254, at the pair's scale."""
 
 
 def parse_named_folders(arguments: list[str]) -> dict[str, Path]:
@@ -48,108 +40,62 @@ def parse_named_folders(arguments: list[str]) -> dict[str, Path]:
     return folders
 
 
-def load_generated(folder: Path, pairs: PairSet) -> tuple[PairSet, ByteArray]:
-    """Read the maps that were made of a set's CAD maps.
+def load_generated(folder: Path, pairs: PairSet) -> GeneratedMaps:
+    """Read the maps of a folder, one file per pair, which its name tells.
 
-    Args:
-        folder: See the module.
-        pairs: The set.
+    Three layouts are taken::
 
-    Returns:
-        The pairs that have a map, and the maps (N, S, S) in their size and frame: 0, 205, 254.
+        FOLDER/<name>.png            as `slamgym gan translate IMAGES/test/A` writes them
+        FOLDER/B/<name>.png          a folder of pairs
+        FOLDER/<name>/.../map.yaml   a ROS map, as `slamgym deform` writes them: the first one in the folder
 
     Raises:
-        InputFileError: If a file is malformed, or fewer than :data:`MINIMUM` pairs have one.
+        InputFileError: If a file is malformed, or there is none.
     """
-    found = [(index, path) for index, name in enumerate(pairs.names) if (path := _find(folder, name))]
-    if len(found) < MINIMUM:
-        what = f"holds maps of {len(found)} of the {len(pairs)} test pairs, but {MINIMUM} are needed"
-        raise InputFileError(folder, f"{what}; name them like the pairs, e.g. {pairs.names[0]}.png")
-    maps = [_load(path, pairs.cad[index], pairs.scale(index)) for index, path in found]
-    return pairs.subset([index for index, _ in found]), np.stack(maps)
+    maps = {}
+    for index, name in enumerate(pairs.names):
+        images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in SUFFIXES)
+        found = [path for path in images if path.is_file()] or sorted((folder / name).rglob("map.yaml"))
+        if found:
+            maps[index] = _load(found[0], pairs.cad.shape[1], pairs.scale(index))
+    if not maps:
+        raise InputFileError(
+            folder, f"holds no map of a test pair; name them like the pairs, e.g. {pairs.names[0]}.png"
+        )
+    return maps
 
 
-def _find(folder: Path, name: str) -> Path | None:
-    images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in SUFFIXES)
-    found = [path for path in images if path.is_file()] or sorted((folder / name).rglob("map.yaml"))
-    return found[0] if found else None
+def _load(path: Path, side: int, metres_per_px: float) -> ByteArray:
+    """Read a map and bring it to the scale of its pair, whose images have this side [px]."""
+    if path.suffix == ".yaml":
+        grid = read_ros_map(path)
+        factor = grid.frame.resolution / metres_per_px
+        rows, cols = (max(1, round(count * factor)) for count in grid.cells.shape)
+        return resample_slam(grid.cells, (rows, cols))
+    grey = read_grey(path)
+    if grey.shape[0] != grey.shape[1]:
+        raise InputFileError(path, f"has shape {grey.shape}; the map of a square CAD map is square")
+    return resample_slam(classify_greys(grey), (side, side))
 
 
-def _load(path: Path, cad: ByteArray, metres_per_px: float) -> ByteArray:
-    """Read a map and bring it into the frame of the CAD map of its pair."""
-    if path.suffix != ".yaml":
-        grey = read_grey(path)
-        if grey.shape[0] != grey.shape[1]:
-            raise InputFileError(path, f"has shape {grey.shape}; the map of a square CAD map is square")
-        return resample_slam(classify_greys(grey), cad.shape)
-    grid = read_ros_map(path)
-    own_cad = read_grey(path.with_name("cad.png"))
-    if own_cad.shape != grid.cells.shape:
-        raise InputFileError(path.with_name("cad.png"), "has another size than the map beside it")
-    factor = grid.frame.resolution / metres_per_px
-    shape = (max(1, round(own_cad.shape[0] * factor)), max(1, round(own_cad.shape[1] * factor)))
-    inside = resample_grey(own_cad, shape) > 127
-    if not inside.any() or not (cad > 127).any():
-        raise InputFileError(path.with_name("cad.png"), "shows no floor")
-    (top, left), (wanted_top, wanted_left) = _middle(inside), _middle(cad > 127)
-    return shifted(resample_slam(grid.cells, shape), cad.shape, wanted_top - top, wanted_left - left)
+def elastic_maps(pairs: PairSet, seed: int) -> GeneratedMaps:
+    """The baseline: CAD maps bent by random fields."""
+    return {i: bend(cad, pairs.scale(i), np.random.default_rng([seed, i])) for i, cad in enumerate(pairs.cad)}
 
 
-def _middle(mask: BoolArray) -> tuple[float, float]:
-    """Row and column of the middle of the bounding box."""
-    rows, cols = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
-    return 0.5 * float(rows[0] + rows[-1]), 0.5 * float(cols[0] + cols[-1])
-
-
-def shifted(cells: ByteArray, shape: tuple[int, ...], down: float, right: float) -> ByteArray:
-    """Put a map on a canvas of unknown space of this shape; what extends beyond it is cut off.
+def translated_maps(
+    name: str, translator: LearnedTranslator, pairs: PairSet, seed: int
+) -> dict[str, GeneratedMaps]:
+    """By name what a translator makes of the CAD maps as they are, and of CAD maps bent as drift would.
 
     Args:
-        cells: (H, W).
-        shape: (rows, cols) of the canvas.
-        down: Row of the canvas at which the map's first row lies, rounded; may be negative.
-        right: The same for columns.
+        name: Of the translator.
+        translator: From CAD to SLAM.
+        pairs: What to translate.
+        seed: Of the bending.
     """
-    canvas = np.full(shape, UNKNOWN, np.uint8)
-    paste(canvas, cells, -round(down), -round(right))
-    return canvas
-
-
-Statistics = list[dict[str, float]]
-
-
-@dataclass(frozen=True)
-class Sample:
-    """SLAM-like maps of one kind, and what they were made from."""
-
-    plans: list[str]
-    statistics: Statistics
-
-    @staticmethod
-    def of(maps: ByteArray, pairs: PairSet) -> "Sample":
-        """Describe maps that were made from the CAD maps of a set of pairs.
-
-        Args:
-            maps: (N, S, S): 0, 205, 254.
-            pairs: Their CAD maps, plans and scales.
-        """
-        return Sample(list(pairs.plan_ids), describe_maps(maps, pairs))
-
-    def subset(self, indices: Sequence[int]) -> "Sample":
-        """The maps with these indices."""
-        return Sample([self.plans[i] for i in indices], [self.statistics[i] for i in indices])
-
-
-def describe_maps(maps: ByteArray, pairs: PairSet) -> Statistics:
-    """Statistics of each map against its CAD map.
-
-    Args:
-        maps: SLAM-like maps (N, S, S): 0, 205, 254.
-        pairs: Their CAD maps and scales.
-    """
-    described = []
-    for i, cells in enumerate(maps):
-        rng = np.random.default_rng(i)  # picks pairs of wall cells, the same for every kind of map
-        moved = displacement_statistics(cells, pairs.cad[i] <= 127, pairs.scale(i), rng)
-        described.append(map_statistics(cells, pairs.scale(i)) | moved)
-    return described
+    kinds: dict[str, GeneratedMaps] = {name: {}, f"{name}, bent": {}}
+    for i, cad in enumerate(pairs.cad):
+        for maps, drift in zip(kinds.values(), (None, np.random.default_rng([seed, i])), strict=True):
+            maps[i] = translator.translate_cells(cad, pairs.scale(i), drift=drift)
+    return kinds

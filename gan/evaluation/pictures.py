@@ -3,14 +3,15 @@
 Maps of real robots stand beside their translations to be looked at, since nobody drew their CAD maps.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, OccupancyGrid
+from slamgym.core.progress import say
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.evaluation.evaluate import (
     RAW,
@@ -20,16 +21,19 @@ from slamgym.gan.evaluation.evaluate import (
     aligned_mask,
     evenly_spaced,
 )
+from slamgym.gan.evaluation.generated_maps import GeneratedMaps
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import aligned_error
 from slamgym.metrics.cleaning import clean_map
-from slamgym.metrics.maps import resample_slam
+from slamgym.metrics.maps import crop_to_known
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
 
 WORST = 10
+UNKNOWN_BORDER_PX = 8
+"""Round what is known of a real map."""
 
 
 @dataclass(frozen=True)
@@ -73,19 +77,20 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
             _write_grid(folder / f"worst_{_file_name(method.name)}.png", results, worst)
 
 
-def write_generated_grid(path: Path, pairs: PairSet, maps: dict[str, ByteArray], count: int) -> None:
+def write_generated_grid(path: Path, pairs: PairSet, kinds: dict[str, GeneratedMaps], count: int) -> None:
     """CAD map, every kind of generated map, simulated map (as the paper's Fig. 7 and 9).
 
     Args:
         path: PNG file.
         pairs: The pairs.
-        maps: By kind (N, S, S), black where there is none.
+        kinds: By name; black where a pair has none.
         count: Rows.
     """
     chosen = evenly_spaced(len(pairs), count)
-    rows = [[pairs.cad[i], *(kind[i] for kind in maps.values()), pairs.slam[i]] for i in chosen]
+    black = np.zeros_like(pairs.cad[0])
+    rows = [[pairs.cad[i], *(maps.get(i, black) for maps in kinds.values()), pairs.slam[i]] for i in chosen]
     captions = [_caption(pairs, i) for i in chosen]
-    write_picture(path, draw_grid(["CAD map", *maps, "simulated SLAM map"], rows, captions))
+    write_picture(path, draw_grid(["CAD map", *kinds, "simulated SLAM map"], rows, captions))
 
 
 def _write_grid(path: Path, results: Results, chosen: Sequence[int]) -> None:
@@ -123,13 +128,6 @@ def _file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
 
 
-UNKNOWN_BORDER_PX = 8
-FINEST = 0.04
-"""Maps with smaller cells are brought to this scale: networks and sizes in pixels are made for 5 cm [m]."""
-LARGEST_PX = 1600
-"""Maps are shrunk to this side at most: pictures show no more."""
-
-
 def find_ros_maps(folder: Path) -> list[Path]:
     """The yaml files of a folder and its subfolders, sorted.
 
@@ -142,37 +140,14 @@ def find_ros_maps(folder: Path) -> list[Path]:
     return found
 
 
-def working_map(grid: OccupancyGrid) -> tuple[ByteArray, float]:
-    """What is known of a map, with a margin, at a scale that can be worked with.
-
-    Args:
-        grid: Any map.
-
-    Returns:
-        The cells (rows, cols) and their metres per pixel.
-    """
-    known = grid.cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    cells = grid.cells
-    if len(rows):
-        cells = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    scale = grid.frame.resolution
-    factor = min(1.0, scale / FINEST, LARGEST_PX / max(cells.shape))
-    shape = (max(1, round(cells.shape[0] * factor)), max(1, round(cells.shape[1] * factor)))
-    return np.pad(resample_slam(cells, shape), UNKNOWN_BORDER_PX, constant_values=UNKNOWN), scale / factor
-
-
 def translate_real(
-    paths: Sequence[Path],
-    translators: dict[str, Translator],
-    warn: Callable[[str], None],
+    paths: Sequence[Path], translators: dict[str, Translator]
 ) -> tuple[list[str], list[list[ByteArray]], list[str]]:
     """Translate maps of real robots, by the cleaning without learning and by every translator.
 
     Args:
         paths: Their yaml files; one that can't be read is left out with a warning.
         translators: By name.
-        warn: Takes the warnings.
 
     Returns:
         Titles of the columns, for each map a row of pictures, and a caption per row.
@@ -180,12 +155,13 @@ def translate_real(
     rows, captions = [], []
     for path in paths:
         try:
-            cells, scale = working_map(read_ros_map(path))
+            grid = read_ros_map(path)
         except SlamgymError as error:
-            warn(f"left out: {error}")
+            say(f"left out: {error}")
             continue
+        cells, scale = crop_to_known(grid.cells, UNKNOWN_BORDER_PX), grid.frame.resolution
         row = [cells, _drawn(clean_map(cells, scale))]
-        row += [_drawn(t.translate(cells, scale) >= 0.5) for t in translators.values()]
+        row += [_drawn(t.translate(cells, scale) >= THRESHOLD) for t in translators.values()]
         rows.append(row)
         height, width = (n * scale for n in cells.shape)
         captions.append(f"{path.stem[:60]}: {width:.0f} x {height:.0f} m, {scale:.3f} m/px")

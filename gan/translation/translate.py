@@ -214,23 +214,6 @@ class LearnedTranslator:
         # Drawn at the network's resolution a wall is as thick as its pixel, several cells of the map.
         return thinned_walls(decode_slam(image, self.config.output_encoding))
 
-    def native_slam_map(
-        self, cad: ByteArray, metres_per_px: float | None = None, drift: np.random.Generator | None = None
-    ) -> ByteArray:
-        """The SLAM map of a CAD map at the network's own size, as in training: nothing is resampled.
-
-        Args:
-            cad: (S, S), S the network's input size.
-            metres_per_px: Scale, if it is known; bending needs it.
-            drift: As in :meth:`translate_cells`.
-
-        Returns:
-            (R, R), R the network's output size: 0, 205, 254.
-        """
-        seen = self._bent(cad, metres_per_px, drift)[np.newaxis]
-        image = run_generator(self._generator, seen, self.config, self._compute, self.config.output_size)[0]
-        return decode_slam(image, self.config.output_encoding)
-
     def _bent(
         self, cad: ByteArray, metres_per_px: float | None, drift: np.random.Generator | None
     ) -> ByteArray:

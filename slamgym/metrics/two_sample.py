@@ -6,7 +6,6 @@ the learner can't recognise a building instead of a kind of map. The trees need 
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,16 +19,6 @@ MapLearner = Callable[[BoolArray, BoolArray, int], FloatArray]
 at) and a seed: the probability of the second kind for each of the others, in their order."""
 
 
-@dataclass(frozen=True)
-class Distinction:
-    """How well a learner distinguishes two kinds that may differ in number."""
-
-    accuracy: Interval
-    """Balanced accuracy, held out, with a 95 % bootstrap interval over buildings."""
-    scores: FloatArray
-    """Probability of the second kind of each sample, held out, (N,)."""
-
-
 def distinguish(
     of_second: BoolArray,
     buildings: Sequence[str],
@@ -37,7 +26,7 @@ def distinguish(
     folds: int = 5,
     repeats: int = 1,
     seed: int = 0,
-) -> Distinction:
+) -> Interval:
     """Try to distinguish two kinds of maps by any learner.
 
     Args:
@@ -48,6 +37,9 @@ def distinguish(
         repeats: How often buildings are dealt to folds again.
         seed: Of the folds and the learner.
 
+    Returns:
+        Balanced accuracy of the held-out samples, with a 95 % bootstrap interval over buildings.
+
     Raises:
         ConfigError: If a kind shows one building only.
     """
@@ -56,15 +48,14 @@ def distinguish(
     if fewest < 2:
         raise ConfigError("a test needs maps of at least two buildings of each kind; add maps of others")
     folds = min(folds, fewest)
-    right, scores = np.zeros(len(of_second)), np.zeros(len(of_second))
+    right = np.zeros(len(of_second))
     for repeat in range(repeats):
         fold = _deal(group, of_second, folds, np.random.default_rng([seed, repeat]))
         for k in range(folds):
             held = fold == k
             found = learner(~held, of_second, seed + repeat * folds + k)
-            scores[held] += found / repeats
             right[held] += ((found > 0.5) == of_second[held]) / repeats
-    return Distinction(balanced_accuracy(right, of_second, group, seed), scores)
+    return balanced_accuracy(right, of_second, group, seed)
 
 
 def half_against_half(
@@ -90,7 +81,7 @@ def half_against_half(
     found = []
     for halving in range(halvings):
         chosen = np.random.default_rng([seed, halving]).permutation(len(names)) < len(names) // 2
-        found.append(distinguish(chosen[group], buildings, learner, folds, seed=seed).accuracy)
+        found.append(distinguish(chosen[group], buildings, learner, folds, seed=seed))
     if halvings == 1:
         return found[0]
     values = [accuracy.value for accuracy in found]

@@ -11,7 +11,7 @@ from slamgym.commands.reproduce import steps
 from slamgym.commands.reproduce.report import claims_table, judge_claims
 from slamgym.commands.reproduce.steps import DEFORMED, REDRAWN, REPRODUCTION_SCALES, STEPS, Reproduction
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.gan.evaluation.generated_maps import MINIMUM
+from slamgym.dataset.realism.comparison import MIN_MAPS
 
 
 def interval(value, low, high):
@@ -32,10 +32,13 @@ EVALUATION = {
         "slam2cad": method(interval(0.9, 0.85, 0.95), interval(0.4, 0.3, 0.5)),
     },
     "realism": {
-        "kinds": [
-            {"name": "simulated, other maps", "extra_trees": {"accuracy": 0.49, "low": 0.45, "high": 0.53}},
-            {"name": "modelprog at 64 px", "extra_trees": {"accuracy": 0.97, "low": 0.95, "high": 0.99}},
-            {"name": "modelprog at 64 px, bent", "extra_trees": {"accuracy": 0.9, "low": 0.8, "high": 0.99}},
+        "tests": [
+            {"first": "simulated", "second": second, "is_null": second == "simulated", "accuracy": accuracy}
+            for second, accuracy in (
+                ("simulated", interval(0.49, 0.45, 0.53)),
+                ("modelprog", interval(0.97, 0.95, 0.99)),
+                ("modelprog, bent", interval(0.9, 0.8, 0.99)),
+            )
         ]
     },
 }
@@ -88,7 +91,7 @@ def test_every_step_runs_once_and_an_interrupted_run_goes_on(run, commands):
 
 def test_with_enough_test_maps_they_are_drawn_anew_and_compared(run, commands, monkeypatch):
     lines, _ = commands
-    records = [SimpleNamespace(name=f"{n}") for n in range(MINIMUM)]
+    records = [SimpleNamespace(name=f"{n}") for n in range(MIN_MAPS)]
     monkeypatch.setattr("slamgym.dataset.images.format.read_images", lambda *_: records)
     run.run_steps()
     evaluate = next(line for line in lines if line[:2] == ["gan", "evaluate"])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,7 +16,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
-    from slamgym.dataset.realism.comparison import MapSet, RealismReport
+    from slamgym.dataset.realism.comparison import MapSet, MeasuredMap, RealismReport
     from slamgym.dataset.realism.page import Figure
     from slamgym.gan.evaluation.patch_classifier import PatchLearner
 
@@ -23,13 +24,13 @@ SHOWN_STATISTICS = 4
 """The most telling ones, which get examples."""
 SHOWN_PATCHES = 6
 """Patches of each side."""
-TREES, NETWORK = "trees on statistics", "network on patches"
+NETWORK = "network on patches"
 
 
 class RealismArguments(Arguments):
     """Compare the SLAM maps of a dataset with maps of robots: statistics, two-sample tests, examples.
 
-    Writes OUT/realism.html, which holds everything, realism.json, realism.md and realism.png. The trees need
+    Writes OUT/realism.html, which holds everything, realism.json and realism.md. The trees need
     scikit-learn (extra `clean`), the network torch (extra `gan`); what is missing is left out, and the page says so.
     """
 
@@ -67,7 +68,6 @@ def main(arguments: RealismArguments) -> None:
         draw_examples,
         draw_mixed,
         realism_page,
-        stack_figures,
         statistics_table,
         tests_table,
         to_json,
@@ -91,7 +91,6 @@ def main(arguments: RealismArguments) -> None:
     out = arguments.out
     write_text(out / "realism.json", as_text(to_json(report)))
     write_text(out / "realism.md", to_markdown(report))
-    write_picture(out / "realism.png", stack_figures(figures))
     write_text(out / "realism.html", realism_page(report, figures))
     if arguments.mixed:
         sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
@@ -104,17 +103,14 @@ def main(arguments: RealismArguments) -> None:
 
 def _test_by_trees(report: RealismReport, halvings: int) -> None:
     """Add the tests between all sets, and of the halves of each."""
+    from slamgym.dataset.realism.comparison import TREES, learn_by_trees
+
     if _is_missing(TREES, "sklearn", "scikit-learn", "clean", report):
         return
-    from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
-    from slamgym.metrics.two_sample import tree_learner
-
     for first, second in itertools.combinations(report.sets, 2):
-        learner = tree_learner([*first.statistics, *second.statistics])
-        report.tests.append(distinguish_sets(first, second, learner, TREES, 2, report.seed))
+        report.test(TREES, learn_by_trees, first, second, 2)
     for one in report.sets:
-        learner = tree_learner(one.statistics)
-        report.tests.append(distinguish_halves(one, learner, TREES, halvings, report.seed))
+        report.test(TREES, learn_by_trees, one, one, halvings)
 
 
 def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
@@ -123,19 +119,19 @@ def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
         report.left_out.append(f"{NETWORK}: left out by --no-network")
     if not wanted or _is_missing(NETWORK, "torch", "torch", "gan", report):
         return []
-    from slamgym.dataset.realism.comparison import distinguish_halves, distinguish_sets
     from slamgym.gan.evaluation.patch_classifier import PatchLearner
+
+    def learn(maps: Sequence[MeasuredMap]) -> PatchLearner:
+        return PatchLearner([one.cells for one in maps], report.seed)
 
     figures = []
     for reference in report.references:
         say(f"{NETWORK}: {report.own.name} against {reference.name}")
-        learner = PatchLearner([one.cells for one in (*report.own.maps, *reference.maps)], report.seed)
-        report.tests.append(distinguish_sets(report.own, reference, learner, NETWORK, 1, report.seed))
+        learner = report.test(NETWORK, learn, report.own, reference, 1)
         figures.append(_surest_patches(report.own, reference, learner))
     for one in report.sets:
         say(f"{NETWORK}: {one.name}, half against half")
-        learner = PatchLearner([m.cells for m in one.maps], report.seed)
-        report.tests.append(distinguish_halves(one, learner, NETWORK, 1, report.seed))
+        report.test(NETWORK, learn, one, one, 1)
     return figures
 
 

@@ -1,19 +1,25 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from slamgym import __version__
 from slamgym.commands.frame import as_text, show_table
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
-from slamgym.core.progress import counted, say, show_progress, tell
+from slamgym.core.progress import counted, show_progress, tell
 from slamgym.core.text import markdown
-from slamgym.core.types import ByteArray
+from slamgym.dataset.realism.comparison import (
+    TREES,
+    MapSet,
+    RealismReport,
+    compare_statistics,
+    learn_by_trees,
+    measure_map,
+    require_enough,
+)
+from slamgym.dataset.realism.page import tests_table, to_json, to_markdown
 from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
@@ -24,24 +30,19 @@ from slamgym.gan.evaluation.evaluate import (
     evenly_spaced,
     learned,
 )
-from slamgym.gan.evaluation.generated_maps import MINIMUM, Sample, load_generated, parse_named_folders
+from slamgym.gan.evaluation.generated_maps import (
+    GeneratedMaps,
+    elastic_maps,
+    load_generated,
+    parse_named_folders,
+    translated_maps,
+)
 from slamgym.gan.evaluation.pictures import (
     Results,
     find_ros_maps,
     translate_real,
     write_generated_grid,
     write_pictures,
-)
-from slamgym.gan.evaluation.realism import (
-    ELASTIC,
-    NULL,
-    compare_with_simulated,
-    elastic_maps,
-    medians,
-    medians_table,
-    null_halves,
-    realism_table,
-    translated_maps,
 )
 from slamgym.gan.evaluation.summary import (
     dimensions_table,
@@ -53,6 +54,8 @@ from slamgym.gan.evaluation.summary import (
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.sheets import draw_grid
+
+SIMULATED, ELASTIC = "simulated", "elastic deformation"
 
 
 def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
@@ -71,21 +74,21 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
     generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
     tested = bool(generated or to_slam or arguments.realism)
-    if tested and len(pairs) < MINIMUM:
-        raise ConfigError(f"a two-sample test needs {MINIMUM} pairs or more, not {len(pairs)}")
+    if tested:
+        require_enough(arguments.images, pairs.plan_ids)
+    for name, maps in generated.items():
+        require_enough(folders[name], [pairs.plan_ids[i] for i in maps])
     scores, summary = _measure(pairs, to_cad)
-    _write(arguments, pairs, scores, summary, None)
     if arguments.pictures:
         # Blurred and then thresholded, the raw map looks as it did.
         shown = [method for method in _methods(to_cad) if method.name != BLURRED]
         write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
     if arguments.real is not None:
-        columns, rows, captions = translate_real(find_ros_maps(arguments.real), dict(to_cad), say)
+        columns, rows, captions = translate_real(find_ros_maps(arguments.real), dict(to_cad))
         if rows:
             write_picture(arguments.out / "real_maps.png", draw_grid(columns, rows, captions))
-    if tested:
-        realism = _compare_realism(arguments, pairs, generated, to_slam)
-        _write(arguments, pairs, scores, summary, realism)
+    realism = _compare_realism(arguments, pairs, generated, to_slam) if tested else None
+    _write(arguments, pairs, scores, summary, realism)
     tell(f"results: {arguments.out}")
 
 
@@ -132,46 +135,32 @@ def _measure(
 def _compare_realism(
     arguments: EvaluateTranslatorsArguments,
     pairs: PairSet,
-    generated: dict[str, tuple[PairSet, ByteArray]],
+    generated: dict[str, GeneratedMaps],
     translators: dict[str, LearnedTranslator],
-) -> dict[str, Any]:
-    made = {ELASTIC: (pairs, elastic_maps(pairs, arguments.seed))} | generated
+) -> RealismReport:
+    """Compare each kind of generated maps with the simulated ones."""
+    kinds = {ELASTIC: elastic_maps(pairs, arguments.seed)} | generated
     for name, translator in translators.items():
-        made |= translated_maps(name, translator, pairs, arguments.seed)
-
-    def compare(name: str, simulated: Sample, other: Sample) -> dict[str, Any]:
-        return compare_with_simulated(name, simulated, other, arguments.seed, arguments.repeats)
-
-    reference = Sample.of(pairs.slam, pairs)
-    # Simulated maps of all pairs, as each translator that draws fewer pixels brought them to its own resolution.
-    coarse: dict[int, Sample] = {}
-    entries, drawn = [], {}
-    with show_progress("two-sample tests", 0, 1 + len(made)) as advance:
-        first, second = (reference.subset(half) for half in null_halves(reference.plans, arguments.seed))
-        entries.append(compare(NULL, first, second))
-        advance()
-        for name, (some, maps) in made.items():
-            chosen = [pairs.names.index(n) for n in some.names]
-            if some.cad.shape[1] == pairs.cad.shape[1]:
-                same = reference.subset(chosen)
-            else:
-                if id(some) not in coarse:
-                    coarse[id(some)] = Sample.of(some.slam, some)
-                same = coarse[id(some)]
-            entries.append(compare(name, same, Sample.of(maps, some)))
-            drawn[name] = _spread(maps, chosen, len(pairs))
-            advance()
+        kinds |= translated_maps(name, translator, pairs, arguments.seed)
     if arguments.pictures:
-        write_generated_grid(arguments.out / "cad2slam.png", pairs, drawn, arguments.pictures)
-    show_table(*realism_table(entries), "Distinguishing generated from simulated SLAM maps; 0.5 is perfect")
-    return {"reference_medians": medians(reference.statistics), "kinds": entries, "null": NULL}
+        write_generated_grid(arguments.out / "cad2slam.png", pairs, kinds, arguments.pictures)
+    simulated = _map_set(SIMULATED, dict(enumerate(pairs.slam)), pairs)
+    others = [_map_set(name, maps, pairs) for name, maps in kinds.items()]
+    statistics = compare_statistics(simulated, others, arguments.seed)
+    report = RealismReport(simulated, others, arguments.seed, statistics)
+    with show_progress("two-sample tests", 0, len(report.sets)) as advance:
+        for one in report.sets:
+            report.test(TREES, learn_by_trees, simulated, one, arguments.repeats)
+            advance()
+    show_table(*tests_table(report), "Distinguishing generated from simulated SLAM maps; 0.5 is perfect")
+    return report
 
 
-def _spread(maps: ByteArray, chosen: Sequence[int], count: int) -> ByteArray:
-    """Maps of some of the pairs at the places of all of them; empty where there is none."""
-    spread = np.zeros((count, *maps.shape[1:]), np.uint8)
-    spread[list(chosen)] = maps
-    return spread
+def _map_set(name: str, maps: GeneratedMaps, pairs: PairSet) -> MapSet:
+    measured = [
+        measure_map(pairs.names[i], pairs.plan_ids[i], cells, pairs.scale(i)) for i, cells in maps.items()
+    ]
+    return MapSet(name, measured)
 
 
 def _write(
@@ -179,7 +168,7 @@ def _write(
     pairs: PairSet,
     scores: dict[str, list[MapScore]],
     summary: dict[str, dict[str, Any]],
-    realism: dict[str, Any] | None,
+    realism: RealismReport | None,
 ) -> None:
     low, middle, high = pairs.scale_percentiles() or (0.0, 0.0, 0.0)
     document = {
@@ -191,7 +180,7 @@ def _write(
         "size_px": int(pairs.cad.shape[1]),
         "metres_per_px": {"p5": low, "p50": middle, "p95": high},
         "methods": summary,
-        "realism": realism,
+        "realism": None if realism is None else to_json(realism),
     }
     write_text(arguments.out / "evaluation.json", as_text(document))
     write_text(arguments.out / "scores.csv", scores_csv(scores))
@@ -203,6 +192,5 @@ def _write(
     ]
     text += ["## Table I\n", markdown(*table_one(scores))]
     if realism is not None:
-        text += ["## CAD to SLAM\n", markdown(*realism_table(realism["kinds"]))]
-        text += [markdown(*medians_table(realism["reference_medians"], realism["kinds"]))]
+        text += ["## CAD to SLAM\n", to_markdown(realism)]
     write_text(arguments.out / "tables.md", "\n".join(text))

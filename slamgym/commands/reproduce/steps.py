@@ -117,7 +117,7 @@ class Reproduction:
     def commands(self, step: str) -> list[list[str]]:
         """The commands of a step, word by word."""
         from slamgym.dataset.images.format import read_images
-        from slamgym.gan.evaluation.generated_maps import MINIMUM
+        from slamgym.dataset.realism.comparison import MIN_MAPS
 
         lines = [[word.format(**self._words) for word in line.split()] for line in STEPS[step]]
         if step == "training" and not self.train:
@@ -130,7 +130,7 @@ class Reproduction:
                 return lines if names else []
             if self.train:
                 lines[-1].append(f"{TRAINED}={self.out / 'run'}")
-            if len(names) < MINIMUM:
+            if len(names) < MIN_MAPS:
                 return lines[-1:]
             lines[-1] += ["--generated", *(f"{m}={self.out / 'redrawn' / m / 'episodes'}" for m in REDRAWN)]
         return lines

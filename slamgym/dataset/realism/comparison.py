@@ -2,9 +2,10 @@
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,14 +21,23 @@ from slamgym.metrics.map_statistics import (
     cut_to_floor,
     look_statistics,
 )
-from slamgym.metrics.two_sample import MapLearner, distinguish, half_against_half, ks_distance
+from slamgym.metrics.two_sample import (
+    MapLearner,
+    distinguish,
+    half_against_half,
+    ks_distance,
+    tree_learner,
+)
 
+TREES = "trees on statistics"
+"""Name of the learner that :func:`learn_by_trees` makes."""
 FOLDS = 5
 """Parts of the buildings that are held out in turn by a test."""
 MIN_MAPS = 8
 """Maps that a set needs: halves of fewer say nothing."""
 MIN_BUILDINGS = 4
 """Of a set: halves need two each."""
+LearnerT = TypeVar("LearnerT", bound=MapLearner)
 _LEAST_FREE = 4.0  # [m^2]
 _MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
 
@@ -50,25 +60,34 @@ class MeasuredMap:
         return cut_to_floor(self.cells)
 
 
+def measure_map(name: str, building: str, cells: ByteArray, resolution: float) -> MeasuredMap:
+    """Bring a map to the common cell size and measure it.
+
+    Args:
+        name: Of the map.
+        building: What it shows.
+        cells: 0, 205, 254, (H, W).
+        resolution: [m/cell].
+    """
+    cells = at_look_cell(cells, resolution)
+    floor = cut_to_floor(cells)
+    # A picture without floor, as a bad generator draws it, is measured whole.
+    return MeasuredMap(name, building, cells, look_statistics(floor if floor.size else cells))
+
+
 @dataclass(frozen=True)
 class MapSet:
-    """The maps of a dataset or a folder."""
+    """The maps of a dataset, of a folder or of a generator."""
 
     name: str
-    root: Path
     maps: list[MeasuredMap]
-    skipped: dict[str, int]
+    skipped: dict[str, int] = field(default_factory=dict)
     """Reasons why files were left out, and how many each."""
 
     @property
     def buildings(self) -> list[str]:
         """Of each map."""
         return [one.building for one in self.maps]
-
-    @property
-    def statistics(self) -> list[dict[str, float]]:
-        """Of each map."""
-        return [one.statistics for one in self.maps]
 
 
 def read_map_sets(
@@ -131,13 +150,12 @@ def _read(
         if fault:
             skipped[fault] += 1
             continue
-        cells = at_look_cell(grid.cells, grid.frame.resolution)
         found = building.search(item.name) if building and item.record is None else None
         shown = found[0] if found else item.plan_id
-        maps.append(MeasuredMap(item.name, shown, cells, look_statistics(cut_to_floor(cells))))
-    reasons = {reason: count for reason, count in skipped.items() if count}
-    _require_enough(root, maps, reasons)
-    return MapSet(name, root, maps, reasons)
+        maps.append(measure_map(item.name, shown, grid.cells, grid.frame.resolution))
+    found_set = MapSet(name, maps, {reason: count for reason, count in skipped.items() if count})
+    require_enough(root, found_set.buildings, found_set.skipped)
+    return found_set
 
 
 def _fault(grid: OccupancyGrid) -> str:
@@ -156,19 +174,25 @@ def _fault(grid: OccupancyGrid) -> str:
     return ""
 
 
-def _require_enough(root: Path, maps: list[MeasuredMap], skipped: dict[str, int]) -> None:
+def require_enough(source: Path, buildings: Sequence[str], skipped: Mapping[str, int] | None = None) -> None:
+    """Refuse sets that are too small for a test.
+
+    Args:
+        source: Where the maps are from.
+        buildings: The building of each.
+        skipped: Reasons why others were left out, and how many each.
+
+    Raises:
+        InputFileError: If there are too few maps or buildings.
+    """
     left_out = "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
-    if len(maps) < MIN_MAPS:
-        raise InputFileError(
-            root,
-            f"holds {len(maps)} maps that can be compared at cells of {LOOK_CELL:g} m; add some: a test needs "
-            f"at least {MIN_MAPS}{left_out}",
-        )
-    buildings = len({one.building for one in maps})
-    if buildings < MIN_BUILDINGS:
-        raise InputFileError(
-            root, f"shows {buildings} buildings; add maps of others: a test needs at least {MIN_BUILDINGS}"
-        )
+    if len(buildings) < MIN_MAPS:
+        what = f"holds {len(buildings)} maps that can be compared at cells of {LOOK_CELL:g} m"
+        raise InputFileError(source, f"{what}; add some: a test needs at least {MIN_MAPS}{left_out}")
+    shown = len(set(buildings))
+    if shown < MIN_BUILDINGS:
+        what = f"shows {shown} buildings; add maps of others"
+        raise InputFileError(source, f"{what}: a test needs at least {MIN_BUILDINGS}")
 
 
 @dataclass(frozen=True)
@@ -230,6 +254,37 @@ class RealismReport:
         """Of the tests, in their order."""
         return list(dict.fromkeys(test.learner for test in self.tests))
 
+    def test(
+        self,
+        name: str,
+        make_learner: Callable[[Sequence[MeasuredMap]], LearnerT],
+        first: MapSet,
+        second: MapSet,
+        repeats: int,
+    ) -> LearnerT:
+        """Try to distinguish two sets, or the halves of one.
+
+        Args:
+            name: Of the learner.
+            make_learner: Given the maps of the first set, then those of the second, or those of the one.
+            first: A set.
+            second: Another one, or the same.
+            repeats: How often the buildings are dealt to the parts again, or to the halves.
+
+        Returns:
+            The learner.
+        """
+        is_null = first is second
+        maps = first.maps if is_null else [*first.maps, *second.maps]
+        buildings, learner = [one.building for one in maps], make_learner(maps)
+        if is_null:
+            accuracy = half_against_half(buildings, learner, FOLDS, repeats, self.seed)
+        else:
+            of_second = np.arange(len(maps)) >= len(first.maps)
+            accuracy = distinguish(of_second, buildings, learner, FOLDS, repeats, self.seed)
+        self.tests.append(SetTestRow(first.name, second.name, name, accuracy))
+        return learner
+
     def test_lines(self) -> dict[tuple[str, str], dict[str, Interval]]:
         """Tests by their sets, then by learner: those of the dataset first, then nulls, then between references."""
         lines: dict[tuple[str, str], dict[str, Interval]] = {}
@@ -242,33 +297,13 @@ def compare_statistics(own: MapSet, references: Sequence[MapSet], seed: int = 0)
     """The statistics that a person reads, in their order."""
     rows = []
     for name, label in LOOK_NAMES.items():
-        values = {s.name: np.array([row[name] for row in s.statistics]) for s in (own, *references)}
+        values = {s.name: np.array([one.statistics[name] for one in s.maps]) for s in (own, *references)}
         medians = {s.name: median_interval(values[s.name], seed, s.buildings) for s in (own, *references)}
         distances = {s.name: ks_distance(values[own.name], values[s.name]) for s in references}
         rows.append(StatisticRow(name, label, medians, distances))
     return rows
 
 
-def distinguish_sets(
-    first: MapSet, second: MapSet, learner: MapLearner, name: str, repeats: int, seed: int
-) -> SetTestRow:
-    """Try to distinguish two sets.
-
-    Args:
-        first: A set.
-        second: Another one.
-        learner: For the maps of both, those of the first before those of the second.
-        name: Of the learner.
-        repeats: How often the buildings are dealt to the parts again.
-        seed: Of the folds and the learner.
-    """
-    buildings = [*first.buildings, *second.buildings]
-    of_second = np.arange(len(buildings)) >= len(first.maps)
-    found = distinguish(of_second, buildings, learner, FOLDS, repeats, seed)
-    return SetTestRow(first.name, second.name, name, found.accuracy)
-
-
-def distinguish_halves(one: MapSet, learner: MapLearner, name: str, halvings: int, seed: int) -> SetTestRow:
-    """Try to distinguish the halves of a set; the arguments are those of :func:`distinguish_sets`."""
-    null = half_against_half(one.buildings, learner, FOLDS, halvings, seed)
-    return SetTestRow(one.name, one.name, name, null)
+def learn_by_trees(maps: Sequence[MeasuredMap]) -> MapLearner:
+    """Make the learner that goes by the maps' statistics."""
+    return tree_learner([one.statistics for one in maps])

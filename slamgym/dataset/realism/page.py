@@ -15,7 +15,7 @@ from slamgym.core.types import FREE, ByteArray, IntArray
 from slamgym.dataset.realism.comparison import MapSet, MeasuredMap, RealismReport, StatisticRow
 from slamgym.metrics.map_statistics import LOOK_CELL
 from slamgym.metrics.maps import free_boundary
-from slamgym.viz.canvas import UNKNOWN_TINT, blank, colour_cells, with_heading
+from slamgym.viz.canvas import UNKNOWN_TINT, blank, colour_cells
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 from slamgym.viz.sheets import Card, draw_sheet
 
@@ -207,16 +207,6 @@ def draw_mixed(
         {"number": number, "set": name, "name": one.name} for number, (name, one) in enumerate(shown, start=1)
     ]
     return draw_sheet(cards, _MIXED_COLUMNS, _MIXED_WINDOW), key
-
-
-def stack_figures(figures: Sequence[Figure]) -> ByteArray:
-    """All figures under each other, each below its heading."""
-    width = max(figure.picture.shape[1] for figure in figures)
-    padded = [
-        np.pad(f.picture, ((0, 0), (0, width - f.picture.shape[1]), (0, 0)), constant_values=255)
-        for f in figures
-    ]
-    return np.vstack([with_heading(p, f.heading) for p, f in zip(padded, figures, strict=True)])
 
 
 def _window(one: MeasuredMap, side: int) -> ByteArray:
