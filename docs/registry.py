@@ -95,10 +95,8 @@ MEASURES = [
     Measure("wall error", "mean distance of a map's occupied cells from the nearest face of a CAD wall; furniture is no part of it", "m", "lower", "slamgym.metrics.map_error:wall_error"),
     Measure("obstacle distance (map error)", "mean distance of a map's occupied cells from the nearest true obstacle, furniture included", "m", "lower", "slamgym.metrics.map_error:ObstacleDistance"),
     Measure("open border", "share of the cells bordering free space (4-neighbours) that are unknown", "", "", "slamgym.metrics.map_statistics:open_border"),
-    Measure("map statistics", "shares of free, occupied and unknown; blobs and holes per 100 m2; wall thickness and tilt; 2 x 2 patterns", "", "", "slamgym.metrics.map_statistics:map_statistics"),
-    Measure("look statistics", "map statistics, and what else tells simulated maps from real ones, at 5 cm cells over the map cut to its largest free part", "", "", "slamgym.metrics.map_statistics:look_statistics"),
+    Measure("look statistics", "shares of free, occupied and unknown; blobs, holes and rays per 100 m2; wall thickness, tilt and straightness; 2 x 2 patterns; at 5 cm cells over the map cut to its largest free part", "", "", "slamgym.metrics.map_statistics:look_statistics"),
     Measure("free fragments", "connected parts (4-neighbours) of the free space beside the largest, per 100 m2", "1/100 m^2", "", "slamgym.metrics.map_statistics:free_fragments"),
-    Measure("displacement statistics", "quantiles of the distance from a map's wall cell to the nearest face of a true wall; stray and missed shares", "m", "lower", "slamgym.metrics.map_statistics:displacement_statistics"),
     Measure("balanced accuracy (two-sample test)", "mean of the accuracies on both kinds, held out by building; 0.5 if a learner can't tell them apart", "", "", "slamgym.metrics.two_sample:distinguish", "Lopez-Paz and Oquab 2017"),
     Measure("null of a set", "balanced accuracy between halves of one set's buildings", "", "", "slamgym.metrics.two_sample:half_against_half"),
 ]  # fmt: skip

@@ -30,12 +30,13 @@ from slamgym.cad import FloorPlan, read_image_plan
 from slamgym.cad.floorplan import floor_share
 from slamgym.core.files import read_bytes
 from slamgym.core.pictures import decode_picture, grey_picture
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame, IntArray
 from slamgym.dataset.generate.recipe import apply_conditions, open_recipe
 from slamgym.envs import EpisodeConfig, run_episode
 from slamgym.gan.data import PairSet
 from slamgym.interop.ros_map import read_ros_map
-from slamgym.metrics import displacement_statistics, map_statistics, wall_faces
+from slamgym.metrics import wall_faces
+from slamgym.metrics.map_statistics import look_statistics
 from slamgym.metrics.maps import distance_to
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -60,6 +61,12 @@ YARD_END = 0.925
 OPEN_HOUSES = (1, 4, 8)
 """Which of ten of our houses have the door open."""
 HOUSES = 10
+_NEAR_WALL = 0.6  # [m] occupied cells farther from every CAD wall are stray, not displaced
+_LAGS = (0.25, 1.0, 2.5)  # [m] of the spatial correlation of wall displacements
+_DISPLACEMENTS = (
+    "displacement_p50_m", "displacement_p90_m", "displacement_p95_m", "stray_share", "missed_share",
+    *(f"displacement_correlation_{lag:g}m" for lag in _LAGS),
+)  # fmt: skip
 SHOWN = (
     "open_border",
     "fragments_per_100m2",
@@ -217,11 +224,59 @@ def statistics(cells: ByteArray, solid: BoolArray) -> dict[str, float]:
     cut = cells[max(rows.min() - pad, 0) : rows.max() + pad, max(cols.min() - pad, 0) : cols.max() + pad]
     area = (cut == FREE).sum() * RESOLUTION**2 / 100.0
     _, _, blobs, _ = cv2.connectedComponentsWithStats((cut == OCCUPIED).astype(np.uint8), connectivity=8)
-    found = map_statistics(cut, RESOLUTION)
+    found = look_statistics(cut)
     found["fragments_per_100m2"] = (count - 2) / area
     found["median_blob_px"] = float(np.median(blobs[1:, cv2.CC_STAT_AREA]))
     placed = register(cut, solid)
     return found | displacement_statistics(placed, solid, RESOLUTION, np.random.default_rng(0))
+
+
+def displacement_statistics(
+    cells: ByteArray, cad_occupied: BoolArray, resolution: float, rng: np.random.Generator
+) -> dict[str, float]:
+    """Statistics of where the walls of a map lie against those of the CAD map.
+
+    Args:
+        cells: (H, W) the map.
+        cad_occupied: (H, W) cells that are not free in the CAD map, on the same frame.
+        resolution: [m/px].
+        rng: Picks pairs of wall cells for the spatial correlation.
+
+    Returns:
+        Quantiles of the distance [m] from a map's wall cell to the nearest face of a CAD wall, its share of
+        stray cells, the share of the CAD faces that the map misses, and the correlation of the signed
+        distance (positive outside the free space) at some lags.
+    """
+    faces = wall_faces(~cad_occupied)
+    to_face = distance_to(faces) * resolution
+    signed = np.where(cad_occupied, to_face, -to_face)
+    rows, cols = np.nonzero(cells == OCCUPIED)
+    if len(rows) < 10 or not faces.any():
+        return dict.fromkeys(_DISPLACEMENTS, 0.0)
+    away = to_face[rows, cols]
+    near = away < _NEAR_WALL
+    to_map = distance_to(cells == OCCUPIED) * resolution
+    values = np.percentile(away[near], (50, 90, 95)).tolist() if near.any() else [0.0] * 3
+    values += [float((~near).mean()), float((to_map[faces] > 0.3).mean())]
+    values += _correlations(rows[near], cols[near], signed, resolution, rng)
+    return dict(zip(_DISPLACEMENTS, values, strict=True))
+
+
+def _correlations(
+    rows: IntArray, cols: IntArray, signed: FloatArray, resolution: float, rng: np.random.Generator
+) -> list[float]:
+    """Correlation of the signed displacement of pairs of wall cells at each lag."""
+    values = signed[rows, cols]
+    points = resolution * np.column_stack([rows, cols])
+    pairs = rng.integers(0, len(rows), (20_000, 2))
+    gap = np.hypot(*(points[pairs[:, 0]] - points[pairs[:, 1]]).T)
+    correlations = []
+    for lag in _LAGS:
+        a, b = pairs[np.abs(gap - lag) < 0.3 * lag].T
+        spread = values[a].std() * values[b].std() if len(a) > 20 else 0.0
+        covariance = ((values[a] - values.mean()) * (values[b] - values.mean())).mean() if len(a) else 0.0
+        correlations.append(float(covariance / spread) if spread > 0.0 else 0.0)
+    return correlations
 
 
 def register(cells: ByteArray, solid: BoolArray) -> ByteArray:

@@ -2,7 +2,6 @@ from .alignment import AlignedError, Similarity, aligned_error, apply_similarity
 from .dimensions import Dimensions, measure_dimensions
 from .improvement import Improvement, improvement
 from .map_error import ObstacleDistance, wall_error, wall_faces
-from .map_statistics import displacement_statistics, map_statistics
 from .maps import (
     WallDistance,
     WallScore,
@@ -52,13 +51,11 @@ __all__ = [
     "apply_similarity",
     "boundary_distance",
     "boundary_score",
-    "displacement_statistics",
     "free_boundary",
     "free_space",
     "improvement",
     "intersection_over_union",
     "label_rooms",
-    "map_statistics",
     "normalised_estimation_error_squared",
     "poses_at",
     "relation_error",

@@ -1,14 +1,12 @@
 """Numbers that describe how a SLAM map looks, for comparing sets of maps.
 
-All take maps with the values of ROS map_server (0, 205, 254), row 0 at the top. :func:`map_statistics` serves any cell
-size; :func:`look_statistics` adds what else tells simulated maps from those of robots, at one cell size.
+All take maps with the values of ROS map_server (0, 205, 254), row 0 at the top; maps are compared at one cell size.
 """
 
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
-from slamgym.metrics.map_error import wall_faces
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
 from slamgym.metrics.maps import CROSS, crop_to_known, distance_to, resample_slam
 
 LOOK_CELL = 0.05
@@ -24,12 +22,6 @@ _NEIGHBOURHOOD = 2.0  # [cells] of the structure tensor, standard deviation
 _STRAIGHT = 0.5  # coherence below which a wall cell is part of a corner or clutter
 _SQUARE = np.ones((3, 3), np.uint8)
 _UNIFORM = (0, 40, 80)  # codes of the 2 x 2 patterns of one value
-_NEAR_WALL = 0.6  # [m] occupied cells farther from every CAD wall are stray, not displaced
-_LAGS = (0.25, 1.0, 2.5)  # [m] of the spatial correlation of wall displacements
-_DISPLACEMENTS = (
-    "displacement_p50_m", "displacement_p90_m", "displacement_p95_m", "stray_share", "missed_share",
-    *(f"displacement_correlation_{lag:g}m" for lag in _LAGS),
-)  # fmt: skip
 
 LOOK_NAMES = {
     "open_border": "open border (share)",
@@ -85,95 +77,46 @@ def cut_to_floor(cells: ByteArray) -> ByteArray:
     return cells[max(top - m, 0) : top + height + m, max(left - m, 0) : left + width + m]
 
 
-def map_statistics(cells: ByteArray, resolution: float) -> dict[str, float]:
-    """Statistics of one map alone.
+def look_statistics(cells: ByteArray) -> dict[str, float]:
+    """Statistics of how a map looks.
 
     Args:
-        cells: (H, W).
-        resolution: [m/px].
+        cells: (H, W) at :data:`LOOK_CELL`, cut by :func:`cut_to_floor`.
 
     Returns:
-        Name to value: shares of the known bounding box, wall thickness, holes, blobs, open borders, tilt,
-        and how often each 2 x 2 pattern of cells occurs.
+        Name to value: shares of the picture, wall thickness, holes, blobs, open borders, tilt, rays, straightness, and
+        how often each 2 x 2 pattern of cells occurs.
     """
-    cells = crop_to_known(cells, 1)
     occupied, free, unknown = cells == OCCUPIED, cells == FREE, cells == UNKNOWN
-    area = max(float(free.sum()) * resolution**2, 1e-9) / 100.0
-    sizes = _sizes(occupied)
+    area = max(float(free.sum()) * LOOK_CELL**2, 1e-9)
+    sizes, specks = _sizes(occupied), _sizes(~free)
+    # With unknown cells around it: what borders floor at the end of the picture counts in the patterns.
+    framed = crop_to_known(cells, 1)
+    runs = _run_lengths(occupied)
     return {
         "share_unknown": float(unknown.mean()),
         "share_occupied": float(occupied.mean()),
         "share_free": float(free.mean()),
         "occupied_per_free": float(occupied.sum() / max(free.sum(), 1)),
         "wall_thickness_px": wall_thickness(occupied),
-        "tilt_deg": wall_tilt(occupied),
-        "blobs_per_100m2": len(sizes) / area,
-        "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / area,
-        "holes_per_100m2": len(_sizes(~free)) / area,
-        "unknown_holes_per_100m2": len(_sizes(unknown)) / area,
+        "tilt_deg": wall_tilt(framed == OCCUPIED),
+        "blobs_per_100m2": len(sizes) / (area / 100.0),
+        "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / (area / 100.0),
+        "holes_per_100m2": len(_sizes(framed != FREE)) / (area / 100.0),
+        "unknown_holes_per_100m2": len(_sizes(framed == UNKNOWN)) / (area / 100.0),
         "open_border": open_border(free, unknown),
-        **_run_lengths(occupied),
-        **_patterns(cells),
+        **runs,
+        **_patterns(framed),
+        "run_4_plus": max(0.0, 1.0 - sum(runs[f"run_{n}"] for n in (1, 2, 3))),
+        "free_fragments_per_100m2": 100.0 * free_fragments(free) / area,
+        "blob_median_px": float(np.median(sizes)) if len(sizes) else 0.0,
+        **_ray_statistics(free, unknown, area),
+        "specks_in_free_share": float(specks[specks <= _SPECK_CELLS].sum()) / max(float(free.sum()), 1.0),
+        "dots_in_unknown_per_100m2": 100.0 * _dots(occupied, unknown) / area,
+        **_straightness(occupied),
+        "free_area_m2": area,
+        "long_side_m": max(cells.shape) * LOOK_CELL,
     }
-
-
-def look_statistics(cells: ByteArray) -> dict[str, float]:
-    """Statistics of how a map looks: those of :func:`map_statistics` and more.
-
-    Args:
-        cells: (H, W) at :data:`LOOK_CELL`, cut by :func:`cut_to_floor`; some free space is in it.
-
-    Returns:
-        Name to value.
-    """
-    occupied, free, unknown = cells == OCCUPIED, cells == FREE, cells == UNKNOWN
-    area = max(float(free.sum()) * LOOK_CELL**2, 1e-9)
-    statistics = map_statistics(cells, LOOK_CELL)
-    # What borders floor at the end of a picture is unknown: unlike in map_statistics, it does not count.
-    statistics["open_border"] = open_border(free, unknown)
-    for name, mask in (("unknown", unknown), ("occupied", occupied), ("free", free)):
-        statistics[f"share_{name}"] = float(mask.mean())
-    statistics["run_4_plus"] = max(0.0, 1.0 - sum(statistics[f"run_{n}"] for n in (1, 2, 3)))
-    statistics["free_fragments_per_100m2"] = 100.0 * free_fragments(free) / area
-    sizes, specks = _sizes(occupied), _sizes(~free)
-    statistics["blob_median_px"] = float(np.median(sizes)) if len(sizes) else 0.0
-    statistics |= _ray_statistics(free, unknown, area)
-    speck_cells = float(specks[specks <= _SPECK_CELLS].sum())
-    statistics["specks_in_free_share"] = speck_cells / max(float(free.sum()), 1.0)
-    statistics["dots_in_unknown_per_100m2"] = 100.0 * _dots(occupied, unknown) / area
-    statistics |= _straightness(occupied)
-    return statistics | {"free_area_m2": area, "long_side_m": max(cells.shape) * LOOK_CELL}
-
-
-def displacement_statistics(
-    cells: ByteArray, cad_occupied: BoolArray, resolution: float, rng: np.random.Generator
-) -> dict[str, float]:
-    """Statistics of where the walls of a map lie against those of the CAD map.
-
-    Args:
-        cells: (H, W) the map.
-        cad_occupied: (H, W) cells that are not free in the CAD map, on the same frame.
-        resolution: [m/px].
-        rng: Picks pairs of wall cells for the spatial correlation.
-
-    Returns:
-        Quantiles of the distance [m] from a map's wall cell to the nearest face of a CAD wall, its share of
-        stray cells, the share of the CAD faces that the map misses, and the correlation of the signed
-        distance (positive outside the free space) at some lags.
-    """
-    faces = wall_faces(~cad_occupied)
-    to_face = distance_to(faces) * resolution
-    signed = np.where(cad_occupied, to_face, -to_face)
-    rows, cols = np.nonzero(cells == OCCUPIED)
-    if len(rows) < 10 or not faces.any():
-        return dict.fromkeys(_DISPLACEMENTS, 0.0)
-    away = to_face[rows, cols]
-    near = away < _NEAR_WALL
-    to_map = distance_to(cells == OCCUPIED) * resolution
-    values = np.percentile(away[near], (50, 90, 95)).tolist() if near.any() else [0.0] * 3
-    values += [float((~near).mean()), float((to_map[faces] > 0.3).mean())]
-    values += _correlations(rows[near], cols[near], signed, resolution, rng)
-    return dict(zip(_DISPLACEMENTS, values, strict=True))
 
 
 def wall_thickness(occupied: BoolArray) -> float:
@@ -280,20 +223,3 @@ def _straightness(occupied: BoolArray) -> dict[str, float]:
         "bent_share": float((coherence < _STRAIGHT).mean()),
         "axis_alignment": float(abs((weight * turns).sum()) / max(weight.sum(), 1e-9)),
     }
-
-
-def _correlations(
-    rows: IntArray, cols: IntArray, signed: FloatArray, resolution: float, rng: np.random.Generator
-) -> list[float]:
-    """Correlation of the signed displacement of pairs of wall cells at each lag."""
-    values = signed[rows, cols]
-    points = resolution * np.column_stack([rows, cols])
-    pairs = rng.integers(0, len(rows), (20_000, 2))
-    gap = np.hypot(*(points[pairs[:, 0]] - points[pairs[:, 1]]).T)
-    correlations = []
-    for lag in _LAGS:
-        a, b = pairs[np.abs(gap - lag) < 0.3 * lag].T
-        spread = values[a].std() * values[b].std() if len(a) > 20 else 0.0
-        covariance = ((values[a] - values.mean()) * (values[b] - values.mean())).mean() if len(a) else 0.0
-        correlations.append(float(covariance / spread) if spread > 0.0 else 0.0)
-    return correlations

@@ -8,10 +8,8 @@ from slamgym.metrics.map_statistics import (
     LOOK_NAMES,
     at_look_cell,
     cut_to_floor,
-    displacement_statistics,
     free_fragments,
     look_statistics,
-    map_statistics,
     open_border,
     wall_thickness,
     wall_tilt,
@@ -26,7 +24,7 @@ def room(thickness: int = 1, size: int = 60):
 
 
 def test_shares_and_blobs_of_a_plain_room() -> None:
-    statistics = map_statistics(room(), 0.05)
+    statistics = look_statistics(cut_to_floor(room()))
     assert statistics["share_free"] == pytest.approx(38**2 / 42**2)
     assert statistics["share_occupied"] == pytest.approx((40**2 - 38**2) / 42**2)
     assert statistics["blobs_per_100m2"] == pytest.approx(100.0 / (38**2 * 0.05**2))
@@ -55,32 +53,6 @@ def test_a_turned_wall_shows_its_tilt() -> None:
         slope = np.tan(np.radians(degrees))
         line = np.abs((100 - rows) - slope * (cols - 100)) < 1.0
         assert wall_tilt(line) == pytest.approx(degrees, abs=1.0)
-
-
-def test_displacement_is_the_distance_from_the_cad_face() -> None:
-    cad = room(5) != FREE
-    cells = room(5)
-    exact = displacement_statistics(np.where(_faces(cad), OCCUPIED, cells).astype(np.uint8), cad, 0.05, rng())
-    moved = np.full_like(cells, UNKNOWN)
-    moved[_faces(cad)] = OCCUPIED
-    shifted = displacement_statistics(np.roll(moved, 3, axis=1), cad, 0.05, rng())
-    assert exact["missed_share"] == 0.0
-    assert displacement_statistics(moved, cad, 0.05, rng())["displacement_p95_m"] == 0.0
-    assert shifted["displacement_p95_m"] == pytest.approx(0.15)
-    assert shifted["displacement_p50_m"] < 0.15
-
-
-def rng() -> np.random.Generator:
-    return np.random.default_rng(0)
-
-
-def _faces(cad):
-    free = np.pad(~cad, 1)
-    near = np.zeros_like(cad)
-    for i in range(3):
-        for j in range(3):
-            near |= free[i : i + cad.shape[0], j : j + cad.shape[1]]
-    return near & cad
 
 
 def square_room(side: int = 100, wall: int = 1):
