@@ -24,7 +24,7 @@ from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
 from slamgym.core.pictures import decode_picture, grey_picture
-from slamgym.core.types import UNKNOWN, BoolArray, ByteArray, FloatArray, IntArray
+from slamgym.core.types import UNKNOWN, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
 
@@ -41,8 +41,6 @@ class PairSet:
     plan_ids: tuple[str, ...]
     """Pairs of one plan must not be separated by a split."""
     metres_per_px: FloatArray  # (N,) of these images; nan where the manifest has none
-    as_mapped: BoolArray | None = None
-    """(N,) whose CAD maps were bent to lie where the SLAM maps have the walls; None if none were."""
 
     def __len__(self) -> int:
         return len(self.names)
@@ -60,19 +58,6 @@ class PairSet:
             tuple(self.names[i] for i in chosen),
             tuple(self.plan_ids[i] for i in chosen),
             self.metres_per_px[chosen],
-            None if self.as_mapped is None else self.as_mapped[chosen],
-        )
-
-    def resampled(self, size: int) -> "PairSet":
-        """The pairs with images of this side [px]."""
-        if self.cad.shape[1:] == (size, size):
-            return self
-        factor = self.cad.shape[1] / size
-        return replace(
-            self,
-            cad=np.stack([resample_grey(image, (size, size)) for image in self.cad]),
-            slam=np.stack([resample_slam(image, (size, size)) for image in self.slam]),
-            metres_per_px=self.metres_per_px * factor,
         )
 
     def windows(self, side: int) -> "PairSet":
@@ -142,8 +127,7 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
     known = [recorded.get(name, _Recorded(name, name, math.nan)) for name in names]
     scales = np.array([record.metres_per_px * (side or size) / size for record in known])
     plans = tuple(record.group for record in known)
-    as_mapped = np.full(len(names), _image_settings(root).get("as_mapped") is True)
-    return PairSet(cad, slam, tuple(names), plans, scales, as_mapped)
+    return PairSet(cad, slam, tuple(names), plans, scales)
 
 
 def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
@@ -177,7 +161,6 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
         tuple(name for part in parts for name in part.names),
         tuple(plan for part in parts for plan in part.plan_ids),
         np.concatenate([part.metres_per_px for part in parts]),
-        np.concatenate([part.as_mapped for part in parts if part.as_mapped is not None]),
     )
 
 
@@ -187,15 +170,10 @@ def true_faces(root: Path | str) -> bool:
     Raises:
         InputFileError: If its config.json is malformed.
     """
-    return _image_settings(Path(root)).get("edge_px") == 0.0
-
-
-def _image_settings(root: Path) -> dict[str, object]:
-    """How a folder's images were rendered; empty where nothing says so."""
-    path = root / "config.json"
+    path = Path(root) / "config.json"
     settings = read_json(path) if path.is_file() else None
     images = settings.get("images") if isinstance(settings, dict) else None
-    return images if isinstance(images, dict) else {}
+    return isinstance(images, dict) and images.get("edge_px") == 0.0
 
 
 def read_grey(path: Path) -> ByteArray:

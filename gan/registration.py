@@ -23,24 +23,23 @@ from slamgym.core.types import FREE, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.metrics.alignment import IDENTITY, Similarity, apply_similarity, search_similarities
 from slamgym.metrics.maps import squared_error
-from slamgym.metrics.wall_direction import MAX_DRIFT_DEG, angle_to_undo_deg, transformed, turned
+from slamgym.metrics.wall_direction import transformed
 
 
 def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") -> PairSet:
     """The pairs with each SLAM map moved onto its CAD map by the rigid motion that brings the free spaces nearest.
 
     Args:
-        pairs: Rendered pairs; CAD maps stay as they are, and so do pairs whose CAD map lies as mapped.
+        pairs: Rendered pairs; CAD maps stay as they are.
         cache: File to keep the motions in (50 ms each to find); None keeps nothing.
         checksum: Of the pairs: a file of others is replaced.
     """
     found = _cached(cache, checksum, len(pairs))
     if found is None:
         rows = []
-        stay = np.zeros(len(pairs), dtype=np.bool_) if pairs.as_mapped is None else pairs.as_mapped
         with show_progress("alignments", 0, len(pairs)) as advance:
-            for cad, slam, stays in zip(pairs.cad, pairs.slam, stay.tolist(), strict=True):
-                rows.append(IDENTITY if stays else nearest_motion(slam, cad))
+            for cad, slam in zip(pairs.cad, pairs.slam, strict=True):
+                rows.append(nearest_motion(slam, cad))
                 advance()
         found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
         if cache is not None:
@@ -77,16 +76,6 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     if similarity == IDENTITY:
         return slam
     return np.asarray(transformed(slam, similarity.matrix(*slam.shape)), dtype=np.uint8)
-
-
-def derotated(pairs: PairSet) -> PairSet:
-    """The pairs with each SLAM map turned so that most of its walls lie along the axes, as the CAD map's do."""
-    slam = pairs.slam.copy()
-    for cells in slam:
-        angle = angle_to_undo_deg(cells)
-        if abs(angle) <= MAX_DRIFT_DEG:
-            cells[:] = turned(cells, -angle)
-    return replace(pairs, slam=slam)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:

@@ -1,4 +1,4 @@
-"""Plots by matplotlib: curves with bands, means with intervals, boxes."""
+"""Plots by matplotlib: curves with bands, boxes."""
 
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
@@ -37,14 +37,6 @@ class CurvePanel(NamedTuple):
     """Whether the values are shares from 0 to 1, and the curves fill the width."""
 
 
-class Spread(NamedTuple):
-    """Values of one name, and the interval of their mean."""
-
-    values: FloatArray  # (N,)
-    low: float
-    high: float
-
-
 def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
     """Plot curves on panels beside each other; the first has the legend.
 
@@ -70,29 +62,6 @@ def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
             axis.grid(alpha=0.25)
         if panels[0].curves:
             axes[0].legend(loc="best", fontsize=8, frameon=False)
-
-
-def plot_spreads(path: Path, names: Sequence[str], columns: Mapping[str, Sequence[Spread]]) -> None:
-    """Plot the outcomes of several names: a dot for each value, and the interval of the mean.
-
-    Args:
-        path: PNG to write.
-        names: Rows.
-        columns: By heading, a spread for each name.
-
-    Raises:
-        SlamgymError: If matplotlib isn't installed.
-        InputFileError: If the file can't be written.
-    """
-    with _figure(path, len(columns), (3.0 * len(columns), 0.45 * len(names) + 1.6)) as axes:
-        for axis, (heading, spreads) in zip(axes, columns.items(), strict=True):
-            for row, (spread, colour) in enumerate(zip(spreads, itertools.cycle(_COLOURS))):
-                axis.plot([spread.low, spread.high], [row, row], color=colour, linewidth=3, alpha=0.4)
-                axis.plot(spread.values, [row] * len(spread.values), "o", color=colour, markersize=4)
-            axis.set_yticks(range(len(names)), names if axis is axes[0] else [""] * len(names))
-            axis.set_title(heading, fontsize=9)
-            axis.invert_yaxis()
-            axis.grid(alpha=0.25)
 
 
 def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> None:

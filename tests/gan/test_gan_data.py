@@ -16,7 +16,6 @@ from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import PairSet, image_side, load_pairs, load_training_pairs, read_grey, true_faces
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
-from slamgym.gan.registration import derotated
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.metrics.maps import resample_slam
 
@@ -271,12 +270,6 @@ def test_the_stream_goes_on_where_it_was_stored(pairs):
             assert np.array_equal(getattr(batch, part), getattr(resumed, part))
 
 
-def test_derotating_leaves_cad_maps_alone(pairs):
-    turned = derotated(pairs)
-    assert np.array_equal(turned.cad, pairs.cad)
-    assert turned.slam.shape == pairs.slam.shape
-
-
 @given(st.integers(0, 2**32 - 1), st.sampled_from([2, 4, 8]))
 def test_an_enlarged_map_has_the_means_that_it_was_enlarged_from(seed, factor):
     floor = np.random.default_rng(seed).random((16, 16)) < 0.7
@@ -318,13 +311,3 @@ def test_whether_faces_are_true_is_read_from_the_images_settings(edge, expected,
         (root / "config.json").write_text(json.dumps({"images": {"edge_px": edge}}))
     assert true_faces(root) == expected
     assert image_side(root, "train") == 32
-
-
-def test_which_cad_maps_lie_as_mapped_goes_with_the_pairs(make_images, tmp_path):
-    bent, straight = make_images(tmp_path / "bent"), make_images(tmp_path / "straight")
-    (bent / "config.json").write_text(json.dumps({"images": {"as_mapped": True}}))
-    pairs = load_training_pairs([bent, straight], 32)
-    own = len(load_pairs(bent, "train", 32))
-    assert own < len(pairs)
-    assert pairs.as_mapped.tolist() == [True] * own + [False] * (len(pairs) - own)
-    assert pairs.subset([own - 1, own]).as_mapped.tolist() == [True, False]
