@@ -30,8 +30,6 @@ from slamgym.gan.networks.factory import Generator, build_generator, count_param
 _ARROWS = {"slam2cad": "SLAM maps to CAD maps", "cad2slam": "CAD maps to SLAM maps"}
 WEIGHTS_FORMAT = "slamgym-translator-2"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
-MAX_BYTES = 15_000_000
-"""Pretrained weights that come with the package are no larger."""
 MAX_PARAMETERS = 200_000_000
 """Settings in a file of unknown origin may ask for any size; beyond this they are refused before memory is taken."""
 
@@ -128,7 +126,7 @@ def publish(
 
     Raises:
         InputFileError: If the weights can't be read or written.
-        ConfigError: If they are too large, or the name is no plain name.
+        ConfigError: If the name is no plain name.
     """
     if not is_file_name(name):
         raise ConfigError(f"{name!r} is no plain name")
@@ -136,12 +134,6 @@ def publish(
     card = replace(weights.card, data=data or weights.card.data, command=command or weights.card.command)
     path = folder / f"{name}.safetensors"
     save_translator(path, weights.generator, weights.config, card)
-    size = path.stat().st_size
-    if size > MAX_BYTES:
-        path.unlink()
-        raise ConfigError(
-            f"{run}: the weights have {size / 1e6:.1f} MB; pretrained ones at most {MAX_BYTES / 1e6:.0f}"
-        )
     if folder == PRETRAINED_FOLDER:
         write_checksums()
     return path

@@ -1,40 +1,26 @@
-"""How a training is watched: figures on held-out pairs, lines of progress, TensorBoard scalars, sample images.
+"""How a training is watched: figures and sample images of held-out pairs, lines of progress.
 
 The figures are taken without alignment, which the full evaluation (``slamgym gan evaluate``) adds.
 """
 
 import time
-from collections.abc import Mapping
-from dataclasses import dataclass
-from pathlib import Path
-from types import TracebackType
-from typing import Any
 
 import numpy as np
 
-from slamgym.core.files import own_folder, write_bytes
-from slamgym.core.pictures import encode_png
 from slamgym.core.progress import LINE_INTERVAL, duration, say
-from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array, FloatArray
+from slamgym.core.types import FREE, ByteArray, Float32Array
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import decode_slam, enlarge_means, free_probability
 from slamgym.gan.networks.factory import Generator, run_generator
-from slamgym.metrics import wall_score
+from slamgym.gan.translation.finishing import USUAL_SCALE
+from slamgym.metrics import boundary_score
 
-WALL_TOLERANCE_M = 0.1
-UNKNOWN_SCALE_TOLERANCE_PX = 2.0
+WALL_TOLERANCE = 0.1
+"""Of the wall F1 [m]."""
 LOSS_SMOOTHING = 0.98
 """Of the loss in lines of progress."""
-
-
-@dataclass(frozen=True)
-class ValidationResult:
-    """Means over the held-out pairs."""
-
-    figures: dict[str, float]
-    pictures: ByteArray  # (N, H, 3 * W): input, translation, target
 
 
 def validate(
@@ -44,13 +30,15 @@ def validate(
     compute: Compute,
     resolution: int,
     pictures: int = 8,
-) -> ValidationResult:
+) -> tuple[dict[str, float], ByteArray]:
     """Translate held-out pairs and compare.
 
     For ``slam2cad``: ``mse`` of the free space against the CAD map, ``mse_slam`` of the SLAM map itself, their
-    ``mse_ratio`` and ``improved`` share, ``wall_f1`` beside ``wall_f1_slam``, and ``calibration_error``. For
-    ``cad2slam``: the shares of free, occupied and unknown cells, translated less true, and the mean absolute difference
-    of the cells' greys.
+    ``mse_ratio`` and ``improved`` share, and ``wall_f1`` beside ``wall_f1_slam``. For ``cad2slam``: the shares of free,
+    occupied and unknown cells, translated less true, and the mean absolute difference of the cells' greys.
+
+    Returns:
+        Means over the pairs, and a grid of input, translation and target, (rows, cols).
     """
     to_cad = config.direction == "slam2cad"
     inputs, targets = (pairs.slam, pairs.cad) if to_cad else (pairs.cad, pairs.slam)
@@ -60,7 +48,7 @@ def validate(
     else:
         shown, figures = _validate_slam(translated, targets, config)
     rows = [np.hstack([inputs[i], shown[i], targets[i]]) for i in range(min(pictures, len(pairs)))]
-    return ValidationResult(figures, np.stack(rows))
+    return figures, np.vstack(rows)
 
 
 def _validate_cad(
@@ -71,10 +59,10 @@ def _validate_cad(
         free = enlarge_means(free_probability(image, config.output_encoding), pairs.cad.shape[1:])
         probabilities.append(free)
         truth, scale = pairs.cad[index] > FREE // 2, pairs.scale(index)
-        tolerance = WALL_TOLERANCE_M / scale if np.isfinite(scale) else UNKNOWN_SCALE_TOLERANCE_PX
+        scale = scale if np.isfinite(scale) else USUAL_SCALE
         masks = free > 0.5, pairs.slam[index] == FREE
         errors = [float(np.mean(mask != truth)) for mask in masks]
-        rows.append(errors + [wall_score(outline(mask), outline(truth), tolerance).f1 for mask in masks])
+        rows.append(errors + [boundary_score(mask, truth, scale, WALL_TOLERANCE).f1 for mask in masks])
     mse, mse_slam, f1, f1_slam = np.array(rows).T
     return np.rint(np.stack(probabilities) * FREE).astype(np.uint8), {
         "mse": float(mse.mean()),
@@ -83,25 +71,7 @@ def _validate_cad(
         "improved": float(np.mean(mse < mse_slam)),
         "wall_f1": float(f1.mean()),
         "wall_f1_slam": float(f1_slam.mean()),
-        "calibration_error": calibration_error(np.stack(probabilities), pairs.cad.astype(np.float32) / FREE),
     }
-
-
-def calibration_error(probabilities: Float32Array, shares: FloatArray) -> float:
-    """How far probabilities are from what happens: expected calibration error (Guo et al. 2017) of the unsure pixels.
-
-    Args:
-        probabilities: Of floor, any shape.
-        shares: Of floor in truth, same shape.
-
-    Returns:
-        Mean over pixels between 0.05 and 0.95, in ten bins, of |mean probability - mean share|; 0 if there are none.
-    """
-    unsure = (probabilities > 0.05) & (probabilities < 0.95)
-    given, true = probabilities[unsure].astype(np.float64), shares[unsure].astype(np.float64)
-    bins = np.minimum((given * 10.0).astype(np.int64), 9)
-    differences = np.abs(np.bincount(bins, given, 10) - np.bincount(bins, true, 10))
-    return float(differences.sum() / max(len(given), 1))
 
 
 def _validate_slam(
@@ -118,58 +88,16 @@ def _validate_slam(
     return shown, figures
 
 
-def outline(free: BoolArray) -> BoolArray:
-    """Cells that aren't free but have a free neighbour above, below or beside: the faces of the walls."""
-    near = np.zeros_like(free)
-    near[1:] |= free[:-1]
-    near[:-1] |= free[1:]
-    near[:, 1:] |= free[:, :-1]
-    near[:, :-1] |= free[:, 1:]
-    edge: BoolArray = near & ~free
-    return edge
+class ProgressLines:
+    """Says now and then how far a training is."""
 
-
-class TrainingLog:
-    """Writes lines of progress, and ``tensorboard/`` and ``samples/`` below a run's folder; use it as a context."""
-
-    def __init__(self, folder: Path, first_step: int, enabled: bool = True) -> None:
-        """Open the logs.
-
-        Args:
-            folder: Of the run.
-            first_step: Where the training continues; what an interrupted run logged beyond it is hidden.
-            enabled: Whether to write TensorBoard files (they need the package ``tensorboard``).
-        """
-        self._samples = folder / "samples"
-        self._writer = _open_writer(own_folder(folder / "tensorboard"), first_step) if enabled else None
+    def __init__(self) -> None:
         self._began = self._last = time.monotonic()
         self._first: int | None = None
         self._loss: float | None = None
 
-    def __enter__(self) -> "TrainingLog":
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._writer is not None:
-            self._writer.close()
-
-    def scalars(self, group: str, values: Mapping[str, float], step: int) -> None:
-        """Write values under ``group/``."""
-        if self._writer is not None:
-            for name, value in values.items():
-                self._writer.add_scalar(f"{group}/{name}", value, step)
-
-    def pictures(self, rows: ByteArray, step: int) -> None:
-        """Write a grid of input, translation and target, one row each: (N, H, W) uint8."""
-        grid = np.vstack(list(rows))
-        write_bytes(own_folder(self._samples) / f"{step:07d}.png", encode_png(grid))
-        if self._writer is not None:
-            self._writer.add_image("samples", grid, step, dataformats="HW")
-
-    def progress(self, images: int, total: int, loss: float, left: float | None = None) -> None:
-        """Say now and then how far the training is.
+    def show(self, images: int, total: int, loss: float, left: float | None = None) -> None:
+        """Say how far the training is, if it is time for a line.
 
         Args:
             images: How many are done.
@@ -191,12 +119,3 @@ class TrainingLog:
             to_go = (total - images) / rate if left is None else left
             text += f", {rate:.3g} images/s, {duration(to_go)} left"
         say(text)
-
-
-def _open_writer(folder: Path, first_step: int) -> Any:
-    try:
-        from torch.utils.tensorboard import SummaryWriter
-    except ImportError:
-        say("tensorboard isn't installed: no curves are written (pip install 'slamgym[gan]')")
-        return None
-    return SummaryWriter(str(folder), purge_step=first_step)

@@ -7,8 +7,8 @@ A run is a folder::
       checkpoint.safetensors  the state, from which the same command goes on bit for bit
       weights.safetensors     the translator, written at the end (and weights.md, its model card)
       registration.safetensors  how each SLAM map was moved onto its CAD map (presets that do so)
-      figures.jsonl           one line of validation figures per checkpoint
-      samples/, tensorboard/  input, translation and target of held-out pairs; curves
+      figures.jsonl           one line per checkpoint: validation figures, terms of the loss
+      samples/                input, translation and target of held-out pairs
 """
 
 import dataclasses
@@ -27,16 +27,17 @@ import torch
 from slamgym import __version__
 from slamgym.core.config import to_dict
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
-from slamgym.core.files import append_line, write_text
+from slamgym.core.files import append_line, own_folder, write_bytes, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
+from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted, duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
-from slamgym.gan.registration import derotated, registered
+from slamgym.gan.registration import registered
 from slamgym.gan.training.learner import Learner, load_training_state, measure_seconds
-from slamgym.gan.training.monitoring import TrainingLog, validate
+from slamgym.gan.training.monitoring import ProgressLines, validate
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Budget, Span, plan_schedule
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
@@ -44,8 +45,6 @@ from slamgym.gan.weights import ModelCard, load_weights, save_translator
 VALIDATION_SHARE, MAX_VALIDATION_PAIRS = 0.04, 64
 """Share of the training plans that is held out to watch the training, and how many pairs of them are looked at."""
 MIN_PAIRS = 2
-SCALAR_INTERVAL = 20
-"""Steps between two points of the loss curves."""
 
 
 class TrainingDivergedError(SlamgymError):
@@ -60,7 +59,6 @@ class RunOptions:
     """Time between two checkpoints; 0 writes one after every step."""
     stop_after_steps: int | None = None
     """Stop there, with a checkpoint, as an interruption would."""
-    tensorboard: bool = True
     compile: bool = False
     """Let torch compile the networks."""
     command: str = ""
@@ -164,37 +162,32 @@ class _Training:
         learner, options = self.learner, self.options
         began, used_before = time.monotonic(), self.seconds_used
         last_save, predicted_at_save = began, self._predicted()
-        with TrainingLog(self.folder, learner.steps_done, options.tensorboard) as log:
-            while learner.steps_done < self.schedule.steps:
-                step = learner.steps_done
-                if interruption.requested or step == options.stop_after_steps:
-                    break
-                moment = self.schedule.moment(step)
-                terms = learner.step(self.sampler.draw(moment.batch), moment)
-                broken = [name for name, value in terms.items() if not math.isfinite(value)]
-                if broken:
-                    became = f"the loss became {terms[broken[0]]} at step {learner.steps_done}"
-                    raise self._diverged(f"{became} (term {broken[0]!r})")
-                if step % SCALAR_INTERVAL == 0:
-                    log.scalars("loss", terms, step)
-                    log.scalars("schedule", {"rate": moment.rate, "fade": moment.fade}, step)
-                done = self.schedule.images_before(step + 1)
-                left = None if self.budget is None else self._predicted()
-                log.progress(done, self.schedule.images, terms["total"], left)
-                now = time.monotonic()
-                self.seconds_used = used_before + now - began
-                if now - last_save >= 60.0 * options.checkpoint_minutes:
-                    self._validate(log, moment.resolution)
-                    self.seconds_used = used_before + time.monotonic() - began
-                    if self.budget is not None:
-                        self.budget.observe(predicted_at_save - self._predicted(), now - last_save)
-                        self.schedule = self.budget.fitted(
-                            self.schedule, learner.steps_done, self.seconds_used
-                        )
-                    self._save()
-                    last_save, predicted_at_save = time.monotonic(), self._predicted()
-            if learner.steps_done >= self.schedule.steps:
-                self._validate(log, self.config.translator.output_size)
+        lines = ProgressLines()
+        while learner.steps_done < self.schedule.steps:
+            step = learner.steps_done
+            if interruption.requested or step == options.stop_after_steps:
+                break
+            moment = self.schedule.moment(step)
+            terms = learner.step(self.sampler.draw(moment.batch), moment)
+            broken = [name for name, value in terms.items() if not math.isfinite(value)]
+            if broken:
+                became = f"the loss became {terms[broken[0]]} at step {learner.steps_done}"
+                raise self._diverged(f"{became} (term {broken[0]!r})")
+            done = self.schedule.images_before(step + 1)
+            left = None if self.budget is None else self._predicted()
+            lines.show(done, self.schedule.images, terms["total"], left)
+            now = time.monotonic()
+            self.seconds_used = used_before + now - began
+            if now - last_save >= 60.0 * options.checkpoint_minutes:
+                self._validate(moment.resolution, terms)
+                self.seconds_used = used_before + time.monotonic() - began
+                if self.budget is not None:
+                    self.budget.observe(predicted_at_save - self._predicted(), now - last_save)
+                    self.schedule = self.budget.fitted(self.schedule, learner.steps_done, self.seconds_used)
+                self._save()
+                last_save, predicted_at_save = time.monotonic(), self._predicted()
+        if learner.steps_done >= self.schedule.steps:
+            self._validate(self.config.translator.output_size, terms)
         self._save()
 
     def _predicted(self) -> float:
@@ -206,17 +199,18 @@ class _Training:
             f"{what}; {kept}; train again with a smaller --learning-rate or in float32"
         )
 
-    def _validate(self, log: TrainingLog, resolution: int) -> None:
+    def _validate(self, resolution: int, terms: dict[str, float]) -> None:
         if len(self.held_out) == 0:
             return
         generator = self.learner.best_generator
-        result = validate(generator, self.held_out, self.config.translator, self.compute, resolution)
+        self.figures, grid = validate(
+            generator, self.held_out, self.config.translator, self.compute, resolution
+        )
         step = self.learner.steps_done
-        self.figures = result.figures
-        log.scalars("validation", result.figures, step)
-        log.pictures(result.pictures, step)
+        write_bytes(own_folder(self.folder / "samples") / f"{step:07d}.png", encode_png(grid))
         line = {"step": step, "seconds": round(self.seconds_used, 1), "resolution": resolution}
-        line |= {name: round(value, 5) for name, value in result.figures.items()}
+        measured = self.figures | {f"loss_{name}": value for name, value in terms.items()}
+        line |= {name: round(value, 5) for name, value in measured.items()}
         append_line(self.folder / "figures.jsonl", json.dumps(line) + "\n")
 
     def _begin(self) -> None:
@@ -301,8 +295,6 @@ def _training_pairs(
     pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment.windows else side)
     if config.register:
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
-    elif config.translator.derotate and config.translator.direction == "slam2cad":
-        pairs = derotated(pairs)
     rest, held_out = pairs.split(VALIDATION_SHARE)
     if len(rest) < MIN_PAIRS:
         needs = f"training needs at least {MIN_PAIRS} pairs beside the held-out ones"

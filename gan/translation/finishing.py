@@ -15,6 +15,7 @@ import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, Float32Array
 from slamgym.metrics.cleaning import without_small
+from slamgym.metrics.maps import distance_to
 
 WIDEST_GAP = 2.0
 """Unseen places between free cells at most so far apart count as explored [m]: under a bed, behind a wardrobe."""
@@ -49,10 +50,10 @@ def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> Bool
     border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
     seen = np.pad(without_small(slam == FREE, SMALLEST_FREE / scale**2), border)
     # Opening and closing by a disc are thresholds on distances, at any radius for one price.
-    wide = _distance_to(_distance_to(~seen) > half_ray) <= half_ray
-    closed = _distance_to(_distance_to(wide) > half_gap) > half_gap
+    wide = distance_to(distance_to(~seen) > half_ray) <= half_ray
+    closed = distance_to(distance_to(wide) > half_gap) > half_gap
     # It grows through walls, too: drift displaces them, and what lies behind one by a hand may be in front of it.
-    explored: BoolArray = (_distance_to(closed) <= margin / scale) | seen
+    explored: BoolArray = (distance_to(closed) <= margin / scale) | seen
     return explored[border:-border, border:-border]
 
 
@@ -66,14 +67,6 @@ def limited_to_explored(cad: ByteArray, slam: ByteArray, metres_per_px: float, m
         margin: See :func:`explored_floor`.
     """
     return np.where(explored_floor(slam, metres_per_px, margin), cad, 0).astype(np.uint8)
-
-
-def _distance_to(mask: BoolArray) -> Float32Array:
-    """Distance of each cell to the nearest one of the mask [px]; infinite if there is none."""
-    if not mask.any():
-        return np.full(mask.shape, np.inf, np.float32)
-    distance = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.asarray(distance, dtype=np.float32)
 
 
 def moved_faces(free: Float32Array, shift_px: float) -> Float32Array:

@@ -13,7 +13,7 @@ from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.networks.factory import build_generator
-from slamgym.gan.weights import MAX_BYTES, ModelCard, load_weights, pretrained_names, save_translator
+from slamgym.gan.weights import ModelCard, load_weights, pretrained_names, save_translator
 
 
 def publish_command(argv):
@@ -167,7 +167,7 @@ def test_publishing_keeps_the_weights_and_completes_the_card(saved, tmp_path):
 def test_pretrained_weights_load_and_are_small(name):
     from slamgym.gan.weights import PRETRAINED_FOLDER
 
-    assert (PRETRAINED_FOLDER / f"{name}.safetensors").stat().st_size <= MAX_BYTES
+    assert (PRETRAINED_FOLDER / f"{name}.safetensors").stat().st_size <= 15_000_000
     weights = load_weights(name)
     stored = json.loads((PRETRAINED_FOLDER / f"{name}.json").read_text())["config"]
     assert from_dict(TranslatorConfig, stored) == weights.config

@@ -106,7 +106,7 @@ def test_settings_are_put_in_by_path():
 @pytest.mark.parametrize(
     ("setting", "message"),
     [
-        ("loss.adversary=1", "did you mean 'loss.adversarial'"),
+        ("loss.overlaps=1", "did you mean 'loss.overlap'"),
         ("los.l1=1", "did you mean 'loss.l1'"),
         ("l1", "takes NAME=VALUE"),
         ("loss.l1=-1", r"loss\.l1 must be at least 0, not -1"),
