@@ -30,7 +30,7 @@ _BLOCK = 2  # 64 cells become 32 x 32 pixels of four times the channels
 
 
 class PatchLearner:
-    """A learner for :func:`slamgym.metrics.two_sample.distinguish` that remembers how it scored the patches.
+    """A learner for :func:`slamgym.metrics.two_sample.distinguish`.
 
     Args:
         maps: Each (H, W), all at one cell size.
@@ -41,8 +41,6 @@ class PatchLearner:
         cut = [cut_patches(cells, np.random.default_rng([seed, i])) for i, cells in enumerate(maps)]
         self.patches: ByteArray = np.stack(cut)
         """(N, PER_MAP, PATCH_SIDE, PATCH_SIDE)."""
-        self.scores: FloatArray = np.full((len(maps), JUDGED), 0.5)
-        """Held-out probability of the second kind of the judged patches, which come first."""
 
     def __call__(self, train: BoolArray, of_second: BoolArray, seed: int) -> FloatArray:
         """Train on some maps and score the others."""
@@ -52,10 +50,9 @@ class PatchLearner:
         labels = torch.cat([torch.full((len(kind),), float(k)) for k, kind in enumerate(kinds)])
         network = _trained(pictures, labels, seed)
         held = np.flatnonzero(~train)
-        judged = self.patches[held, : self.scores.shape[1]]
+        judged = self.patches[held, :JUDGED]
         with torch.inference_mode():
             logits = network(_channels(judged.reshape(-1, *judged.shape[2:])))
-        self.scores[held] = torch.sigmoid(logits).numpy().reshape(len(held), -1)
         # Means of logits: one sure patch weighs more than an undecided one.
         mean: FloatArray = torch.sigmoid(logits.reshape(len(held), -1).mean(dim=1)).numpy().astype(np.float64)
         return mean
@@ -66,22 +63,6 @@ class PatchLearner:
         number = (shares // len(maps) + rng.integers(PER_MAP)) % PER_MAP
         chosen: ByteArray = self.patches[maps[shares % len(maps)], number]
         return chosen
-
-    def surest(self, second: bool, maps: IntArray, count: int) -> list[tuple[int, ByteArray, float]]:
-        """The patches that the network took for one kind with most confidence, one of each map.
-
-        Args:
-            second: For the second kind, rather than the first.
-            maps: Indices of the maps to look at.
-            count: At most so many.
-
-        Returns:
-            Index of the map, the patch, and the probability of that kind; the surest first.
-        """
-        likely = self.scores[maps] if second else 1.0 - self.scores[maps]
-        best = likely.argmax(axis=1)
-        order = np.argsort(-likely.max(axis=1), kind="stable")[:count]
-        return [(int(maps[i]), self.patches[maps[i], best[i]], float(likely[i, best[i]])) for i in order]
 
 
 def cut_patches(cells: ByteArray, rng: np.random.Generator) -> ByteArray:

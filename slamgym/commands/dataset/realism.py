@@ -7,23 +7,18 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import tyro
 
 from slamgym.commands.frame import Out, as_text, is_installed, show_table
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import counted, say, tell
+from slamgym.core.progress import say, tell
 
 if TYPE_CHECKING:
-    from slamgym.dataset.realism.comparison import MapSet, MeasuredMap, RealismReport
-    from slamgym.dataset.realism.page import Figure
-    from slamgym.gan.evaluation.patch_classifier import PatchLearner
+    from slamgym.dataset.realism.comparison import MeasuredMap, RealismReport
 
 SHOWN_STATISTICS = 4
 """The most telling ones, which get examples."""
-SHOWN_PATCHES = 6
-"""Patches of each side."""
 NETWORK = "network on patches"
 
 
@@ -79,15 +74,11 @@ def main(arguments: RealismArguments) -> None:
         (arguments.dataset, *arguments.against), arguments.assume_resolution, arguments.building
     )
     for one in (own, *references):
-        left_out = "".join(f"; left out: {count} {reason}" for reason, count in one.skipped.items())
-        say(
-            f"{one.name}: {counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
-        )
+        say(f"{one.name}: {one.summary}")
     statistics = compare_statistics(own, references, arguments.seed)
     report = RealismReport(own, references, arguments.seed, statistics)
-    _test_by_trees(report, arguments.halvings)
+    _test(report, arguments)
     figures = [draw_examples(own, references, row) for row in report.ranked[:SHOWN_STATISTICS]]
-    figures += _test_by_network(report, arguments.network)
     out = arguments.out
     write_text(out / "realism.json", as_text(to_json(report)))
     write_text(out / "realism.md", to_markdown(report))
@@ -101,38 +92,27 @@ def main(arguments: RealismArguments) -> None:
     tell(f"{out / 'realism.html'}")
 
 
-def _test_by_trees(report: RealismReport, halvings: int) -> None:
-    """Add the tests between all sets, and of the halves of each."""
+def _test(report: RealismReport, arguments: RealismArguments) -> None:
+    """Add the tests by trees between all sets, those by the network with the dataset, and of the halves of each set."""
     from slamgym.dataset.realism.comparison import TREES, learn_by_trees
 
-    if _is_missing(TREES, "sklearn", "scikit-learn", "clean", report):
-        return
-    for first, second in itertools.combinations(report.sets, 2):
-        report.test(TREES, learn_by_trees, first, second, 2)
-    for one in report.sets:
-        report.test(TREES, learn_by_trees, one, one, halvings)
-
-
-def _test_by_network(report: RealismReport, wanted: bool) -> list[Figure]:
-    """Add the tests of the dataset against each reference, and of the halves of each set; draw confident patches."""
-    if not wanted:
+    halves = [(one, one) for one in report.sets]
+    if not _is_missing(TREES, "sklearn", "scikit-learn", "clean", report):
+        for first, second in [*itertools.combinations(report.sets, 2), *halves]:
+            repeats = arguments.halvings if first is second else 2
+            report.test(TREES, learn_by_trees, first, second, repeats)
+    if not arguments.network:
         report.left_out.append(f"{NETWORK}: left out by --no-network")
-    if not wanted or _is_missing(NETWORK, "torch", "torch", "gan", report):
-        return []
-    from slamgym.gan.evaluation.patch_classifier import PatchLearner
+    elif not _is_missing(NETWORK, "torch", "torch", "gan", report):
+        from slamgym.gan.evaluation.patch_classifier import PatchLearner
 
-    def learn(maps: Sequence[MeasuredMap]) -> PatchLearner:
-        return PatchLearner([one.cells for one in maps], report.seed)
+        def learn(maps: Sequence[MeasuredMap]) -> PatchLearner:
+            return PatchLearner([one.cells for one in maps], report.seed)
 
-    figures = []
-    for reference in report.references:
-        say(f"{NETWORK}: {report.own.name} against {reference.name}")
-        learner = report.test(NETWORK, learn, report.own, reference, 1)
-        figures.append(_surest_patches(report.own, reference, learner))
-    for one in report.sets:
-        say(f"{NETWORK}: {one.name}, half against half")
-        report.test(NETWORK, learn, one, one, 1)
-    return figures
+        for first, second in [*((report.own, one) for one in report.references), *halves]:
+            what = "half against half" if first is second else f"against {second.name}"
+            say(f"{NETWORK}: {first.name} {what}")
+            report.test(NETWORK, learn, first, second, 1)
 
 
 def _is_missing(test: str, package: str, called: str, extra: str, report: RealismReport) -> bool:
@@ -143,21 +123,3 @@ def _is_missing(test: str, package: str, called: str, extra: str, report: Realis
         f"{test}: left out, {called} isn't installed; get it with: pip install 'slamgym[{extra}]'"
     )
     return True
-
-
-def _surest_patches(own: MapSet, reference: MapSet, learner: PatchLearner) -> Figure:
-    from slamgym.dataset.realism.page import draw_patches
-
-    maps = [*own.maps, *reference.maps]
-    count = min(SHOWN_PATCHES, len(own.maps), len(reference.maps))
-    bounds = {own.name: (0, len(own.maps)), reference.name: (len(own.maps), len(maps))}
-    sides = {
-        name: [
-            (maps[i].name, patch, probability)
-            for i, patch, probability in learner.surest(name == reference.name, np.arange(*ends), count)
-        ]
-        for name, ends in bounds.items()
-    }
-    return draw_patches(
-        f"Patches that the network was surest of: {own.name} above, {reference.name} below", sides
-    )

@@ -5,12 +5,12 @@ from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TypeVar
 
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.intervals import Interval, median_interval
+from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, OccupancyGrid
 from slamgym.dataset.curate.map_items import bare_images, open_items
 from slamgym.metrics.map_statistics import (
@@ -37,7 +37,6 @@ MIN_MAPS = 8
 """Maps that a set needs: halves of fewer say nothing."""
 MIN_BUILDINGS = 4
 """Of a set: halves need two each."""
-LearnerT = TypeVar("LearnerT", bound=MapLearner)
 _LEAST_FREE = 4.0  # [m^2]
 _MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
 
@@ -88,6 +87,13 @@ class MapSet:
     def buildings(self) -> list[str]:
         """Of each map."""
         return [one.building for one in self.maps]
+
+    @property
+    def summary(self) -> str:
+        """Numbers of maps and buildings, and what was left out."""
+        left_out = "".join(f"; left out: {count} {reason}" for reason, count in self.skipped.items())
+        buildings = counted(len(set(self.buildings)), "building")
+        return f"{counted(len(self.maps), 'map')} of {buildings}{left_out}"
 
 
 def read_map_sets(
@@ -249,19 +255,14 @@ class RealismReport:
         """The statistics, the most telling first."""
         return sorted(self.statistics, key=lambda row: -row.telling)
 
-    @property
-    def learners(self) -> list[str]:
-        """Of the tests, in their order."""
-        return list(dict.fromkeys(test.learner for test in self.tests))
-
     def test(
         self,
         name: str,
-        make_learner: Callable[[Sequence[MeasuredMap]], LearnerT],
+        make_learner: Callable[[Sequence[MeasuredMap]], MapLearner],
         first: MapSet,
         second: MapSet,
         repeats: int,
-    ) -> LearnerT:
+    ) -> None:
         """Try to distinguish two sets, or the halves of one.
 
         Args:
@@ -270,9 +271,6 @@ class RealismReport:
             first: A set.
             second: Another one, or the same.
             repeats: How often the buildings are dealt to the parts again, or to the halves.
-
-        Returns:
-            The learner.
         """
         is_null = first is second
         maps = first.maps if is_null else [*first.maps, *second.maps]
@@ -283,7 +281,6 @@ class RealismReport:
             of_second = np.arange(len(maps)) >= len(first.maps)
             accuracy = distinguish(of_second, buildings, learner, FOLDS, repeats, self.seed)
         self.tests.append(SetTestRow(first.name, second.name, name, accuracy))
-        return learner
 
     def test_lines(self) -> dict[tuple[str, str], dict[str, Interval]]:
         """Tests by their sets, then by learner: those of the dataset first, then nulls, then between references."""

@@ -1,15 +1,14 @@
 """The realism page: one HTML file with everything in it, its pictures, and the same figures as JSON and Markdown."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import Any, NamedTuple
+from typing import Any
 
 import cv2
 import numpy as np
 
 from slamgym import __version__
 from slamgym.core.intervals import Interval
-from slamgym.core.progress import counted
 from slamgym.core.text import markdown, markup
 from slamgym.core.types import FREE, ByteArray, IntArray
 from slamgym.dataset.realism.comparison import MapSet, MeasuredMap, RealismReport, StatisticRow
@@ -25,16 +24,11 @@ EXAMPLES = 4
 _WINDOW = 128  # [cells] of an example
 _PANEL_PX = 256
 _MIXED_WINDOW = 320  # [cells] of a map in the mixture: 16 m
-_PATCH_PX = 160
 _MIXED_COLUMNS = 6
 
 
-class Figure(NamedTuple):
-    """A picture of the page."""
-
-    heading: str
-    picture: ByteArray
-    """RGB, (H, W, 3)."""
+Figure = tuple[str, ByteArray]
+"""Heading and RGB picture, (H, W, 3)."""
 
 
 def to_json(report: RealismReport) -> dict[str, Any]:
@@ -82,11 +76,11 @@ def statistics_table(report: RealismReport, distances: bool = True) -> tuple[lis
 
 def tests_table(report: RealismReport) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: balanced accuracies of each learner."""
-    rows = []
+    rows, learners = [], list(dict.fromkeys(test.learner for test in report.tests))
     for (first, second), found in report.test_lines().items():
         name = f"null: {first}, half against half" if first == second else f"{first} against {second}"
-        rows.append([name, *(_figure(found[x]) if x in found else "" for x in report.learners)])
-    return ["balanced accuracy [95 %]", *report.learners], rows
+        rows.append([name, *(_figure(found[x]) if x in found else "" for x in learners)])
+    return ["balanced accuracy [95 %]", *learners], rows
 
 
 def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
@@ -100,7 +94,7 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
     headings, rows = tests_table(report)
     parts = [
         f"<h1>Realism of {own}</h1>",
-        *(_set_line(one) for one in report.sets),
+        *(f"<p><b>{markup(one.name)}</b>: {markup(one.summary)}</p>" for one in report.sets),
         "<h2>Can a learner tell the maps apart?</h2>",
         "<p>0.5: it can't; 1: always. Held out by building. A null is the same test between halves of one set; "
         "its interval is over halvings, or over buildings where there was one.</p>",
@@ -114,19 +108,12 @@ def realism_page(report: RealismReport, figures: Sequence[Figure]) -> str:
         "<h2>The most telling</h2>",
         bullets([f"{row.label}: {row.telling:.2f}" for row in report.ranked[:8]], "ol"),
         *(
-            f'<h3>{markup(figure.heading)}</h3>\n<img alt="" src="{inline_picture(figure.picture)}">'
-            for figure in figures
+            f'<h3>{markup(heading)}</h3>\n<img alt="" src="{inline_picture(picture)}">'
+            for heading, picture in figures
         ),
         f"<p><small>slamgym {__version__}, seed {report.seed}</small></p>",
     ]
     return make_page(f"Realism of {report.own.name}", parts, _STYLE)
-
-
-def _set_line(one: MapSet) -> str:
-    skipped = ", ".join(f"{count} {reason}" for reason, count in one.skipped.items())
-    left_out = f"; left out: {skipped}" if skipped else ""
-    text = f"{counted(len(one.maps), 'map')} of {counted(len(set(one.buildings)), 'building')}{left_out}"
-    return f"<p><b>{markup(one.name)}</b>: {markup(text)}</p>"
 
 
 def _statistics_part(report: RealismReport) -> str:
@@ -159,23 +146,7 @@ def draw_examples(own: MapSet, references: Sequence[MapSet], row: StatisticRow) 
         Card((_window(one, _WINDOW),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
         for name, one in chosen
     ]
-    return Figure(f"{row.label}: {own.name} above, references below", draw_sheet(cards, EXAMPLES, _PANEL_PX))
-
-
-def draw_patches(title: str, sides: Mapping[str, Sequence[tuple[str, ByteArray, float]]]) -> Figure:
-    """Draw patches that a network was sure of.
-
-    Args:
-        title: Of the figure.
-        sides: By set, the map's name, the patch (side, side) and the probability of that set, for each patch; as
-            many for each set.
-    """
-    cards = [
-        Card((colour_cells(patch),), (f"{probability:.3f}  {side}", name[-28:]))
-        for side, patches in sides.items()
-        for name, patch, probability in patches
-    ]
-    return Figure(title, draw_sheet(cards, len(cards) // len(sides), _PATCH_PX))
+    return f"{row.label}: {own.name} above, references below", draw_sheet(cards, EXAMPLES, _PANEL_PX)
 
 
 def draw_mixed(
