@@ -91,7 +91,6 @@ MEASURES = [
     Measure("pace", "time until done over the par time of the plan, 60 s and 3 s for each m^2; a failure counts as the time limit", "", "lower", "slamgym.agents.bench.results:BenchRow"),
     Measure("interquartile mean", "mean of the middle half of all runs on all plans", "", "", "slamgym.core.intervals:interquartile_mean", "Agarwal et al. 2021"),
     Measure("probability of improvement", "share of the pairs of runs on the same plan in which ours is smaller, ties half", "", "higher", "slamgym.core.intervals:probability_of_improvement", "Agarwal et al. 2021"),
-    Measure("calibration error", "mean of |mean probability - mean share of floor| over ten bins of the pixels between 0.05 and 0.95", "", "lower", "slamgym.gan.training.monitoring:calibration_error", "Guo et al. 2017"),
     Measure("wall error", "mean distance of a map's occupied cells from the nearest face of a CAD wall; furniture is no part of it", "m", "lower", "slamgym.metrics.map_error:wall_error"),
     Measure("obstacle distance (map error)", "mean distance of a map's occupied cells from the nearest true obstacle, furniture included", "m", "lower", "slamgym.metrics.map_error:ObstacleDistance"),
     Measure("open border", "share of the cells bordering free space (4-neighbours) that are unknown", "", "", "slamgym.metrics.map_statistics:open_border"),

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
@@ -66,7 +67,9 @@ class PairSet:
             return self
         cut = []
         for cad, slam in zip(self.cad, self.slam, strict=True):
-            row, col = window_corner(slam, side, _middle_of(slam))
+            known = np.argwhere(slam != UNKNOWN)
+            middle = known.mean(axis=0).astype(int) if len(known) else (0, 0)
+            row, col = window_corner(slam, side, middle)
             window = slice(row, row + side), slice(col, col + side)
             cut.append((cad[window], slam[window]))
         cads, slams = zip(*cut, strict=True)
@@ -90,25 +93,19 @@ class PairSet:
         return low, middle, high
 
 
-def window_corner(image: ByteArray, side: int, centre: tuple[int, int]) -> tuple[int, int]:
+def window_corner(image: ByteArray, side: int, centre: ArrayLike) -> tuple[int, int]:
     """First row and column of a window of this side about a place, moved as far as it takes to lie in the image."""
     row, col = np.clip(np.subtract(centre, side // 2), 0, np.subtract(image.shape, side)).tolist()
     return row, col
 
 
-def _middle_of(slam: ByteArray) -> tuple[int, int]:
-    rows, cols = np.nonzero(slam != UNKNOWN)
-    return (int(rows.mean()), int(cols.mean())) if rows.size else (0, 0)
-
-
-def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None) -> PairSet:
+def load_pairs(root: Path | str, split: str, size: int) -> PairSet:
     """Read all pairs of a split.
 
     Args:
         root: The folder of images.
         split: ``train`` or ``test``; a folder without splits has ``train`` only.
         size: Side that the images shall have [px]; they are resampled if theirs is another.
-        limit: Take only the first so many names.
 
     Raises:
         InputFileError: If the folder or a file is missing, empty or malformed, or a pair is unequal.
@@ -116,7 +113,7 @@ def load_pairs(root: Path | str, split: str, size: int, limit: int | None = None
     root = Path(root)
     folder = _split_folder(root, split)
     files = _matched(folder)
-    names = sorted(files)[:limit]
+    names = sorted(files)
     recorded = _manifest(root)
     cad, slam = np.empty((2, len(names), size, size), dtype=np.uint8)
     side = None

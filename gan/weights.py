@@ -98,18 +98,27 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     """
     path = find_weights(name_or_path)
     check_origin(path)
-    require_file(path, WEIGHT_BYTES)
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
-    except (SafetensorError, OSError) as error:
-        raise InputFileError(path, _why_unreadable(path, error)) from error
+    header, tensors = read_tensors(path)
     config, card = _read_header(path, header)
     if direction is not None and direction != config.direction:
         what = f"{_ARROWS[config.direction]}, not {_ARROWS[direction]}"
         raise ConfigError(f"{path}: these weights translate {what}; choose others with --weights")
     return Weights(_fill(path, config, tensors), config, card)
+
+
+def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
+    """Header and tensors of a safetensors file.
+
+    Raises:
+        InputFileError: If it is missing, too large, damaged or of another kind.
+    """
+    require_file(path, WEIGHT_BYTES)
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
+            return file.metadata() or {}, tensors
+    except (SafetensorError, OSError) as error:
+        raise InputFileError(path, _why_unreadable(path, error)) from error
 
 
 def publish(

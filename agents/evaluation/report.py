@@ -217,10 +217,10 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:
             shares.append(Curve(name, times, share))
     axis = "robot time per floor area [s/m²]"
     title = title or "mean, with its 95 % interval"
-    panels = [CurvePanel(means, axis, "share of the reachable floor seen", title, is_share=True)]
+    panels = [CurvePanel(means, axis, "share of the reachable floor seen", title)]
     for level, shares in reached.items():
         title = f"explorations that have seen {100 * float(level):g} %"
-        panels.append(CurvePanel(shares, axis, "share of explorations", title, is_share=True))
+        panels.append(CurvePanel(shares, axis, "share of explorations", title))
     plot_curves(path, panels)
 
 

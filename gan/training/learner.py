@@ -18,16 +18,14 @@ from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam, Optimizer
 
-from slamgym.core.documents import load_json
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import require_file, staged
-from slamgym.core.limits import WEIGHT_BYTES
+from slamgym.core.files import staged
 from slamgym.core.types import ByteArray
 from slamgym.gan.config import Encoding, TranslatorTrainingConfig
 from slamgym.gan.data import PairSet
@@ -38,6 +36,7 @@ from slamgym.gan.networks.generators import GeneratorOutput
 from slamgym.gan.training import losses
 from slamgym.gan.training.sampler import Batch, BatchSampler
 from slamgym.gan.training.schedule import Moment, Schedule
+from slamgym.gan.weights import read_tensors
 from slamgym.metrics.maps import resample_slam
 
 STATE_FORMAT = "slamgym-translator-training-2"
@@ -276,20 +275,13 @@ def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     Raises:
         InputFileError: If it is missing, damaged or no checkpoint of a training.
     """
-    require_file(path, WEIGHT_BYTES)
+    header, tensors = read_tensors(path)
     advice = "train in another folder (-o)"
-    try:
-        with safe_open(path, framework="pt") as file:
-            header = file.metadata() or {}
-            if header.get("format") != STATE_FORMAT:
-                what = "is not a checkpoint of this version of `slamgym gan train`"
-                raise InputFileError(path, f"{what}; {advice}")
-            facts = load_json(header["facts"])
-            tensors = {key: file.get_tensor(key) for key in file.keys()}  # noqa: SIM118 - not a mapping
-            if not isinstance(facts, dict):
-                raise ValueError("its facts are no object")
-    except (SafetensorError, OSError, ValueError, KeyError) as error:
-        raise InputFileError(path, f"is damaged or no checkpoint ({error}); {advice}") from error
+    if header.get("format") != STATE_FORMAT:
+        raise InputFileError(path, f"is not a checkpoint of this version of `slamgym gan train`; {advice}")
+    facts = parse_json(header.get("facts", ""), path)
+    if not isinstance(facts, dict):
+        raise InputFileError(path, f"is damaged: its facts are no object; {advice}")
     return tensors, facts
 
 

@@ -74,7 +74,6 @@ class TrainingReport:
     images: int
     seconds: float
     figures: dict[str, float]
-    weights: Path | None
 
 
 def train_translator(
@@ -154,9 +153,11 @@ class _Training:
                 say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
                 interruption.conclude()
             finished = self.learner.steps_done >= self.schedule.steps
-        weights, steps = self._finish() if finished else None, self.learner.steps_done
+        if finished:
+            self._finish()
+        steps = self.learner.steps_done
         images = self.schedule.images_before(steps)
-        return TrainingReport(finished, steps, images, self.seconds_used, self.figures, weights)
+        return TrainingReport(finished, steps, images, self.seconds_used, self.figures)
 
     def _loop(self, interruption: Interruption) -> None:
         learner, options = self.learner, self.options
@@ -266,7 +267,7 @@ class _Training:
         }
         self.learner.save(self.checkpoint, facts)
 
-    def _finish(self) -> Path:
+    def _finish(self) -> None:
         path = self.folder / "weights.safetensors"
         card = ModelCard(
             preset=self.config.preset,
@@ -280,7 +281,6 @@ class _Training:
         )
         save_translator(path, self.learner.best_generator, self.config.translator, card)
         say(f"trained for {duration(self.seconds_used)}; weights: {path}")
-        return path
 
 
 def _training_pairs(

@@ -154,7 +154,9 @@ def deform(
     pad = 0
     if not framed:
         pad = _drift_px(forward, visibility, frame) if drawn is None else _beyond_px(drawn.frame, frame)
-    frame, forward = _padded(frame, pad), np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
+    forward = np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
+    r, x, y, height, width = frame
+    frame = GridFrame(r, x - pad * r, y - pad * r, height + 2 * pad, width + 2 * pad)
     field = invert(forward, frame.resolution)
     if drawn is not None:
         cells = np.full(frame.shape, UNKNOWN, np.uint8)
@@ -227,9 +229,3 @@ def _on_lattice(frame: GridFrame, start: FloatArray) -> GridFrame:
         for o, s in zip((frame.origin_x, frame.origin_y), start, strict=True)
     )
     return GridFrame(r, x, y, frame.height_px + 1, frame.width_px + 1)
-
-
-def _padded(frame: GridFrame, pad: int) -> GridFrame:
-    """The frame with ``pad`` more cells on every side."""
-    r, x, y, height, width = frame
-    return GridFrame(r, x - pad * r, y - pad * r, height + 2 * pad, width + 2 * pad)

@@ -27,14 +27,12 @@ class Curve(NamedTuple):
 
 
 class CurvePanel(NamedTuple):
-    """Curves on one pair of axes."""
+    """Curves of shares from 0 to 1 on one pair of axes."""
 
     curves: Sequence[Curve]
     x_label: str
     y_label: str
     title: str = ""
-    is_share: bool = False
-    """Whether the values are shares from 0 to 1, and the curves fill the width."""
 
 
 def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
@@ -55,10 +53,8 @@ def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
                 if curve.band is not None:
                     axis.fill_between(curve.x, *curve.band, color=colour, alpha=0.15, linewidth=0.0)
             axis.set_title(panel.title, fontsize=10)
-            axis.set(xlabel=panel.x_label, ylabel=panel.y_label)
-            if panel.is_share:
-                axis.set(ylim=(0.0, 1.01))
-                axis.margins(x=0.0)
+            axis.set(xlabel=panel.x_label, ylabel=panel.y_label, ylim=(0.0, 1.01))
+            axis.margins(x=0.0)
             axis.grid(alpha=0.25)
         if panels[0].curves:
             axes[0].legend(loc="best", fontsize=8, frameon=False)

@@ -165,7 +165,7 @@ def test_a_damaged_checkpoint_is_one_clear_error(tmp_path, images):
     train_translator(images, run, PROGRESSIVE, CPU, dataclasses.replace(QUIET, stop_after_steps=1))
     file = run / "checkpoint.safetensors"
     file.write_bytes(file.read_bytes()[:-100])
-    with pytest.raises(InputFileError, match="damaged or no checkpoint"):
+    with pytest.raises(InputFileError, match="is damaged or not a safetensors file"):
         train_translator(images, run, PROGRESSIVE, CPU, QUIET)
 
 

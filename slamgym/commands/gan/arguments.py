@@ -10,7 +10,7 @@ from slamgym.commands.frame import MaybeOut, Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
 from slamgym.core.errors import InputFileError
-from slamgym.gan.config import DeviceName, MemoryLayout, Precision
+from slamgym.gan.config import DeviceName, Precision
 
 
 class ComputeArguments(Arguments):
@@ -20,8 +20,6 @@ class ComputeArguments(Arguments):
     """``auto`` takes CUDA, else MPS, else the CPU."""
     precision: Precision = "auto"
     """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
-    layout: MemoryLayout = "auto"
-    """In memory: ``auto`` takes channels_last on CUDA and for bfloat16 on CPUs (benchmarks/gan/gan_cost.py)."""
     threads: int = 0
     """CPU threads of torch; 0 is torch's choice (OMP_NUM_THREADS)."""
     compile: bool = False

@@ -43,7 +43,7 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     options = RunOptions(
         compile=arguments.compute.compile, checkpoint_minutes=arguments.checkpoint_minutes, command=typed
     )
-    compute = choose_compute(arguments.compute.device, arguments.compute.precision, arguments.compute.layout)
+    compute = choose_compute(arguments.compute.device, arguments.compute.precision)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
     tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
     if report.figures:
