@@ -151,7 +151,7 @@ def measure_layout(
     moment = Moment(256, len(batch.cad), 1.0, 1.0)
     warm_up = timed(lambda: learner.step(batch, moment))
     seconds = min(timed(lambda: learner.step(batch, moment)) for _ in range(steps)) / len(batch.cad)
-    options = "--compile" if compiled else f"--layout {layout}"
+    options = "--compile" if compiled else f"layout {layout}"
     print(f"{name} {options}: {seconds:.4f} s", flush=True)
     return [name, options, count_parameters(learner.generator), round(seconds, 4), round(warm_up, 1)]
 
