@@ -49,6 +49,8 @@ from dataset.completeness_training import LabelledMaps, StrArray, Trees, cross_f
 from report import print_and_save
 
 BAND = (0.4, 0.8)
+BINS = 10
+"""Bins of the reliability table, of equal width."""
 RESAMPLES = 200
 """Bootstrap samples of plans for the 95 % intervals."""
 
@@ -189,16 +191,16 @@ def accuracy_row(name: str, maps: LabelledMaps, probabilities: FloatArray) -> di
     return {
         "maps": name,
         "number": score.count,
-        "complete [%]": round(100.0 * score.positives / score.count, 1),
+        "complete [%]": round(100.0 * float(maps.complete.mean()), 1),
         "accuracy [%]": round(100.0 * score.accuracy, 1),
         "accuracy, 95 %": f"{100.0 * low.accuracy:.1f}-{100.0 * high.accuracy:.1f}",
         "ROC AUC": None if np.isnan(score.roc_auc) else round(score.roc_auc, 4),
         "AUC, 95 %": "-" if np.isnan(score.roc_auc) else f"{low.roc_auc:.3f}-{high.roc_auc:.3f}",
         "Brier": round(score.brier, 4),
-        "calibration error": round(score.calibration_error, 4),
+        "calibration error": round(calibration_error(probabilities, maps.complete), 4),
         "in the band [%]": round(100.0 * score.band_share, 1),
         "right outside it [%]": _percent(score.accuracy_outside_band),
-        "complete of the kept [%]": _percent(score.kept_purity),
+        "complete of the kept [%]": _percent(_mean(maps.complete[probabilities >= BAND[1]])),
     }
 
 
@@ -222,16 +224,34 @@ def intervals(
     return bounds[0], bounds[1]
 
 
+def reliability(probabilities: FloatArray, truth: BoolArray) -> list[tuple[int, float, float]]:
+    """Of predictions of about the same probability, bin by bin: number, mean probability, share that was true."""
+    place = np.minimum((probabilities * BINS).astype(np.int64), BINS - 1)
+    chosen = [place == i for i in range(BINS)]
+    return [(int(c.sum()), _mean(probabilities[c]), _mean(truth[c])) for c in chosen]
+
+
+def calibration_error(probabilities: FloatArray, truth: BoolArray) -> float:
+    """Mean difference of predicted and observed share over the bins, weighed by their counts."""
+    bins = reliability(probabilities, truth)
+    return sum(count * abs(predicted - observed) for count, predicted, observed in bins if count) / len(truth)
+
+
+def _mean(values: FloatArray | BoolArray) -> float:
+    return float(values.mean()) if len(values) else float("nan")
+
+
 def report_calibration(maps: LabelledMaps, probabilities: FloatArray) -> None:
     score = score_probabilities(probabilities, maps.complete, BAND)
     columns = ["probability", "maps", "predicted", "complete", "95 % of the latter"]
     rows = [
-        [f"{b.low:.1f}-{b.high:.1f}", b.count, _figure(b.predicted), _figure(b.observed), wilson(b.observed, b.count)]
-        for b in score.bins
+        [f"{i / BINS:.1f}-{(i + 1) / BINS:.1f}", count, _figure(predicted), _figure(observed), wilson(observed, count)]
+        for i, (count, predicted, observed) in enumerate(reliability(probabilities, maps.complete))
     ]  # fmt: skip
+    error = calibration_error(probabilities, maps.complete)
     title = (
         f"reliability on held-out plans: Brier score {score.brier:.4f}, calibration error "
-        f"{score.calibration_error:.4f}, {100.0 * score.band_share:.1f} % in the band of {BAND[0]} to {BAND[1]}"
+        f"{error:.4f}, {100.0 * score.band_share:.1f} % in the band of {BAND[0]} to {BAND[1]}"
     )
     print_and_save("dataset/completeness_calibration", title, rows, columns)
 

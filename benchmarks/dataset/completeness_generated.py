@@ -29,7 +29,7 @@ from slamgym.envs.episode import EpisodeConfig
 from slamgym.parametric import deform, from_recorded
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from dataset.completeness import BAND, intervals
+from dataset.completeness import BAND, calibration_error, intervals
 from dataset.completeness_training import Trees, cross_fit, take_snapshots
 from report import print_and_save
 
@@ -85,9 +85,9 @@ def main() -> None:
         score = score_probabilities(said, complete, BAND)
         low, high = intervals(said, complete, np.array(plans))
         rows.append(
-            (name, len(labels), score.count, score.positives,
+            (name, len(labels), score.count, int(complete.sum()),
              f"{score.roc_auc:.3f} [{low.roc_auc:.3f}, {high.roc_auc:.3f}]",
-             round(score.brier, 3), round(score.calibration_error, 3), round(score.accuracy, 3))
+             round(score.brier, 3), round(calibration_error(said, complete), 3), round(score.accuracy, 3))
         )  # fmt: skip
     columns = (
         "learned from",

@@ -22,8 +22,7 @@ from slamgym.core.progress import counted, say, tell
 from slamgym.dataset.curate.verdicts import Which
 
 if TYPE_CHECKING:
-    from slamgym.dataset.curate.cleaning import CleanConfig, CleanReport
-    from slamgym.dataset.curate.completeness_model import ProbabilityScore
+    from slamgym.dataset.curate.cleaning import CleanReport
     from slamgym.dataset.curate.map_items import MapItem
     from slamgym.dataset.curate.review import Decision
 
@@ -72,7 +71,7 @@ def main(arguments: CleanArguments) -> None:
         decisions = _decisions(arguments, items)
         model = arguments.model or PRETRAINED_MODEL
         report = clean_maps(root, items, config, decisions, model, arguments.workers or available_cores())
-    _print(root, report, config)
+    _print(root, report)
 
 
 def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str, Decision]:
@@ -108,7 +107,7 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
     return merged
 
 
-def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:
+def _print(root: Path, report: CleanReport) -> None:
     """Say what was kept, what not and why, and how far the classifier can be trusted."""
     from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 
@@ -118,25 +117,18 @@ def _print(root: Path, report: CleanReport, config: CleanConfig) -> None:
     ]
     for reason, count in report.reasons().items():
         lines.append(f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}"))
-    if report.agreement:
-        lines += _agreement_lines(report.agreement, config.band)
+    if score := report.agreement:
+        ranking = "" if np.isnan(score.roc_auc) else f", AUC {score.roc_auc:.3f}"
+        lines.append(
+            f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of "
+            f"{counted(score.count, 'map')}{ranking}; {100.0 * score.band_share:.1f} % are doubtful to it"
+        )
     if report.undecided:
         lines.append(
             f"  doubtful maps that no person has seen: {report.undecided}; slamgym dataset review {root}"
         )
     lines.append(f"verdicts: {root / VERDICTS_FILE}")
     tell(*lines)
-
-
-def _agreement_lines(score: ProbabilityScore, band: tuple[float, float]) -> list[str]:
-    ranking = "" if np.isnan(score.roc_auc) else f", AUC {score.roc_auc:.3f}"
-    outside = "" if np.isnan(score.accuracy_outside_band) else f"{100.0 * score.accuracy_outside_band:.1f} %"
-    return [
-        f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of {counted(score.count, 'map')}"
-        f"{ranking}, Brier score {score.brier:.3f}",
-        f"  {100.0 * score.band_share:.1f} % lie in its band of {band[0]:g} to {band[1]:g}"
-        + (f"; of the others it gets {outside} right" if outside else ""),
-    ]
 
 
 class ReviewArguments(Arguments):

@@ -1,7 +1,6 @@
 """The main path of ``slamgym dataset clean``: a verdict about every map, and nothing deleted."""
 
 import dataclasses
-import json
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -12,13 +11,12 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.config import Settings, Share
-from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import append_line, drop_torn_line, sha256_of, text_lines
+from slamgym.core.files import sha256_of
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.core.types import OccupancyGrid
-from slamgym.dataset.curate.completeness import FEATURES, completeness_features
+from slamgym.dataset.curate.completeness import completeness_features
 from slamgym.dataset.curate.completeness_model import (
     PRETRAINED_MODEL,
     CompletenessModel,
@@ -30,11 +28,7 @@ from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
 from slamgym.dataset.faults import Criteria, MapFault, record_faults, stuck_fault
 
-NOTES_FILE = "clean.partial.jsonl"
-"""What a run has measured that isn't done yet."""
 _BATCH = 32  # maps that a worker looks at before it reports
-
-_WIDTH, _NUMBERS = 1 + len(FEATURES), {int, float}
 
 _Seen = list[float] | str
 """Resolution and features of a map, or why it can't be read."""
@@ -91,8 +85,7 @@ def clean_maps(
 ) -> CleanReport:
     """Judge every map and write the verdicts into the folder.
 
-    The same maps, settings and decisions give the same files, with any number of workers; a run that is killed leaves
-    the old ones, and the same command continues where it was.
+    The same maps, settings and decisions give the same files, with any number of workers; they are written at the end.
 
     Args:
         root: Where ``clean.jsonl`` and ``clean.json`` go.
@@ -107,7 +100,7 @@ def clean_maps(
         StorageError: If the folder can't be written.
     """
     model = CompletenessModel.read(model_path)
-    seen = _measure(root, items, workers)
+    seen = _measure(items, workers)
     readable = [number for number, row in enumerate(seen) if not isinstance(row, str)]
     features = np.array([seen[number][1:] for number in readable], dtype=np.float64)
     probability = dict(zip(readable, model.probabilities(features).tolist(), strict=True))
@@ -118,30 +111,21 @@ def clean_maps(
     report = CleanReport(verdicts, _agreement(verdicts, config.band))
     about = {"model": model_path.name, "sha256": sha256_of(model_path), **model.about}
     write_verdicts(root, verdicts, _summary(report, config, about))
-    (root / NOTES_FILE).unlink(missing_ok=True)
     return report
 
 
-def _measure(root: Path, items: Sequence[MapItem], workers: int) -> list[_Seen]:
-    """Look at every map.
-
-    What is measured is noted in a file that goes with the verdicts' arrival; a run that was killed continues from it.
-    """
-    notes = root / NOTES_FILE
-    noted = _read_notes(notes)
-    seen = [noted.get((item.name, item.digest), "") for item in items]
-    missing = [number for number, row in enumerate(seen) if not row]
-    batches = [missing[first : first + _BATCH] for first in range(0, len(missing), _BATCH)]
-    tasks = [[(number, items[number].load) for number in batch] for batch in batches]
-    with show_progress("maps", len(items) - len(missing), len(items)) as advance:
+def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
+    """Look at every map."""
+    seen: list[_Seen] = [""] * len(items)
+    starts = range(0, len(items), _BATCH)
+    tasks = [
+        [(first + i, item.load) for i, item in enumerate(items[first : first + _BATCH])] for first in starts
+    ]
+    with show_progress("maps", 0, len(items)) as advance:
         for rows in run_tasks(_look_at, tasks, workers if len(tasks) > 1 else 1):
-            lines = []
             for number, row in rows:
                 seen[number] = row
-                if isinstance(row, list):
-                    lines.append(json.dumps([items[number].name, items[number].digest, row]) + "\n")
                 advance()
-            append_line(notes, "".join(lines))
     return seen
 
 
@@ -164,21 +148,6 @@ def _fault_of(row: _Seen) -> MapFault | None:
     if isinstance(row, str):
         return MapFault("unreadable", detail=row)
     return stuck_fault(np.array(row[1:]), row[0])
-
-
-def _read_notes(path: Path) -> dict[tuple[str, str], _Seen]:
-    """What a run that was killed had measured: resolution and features by the map's name and digest."""
-    drop_torn_line(path)
-    noted: dict[tuple[str, str], _Seen] = {}
-    for line, where in text_lines(path) if path.exists() else ():
-        match parse_json(line, where):
-            case [str(name), str(digest), [*row]] if (
-                _NUMBERS.issuperset(map(type, row)) and len(row) == _WIDTH
-            ):
-                noted[name, digest] = row
-            case _:
-                raise InputFileError(where, "is no measured map; remove the file and clean again")
-    return noted
 
 
 def _judge(
@@ -248,7 +217,7 @@ def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> Probab
 
 
 def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any]) -> dict[str, Any]:
-    agreement = dataclasses.asdict(report.agreement) if report.agreement else None
+    agreement = dataclasses.asdict(report.agreement).items() if report.agreement else ()
     return {
         "version": __version__,
         "settings": dataclasses.asdict(config),
@@ -257,14 +226,5 @@ def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any])
         "kept": report.kept,
         "undecided": report.undecided,
         "dropped": report.reasons(),
-        "agreement": _without_nan(agreement),
+        "agreement": {name: None if np.isnan(value) else value for name, value in agreement} or None,
     }
-
-
-def _without_nan(value: Any) -> Any:
-    """JSON knows no nan: null stands for a figure that doesn't exist."""
-    if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_without_nan(item) for item in value]
-    return None if isinstance(value, float) and np.isnan(value) else value

@@ -25,8 +25,8 @@ FEATURES = (
     "unknown_share",
     "occupied_per_free",
     "unknown_per_free",
-    "islands",  # holes of the floor by its Euler number: pillars, furniture, pieces of wall
-    "pockets",  # holes of floor and walls by their Euler number: enclosed unknown regions
+    "islands",  # holes of the floor: pillars, furniture, pieces of wall
+    "pockets",  # holes of floor and walls: enclosed unknown regions
     "wall_parts",  # separate parts of the occupied space for each 10 m2 of free space
     "frontier",  # [m] grey-white neighbours: sides that a cell of the floor and an unknown one share
     "frontier_share",  # of all sides between the floor and the rest
@@ -136,30 +136,15 @@ def shared_sides(first: BoolArray, second: BoolArray) -> int:
     return int(across + down)
 
 
-def euler_number(mask: BoolArray) -> int:
-    """Number of 8-connected parts less the number of their holes.
-
-    Counted from the 2 x 2 patterns of the picture: (Q1 - Q3 - 2 QD) / 4 with the number of patterns of one
-    true cell, of three, and of two on a diagonal (Gray, Local properties of binary images in two dimensions,
-    IEEE Trans. Computers 20(5), 1971).
-    """
-    padded = np.pad(mask.astype(np.uint8), 1)
-    code = padded[:-1, :-1] | padded[:-1, 1:] << 1 | padded[1:, :-1] << 2 | padded[1:, 1:] << 3
-    count = cv2.calcHist([code], [0], None, [16], [0, 16]).ravel().astype(np.int64)
-    ones = count[[1, 2, 4, 8]].sum()
-    threes = count[[7, 11, 13, 14]].sum()
-    diagonals = count[[6, 9]].sum()
-    return int(ones - threes - 2 * diagonals) // 4
-
-
 def count_parts(mask: BoolArray) -> int:
     """Number of 8-connected parts."""
     return int(cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)[0]) - 1
 
 
 def count_holes(mask: BoolArray) -> int:
-    """Number of holes: the parts less the Euler number."""
-    return count_parts(mask) - euler_number(mask)
+    """Number of holes of the 8-connected parts: 4-connected parts of the rest that don't reach the outside."""
+    rest = np.pad((~mask).astype(np.uint8), 1, constant_values=1)
+    return int(cv2.connectedComponents(rest, connectivity=4)[0]) - 2
 
 
 def open_frontier(
@@ -180,16 +165,9 @@ def open_frontier(
         Number of the cells, and of those in the largest 8-connected piece.
     """
     frontier = (cv2.dilate(floor.astype(np.uint8), CROSS) > 0) & unknown
-    rows, cols = np.nonzero(frontier)
-    radius = int(FRONTIER_CLEARANCE / resolution)
-    down, right = np.indices((2 * radius + 1, 2 * radius + 1)).reshape(2, -1) - radius
-    near = np.hypot(down, right) * resolution < FRONTIER_CLEARANCE
-    walls = np.pad(occupied, radius)
-    for row, col in zip(down[near] + radius, right[near] + radius, strict=True):
-        clear = ~walls[rows + row, cols + col]
-        rows, cols = rows[clear], cols[clear]
-    frontier = np.zeros_like(frontier)
-    frontier[rows, cols] = True
+    if occupied.any():
+        away = cv2.distanceTransform((~occupied).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        frontier &= away.astype(np.float64) * resolution >= FRONTIER_CLEARANCE
     if not frontier.any():
         return 0, 0
     _, _, stats, _ = cv2.connectedComponentsWithStats(frontier.astype(np.uint8), connectivity=8)

@@ -17,8 +17,9 @@ from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
 from slamgym.core.limits import FILE_BYTES
+from slamgym.core.pictures import encode_png
 from slamgym.core.text import markup
-from slamgym.core.types import FREE, UNKNOWN, ByteArray
+from slamgym.core.types import FREE, UNKNOWN
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.verdicts import Verdict, Which
 
@@ -163,12 +164,8 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join(every[:_SHOWN]) + more
 
 
-@dataclass(frozen=True)
-class ReviewEntry:
-    """A map on the page."""
-
-    item: MapItem
-    verdict: Verdict
+ReviewEntry = tuple[MapItem, Verdict]
+"""A map on the page."""
 
 
 def choose_entries(
@@ -182,9 +179,8 @@ def choose_entries(
         which: ``doubtful``: in the classifier's band; ``disagreements``: the classifier and the truth differ;
             or by what became of them.
     """
-    entries = [ReviewEntry(item, verdicts[item.name]) for item in items if item.name in verdicts]
-    readable = [entry for entry in entries if entry.verdict.by != "file"]
-    return [entry for entry in readable if _is_chosen(entry.verdict, which)]
+    judged = [(item, verdicts[item.name]) for item in items if item.name in verdicts]
+    return [entry for entry in judged if entry[1].by != "file" and _is_chosen(entry[1], which)]
 
 
 def make_review_page(
@@ -209,7 +205,7 @@ def make_review_page(
     Raises:
         InputFileError: If a map can't be read.
     """
-    maps = [_map_data(entry, decisions.get(entry.item.name)) for entry in entries]
+    maps = [_map_data(entry, decisions.get(entry[0].name)) for entry in entries]
     identity = "\n".join(f"{one['name']} {one['sha256']}" for one in maps)
     data = {
         "format": DECISIONS_FORMAT,
@@ -241,7 +237,7 @@ def _is_chosen(verdict: Verdict, which: Which) -> bool:
 
 
 def _map_data(entry: ReviewEntry, decision: Decision | None) -> dict[str, Any]:
-    item, verdict = entry.item, entry.verdict
+    item, verdict = entry
     slam = item.load().cells
     cad = item.load_cad() if item.load_cad else None
     shown = np.not_equal(slam, UNKNOWN) if cad is None else (slam != UNKNOWN) | (cad == FREE)
@@ -251,8 +247,8 @@ def _map_data(entry: ReviewEntry, decision: Decision | None) -> dict[str, Any]:
         "name": item.name,
         "plan": item.plan_id,
         "sha256": item.digest,
-        "slam": _png(slam),
-        "cad": None if cad is None else _png(cad[rows, cols]),
+        "slam": base64.b64encode(encode_png(slam)).decode(),
+        "cad": None if cad is None else base64.b64encode(encode_png(cad[rows, cols])).decode(),
         "width": slam.shape[1],
         "height": slam.shape[0],
         "probability": verdict.probability,
@@ -288,10 +284,3 @@ def _extent(shown: np.ndarray, axis: int) -> slice:
     if len(found) == 0:
         return slice(None)
     return slice(max(int(found[0]) - _MARGIN_PX, 0), int(found[-1]) + 1 + _MARGIN_PX)
-
-
-def _png(image: ByteArray) -> str:
-    import cv2
-
-    encoded = cv2.imencode(".png", image, [cv2.IMWRITE_PNG_COMPRESSION, 9])[1]
-    return base64.b64encode(encoded.tobytes()).decode()

@@ -16,7 +16,6 @@ from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.review import (
     Decision,
-    ReviewEntry,
     choose_entries,
     make_review_page,
     read_decisions,
@@ -45,7 +44,7 @@ def entry(name, *, probability=0.5, with_cad=True, **changes):
         "probability": probability, "is_doubtful": BAND[0] <= probability < BAND[1], "looks_stuck": False,
         "is_complete": None, "coverage": None, "ate": None, "map_error": None, "faults": (),
     } | changes  # fmt: skip
-    return ReviewEntry(item, Verdict(**values))
+    return item, Verdict(**values)
 
 
 def page_of(*entries, decisions=None, title="Review of <flats> & more"):
@@ -164,11 +163,11 @@ def test_the_maps_are_chosen_by_what_cleaning_said():
         entry("broken", by="file", probability=0.0),
         entry("stuck", probability=0.9, looks_stuck=True, is_complete=False),
     ]
-    items = [one.item for one in entries]
-    verdicts = {one.verdict.name: one.verdict for one in entries}
+    items = [item for item, _ in entries]
+    verdicts = {verdict.name: verdict for _, verdict in entries}
 
     def names(which):
-        return [one.item.name for one in choose_entries(items, verdicts, which)]
+        return [item.name for item, _ in choose_entries(items, verdicts, which)]
 
     assert names("doubtful") == ["doubtful"]
     assert names("disagreements") == ["wrongly dropped"]
