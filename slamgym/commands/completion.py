@@ -5,13 +5,12 @@ import io
 import os
 import re
 import sys
-from collections.abc import Iterator
 from typing import Literal
 from unittest import mock
 
 import tyro
 
-from slamgym.commands.cli import TABLE, Command, Group
+from slamgym.commands.cli import COMMANDS, GROUPS
 from slamgym.core.config import Arguments
 
 _OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9.-]*")
@@ -68,9 +67,10 @@ def completion_script() -> str:
 
 def help_pages() -> dict[str, str]:
     """Every command by what the user types for it, without ``slamgym``, and its help page as plain text."""
+    commands = COMMANDS | {name: group.default for name, group in GROUPS.items() if group.default}
     pages = {}
     with mock.patch.dict(os.environ, {"COLUMNS": "110", "NO_COLOR": "1", "TERM": "dumb"}):
-        for name, command in _commands(TABLE, ""):
+        for name, command in commands.items():
             shown = io.StringIO()
             with contextlib.redirect_stdout(shown), contextlib.suppress(SystemExit):
                 command.run(f"slamgym {name}", ["--help"])
@@ -82,13 +82,3 @@ def options_of(page: str) -> list[str]:
     """The long options that a help page names, in their order; in sentences it names those of other commands, too."""
     rows = (line for line in page.splitlines() if re.match(r"\W ?-", line))
     return list(dict.fromkeys(found for row in rows for found in _OPTION.findall(row)))
-
-
-def _commands(group: Group, prefix: str) -> Iterator[tuple[str, Command]]:
-    for word, entry in group.commands.items():
-        if isinstance(entry, Group):
-            if entry.default is not None:
-                yield f"{prefix}{word}", entry.default
-            yield from _commands(entry, f"{prefix}{word} ")
-        else:
-            yield f"{prefix}{word}", entry

@@ -7,7 +7,6 @@ import importlib.metadata
 import os
 import platform
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -15,12 +14,11 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+from slamgym import __version__
 from slamgym.core.config import Arguments
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import tell
 
-_GIB = 1 << 30
-_LEAST_DISK = _GIB
 _NAME = re.compile(r"[A-Za-z0-9_.-]+")
 _EXTRA = re.compile(r"extra == [\"']([a-z]+)[\"']")
 _FOR_DEVELOPERS = ("dev", "all", "site")
@@ -76,24 +74,18 @@ def main(arguments: DoctorArguments) -> int:  # noqa: ARG001 - it takes none
 
 def findings() -> Iterator[Finding]:
     """Everything that is looked at, in the order in which a user needs it."""
-    from slamgym import __version__
-
-    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
-    yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
-    yield from _distributions()
+    yield from installed()
     yield _try("what comes with the package", _pretrained, "install slamgym again, or git restore them")
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
     yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
-    yield _disk(Path.cwd())
-    yield _disk(Path(tempfile.gettempdir()))
     if _version("torch"):
         yield _try("torch", _torch, "install torch again, see https://pytorch.org/get-started", "missing")
-    if _version("pygame"):
-        yield _display()
 
 
-def _distributions() -> Iterator[Finding]:
-    """The packages of the base installation in one line, and those of each extra."""
+def installed() -> Iterator[Finding]:
+    """The versions of slamgym and Python, of the packages of the base installation, and of those of each extra."""
+    system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
+    yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
     try:
         requirements = importlib.metadata.requires("slamgym") or []
     except importlib.metadata.PackageNotFoundError:
@@ -167,17 +159,6 @@ def _films() -> str:
     return " ".join(shown.split()[:3])
 
 
-def _disk(folder: Path) -> Finding:
-    """Room in a folder, if it can be written to."""
-    what = f"folder {folder}"
-    if not os.access(folder, os.W_OK):
-        return Finding(what, "broken", "can't be written to", "choose another, TMPDIR for temporary files")
-    free = shutil.disk_usage(folder).free
-    if free < _LEAST_DISK:
-        return Finding(what, "broken", f"{free / _GIB:.2f} GiB free", "free some space")
-    return Finding(what, "ok", f"{free / _GIB:.0f} GiB free")
-
-
 def _torch() -> str:
     torch = importlib.import_module("torch")
     total = float(torch.ones(3).sum())
@@ -185,11 +166,3 @@ def _torch() -> str:
         raise RuntimeError(f"the sum of three ones is {total}")
     devices = [torch.cuda.get_device_name(number) for number in range(torch.cuda.device_count())]
     return f"{torch.__version__}, {', '.join(devices) or 'no GPU'}, {torch.get_num_threads()} threads"
-
-
-def _display() -> Finding:
-    """The screen on which a window can open."""
-    screen = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
-    if sys.platform == "linux" and not screen:
-        return Finding("display", "missing", "none", "slamgym watch --out exploration.mp4 needs no window")
-    return Finding("display", "ok", screen or sys.platform)

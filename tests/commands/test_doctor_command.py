@@ -39,7 +39,6 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     monkeypatch.setattr(
         doctor, "_version", lambda name: "" if name in {"rosbags", "numba"} else installed(name)
     )
-    monkeypatch.setattr(doctor, "_LEAST_DISK", float("inf"))
     monkeypatch.setattr(doctor, "_films", lambda: (_ for _ in ()).throw(RuntimeError("no ffmpeg\nat all")))
     found = {finding.what: finding for finding in findings()}
     assert found["extra ros"].state == "missing"
@@ -48,7 +47,6 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     assert "numba missing" in found["packages"].found
     assert found["packages"].fix == "pip install slamgym"  # brings what the installed one needs
     assert found["films (ffmpeg)"][1:3] == ("missing", "no ffmpeg at all")
-    assert {finding.state for what, finding in found.items() if what.startswith("folder ")} == {"broken"}
     assert cli.main(["doctor"]) == 1
     assert "         fix: pip install 'slamgym[ros]'\n" in capsys.readouterr().out
 

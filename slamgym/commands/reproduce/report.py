@@ -9,8 +9,6 @@ Matlab (Table II).
 from __future__ import annotations
 
 import html
-import importlib.metadata
-import platform
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -19,6 +17,7 @@ from typing import Any, Literal, NamedTuple
 import cv2
 
 from slamgym import __version__
+from slamgym.commands.doctor import installed
 from slamgym.commands.reproduce.steps import (
     OWN_NETWORK,
     PAPER_NETWORK,
@@ -34,16 +33,6 @@ from slamgym.core.pictures import decode_picture
 from slamgym.dataset.statistics import dataset_statistics
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
-PACKAGES = (
-    "slamgym",
-    "numpy",
-    "numba",
-    "scipy",
-    "shapely",
-    "opencv-python-headless",
-    "torch",
-    "scikit-learn",
-)
 PAPER_MAPS_AN_HOUR = 86.0
 _SECONDS = re.compile(r"\b(ekf|two_phase) took ([0-9.]+) s")
 _MOST_WIDE = 1600
@@ -100,7 +89,7 @@ def write_reproduction(run: Reproduction) -> Path:
         "<h2>Commands</h2>",
         make_table(["command", "step", "time of the step [s]", "CPU [s]"], list(_commands(run))),
         "<h2>Versions</h2>",
-        make_table(["package", "version"], [["Python", platform.python_version()], *map(_version, PACKAGES)]),
+        make_table(["packages", "versions"], [(found.what, found.found) for found in installed()]),
     ]
     path = run.out / "report.html"
     write_text(path, make_page(_TITLE, parts, _STYLE))
@@ -226,10 +215,3 @@ def _commands(run: Reproduction) -> Iterator[list[str]]:
     for name, step in run.steps.items():
         for command in step["commands"]:
             yield [command, name, f"{step['seconds']:.0f}", f"{step['cpu_seconds']:.0f}"]
-
-
-def _version(package: str) -> list[str]:
-    try:
-        return [package, importlib.metadata.version(package)]
-    except importlib.metadata.PackageNotFoundError:
-        return [package, "not installed"]

@@ -14,77 +14,24 @@ from pathlib import Path
 from typing import Any
 
 from slamgym import __version__
-from slamgym.core.documents import read_json
+from slamgym.core.documents import parse_yaml, read_json
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.files import replace_file, write_text
+from slamgym.core.files import read_text, replace_file, write_text
 from slamgym.core.progress import duration, say
 
 PAPER_NETWORK, OWN_NETWORK, TO_SLAM, TRAINED = "model32", "slam2cad", "modelprog", "trained"
 """Translators: the paper's from SLAM to CAD, this package's, the paper's from CAD to SLAM, and one's own."""
 REDRAWN = ("parametric", "generator")
 """Methods of ``slamgym deform`` whose maps of the same plans and paths are compared with the simulated ones."""
-DEFORMED = {
-    "ekf": "--conversion ekf --size 64",
-    "two_phase": "--conversion two_phase --size 256",
-    "ekf_schur": "--conversion ekf_schur --size 256",
-    "generator": "--method generator",
-    "modelprog": "--method modelprog",
-    "elastic": "--method elastic",
-}
-"""The ways from a plan to a SLAM map; the first two are timed by Table II, at these sizes."""
-_SMOKE = {
-    "plans": "bundled", "filter": "none", "recipe": "quick", "pairs": 24, "trajectories": 1, "test": 0.7,
-    "preset": "slam2cad-cpu", "minutes": 0.5, "count": 3, "explorers": "explore_lite,nearest,rl", "split": "all",
-    "repeats": 1, "pictures": 3,
-}  # fmt: skip
-_LAPTOP = {
-    "plans": "json.tar.gz", "filter": "useful", "recipe": "quick", "pairs": 240, "trajectories": 1, "test": 0.5,
-    "preset": "slam2cad-cpu", "minutes": 60.0, "count": 20, "explorers": "explore_lite,nearest,tour,rl",
-    "split": "test", "repeats": 4, "pictures": 6,
-}  # fmt: skip
-_FULL = {
-    "recipe": "reference", "pairs": 4550, "trajectories": 2, "test": 0.1, "preset": "slam2cad", "minutes": 240.0,
-    "count": 200, "explorers": "explore_lite,nearest,next_best_view,tour,rl", "pictures": 20,
-}  # fmt: skip
-REPRODUCTION_SCALES: dict[str, dict[str, Any]] = {"smoke": _SMOKE, "laptop": _LAPTOP, "full": _LAPTOP | _FULL}
-"""Values for the commands of the steps."""
-STEPS = {
-    "explorations": [
-        "generate --plans {plans} --plans-filter {filter} --recipe {recipe} --trajectories {trajectories} "
-        "--pairs {pairs} --seed {seed} --workers {workers} --out {out}/pairs"
-    ],
-    "cleaning": [
-        "dataset clean {out}/pairs",
-        "dataset split {out}/pairs --test {test} --seed {seed}",
-        "dataset render {out}/pairs --size 256 --workers {workers} --out {out}/images",
-        "dataset stats {out}/pairs",
-    ],
-    "training": [
-        "gan train {out}/images --preset {preset} --minutes {minutes} --seed {seed} --out {out}/run",
-    ],
-    "translators": [
-        *(
-            f"deform {{out}}/pairs --method {method} --seed {{seed}} --out {{out}}/redrawn/{method} --overwrite"
-            for method in REDRAWN
-        ),
-        "gan evaluate {out}/images --pictures {pictures} --repeats {repeats} --seed {seed} --out {out}/evaluation "
-        f"--weights {OWN_NETWORK} {PAPER_NETWORK} {TO_SLAM}",
-    ],
-    "deformed": [
-        line
-        for name, options in DEFORMED.items()
-        for line in (
-            f"deform bundled --plans 3 --seed {{seed}} {options} --out {{out}}/deformed/{name} --overwrite",
-            f"dataset show {{out}}/deformed/{name} --out {{out}}/deformed/{name}.png",
-        )
-    ],
-    "drawings": ["cad draw --formats png,dxf --out {out}/drawings"],
-    "explorers": [
-        "agents evaluate --plans {plans} --plans-filter {filter} --split {split} --count {count} "
-        "--explorers {explorers} --seed {seed} --workers {workers} --out {out}/explorers"
-    ],
-}
-"""The commands of each step, in their order; a step may read what those before it have made."""
+
+
+def _read(name: str) -> Any:
+    path = Path(__file__).with_name(name)
+    return parse_yaml(read_text(path), path)
+
+
+REPRODUCTION_SCALES: dict[str, dict[str, Any]] = _read("scales.yaml")
+STEPS: dict[str, list[str]] = _read("steps.yaml")
 
 
 class Reproduction:
