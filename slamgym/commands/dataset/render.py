@@ -35,23 +35,14 @@ class RenderArguments(Arguments):
     """Size, scale and content of the images."""
     min_coverage: float | None = None
     """Take all pairs of at least this true coverage instead of what `clean` has decided; 0 takes all."""
-    parquet: bool = False
-    """Write the manifest as manifest.parquet, too; needs pyarrow (extra `hub`)."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""
 
 
 def main(arguments: RenderArguments) -> None:
     """Run the command."""
-    from slamgym.dataset.images.format import read_images
-    from slamgym.dataset.record import require_parquet, write_parquet
-
-    if arguments.parquet:
-        require_parquet()
     workers = arguments.workers or available_cores()
     render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
-    if arguments.parquet:
-        write_parquet(arguments.out / "manifest.parquet", read_images(arguments.out))
 
 
 def render_and_report(

@@ -22,9 +22,10 @@ of each side's ``metadata.jsonl``.
 import json
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
+from string import Template
 from typing import Any, Literal
 
 import numpy as np
@@ -47,27 +48,7 @@ Scaling = Literal["fit", "fixed"]
 SPLITS: tuple[Split, Split] = ("train", "test")
 METADATA = "metadata.jsonl"
 """In the folder of each side: one line per pair, for the image-folder builder of Hugging Face's ``datasets``."""
-_READING = """\
-## Reading
-
-Every tar file is a WebDataset shard (`NAME.cad.png`, `NAME.slam.png`, `NAME.json`); every Parquet file holds the same
-pairs. The sides are split by floor plan.
-
-```python
-from datasets import load_dataset
-
-pairs = load_dataset("PACK", streaming=True)  # this folder, or its name on the hub
-first = next(iter(pairs["train"]))
-first["A"], first["B"], first["metres_per_px"]
-shards = load_dataset("webdataset", data_files={"train": "PACK/train-*.tar"}, streaming=True)
-next(iter(shards["train"]))["cad.png"]
-```
-
-## Known faults
-
-The SLAM maps are simulated. What tells them from maps of robots is measured in slamgym's docs/realism.md; pairs whose
-maps are incomplete or bent too much were left out.
-"""
+_PARTS = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -144,8 +125,8 @@ class ImageLayout(FolderLayout):
         return self.root / split / side / f"{name}.png"
 
 
-def iterate_images(root: Path | str) -> Iterator[ImageRecord]:
-    """Read the records of a folder one by one.
+def read_images(root: Path | str, split: Split | None = None) -> list[ImageRecord]:
+    """Read the records of one side of the split, or of both.
 
     Raises:
         InputFileError: If the folder holds no rendered images, or a line is malformed.
@@ -153,17 +134,9 @@ def iterate_images(root: Path | str) -> Iterator[ImageRecord]:
     layout = ImageLayout(Path(root))
     if (layout.root / "episodes").is_dir():
         raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
-    for line, where in manifest_lines(layout.manifest, "slamgym dataset render"):
-        yield ImageRecord.from_line(line, where)
-
-
-def read_images(root: Path | str, split: Split | None = None) -> list[ImageRecord]:
-    """Read the records of one side of the split, or of both.
-
-    Raises:
-        InputFileError: If the folder holds no rendered images, or a line is malformed.
-    """
-    return [record for record in iterate_images(root) if split is None or record.split == split]
+    lines = manifest_lines(layout.manifest, "slamgym dataset render")
+    records = [ImageRecord.from_line(line, where) for line, where in lines]
+    return [record for record in records if split is None or record.split == split]
 
 
 def load_images(root: Path | str, record: ImageRecord) -> tuple[ByteArray, ByteArray]:
@@ -237,40 +210,15 @@ def _card(
         if images["scaling"] == "fit"
         else f"all pairs have {images['metres_per_px']:g} m per pixel"
     )
-    return f"""---
-{yaml.safe_dump(head, sort_keys=False).strip()}
----
-
-# SLAM/CAD map pairs
-
-Pairs of images of one place in one frame: `A` is the CAD map (0 walls and outside, 254 inside), `B` the map that a
-simulated robot made by SLAM while it explored the building (0 occupied, 205 unknown, 254 free). Made by
-slamgym {__version__} from a dataset whose manifest has the SHA-256 `{source}`.
-
-All images are {images["size"]} x {images["size"]} pixels, one channel of 8 bits; {scale} (`metres_per_px`).
-
-{table}
-The sides are split by floor plan, and plans that look alike are on one side. Pairs left out: {missing}.
-
-## Files
-
-| file | content |
-|---|---|
-| `{{train,test}}/{{A,B}}/<name>.png` | the images; the two of a pair have the same name |
-| `manifest.jsonl` | one line per pair: plan, seed, conditions, scale, errors, SHA-256 of both images |
-| `{{train,test}}/metadata.jsonl` | the same for `datasets` |
-| `config.json` | how the images were made |
-| `skipped.jsonl` | pairs of the dataset that have no images, and why |
-
-```python
-from datasets import load_dataset
-
-pairs = load_dataset("IMAGES")          # this folder
-pairs["train"][0]["A"], pairs["train"][0]["B"]
-```
-
-Plan ids name floor plans of the sources the dataset was made from, whose licences apply to what is drawn from them.
-"""
+    return Template((_PARTS / "card.md").read_text(encoding="utf-8")).substitute(
+        head=yaml.safe_dump(head, sort_keys=False).strip(),
+        version=__version__,
+        source=source,
+        size=images["size"],
+        scale=scale,
+        table=table,
+        missing=missing,
+    )
 
 
 def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
@@ -305,5 +253,6 @@ def pack_card(images_card: str, names: Sequence[str], parquet: bool) -> str:
     place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
     files = [{"split": split, "path": place.format(split)} for split in splits]
     head["configs"] = [{"config_name": "default", "data_files": files}]
+    reading = (_PARTS / "reading.md").read_text(encoding="utf-8")
     body = re.sub(r"^## Files\n.*?^```.*?^```\n", "", body, flags=re.MULTILINE | re.DOTALL)
-    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{_READING}"
+    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{reading}"

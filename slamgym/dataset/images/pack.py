@@ -14,11 +14,12 @@ settings give the same bytes.
 """
 
 import hashlib
+import importlib.util
 import io
 import json
 import tarfile
-from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
 from dataclasses import fields
 from pathlib import Path
 from typing import Any, get_type_hints
@@ -27,22 +28,18 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.core.config import to_dict
-from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import (
-    byte_lines,
-    open_regular,
     read_bytes,
     read_text,
-    replace_file,
     sha256_of,
     staged,
+    storage_errors,
     write_text,
 )
-from slamgym.core.types import IntArray
+from slamgym.dataset.folder import claim_folder
 from slamgym.dataset.format import SIDES
-from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, iterate_images, pack_card
-from slamgym.dataset.record import require_parquet
+from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, pack_card, read_images
 
 PAIRS_PER_SHARD = 2000
 """About 30 MB at 256 px."""
@@ -74,19 +71,26 @@ def pack_images(
         InputFileError: If the images are incomplete, or differ from their digests.
         ConfigError: If the folder holds other shards, or pyarrow is missing.
     """
-    if parquet:
-        require_parquet()
+    if parquet and importlib.util.find_spec("pyarrow") is None:
+        raise ConfigError("Parquet needs pyarrow; install it by `pip install 'slamgym[hub]'`")
     layout = ImageLayout(images)
-    made_from = {"version": __version__, "images": sha256_of(layout.manifest)}
-    _claim(out, made_from | {"pairs_per_shard": PAIRS_PER_SHARD, "seed": SEED, "parquet": parquet})
+    made_from: dict[str, Any] = {"version": __version__, "images": sha256_of(layout.manifest)}
+    made_from |= {"pairs_per_shard": PAIRS_PER_SHARD, "seed": SEED, "parquet": parquet}
+    with storage_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+    claim_folder(out / "pack.json", made_from, "shards")
+    records = read_images(images)
+    twice = [name for name, times in Counter(record.name for record in records).items() if times > 1]
+    if twice:
+        raise InputFileError(layout.manifest, f"has the name {twice[0]} twice; render the images again")
     paths = []
-    for split, starts in _starts_of_lines(layout).items():
-        order = np.random.default_rng(SEED).permutation(len(starts))
-        shard_of = np.empty(len(starts), dtype=np.int64)
-        shard_of[order] = np.arange(len(starts)) // PAIRS_PER_SHARD
-        for shard in range(-(-len(starts) // PAIRS_PER_SHARD)):
-            chosen = starts[shard_of == shard]
-            chosen = chosen[np.random.default_rng([SEED, shard]).permutation(len(chosen))]
+    for split in SPLITS:
+        side = [record for record in records if record.split == split]
+        order = np.random.default_rng(SEED).permutation(len(side))
+        for shard, first in enumerate(range(0, len(side), PAIRS_PER_SHARD)):
+            members = np.sort(order[first : first + PAIRS_PER_SHARD])
+            members = np.random.default_rng([SEED, shard]).permutation(members)
+            chosen = [side[place] for place in members]
             paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, parquet, advance)
     card = pack_card(read_text(layout.card), [path.name for path in paths], parquet)
     write_text(out / "README.md", card)
@@ -128,48 +132,11 @@ def push_to_hub(pack: Path, repository: str, private: bool) -> str:
     return str(made)
 
 
-def _claim(out: Path, settings: dict[str, Any]) -> None:
-    """Note what the shards are made from, or find that those that are there were made from the same."""
-    path = out / "pack.json"
-    if path.exists():
-        if read_json(path) != settings:
-            raise ConfigError(f"{out}: holds shards of other images or settings; choose a new folder")
-        return
-    if out.exists() and any(out.iterdir()):
-        raise ConfigError(f"{out}: is not empty and holds no shards; choose a new folder")
-    replace_file(path, (json.dumps(settings, indent=1) + "\n").encode())
-
-
-def _starts_of_lines(layout: ImageLayout) -> dict[str, IntArray]:
-    """Where the lines of each side begin in the manifest [bytes]: a million records are too many to hold."""
-    starts = {split: array("q") for split in SPLITS}
-    names: set[int] = set()  # their hashes: of a million, too, they take little
-    at = 0
-    lines = byte_lines(layout.manifest)
-    for number, (record, (line, _)) in enumerate(zip(iterate_images(layout.root), lines, strict=True), 1):
-        names.add(hash(record.name))
-        if len(names) < number:
-            raise InputFileError(
-                layout.manifest, f"has the name {record.name} twice; render the images again"
-            )
-        starts[record.split].append(at)
-        at += len(line)
-    return {split: np.array(places, dtype=np.int64) for split, places in starts.items()}
-
-
-def _records_at(layout: ImageLayout, starts: IntArray) -> Iterator[ImageRecord]:
-    """The records whose lines begin there."""
-    with open_regular(layout.manifest) as file:
-        for start in starts.tolist():
-            file.seek(start)
-            yield ImageRecord.from_line(file.readline().decode(), str(layout.manifest))
-
-
 def _write_shard(
     layout: ImageLayout,
     out: Path,
     name: str,
-    starts: IntArray,
+    records: Sequence[ImageRecord],
     parquet: bool,
     advance: Callable[[], None],
 ) -> list[Path]:
@@ -177,7 +144,6 @@ def _write_shard(
     archive, table = out / f"{name}.tar", out / "parquet" / f"{name}.parquet"
     wanted = [archive, *([table] if parquet else [])]
     if not all(path.exists() for path in wanted):
-        records = list(_records_at(layout, starts))
         pictures = [_pictures(layout, record) for record in records]
         with staged(archive) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
             for record, (cad, slam) in zip(records, pictures, strict=True):
@@ -190,7 +156,7 @@ def _write_shard(
                     tar.addfile(entry, io.BytesIO(content))
         if parquet:
             _write_table(table, records, pictures)
-    for _ in starts:
+    for _ in records:
         advance()
     return wanted
 

@@ -79,18 +79,19 @@ def select_pairs(root: Path | str, min_coverage: float | None = None) -> Selecti
             for record in records
             if not verdicts[record.name].keep
         }
-        return Selection(_others(records, left_out), left_out, {"by": VERDICTS_FILE})
-    least = GOOD_COVERAGE if min_coverage is None else min_coverage
-    if not 0.0 <= least <= 1.0:
-        raise ConfigError(f"the least coverage must lie in [0, 1], not {least}")
-    left_out = {
-        r.name: MapFault("low_coverage", r.coverage, least, r.finished) for r in records if r.coverage < least
-    }
-    return Selection(_others(records, left_out), left_out, {"min_coverage": least})
-
-
-def _others(records: Sequence[PairRecord], left_out: Mapping[str, MapFault]) -> frozenset[str]:
-    return frozenset(record.name for record in records if record.name not in left_out)
+        rule: dict[str, Any] = {"by": VERDICTS_FILE}
+    else:
+        least = GOOD_COVERAGE if min_coverage is None else min_coverage
+        if not 0.0 <= least <= 1.0:
+            raise ConfigError(f"the least coverage must lie in [0, 1], not {least}")
+        left_out = {
+            r.name: MapFault("low_coverage", r.coverage, least, r.finished)
+            for r in records
+            if r.coverage < least
+        }
+        rule = {"min_coverage": least}
+    kept = frozenset(record.name for record in records if record.name not in left_out)
+    return Selection(kept, left_out, rule)
 
 
 _CHUNK = 8
@@ -143,7 +144,7 @@ def render_images(
         layout.root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
         settings = _image_settings(dataset, config, split, chosen)
-        claim_folder(layout, settings, "images")
+        claim_folder(layout.config, settings, "images")
         done = _read_journal(layout)
         todo = [record for record in records if not _is_done(layout, done.get(record.name), split, record)]
         for record in todo:

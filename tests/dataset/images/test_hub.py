@@ -5,17 +5,16 @@ import os
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
-from slamgym.commands import cli
 from slamgym.core.errors import ConfigError
 from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.images.format import load_images, read_images
+from slamgym.dataset.images.pack import pack_images
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
-from slamgym.dataset.record import rows_of, write_parquet
+from slamgym.dataset.record import rows_of
 
 LOAD = """
 import json, sys
@@ -62,24 +61,11 @@ def test_datasets_loads_the_folder_as_it_lies(images, tmp_path):
             assert row["conditions"]["odometry"] == record.conditions["odometry"]
 
 
-def test_a_parquet_file_holds_the_manifest(dataset_copy, tmp_path):
-    parquet = pytest.importorskip("pyarrow.parquet")
-    path = tmp_path / "manifest.parquet"
-    assert cli.main(["dataset", "stats", str(dataset_copy), "--parquet", str(path)]) == 0
-    rows = parquet.read_table(path).to_pylist()
-    records = list(read_manifest(dataset_copy))
-    assert [row["name"] for row in rows] == [record.name for record in records]
-    assert np.allclose([row["ate"] for row in rows], [record.ate for record in records])
-    assert rows[0]["conditions"]["clutter.people"] == records[0].conditions["clutter.people"]
-
-
-def test_without_pyarrow_one_sentence_says_what_to_install(dataset_copy, tmp_path, monkeypatch):
+def test_without_pyarrow_one_sentence_says_what_to_install(images, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ConfigError, match=r"pip install 'slamgym\[hub\]'"):
-        write_parquet(tmp_path / "x.parquet", list(read_manifest(dataset_copy)))
-    # Before the work is done, not after.
-    assert cli.main(["dataset", "render", str(dataset_copy), "--out", str(tmp_path / "i"), "--parquet"]) == 2
-    assert not (tmp_path / "i").exists()
+        pack_images(images, tmp_path / "pack")
+    assert not (tmp_path / "pack").exists()  # before the work is done, not after
 
 
 def test_a_column_has_one_type_though_conditions_differ(small_dataset):

@@ -134,7 +134,7 @@ def test_datasets_streams_the_folder(images, tmp_path, config):
 
 def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path):
     pack_images(images, tmp_path / "pack")
-    with pytest.raises(ConfigError, match="other images or settings"):
+    with pytest.raises(ConfigError, match="shards made with other settings"):
         pack_images(images, tmp_path / "pack", parquet=False)
     with pytest.raises(ConfigError, match="is not empty"):
         pack_images(images, images)
