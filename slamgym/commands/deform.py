@@ -12,12 +12,9 @@ def main(arguments: DeformArguments) -> None:
     Raises:
         SlamgymError: If something is wrong that the user can fix; nothing is left half written.
     """
-    from slamgym.commands.deforming.dataset import open_new_dataset
+    from slamgym.commands.deforming.dataset import write_dataset
     from slamgym.commands.deforming.hypotheses import hypotheses, subjects
 
     begun = time.perf_counter()
-    with open_new_dataset(arguments.out, arguments) as dataset:
-        for subject, drawn in hypotheses(subjects(arguments), arguments):
-            tell(dataset.add(subject, drawn))
-    seconds = time.perf_counter() - begun
-    tell(f"{dataset.count} map(s) of {dataset.of_what} in {seconds:.1f} s: {arguments.out}")
+    made = write_dataset(hypotheses(subjects(arguments), arguments), arguments)
+    tell(f"{made} in {time.perf_counter() - begun:.1f} s: {arguments.out}")

@@ -12,9 +12,9 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from slamgym.core.documents import parse_json, read_json
+from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.core.files import byte_lines, read_bytes, sha256_of, text_lines
+from slamgym.core.files import byte_lines, read_bytes, sha256_of
 from slamgym.core.limits import DOCUMENT_BYTES
 from slamgym.core.names import exploration_seed, is_file_name
 from slamgym.core.pictures import read_png
@@ -23,7 +23,16 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.dataset.curate.split import read_split, split_path
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
 from slamgym.dataset.folder import is_whole, pair_names
-from slamgym.dataset.format import FORMAT_VERSION, SIDES, SUMS, Layout, require_manifest, shard_folders
+from slamgym.dataset.format import (
+    FORMAT_VERSION,
+    SIDES,
+    SUMS,
+    Layout,
+    read_dataset_config,
+    require_manifest,
+    shard_folders,
+)
+from slamgym.dataset.generate.recipe import STAMPS, current_settings
 from slamgym.dataset.images.format import IMAGES_VERSION, METADATA, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.record import PairRecord
 
@@ -36,8 +45,6 @@ EPISODE_FILES = (
     "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
 )  # fmt: skip
 """Files of an exploration, besides its record and its digests."""
-_NOT_HASHED = ("format_version", "version", "plans")
-"""Keys of ``config.json`` that are not part of the settings' hash."""
 
 _Record = TypeVar("_Record")
 
@@ -66,6 +73,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     layout = Layout(Path(root))
     require_manifest(layout.manifest, "slamgym generate")
     settings, faults = _read_settings(layout.config, "format_version", FORMAT_VERSION)
+    hashes = {_hash_of(form) for form in (settings, current_settings(settings))}  # it may have been continued
     listed, plans, last = _Listed(layout.manifest), set[str](), -1
     for record in _iterate_records(layout.manifest, PairRecord.from_line, faults):
         faults += listed.add(record, layout.image("B", record.name))
@@ -75,7 +83,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
             faults.append(FileFault(layout.manifest, f"is not in the order of the index at {record.name}"))
         plans.add(record.plan_id)
         last = max(last, record.index)
-        faults += _check_record(layout, record, settings)
+        faults += _check_record(layout, record, settings, hashes)
         for side, values in VALUES.items():
             path = layout.image(side, record.name)
             faults += _check_image(path, side, record.sha256.get(side, ""), record.shape, values)
@@ -89,7 +97,8 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
         faults.append(FileFault(layout.incoming, what))
     faults += _unmerged(layout, listed.names)
     for path in (layout.rejected, layout.timing):
-        faults += _check_lines(path)
+        if path.exists():
+            list(_iterate_records(path, _json_object, faults))
     faults += _check_side_files(layout.root, sorted(plans), listed.names)
     return faults
 
@@ -135,9 +144,13 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
             if not folder.is_dir():
                 faults.append(FileFault(folder, "is missing"))
             faults += _unexpected_files(folder, {f"{name}.png" for name in names})
-        faults += _check_metadata(layout.root / split / METADATA, names)
-    if not layout.card.is_file():
-        faults.append(FileFault(layout.card, "is missing"))
+        metadata = layout.root / split / METADATA
+        if metadata.is_file():
+            rows = list(_iterate_records(metadata, _json_object, faults))
+            if [row.get("name") for row in rows] != names:
+                faults.append(FileFault(metadata, "doesn't list the pairs of the manifest"))
+    needed = (layout.card, *(layout.root / split / METADATA for split in SPLITS))
+    faults += [FileFault(path, "is missing") for path in needed if not path.is_file()]
     return faults
 
 
@@ -195,25 +208,30 @@ def _read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str
     if not path.is_file():
         return {}, [FileFault(path, "is missing")]
     try:
-        settings = read_json(path)
+        settings = read_dataset_config(path.parent)
     except InputFileError as error:
         return {}, [_as_fault(path, error)]
-    if not isinstance(settings, dict):
-        return {}, [FileFault(path, "is not a JSON object")]
     found = settings.get(version_key)
     wrong = FileFault(path, f"has version {found}, this version knows {version}")
     return settings, [] if found == version else [wrong]
 
 
-def _check_record(layout: Layout, record: PairRecord, settings: Mapping[str, Any]) -> Iterator[FileFault]:
+def _hash_of(settings: Mapping[str, Any]) -> str:
+    """What :func:`~slamgym.core.config.config_hash` gave when the ``config.json`` was written."""
+    own = {name: value for name, value in settings.items() if name not in STAMPS}
+    return hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()[:12]
+
+
+def _check_record(
+    layout: Layout, record: PairRecord, settings: Mapping[str, Any], hashes: Collection[str]
+) -> Iterator[FileFault]:
     """Compare a record with the settings."""
     where = Path(f"{layout.manifest}: {record.name}")
     if record.slot.name != record.name:
         yield FileFault(where, f"its index {record.index} and plan {record.plan_id!r} give another name")
     if not settings:
         return
-    inner = {name: value for name, value in settings.items() if name not in _NOT_HASHED}
-    if record.config_hash != hashlib.sha256(json.dumps(inner, sort_keys=True).encode()).hexdigest()[:12]:
+    if record.config_hash not in hashes:
         yield FileFault(where, "was made with other settings than config.json holds")
     if record.seed != exploration_seed(settings.get("seed", 0), record.plan_id, record.repetition):
         yield FileFault(where, "its seed doesn't follow from the dataset's seed, its plan and its repetition")
@@ -231,11 +249,9 @@ def _check_image(
         shape: (rows, cols) that the manifest gives.
         values: What the pixels may be.
     """
+    yield from _check_file(path, sha256)
     if not path.is_file():
-        yield FileFault(path, "is missing")
         return
-    if sha256_of(path) != sha256:
-        yield FileFault(path, "differs from the digest in the manifest")
     try:
         image = read_png(path)
     except InputFileError as error:
@@ -257,27 +273,17 @@ def _check_episode(folder: Path, record: PairRecord) -> Iterator[FileFault]:
     if not folder.is_dir():
         yield FileFault(folder, "is missing")
         return
-    own = folder / "episode.json"
-    if not own.is_file():
-        yield FileFault(own, "is missing")
-    elif sha256_of(own) != hashlib.sha256(record.to_line().encode()).hexdigest():
-        yield FileFault(own, "differs from the manifest's line")
-    yield from _check_sums(folder, record.sha256.get("episode", ""))
-
-
-def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
-    """Verify that the files of an exploration are those that its digests, and the manifest's digest, list."""
+    line = hashlib.sha256(record.to_line().encode()).hexdigest()
+    yield from _check_file(folder / "episode.json", line, "the manifest's line")
     sums = folder / SUMS
+    yield from _check_file(sums, record.sha256.get("episode", ""))
     if not sums.is_file():
-        yield FileFault(sums, "is missing")
         return
     try:
         content = read_bytes(sums, DOCUMENT_BYTES)
     except InputFileError as error:
         yield _as_fault(sums, error)
         return
-    if hashlib.sha256(content).hexdigest() != sha256:
-        yield FileFault(sums, "differs from the digest in the manifest")
     listed = {}
     for line in content.decode(errors="replace").splitlines():
         digest, _, name = line.partition("  ")
@@ -289,21 +295,25 @@ def _check_sums(folder: Path, sha256: str) -> Iterator[FileFault]:
         if name not in listed:
             yield FileFault(sums, f"doesn't list {name}")
     for name, digest in listed.items():
-        path = folder / name
-        if not path.is_file():
-            yield FileFault(path, "is missing")
-        elif sha256_of(path) != digest:
-            yield FileFault(path, f"differs from its digest in {SUMS}")
-    for path in sorted(folder.iterdir()):
-        if path.name not in {*listed, SUMS, "episode.json"}:
-            yield FileFault(path, "is no file of an exploration")
+        yield from _check_file(folder / name, digest, f"its digest in {SUMS}")
+    yield from _unexpected_files(folder, {*listed, SUMS, "episode.json"}, "is no file of an exploration")
 
 
-def _unexpected_files(folder: Path, names: Collection[str]) -> Iterator[FileFault]:
-    """Files and folders that no record speaks of."""
+def _check_file(path: Path, sha256: str, source: str = "the digest in the manifest") -> Iterator[FileFault]:
+    """Verify that a file is there and has the content of which a source tells the digest."""
+    if not path.is_file():
+        yield FileFault(path, "is missing")
+    elif sha256_of(path) != sha256:
+        yield FileFault(path, f"differs from {source}")
+
+
+def _unexpected_files(
+    folder: Path, names: Collection[str], what: str = "is not in the manifest"
+) -> Iterator[FileFault]:
+    """Files and folders that nothing speaks of."""
     for path in sorted(folder.iterdir()) if folder.is_dir() else ():
         if path.name not in names:
-            yield FileFault(path, "is not in the manifest")
+            yield FileFault(path, what)
 
 
 def _unmerged(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
@@ -317,19 +327,8 @@ def _unmerged(layout: Layout, names: Collection[str]) -> Iterator[FileFault]:
             yield FileFault(folder, f"{what}; run `slamgym dataset merge {layout.root}` again")
 
 
-def _check_lines(path: Path) -> list[FileFault]:
-    """Verify a list of JSON objects."""
-    faults: list[FileFault] = []
-    for _ in _iterate_records(path, _json_object, faults) if path.exists() else ():
-        pass
-    return faults
-
-
 def _json_object(line: str, where: str) -> dict[str, Any]:
-    try:
-        value = parse_json(line, where)
-    except InputFileError:
-        value = None
+    value = parse_json(line, where)
     if not isinstance(value, dict):
         raise InputFileError(where, "is not a JSON object")
     return value
@@ -360,20 +359,6 @@ def _on_both_sides(layout: ImageLayout, records: Sequence[ImageRecord]) -> Itera
         train, test = ({getattr(r, what) for r in records if r.split == split} for split in SPLITS)
         for name in sorted(train & test):
             yield FileFault(layout.manifest, f"has the {noun} {name} on both sides of the split")
-
-
-def _check_metadata(path: Path, names: Sequence[str]) -> Iterator[FileFault]:
-    """Verify that what Hugging Face's library reads lists the same pairs."""
-    if not path.is_file():
-        yield FileFault(path, "is missing")
-        return
-    try:
-        found = [parse_json(line, where)["name"] for line, where in text_lines(path)]
-    except (InputFileError, KeyError, TypeError) as error:
-        yield FileFault(path, f"is malformed ({error})")
-        return
-    if found != list(names):
-        yield FileFault(path, "doesn't list the pairs of the manifest")
 
 
 def _as_fault(path: Path, error: SlamgymError) -> FileFault:

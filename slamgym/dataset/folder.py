@@ -8,6 +8,8 @@ A worker's files are on the disk before they are renamed, but the renames themse
 and then: after a power cut the last seconds' pairs may be missing, and none is torn.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import re
@@ -17,7 +19,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -33,9 +35,15 @@ from slamgym.core.files import (
     sync_folder,
     text_lines,
 )
-from slamgym.dataset.format import SIDES, FolderLayout, Layout, is_shard_name, read_dataset_config
-from slamgym.dataset.manifest_file import ManifestFile, SlotSet
-from slamgym.dataset.record import Slot
+from slamgym.core.pictures import encode_png
+from slamgym.dataset.format import SIDES, SUMS, FolderLayout, Layout, digest_lines, is_shard_name, read_object
+from slamgym.dataset.generate.recipe import current_settings
+from slamgym.dataset.manifest_file import ManifestFile
+from slamgym.dataset.record import MapPair, Outcome, Slot, make_record
+
+if TYPE_CHECKING:
+    from slamgym.cad import FloorPlan
+    from slamgym.envs.episode import Episode
 
 _OUR_NAME = re.compile(r"([0-9]{6,8})_[A-Za-z0-9_.-]+")  # below MAX_SLOTS
 _INDEX_SHARE_OF_TIME = 0.02
@@ -111,21 +119,19 @@ class DatasetFolder:
         self.write_index()
 
     def _list_committed(self) -> None:
-        names: dict[int, str] = {}
-        missing = SlotSet(index for index in self.committed if index not in self._manifest.listed)
-        if missing:
-            names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
+        missing = self.committed - self._manifest.listed
+        names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
         self._manifest.agree_with(
             self.committed,
             lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes(),
         )
 
-    def _scan(self) -> SlotSet:
+    def _scan(self) -> set[int]:
         """Find the committed pairs; remove what is not whole."""
         layout = self.layout
         folders = [layout.root / "A", layout.root / "B", layout.episodes]
-        present = [SlotSet(index for index, _ in pair_names(folder)) for folder in folders]
-        whole = SlotSet(index for index in present[2] if index in present[0] and index in present[1])
+        present = [{index for index, _ in pair_names(folder)} for folder in folders]
+        whole = set.intersection(*present)
         for folder, indices in zip(folders, present, strict=True):
             if len(indices) > len(whole):
                 for name in [name for index, name in pair_names(folder) if index not in whole]:
@@ -153,7 +159,7 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
         root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
         # The settings first: by them a folder is known, however early the run is killed.
-        claim_folder(layout, settings, "pairs", is_shard_name)
+        claim_folder(layout.config, settings, "pairs", is_shard_name, current_settings)
         for part in (layout.root / "A", layout.root / "B", layout.episodes):
             own_folder(part)
         with storage_errors(root):
@@ -173,6 +179,52 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
             shutil.rmtree(layout.incoming, ignore_errors=True)
 
 
+def make_staging_place(staged: Path) -> None:
+    """Make the folders; not their parent, which is gone when the run that asked for the pair has ended."""
+    if staged.exists():  # a worker died here before
+        shutil.rmtree(staged)
+    staged.mkdir()
+    (staged / "episode").mkdir()
+
+
+def stage_pair(
+    staged: Path,
+    write: Callable[[Path], None],
+    slot: Slot,
+    plan: FloorPlan,
+    pair: MapPair,
+    outcome: Outcome | Episode,
+    conditions: Mapping[str, Any],
+    settings_hash: str,
+) -> None:
+    """Write a pair where :meth:`DatasetFolder.commit` takes it from.
+
+    Args:
+        staged: The place.
+        write: Writes the files of the exploration, but for digests and record, into an empty folder.
+        slot: Its place in the schedule.
+        plan: The building.
+        pair: The images.
+        outcome: How the map came about.
+        conditions: The conditions of the exploration.
+        settings_hash: Hash of the dataset's settings.
+
+    Raises:
+        StorageError: If a file can't be written.
+    """
+    files = {side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
+    with storage_errors(staged):
+        make_staging_place(staged)
+        for side, data in files.items():
+            (staged / f"{side}.png").write_bytes(data)
+        episode = staged / "episode"
+        write(episode)
+        files["episode"] = digest_lines(episode)
+        (episode / SUMS).write_bytes(files["episode"])
+        record = make_record(slot, plan, pair, outcome, files, conditions, settings_hash)
+        (episode / "episode.json").write_bytes(record.to_line().encode())
+
+
 def pair_names(folder: Path) -> Iterator[tuple[int, str]]:
     """Slot and name of what belongs to pairs; what a user put there is left alone."""
     if not folder.is_dir():
@@ -185,9 +237,12 @@ def pair_names(folder: Path) -> Iterator[tuple[int, str]]:
 
 
 def is_whole(layout: Layout, name: str) -> bool:
-    """True if a pair has its two images and its record."""
-    files = [layout.image(side, name) for side in SIDES] + [layout.episode(name) / "episode.json"]
-    return all(path.is_file() for path in files)
+    """True if a pair has its two images and its record, all files: no links to what lies elsewhere, no devices."""
+    folder = layout.episode(name)
+    if folder.is_symlink() or not folder.is_dir():
+        return False
+    files = [*(layout.image(side, name) for side in SIDES), folder / "episode.json", *folder.iterdir()]
+    return all(path.is_file() and not path.is_symlink() for path in files)
 
 
 def read_rejected(path: Path) -> dict[int, dict[str, Any]]:
@@ -221,44 +276,43 @@ def read_times(path: Path) -> Iterator[tuple[str, dict[str, Any]]]:
 
 
 def claim_folder(
-    layout: FolderLayout,
+    path: Path,
     settings: Mapping[str, Any],
     content: str,
     may_hold: Callable[[str], bool] = lambda _: False,
+    as_read: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
 ) -> None:
-    """Write the settings into an empty folder, or find that it has them; the caller holds its lock.
+    """Write the settings into an empty folder, or find that it has them.
 
     Args:
-        layout: The folder.
+        path: The file of the settings in the folder.
         settings: What decides the content, in JSON form.
         content: What the folder is for, in the plural: ``pairs``.
         may_hold: Decides by the name what else may lie in a folder without settings.
+        as_read: Gives older settings the form of this version.
 
     Raises:
         ConfigError: If the folder has other settings, or holds something else.
         InputFileError: If its settings can't be read.
         StorageError: If it can't be written.
     """
-    with storage_errors(layout.root):
-        remove_leftovers(layout.config)
-        remove_leftovers(layout.manifest)
-        names = sorted(path.name for path in layout.root.iterdir())
-    if layout.config.name in names:
-        _refuse_changes(layout, settings, content)
+    root = path.parent
+    with storage_errors(root):
+        remove_leftovers(path)
+        remove_leftovers(FolderLayout(root).manifest)
+        names = sorted(entry.name for entry in root.iterdir())
+    if path.name not in names:
+        unexpected = [name for name in names if name != FolderLayout(root).lock.name and not may_hold(name)]
+        if unexpected:
+            raise ConfigError(f"{root}: holds {unexpected[0]} and no {content}; choose a new folder")
+        replace_file(path, (json.dumps(settings, indent=2) + "\n").encode())
         return
-    unexpected = [name for name in names if name != layout.lock.name and not may_hold(name)]
-    if unexpected:
-        raise ConfigError(f"{layout.root}: holds {unexpected[0]} and no {content}; choose a new folder")
-    replace_file(layout.config, (json.dumps(settings, indent=2) + "\n").encode())
-
-
-def _refuse_changes(layout: FolderLayout, settings: Mapping[str, Any], content: str) -> None:
-    before = read_dataset_config(layout.root)
-    changes = list(differences(before, json.loads(json.dumps(settings))))
+    before, now = as_read(read_object(path)), as_read(json.loads(json.dumps(settings)))
+    changes = list(differences(before, now))
     if changes:
         more = f"; and {len(changes) - _SHOWN} more" if len(changes) > _SHOWN else ""
         raise ConfigError(
-            f"{layout.root}: holds {content} made with other settings ({'; '.join(changes[:_SHOWN])}{more}); "
+            f"{root}: holds {content} made with other settings ({'; '.join(changes[:_SHOWN])}{more}); "
             "choose a new folder, or the same settings to go on"
         )
 

@@ -35,7 +35,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import sha256_of, text_lines, write_bytes
+from slamgym.core.files import open_regular, sha256_of, text_lines
 from slamgym.core.pictures import read_png
 from slamgym.core.types import ByteArray
 from slamgym.dataset.record import PairRecord
@@ -138,6 +138,12 @@ def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:
     yield from text_lines(manifest)
 
 
+def count_lines(path: Path) -> int:
+    """Number of lines of a file of any size."""
+    with open_regular(path) as file:
+        return sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+
+
 class FolderLayout:
     """Names that a dataset and a folder of rendered images have in common."""
 
@@ -200,7 +206,15 @@ def read_dataset_config(root: Path | str) -> dict[str, Any]:
     Raises:
         InputFileError: If there is none or it is no JSON object.
     """
-    path = Layout(Path(root)).config
+    return read_object(Layout(Path(root)).config)
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Read a file of settings.
+
+    Raises:
+        InputFileError: If there is none or it is no JSON object.
+    """
     values = read_json(path, "choose another folder")
     if not isinstance(values, dict):
         raise InputFileError(path, "is not a JSON object")
@@ -226,11 +240,8 @@ SUMS = "SHA256SUMS"
 """File of the digests of an episode's other files."""
 
 
-def write_episode(folder: Path, episode: Episode) -> bytes:
+def write_episode(folder: Path, episode: Episode) -> None:
     """Write plan, map, trajectories and log of an exploration into an empty folder.
-
-    Returns:
-        The content of its ``SHA256SUMS``.
 
     Raises:
         InputFileError: If a file can't be written.
@@ -245,9 +256,6 @@ def write_episode(folder: Path, episode: Episode) -> bytes:
     write_tum(folder / "estimate.tum", episode.estimate)
     # Text of 300 scans a minute: compressed it takes a sixth of the space.
     write_carmen(folder / "scans.log.gz", episode.records, episode.geometry)
-    sums = digest_lines(folder)
-    write_bytes(folder / SUMS, sums)
-    return sums
 
 
 def digest_lines(folder: Path) -> bytes:

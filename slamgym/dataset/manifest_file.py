@@ -6,43 +6,12 @@ are kept until they are merged into the file, whose other lines are copied as th
 
 import heapq
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from operator import itemgetter
 from pathlib import Path
 
-from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import byte_lines, replace_file
-from slamgym.dataset.record import MAX_SLOTS
-
-
-class SlotSet:
-    """A set of slot indices, one byte each: a million pairs take a megabyte, as names a hundred."""
-
-    def __init__(self, indices: Iterable[int] = ()) -> None:
-        self._flags = bytearray()
-        for index in indices:
-            self.add(index)
-
-    def add(self, index: int) -> None:
-        """Put an index in."""
-        if index >= len(self._flags):
-            self._flags.extend(bytes(max(index + 1 - len(self._flags), len(self._flags))))
-        self._flags[index] = 1
-
-    def __contains__(self, index: int) -> bool:
-        return index < len(self._flags) and self._flags[index] == 1
-
-    def __len__(self) -> int:
-        return self._flags.count(1)
-
-    def __iter__(self) -> Iterator[int]:
-        """The indices in ascending order."""
-        index = self._flags.find(1)
-        while index >= 0:
-            yield index
-            index = self._flags.find(1, index + 1)
-
 
 MOST_FRESH_LINES = 20_000
 """Fresh lines that are kept in memory, 2 kB each."""
@@ -56,28 +25,26 @@ class ManifestFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._fresh: dict[int, bytes] = {}
-        self._is_usable = True
         self._is_stale = False
-        self.listed = SlotSet()
+        self.listed: set[int] = set()
         """Slots of the pairs that the file will list when it is written."""
         try:
-            self.listed = SlotSet(index for index, _ in self._lines())
+            self.listed = {index for index, _ in self._lines()}
         except (ValueError, InputFileError):  # it was edited; the pairs' own files say what belongs there
-            self._is_usable, self._is_stale = False, True
+            path.unlink()
 
-    def agree_with(self, committed: SlotSet, read_line: Callable[[int], bytes]) -> None:
+    def agree_with(self, committed: set[int], read_line: Callable[[int], bytes]) -> None:
         """List the committed pairs and no others.
 
         Args:
             committed: The slots of the pairs.
             read_line: Gives the line of one that is not listed yet.
         """
-        kept = SlotSet(index for index in self.listed if index in committed)
-        self._is_stale |= len(kept) < len(self.listed)
-        self.listed, self._fresh = kept, {index: self._fresh[index] for index in self._fresh if index in kept}
-        for index in committed:
-            if index not in self.listed:
-                self.add(index, read_line(index))
+        self._is_stale |= not self.listed <= committed
+        self.listed &= committed
+        self._fresh = {index: line for index, line in self._fresh.items() if index in committed}
+        for index in sorted(committed - self.listed):
+            self.add(index, read_line(index))
 
     def add(self, index: int, line: bytes) -> None:
         """Note the line of a fresh pair."""
@@ -91,12 +58,11 @@ class ManifestFile:
         if not self._fresh and not self._is_stale and self._path.exists():
             return
         # What is not listed any more, or is to be replaced, is left out.
-        lines = self._lines() if self._is_usable else iter(())
-        kept = (entry for entry in lines if entry[0] in self.listed and entry[0] not in self._fresh)
+        kept = (entry for entry in self._lines() if entry[0] in self.listed and entry[0] not in self._fresh)
         merged = heapq.merge(kept, sorted(self._fresh.items()), key=itemgetter(0))
         replace_file(self._path, map(itemgetter(1), merged))
         self._fresh.clear()
-        self._is_usable, self._is_stale = True, False
+        self._is_stale = False
 
     def _lines(self) -> Iterator[tuple[int, bytes]]:
         """The slots and lines of the file.
@@ -117,15 +83,7 @@ class ManifestFile:
 
 
 def _index_of(line: bytes) -> int:
-    if not line.endswith(b"\n"):
-        raise ValueError("the last line is not whole")
     match = _NAME.match(line)
-    if match is not None:
-        return int(match[1])
-    try:
-        index = load_json(line)["index"]
-    except (KeyError, TypeError):
-        index = None
-    if not isinstance(index, int) or not 0 <= index < MAX_SLOTS:
-        raise ValueError("a line is no record")
-    return index
+    if match is None or not line.endswith(b"\n"):
+        raise ValueError("a line is no record, or not whole")
+    return int(match[1])

@@ -19,6 +19,7 @@ from slamgym.dataset.folder import (
     read_times,
 )
 from slamgym.dataset.format import SHARD_NAME, SIDES, Layout, read_dataset_config, shard_folders
+from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.record import PairRecord
 
 
@@ -74,7 +75,9 @@ def merge_shards(root: Path | str) -> MergeReport:
 def _common_settings(shards: list[Path]) -> dict[str, Any]:
     first = read_dataset_config(shards[0])
     for shard in shards[1:]:
-        change = next(differences(first, read_dataset_config(shard)), None)
+        change = next(
+            differences(current_settings(first), current_settings(read_dataset_config(shard))), None
+        )
         if change is not None:
             raise ConfigError(
                 f"{shard}: made with other settings than {shards[0].name} ({change}); remove one"
@@ -88,7 +91,7 @@ def _take_shard(folder: DatasetFolder, shard: Layout, advance: Advance) -> list[
     times = dict(read_times(shard.timing))
     for index, name in pair_names(shard.episodes):
         if index not in folder.committed:
-            if is_whole(shard, name) and _is_plain(shard, name):
+            if is_whole(shard, name):
                 _take_pair(folder, shard, name, times.get(name, {}))
             else:
                 broken.append(name)
@@ -112,13 +115,6 @@ def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str,
         if not all(linked):
             sync_tree(staged)
     folder.commit(record.slot, staged, times)
-
-
-def _is_plain(shard: Layout, name: str) -> bool:
-    """True if a pair is made of files alone: no links to what lies elsewhere, no devices."""
-    folder = shard.episode(name)
-    files = [*(shard.image(side, name) for side in SIDES), *folder.iterdir()]
-    return not folder.is_symlink() and all(path.is_file() and not path.is_symlink() for path in files)
 
 
 def _link_or_copy(source: Path, target: Path) -> bool:

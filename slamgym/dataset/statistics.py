@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from array import array
 from collections import Counter
@@ -14,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.files import open_regular, replace_file
+from slamgym.core.files import replace_file
 from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
 from slamgym.dataset.folder import read_rejected, read_times
-from slamgym.dataset.format import SIDES, Layout, load_pair, read_manifest
+from slamgym.dataset.format import SIDES, Layout, count_lines, load_pair, read_manifest
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
 from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
@@ -126,12 +125,9 @@ class RecordColumns:
             keys.append(hash(name))
             values.append(value)
         found = np.full(len(self), np.nan)
-        if len(keys) and len(self):
-            order = np.argsort(np.array(keys), kind="stable")
-            known = np.array(keys)[order]
-            place = np.minimum(np.searchsorted(known, self._keys, side="right") - 1, len(known) - 1)
-            hit = known[place] == self._keys
-            found[hit] = np.array(values)[order][place[hit]]
+        # Of several values the last counts, which is the first of the reversed list.
+        _, here, there = np.intersect1d(self._keys, np.array(keys)[::-1], return_indices=True)
+        found[here] = np.array(values)[::-1][there]
         return found
 
     def groupings(self) -> Iterator[tuple[str, dict[str, IntArray]]]:
@@ -226,8 +222,7 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
 
 def _spread_over(layout: Layout) -> Callable[[int], bool]:
     """Which places of the manifest are looked at on the disk: all, or so many evenly spaced ones."""
-    with open_regular(layout.manifest) if layout.manifest.is_file() else io.BytesIO() as file:
-        count = sum(chunk.count(b"\n") for chunk in iter(lambda: file.read(1 << 20), b""))
+    count = count_lines(layout.manifest) if layout.manifest.is_file() else 0
     return set(np.linspace(0, count - 1, min(count, MOST_MEASURED)).astype(int).tolist()).__contains__
 
 

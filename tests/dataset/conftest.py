@@ -1,6 +1,5 @@
 """A small dataset that is explored once and copied by the tests that change it."""
 
-import dataclasses
 import shutil
 
 import pytest
@@ -37,8 +36,6 @@ class SmallPlans:
         return self.plans[plan_id]
 
 
-IN_PROCESS = Execution(engine="in_process")
-
 SMALL = DatasetConfig(
     seed=5,
     episode=EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=5))),
@@ -48,10 +45,22 @@ SMALL = DatasetConfig(
 
 
 @pytest.fixture(scope="session")
-def small_dataset(tmp_path_factory):
+def explore():
+    """A function of a folder and a number: make the small dataset there, or continue it, until it has so many pairs."""
+
+    def make(root, pairs):
+        return build_dataset(
+            root, SmallPlans(), SMALL, make_explorer, pairs=pairs, execution=Execution(engine="in_process")
+        )
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def small_dataset(tmp_path_factory, explore):
     """Eight pairs of four plans; not to be changed."""
     root = tmp_path_factory.mktemp("small") / "dataset"
-    build_dataset(root, SmallPlans(), SMALL, make_explorer, pairs=8, execution=IN_PROCESS)
+    explore(root, 8)
     return root
 
 
@@ -62,10 +71,8 @@ def dataset_copy(small_dataset, tmp_path):
 
 
 @pytest.fixture(scope="session")
-def longer_small_dataset(small_dataset, tmp_path_factory):
+def longer_small_dataset(small_dataset, tmp_path_factory, explore):
     """The same dataset with two pairs more."""
     root = shutil.copytree(small_dataset, tmp_path_factory.mktemp("longer") / "dataset")
-    build_dataset(
-        root, SmallPlans(), dataclasses.replace(SMALL), make_explorer, pairs=10, execution=IN_PROCESS
-    )
+    explore(root, 10)
     return root

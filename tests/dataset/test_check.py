@@ -106,7 +106,7 @@ DATASET_DAMAGE = {
     "settings missing": (lambda t, n: t.config.unlink(), ["config.json: is missing"]),
     "settings torn": (lambda t, n: t.config.write_text("{"), ["config.json: is not valid JSON"]),
     "settings of old format": (lambda t, n: t.config.write_text("{}"), ["config.json: has version None"]),
-    "rejections torn": (lambda t, n: t.rejected.write_text("{\n"), ["rejected.jsonl:1: is not a JSON object"]),
+    "rejections torn": (lambda t, n: t.rejected.write_text("{\n"), ["rejected.jsonl:1: is not valid JSON"]),
     "split of fewer plans": (
         lambda t, n: (t.root / "split.json").write_text('{"seed": 0, "test": 0.1, "plans": {}}'),
         ["split.json: doesn't know 4 plans"],
@@ -162,7 +162,7 @@ IMAGE_DAMAGE = {
     "metadata missing": (lambda t, r: (t.root / "train" / "metadata.jsonl").unlink(), ["metadata.jsonl: is missing"]),
     "metadata torn": (
         lambda t, r: (t.root / "train" / "metadata.jsonl").write_text("{"),
-        ["metadata.jsonl: is malformed"],
+        ["metadata.jsonl:1: is not valid JSON"],
     ),
     "settings torn": (lambda t, r: t.config.write_text("{"), ["config.json: is not valid JSON"]),
     "settings missing": (lambda t, r: t.config.unlink(), ["config.json: is missing"]),

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.dataset import manifest_file
-from slamgym.dataset.manifest_file import ManifestFile, SlotSet
+from slamgym.dataset.manifest_file import ManifestFile
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -48,7 +48,7 @@ def test_it_agrees_with_the_folder_whatever_was_lost_or_removed(tmp_path_factory
     path = tmp_path_factory.mktemp("manifest") / "manifest.jsonl"
     path.write_bytes(b"".join(line(index) for index in sorted(before)))
     manifest, read = ManifestFile(path), []
-    manifest.agree_with(SlotSet(now), lambda index: read.append(index) or line(index))
+    manifest.agree_with(now, lambda index: read.append(index) or line(index))
     manifest.write()
     assert listed(path) == sorted(now)
     assert set(read) == now - before  # only what is new is read
@@ -59,7 +59,7 @@ def test_a_manifest_that_was_edited_is_written_again(tmp_path, text):
     path = tmp_path / "manifest.jsonl"
     path.write_text(text)
     manifest = ManifestFile(path)
-    manifest.agree_with(SlotSet([1, 2]), line)
+    manifest.agree_with({1, 2}, line)
     manifest.write()
     assert listed(path) == [1, 2]
 
@@ -70,11 +70,3 @@ def test_an_unchanged_manifest_is_not_touched(tmp_path):
     before = path.stat().st_mtime_ns
     ManifestFile(path).write()
     assert path.stat().st_mtime_ns == before
-
-
-@given(st.lists(st.integers(0, 300), max_size=60))
-def test_a_slot_set_is_a_set(indices):
-    ours, theirs = SlotSet(indices), set(indices)
-    assert list(ours) == sorted(theirs)
-    assert len(ours) == len(theirs)
-    assert all((index in ours) == (index in theirs) for index in range(320))

@@ -17,10 +17,10 @@ from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
 from slamgym.core.names import exploration_seed
 from slamgym.core.progress import say
-from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, OccupancyGrid, Trajectory
+from slamgym.core.types import FREE, Float32Array, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions, episode_conditions, open_recipe
-from slamgym.dataset.record import PairRecord, Slot
+from slamgym.dataset.record import Outcome, PairRecord, Slot
 from slamgym.envs.episode import EpisodeConfig
 from slamgym.parametric.config import ParametricConfig, SensingConfig, preset, realistic
 from slamgym.parametric.model import DRIFT_MARGIN, deform
@@ -145,10 +145,8 @@ class DrawnMap:
 
     grid: OccupancyGrid
     cad: OccupancyGrid  # the plan on the same frame
-    start: FloatArray  # (3,) where the robot began; the origin of the map frame
     field: Float32Array | None  # (2, H, W) [m] true minus measured, out(q) = in(q + d(q)); None if not known
-    paths: dict[str, Trajectory]  # "truth", "odometry" and "estimate"; empty where a method knows none
-    coverage: float  # share of the floor that was seen
+    outcome: Outcome  # without poses where a method knows no path
     parameters: dict[str, Any]
     cpu_seconds: float = 0.0
 
@@ -194,16 +192,13 @@ def _along_path(subject: Subject, arguments: DeformArguments, rng: np.random.Gen
         config = replace(config, resolution=frame.resolution)
     path, began = _path(subject, arguments, rng), time.process_time()
     result = deform(subject.plan, path, config, rng, frame)
-    return DrawnMap(
-        grid=result.grid,
-        cad=result.cad,
-        start=result.true.poses[0],
-        field=result.field,
-        paths={"truth": result.true, "odometry": result.odometry, "estimate": result.believed},
-        coverage=float(result.seen[result.cad.cells == FREE].mean()),
-        parameters={"drawn": result.parameters, "config": to_dict(result.config)},
-        cpu_seconds=time.process_time() - began,
-    )
+    cpu_seconds = time.process_time() - began
+    paths = result.true, result.odometry, result.believed
+    seconds, coverage = np.ptp(result.true.stamps), result.seen[result.cad.cells == FREE].mean()
+    start, last = Pose2D(*result.true.poses[0].tolist()), Pose2D(*result.believed.poses[-1].tolist())
+    outcome = Outcome("deformed", float(coverage), float(seconds), float(seconds), start, *paths, last)
+    parameters = {"drawn": result.parameters, "config": to_dict(result.config)}
+    return DrawnMap(result.grid, result.cad, result.field, outcome, parameters, cpu_seconds)
 
 
 def _without_path(
@@ -224,8 +219,9 @@ def _without_path(
         drift = rng if subject.slot.repetition else None
         cells, field = translator.translate_cells(cad.cells, resolution, drift=drift), None
     point = plan.free_space.representative_point()
-    start = np.array([point.x, point.y, 0.0])
-    return DrawnMap(OccupancyGrid(cells, cad.frame), cad, start, field, {}, 1.0, {})
+    start, none = Pose2D(point.x, point.y, 0.0), Trajectory(np.empty(0), np.empty((0, 3)))
+    outcome = Outcome("deformed", 1.0, 0.0, 0.0, start, none, none, none, Pose2D(0.0, 0.0, 0.0))
+    return DrawnMap(OccupancyGrid(cells, cad.frame), cad, field, outcome, {})
 
 
 def generator_config(env: ExploreConfig) -> ParametricConfig:

@@ -4,8 +4,8 @@ Nothing here knows which engine runs it. Where the worker sees the dataset's fol
 place there; on another machine it gives the files back as bytes.
 """
 
+import functools
 import os
-import shutil
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -16,10 +16,10 @@ from typing import Any
 from slamgym.cad import FloorPlan
 from slamgym.core.config import config_hash
 from slamgym.core.files import storage_errors, sync_tree
-from slamgym.core.pictures import encode_png
-from slamgym.dataset.format import SIDES, write_episode
+from slamgym.dataset.folder import make_staging_place, stage_pair
+from slamgym.dataset.format import write_episode
 from slamgym.dataset.generate.recipe import DatasetConfig, episode_conditions
-from slamgym.dataset.record import Slot, make_pair, make_record
+from slamgym.dataset.record import Slot, make_pair
 from slamgym.envs.episode import MakeExplorer, run_episode
 
 
@@ -61,7 +61,7 @@ def run_exploration(exploration: ExplorationTask) -> ExplorationOutcome:
 def write_files(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write what :func:`run_exploration` gave back into a new staging place, and wait until the disk has it."""
     with storage_errors(folder):
-        _make_staging_place(folder)
+        make_staging_place(folder)
         for name, data in files.items():
             (folder / name).write_bytes(data)
         sync_tree(folder)
@@ -89,20 +89,5 @@ def _write_pair(exploration: ExplorationTask, staged: Path) -> None:
     settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
     episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)
-    images = {side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
-    with storage_errors(staged):
-        _make_staging_place(staged)
-        sums = write_episode(staged / "episode", episode)
-        hashed = {**images, "episode": sums}
-        record = make_record(slot, episode.plan, pair, episode, hashed, conditions, config_hash(config))
-        (staged / "episode" / "episode.json").write_bytes(record.to_line().encode())
-        for side, data in images.items():
-            (staged / f"{side}.png").write_bytes(data)
-
-
-def _make_staging_place(staged: Path) -> None:
-    """Make the folders; not their parent, which is gone when the run that asked for the pair has ended."""
-    if staged.exists():  # a worker died here before
-        shutil.rmtree(staged)
-    staged.mkdir()
-    (staged / "episode").mkdir()
+    write = functools.partial(write_episode, episode=episode)
+    stage_pair(staged, write, slot, episode.plan, pair, episode, conditions, config_hash(config))
