@@ -21,8 +21,10 @@ from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationCon
 from slamgym.agents.evaluation.report import draw_coverage, write_report
 from slamgym.agents.evaluation.summary import summarise_trials
 from slamgym.agents.registry import EXPLORERS
+from slamgym.cad import open_plans
+from slamgym.cad.generator import PlanGeneratorConfig
 from slamgym.cad.plan_index import PlanSource
-from slamgym.commands.agents.evaluate import open_source
+from slamgym.cad.sources import generated_plans
 from slamgym.core.errors import SlamgymError
 from slamgym.core.parallel.engine import Execution
 
@@ -77,7 +79,7 @@ def evaluate_all(arguments: Arguments) -> None:
     )
     if arguments.count:
         homes = dataclasses.replace(config, count=arguments.count)
-        houses = run("houseexpo", "HouseExpo", open_source(arguments.plans), homes, arguments)
+        houses = run("houseexpo", "HouseExpo", open_plans(arguments.plans), homes, arguments)
         plot = arguments.out / "houseexpo" / PLOT.name
         number = len({trial.plan for trial in houses.trials})
         draw_coverage(houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval")
@@ -86,7 +88,8 @@ def evaluate_all(arguments: Arguments) -> None:
     if arguments.offices:
         # Learning drew from seed 0 of the generator; the split by id holds for generated plans too.
         offices = dataclasses.replace(config, count=arguments.offices, plans_filter="none")
-        run("offices", "Generated offices, with loops", open_source("offices:1"), offices, arguments)
+        source = generated_plans(1, PlanGeneratorConfig(kind="office"), name="office")
+        run("offices", "Generated offices, with loops", source, offices, arguments)
 
 
 def run(

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 _STEP = 0.05  # [s]
 _HALL = 20.0  # [m]
+_LENGTH = 3.0
+"""Longest straight line [m]; the shortest is a third of it."""
+_ANGLE = 2.0 * math.pi
+"""Largest turn [rad], in either direction; the smallest is a quarter of it."""
 
 
 class CalibrateArguments(Arguments):
@@ -38,10 +42,6 @@ class CalibrateArguments(Arguments):
     """Robots; each draws its own systematic errors."""
     repeats: Annotated[int, Within(ge=2)] = 8
     """Lines and turns per robot."""
-    length: Annotated[float, Within(gt=0.0, le=0.5 * _HALL)] = 3.0
-    """Longest straight line [m]; the shortest is a third of it."""
-    turns: Annotated[float, Within(gt=0.0, le=20.0)] = 1.0
-    """Largest turn, in whole turns in either direction; the smallest is a quarter of it."""
     seed: int = 0
     """Seed of everything random."""
 
@@ -56,8 +56,6 @@ def main(arguments: CalibrateArguments) -> None:
         RobotConfig(),
         arguments.robots,
         arguments.repeats,
-        arguments.length,
-        2.0 * math.pi * arguments.turns,
         np.random.default_rng(arguments.seed),
     )
     coefficients = fit_phases(runs)
@@ -72,8 +70,6 @@ def measure_odometry(
     robot: RobotConfig,
     num_robots: int,
     repeats: int,
-    length: float,
-    angle: float,
     rng: np.random.Generator,
 ) -> Runs:
     """Drive the calibration runs of several robots.
@@ -83,8 +79,6 @@ def measure_odometry(
         robot: The robot's measures and limits.
         num_robots: Robots, each with its own systematic errors.
         repeats: Lines and turns per robot.
-        length: Longest line [m].
-        angle: Largest turn [rad]; every other one goes the other direction.
         rng: Source of all randomness.
     """
     import shapely
@@ -99,11 +93,11 @@ def measure_odometry(
     for i in range(num_robots):
         wheels = WheelOdometry(odometry, robot, rng)
         for j in range(repeats):
-            target = length * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
+            target = _LENGTH * (1.0 - 2.0 / 3.0 * j / (repeats - 1))
             forward = Twist2D(0.8 * robot.max_linear, 0.0)
             true, seen = _run(world, wheels, forward, target, rng)
             rows[:3, i, j] = true[0], seen[0] - true[0], seen[1] - true[1]
-            span = angle * (1.0 - 0.75 * j / (repeats - 1))
+            span = _ANGLE * (1.0 - 0.75 * j / (repeats - 1))
             spin = Twist2D(0.0, (1.0 if j % 2 else -1.0) * 0.5 * robot.max_angular)
             true, seen = _run(world, wheels, spin, span, rng)
             rows[3:, i, j] = true[1], seen[1] - true[1]

@@ -9,7 +9,7 @@ from slamgym.commands.frame import Extra, Out, read_log, require
 from slamgym.core.config import Arguments, NonNegative
 from slamgym.core.errors import InputFileError
 from slamgym.core.progress import counted, tell
-from slamgym.core.types import OccupancyGrid, Trajectory
+from slamgym.core.types import Trajectory
 from slamgym.interop.rosbag_writer import Storage
 
 FIRST_STAMP = 1.7e9
@@ -37,9 +37,6 @@ class ExportArguments(Arguments):
     storage: Storage = "sqlite3"
     """rosbag2: how messages are stored."""
 
-    map: Path | None = None
-    """rosbag2: the yaml file of the map to publish. By default the episode's own."""
-
     localised: bool = False
     """rosbag2: also publish map -> odom as the episode's own SLAM estimated it, to look at the run without a SLAM
     program, which would publish that transform itself."""
@@ -55,6 +52,7 @@ class ExportArguments(Arguments):
 def main(arguments: ExportArguments) -> None:
     """Run the command."""
     from slamgym.interop.carmen_writer import write_carmen
+    from slamgym.interop.ros_map import read_ros_map
     from slamgym.interop.rosbag_writer import BagTracks, write_rosbag2
 
     if arguments.format == "rosbag2":
@@ -65,12 +63,13 @@ def main(arguments: ExportArguments) -> None:
             raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
         write_carmen(arguments.out, log.records, log.geometry, message=arguments.message)
     else:
+        own_map = arguments.log / "map.yaml"
         undated = bool(log.records) and log.records[0].stamp < SIMULATED_CLOCK
         write_rosbag2(
             arguments.out,
             log.records,
             log.geometry,
-            grid=_map(arguments),
+            grid=read_ros_map(own_map) if own_map.is_file() else None,
             tracks=BagTracks(_track(arguments, "truth"), _track(arguments, "estimate", arguments.localised)),
             first_stamp=arguments.first_stamp if undated else None,
             storage=arguments.storage,
@@ -88,11 +87,3 @@ def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajec
     if wanted and arguments.localised:
         raise InputFileError(path, "is missing; --localised needs an episode that `slamgym generate` wrote")
     return None
-
-
-def _map(arguments: ExportArguments) -> OccupancyGrid | None:
-    from slamgym.interop.ros_map import read_ros_map
-
-    own = arguments.log / "map.yaml"
-    path = arguments.map or (own if own.is_file() else None)
-    return read_ros_map(path) if path else None

@@ -98,18 +98,14 @@ def begin_results(folder: Path) -> None:
         (folder / SUMMARY).unlink(missing_ok=True)
 
 
-def end_results(folder: Path, summary: Mapping[str, Any], lines: Iterable[str], as_json: bool) -> None:
-    """Write the summary and show it: as JSON for scripts, or as the lines for people.
+def end_results(folder: Path, summary: Mapping[str, Any], lines: Iterable[str]) -> None:
+    """Write the summary as JSON for scripts, and show the lines for people.
 
     Raises:
         StorageError: If it can't be written.
     """
-    text = as_text({"version": __version__, **summary})
-    write_text(folder / SUMMARY, text)
-    if as_json:
-        sys.stdout.write(text)
-    else:
-        tell(*lines)
+    write_text(folder / SUMMARY, as_text({"version": __version__, **summary}))
+    tell(*lines)
 
 
 def as_text(document: Any) -> str:

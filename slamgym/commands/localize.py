@@ -56,9 +56,6 @@ class LocalizeArguments(Arguments):
     odometry_topic: str | None = None
     """ROS bags: the Odometry topic."""
 
-    json: bool = False
-    """Print summary.json instead of sentences."""
-
     settings: AllSettings = SettingsOptions()
     """Localisation, e.g. ``--set sigma_hit=0.1``."""
 
@@ -79,7 +76,7 @@ def main(arguments: LocalizeArguments) -> None:
     result = localize_log(log, known.grid, known.placement, config, rng, initial)
     summary = _summary(arguments, log, config, result)
     _write(arguments, known, result)
-    end_results(arguments.out, summary, _report(arguments.out, summary), arguments.json)
+    end_results(arguments.out, summary, _report(arguments.out, summary))
 
 
 def _summary(

@@ -65,9 +65,6 @@ class SlamArguments(Arguments):
     odometry_topic: str | None = None
     """ROS bags: the Odometry topic. By default /odom or the one with most messages, else tf."""
 
-    json: bool = False
-    """Print summary.json instead of sentences."""
-
     settings: AllSettings = SettingsOptions()
     """The mapper: resolution, max_usable_range, linear_update, matcher and all else."""
 
@@ -105,7 +102,7 @@ def main(arguments: SlamArguments) -> None:
         "n_eff": [round(value, 3) for value in result.stats.n_eff],
     }
     _write(arguments, result, config.mode)
-    end_results(arguments.out, summary, _report(arguments.out, summary), arguments.json)
+    end_results(arguments.out, summary, _report(arguments.out, summary))
 
 
 def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -21,9 +20,6 @@ if TYPE_CHECKING:
     from slamgym.envs import ExploreEnv
     from slamgym.planning.exploration_loop import ExplorationLoop
     from slamgym.viz.recording import Deliberation
-
-    _Observer = Callable[[BatchedExplorer, int | None], None]
-    """Looks at the explorer after a step, numbered from the reset's 0, and with None once all is over."""
 
 _Rate = Annotated[float, Within(gt=0.0, lt=1000.0)]
 
@@ -66,17 +62,8 @@ class WatchArguments(Arguments):
 def main(arguments: WatchArguments) -> None:
     """Run the command."""
     plan = _choose_plan(arguments)
-    env = _make_env(arguments, plan)
-    try:
-        with contextlib.ExitStack() as files:
-            observers = [
-                files.enter_context(opened(arguments, env))
-                for wanted, opened in ((arguments.out, _film), (arguments.rerun, _recording))
-                if wanted is not None
-            ]
-            _explore(env, plan, arguments, observers)
-    finally:
-        env.close()
+    with contextlib.closing(_make_env(arguments, plan)) as env:
+        _explore(env, plan, arguments)
     for path in filter(None, (arguments.out, arguments.rerun)):
         tell(f"{path}")
 
@@ -101,53 +88,31 @@ def _make_env(arguments: WatchArguments, plan: FloorPlan) -> ExploreEnv:
     return ExploreEnv(plan, config, render_mode="human" if has_window else "rgb_array")
 
 
-def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments, observers: list[_Observer]) -> None:
-    """Run the exploration; after each step, and once more at the end, the observers look at it."""
+def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> None:
+    """Run the exploration; every n-th step is a frame of the film, and each a moment of the recording."""
     from slamgym.agents.registry import make_explorer
     from slamgym.envs.episode import episode_steps
+    from slamgym.viz.films import open_film
+    from slamgym.viz.recording import open_recording
 
-    explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
-    for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
-        for observe in observers:
-            observe(explorer, number)
-    for observe in observers:
-        observe(explorer, None)
+    with contextlib.ExitStack() as files:
+        film = files.enter_context(open_film(arguments.out, arguments.fps)) if arguments.out else None
+        recording = files.enter_context(open_recording(arguments.rerun)) if arguments.rerun else None
+        stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
+        watcher = _Watcher(env)
+        explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
+        for number, info in enumerate(episode_steps(env, explorer, env.reset(seed=arguments.seed))):  # noqa: B007 - the last info is shown
+            if film is not None and number % stride == 0:
+                film(env.render())
+            if recording is not None:
+                recording.add(env.scene(), watcher.look(explorer))
+        if film is not None:
+            film(env.render())
     ending = "explored" if explorer.finished else "time is up"
     say(
         f"{plan.id}: {ending} after {env.simulation.time / 60.0:.1f} min and {info['path_length']:.0f} m, "
         f"{100.0 * info['coverage']:.1f} % covered, position error {info['pose_error']:.2f} m"
     )
-
-
-@contextlib.contextmanager
-def _film(arguments: WatchArguments, env: ExploreEnv) -> Iterator[_Observer]:
-    """Every n-th step as a frame of a film."""
-    from slamgym.viz.films import open_film
-
-    assert arguments.out is not None
-    stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
-    with open_film(arguments.out, arguments.fps) as show:
-
-        def observe(explorer: BatchedExplorer, step: int | None) -> None:  # noqa: ARG001 - the picture shows the world
-            if step is None or step % stride == 0:
-                show(env.render())
-
-        yield observe
-
-
-@contextlib.contextmanager
-def _recording(arguments: WatchArguments, env: ExploreEnv) -> Iterator[_Observer]:
-    """Every step as a moment of a recording."""
-    from slamgym.viz.recording import open_recording
-
-    assert arguments.rerun is not None
-    with open_recording(arguments.rerun) as recording:
-        watcher = _Watcher(env)
-        yield (
-            lambda explorer, step: (
-                None if step is None else recording.add(env.scene(), watcher.look(explorer))
-            )
-        )
 
 
 class _Watcher:

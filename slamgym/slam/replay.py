@@ -6,14 +6,11 @@ import sys
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.core.config import from_dict
-from slamgym.core.documents import read_json
-from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import (
     BoolArray,
     FloatArray,
@@ -76,21 +73,6 @@ def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = 
     base = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
     values = {item.name: getattr(base, item.name) for item in dataclasses.fields(base)}
     return from_dict(SlamConfig, {**values, **(overrides or {})}, "slam")
-
-
-def read_overrides(path: Path | str) -> dict[str, Any]:
-    """Read settings from a JSON file with an object of :class:`SlamConfig` fields.
-
-    Raises:
-        ConfigError: If the file can't be read or holds something else.
-    """
-    try:
-        values = read_json(path)
-    except InputFileError as error:
-        raise ConfigError(f"{error}; give JSON settings") from error
-    if not isinstance(values, dict):
-        raise ConfigError(f'{path}: holds no JSON object of settings, e.g. {{"sigma": 0.05}}')
-    return values
 
 
 def replay(

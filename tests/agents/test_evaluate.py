@@ -3,7 +3,6 @@ import dataclasses
 import functools
 import json
 
-import numpy as np
 import pytest
 import shapely
 
@@ -19,7 +18,6 @@ from slamgym.agents.evaluation.report import write_report
 from slamgym.agents.evaluation.trial import Trial, TrialConfig, run_trial
 from slamgym.agents.plan_splits import split_of
 from slamgym.cad import FloorPlan
-from slamgym.commands.agents.evaluate import open_source
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import Lost
@@ -273,19 +271,8 @@ def test_one_explorer_alone_needs_no_reference(tmp_path):
         (["--explorers", "nearest", "--against", "explore_lite"], "--against explore_lite is not among"),
         (["--film", "nearest"], "must name two"),
         (["--workers", "-1"], "--workers"),
-        (["--plans", "offices:x"], "whole number"),
     ],
 )
 def test_wrong_arguments_are_refused(tmp_path, argv, match):
     with pytest.raises(ConfigError, match=match):
         main(["-o", str(tmp_path / "out"), *argv])
-
-
-def test_offices_are_a_source_of_their_own():
-    offices = open_source("offices:3")
-    plan = offices.load(offices.ids[0])
-    assert plan.area > 100.0
-    assert plan.id == offices.ids[0]
-    # No plan of the generator that is learned on has such an id, so the split by ids holds for offices.
-    assert plan.id.startswith("office_3_")
-    assert np.isfinite(plan.area)

@@ -21,9 +21,7 @@ ROBOT = RobotConfig()
 
 
 def calibrate(config: OdometryConfig, robots: int = 25):
-    return fit_phases(
-        measure_odometry(config, ROBOT, robots, 6, 2.0, 2.0 * math.pi, np.random.default_rng(0))
-    )
+    return fit_phases(measure_odometry(config, ROBOT, robots, 6, np.random.default_rng(0)))
 
 
 def test_ideal_odometry_has_no_error() -> None:
@@ -46,9 +44,7 @@ def test_the_simulators_own_magnitudes_are_found() -> None:
 
 def test_the_command_writes_what_deform_reads(tmp_path, capsys) -> None:
     out = tmp_path / "calibration.json"
-    assert (
-        main(["-o", str(out), "--robots", "3", "--repeats", "3", "--odometry", "high", "--length", "1"]) == 0
-    )
+    assert main(["-o", str(out), "--robots", "3", "--repeats", "3", "--odometry", "high"]) == 0
     assert "3 robots x 3 lines" in capsys.readouterr().out
     document = json.loads(out.read_text())
     assert document["about"]["odometry"] == "high"
@@ -59,8 +55,7 @@ def test_the_command_writes_what_deform_reads(tmp_path, capsys) -> None:
     ("arguments", "message"),
     [
         (["--robots", "1"], "--robots must be at least 2, not 1"),
-        (["--length", "-1"], "--length must be in"),
-        (["--turns", "0"], "--turns must be in"),
+        (["--repeats", "1"], "--repeats must be at least 2, not 1"),
     ],
 )
 def test_bad_arguments_write_nothing(tmp_path, arguments, message) -> None:

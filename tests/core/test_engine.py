@@ -142,6 +142,14 @@ def test_a_task_that_fails_costs_itself(error, kind, reason):
     assert lost.reason.startswith(reason)
 
 
+def test_an_interruption_while_c_code_ran_is_one():
+    def fail(_):
+        raise SystemError("returned a result with an exception set") from KeyboardInterrupt()
+
+    with pytest.raises(KeyboardInterrupt):
+        tried(fail, 7)
+
+
 def test_a_wrong_setting_or_memory_that_runs_out_ends_the_run():
     def fail(error):
         raise error

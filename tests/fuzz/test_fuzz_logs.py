@@ -1,7 +1,6 @@
 """Whatever a log, a trajectory or a file of settings for one holds, reading it gives a value or a SlamgymError."""
 
 import gzip
-import json
 import warnings
 
 import numpy as np
@@ -10,7 +9,6 @@ from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_js
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop import LogRecord, open_log, write_carmen, write_tum
 from slamgym.interop.logs import read_relations
@@ -18,7 +16,6 @@ from slamgym.interop.rosbag_writer import write_rosbag2
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.calibration import read_calibration
 from slamgym.parametric.paths import read_waypoints
-from slamgym.slam.replay import read_overrides, settings_for
 
 LASER = LaserGeometry(5, -1.5, 0.75, 0.12, 3.5)
 ROBOTLASER = b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
@@ -118,20 +115,9 @@ def test_calibrations(tmp_path, content):
     must_read_or_refuse(read_calibration, path)
 
 
-@given(mutated_json([{"sigma": 0.05, "particles": 10, "motion": {"srr": 0.1}}]))
-@cases(100)
-def test_settings_of_a_replay(tmp_path, content):
-    path = tmp_path / "a.json"
-    path.write_bytes(content)
-    must_read_or_refuse(lambda: settings_for(LASER, read_overrides(path)))
-
-
 def test_good_files_pass(tmp_path, logs):
     for number, content in enumerate(logs):
         (tmp_path / f"{number}.log").write_bytes(content)
         assert len(open_log(tmp_path / f"{number}.log")) >= 3
     write_tum(tmp_path / "a.tum", Trajectory(np.array([1.0]), np.zeros((1, 3))))
     assert len(read_tum(tmp_path / "a.tum").stamps) == 1
-    (tmp_path / "a.json").write_text(json.dumps({"sigma": -1.0}))
-    with pytest.raises(ConfigError):
-        settings_for(LASER, read_overrides(tmp_path / "a.json"))

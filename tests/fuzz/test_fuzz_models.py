@@ -27,8 +27,6 @@ from slamgym.core.pictures import encode_png
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import load_pairs
 from slamgym.gan.presets import TRANSLATOR_PRESETS
-from slamgym.slam import SlamConfig
-from slamgym.slam.replay import read_overrides
 
 TRIAL = Trial(
     explorer="nearest", plan="hall", seed=1, settings="0" * 12, area=20.0, rooms=2, time_limit=300.0,
@@ -98,16 +96,6 @@ def test_trials(folder, content):
     log = must_read_or_refuse(TrialLog, path, Trial)
     for trial in log.trials.values() if log else ():
         must_read_or_refuse(lambda trial=trial: trial.coverage_curve.final)
-
-
-@cases(100)
-@given(mutated_json([to_dict(SlamConfig())]))
-def test_overrides_of_slam(folder, content):
-    path = folder / "slam.json"
-    path.write_bytes(content)
-    values = must_read_or_refuse(read_overrides, path)
-    if values is not None:
-        must_read_or_refuse(from_dict, SlamConfig, values, "slam")
 
 
 @cases(100)

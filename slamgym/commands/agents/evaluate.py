@@ -21,9 +21,6 @@ from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
     from slamgym.agents.evaluation.evaluate import EvaluationConfig
-    from slamgym.cad.plan_index import PlanSource
-
-OFFICES = "offices"
 
 
 class EvaluateArguments(Arguments):
@@ -37,8 +34,7 @@ class EvaluateArguments(Arguments):
     out: Out
     """Folder of the results; made if it is missing, continued if it is there."""
     plans: str = "bundled"
-    """Floor plans, as `slamgym generate` takes them; also ``offices`` or ``offices:SEED``, generated offices
-    with loops."""
+    """Floor plans, as `slamgym generate` takes them."""
     count: Count | None = None
     """Number of plans, drawn by the seed; by default 200."""
     split: Literal["test", "validation", "train", "all"] | None = None
@@ -75,10 +71,11 @@ def main(arguments: EvaluateArguments) -> None:
     """Run the command."""
     from slamgym.agents.evaluation.evaluate import evaluate
     from slamgym.agents.evaluation.report import write_report
+    from slamgym.cad import open_plans
 
     config = evaluation_config(arguments)
     filmed = _filmed(arguments, config)
-    source = open_source(arguments.plans)
+    source = open_plans(arguments.plans)
     evaluation = evaluate(
         source,
         config,
@@ -143,20 +140,6 @@ def _reference(against: str, config: EvaluationConfig) -> str:
     if against not in config.names:
         raise ConfigError(f"--against {against} is not among the explorers {', '.join(config.names)}; add it")
     return against
-
-
-def open_source(spec: str) -> PlanSource:
-    """Plans as :func:`slamgym.cad.open_plans` opens them, or generated offices."""
-    from slamgym.cad import open_plans
-    from slamgym.cad.generator import PlanGeneratorConfig
-    from slamgym.cad.sources import generated_plans
-
-    name, _, seed = spec.partition(":")
-    if name != OFFICES:
-        return open_plans(spec)
-    if seed and not (seed.isascii() and seed.isdigit()):
-        raise ConfigError(f"the seed in {spec!r} must be a whole number, as in 'offices:7'")
-    return generated_plans(int(seed or 0), PlanGeneratorConfig(kind="office"), name="office")
 
 
 def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:

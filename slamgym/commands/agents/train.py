@@ -111,7 +111,7 @@ def shape(arguments: ShapeArguments) -> None:
         write_shaping_report,
     )
 
-    experiment = _wheels_shaping(arguments) if arguments.wheels else _decision_shaping(arguments)
+    experiment = _experiment(arguments)
     seeds = experiment.config.seeds
     if seeds < FEW_SEEDS:
         say(f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings")
@@ -122,20 +122,15 @@ def shape(arguments: ShapeArguments) -> None:
     say(f"table: {arguments.out}")
 
 
-def _wheels_shaping(arguments: ShapeArguments) -> "Experiment":
-    from slamgym.agents.rl.shaping import Experiment
-    from slamgym.agents.rl.wheels import train_wheels
-
-    options = given(arguments, "presets seeds test_plans")
-    return Experiment(arguments.settings.configured(WheelsShapingConfig(), options), train_wheels)
-
-
-def _decision_shaping(arguments: ShapeArguments) -> "Experiment":
+def _experiment(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
     from slamgym.agents.rl.shaping import Experiment, own_term
     from slamgym.agents.rl.train import train
+    from slamgym.agents.rl.wheels import train_wheels
 
     options = given(arguments, "presets seeds test_plans")
+    if arguments.wheels:
+        return Experiment(arguments.settings.configured(WheelsShapingConfig(), options), train_wheels)
     config, term = arguments.settings.configured(ShapingConfig(), options), None
     if arguments.term:
         term = own_term(arguments.term, arguments.term_weight)
