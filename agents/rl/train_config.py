@@ -122,10 +122,6 @@ class TrainConfig(RunConfig):
             Promise.parse(self.promise)
 
 
-def _wheels_ppo() -> PPOConfig:
-    return PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
-
-
 class WheelsConfig(
     RunConfig,
     dropped={
@@ -146,7 +142,7 @@ class WheelsConfig(
     """Per decision."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
-    ppo: PPOConfig = field(default_factory=_wheels_ppo)
+    ppo: PPOConfig = PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
     """The learner."""
     evaluate_every: CountOrZero = 250_000
     """Decisions between two evaluations on validation plans; 0 for none."""

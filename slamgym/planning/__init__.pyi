@@ -7,7 +7,7 @@ from .frontiers import (
     find_frontiers,
     reachable_space,
 )
-from .grid_path import GridPath, path_is_free, place_near, plan_path
+from .grid_path import path_is_free, place_near, plan_path
 from .navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from .path_follower import FollowerConfig, PathFollower
 from .recovery import occluded_views
@@ -20,7 +20,6 @@ __all__ = [
     "Frontier",
     "Goal",
     "GoalStatus",
-    "GridPath",
     "Navigator",
     "NavigatorConfig",
     "PathFollower",

@@ -163,10 +163,8 @@ def clear_seen(
     """
     frame, cells, size = grid.frame, grid.cells.copy(), grid.frame.resolution
     sensor = compose(pose, geometry.mount)
-    col, row = (
-        (sensor.x - frame.origin_x) / size - 0.5,
-        frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size,
-    )
+    col = (sensor.x - frame.origin_x) / size - 0.5
+    row = frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size
     beams = sensor.theta, geometry.angle_min, geometry.angle_increment
     _clear_beams(cells, row, col, beams, ranges / np.float32(size), longest / size, _KEPT / size)
     return OccupancyGrid(cells, frame)

@@ -1,6 +1,5 @@
 """Frontiers as candidates for a choice: cut into handy parts, each with the path that leads to it."""
 
-import functools
 import math
 from dataclasses import dataclass
 
@@ -49,9 +48,7 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
     height, width = costs.shape[0] // COARSENING, costs.shape[1] // COARSENING
     cut = costs[: height * COARSENING, : width * COARSENING]
     steps = range(COARSENING)
-    joined: ByteArray = functools.reduce(
-        np.minimum, [cut[r::COARSENING, c::COARSENING] for r in steps for c in steps]
-    )
+    joined: ByteArray = np.minimum.reduce([cut[r::COARSENING, c::COARSENING] for r in steps for c in steps])
     size = frame.resolution * COARSENING
     bottom = frame.origin_y + frame.height_px * frame.resolution - height * size
     return joined, GridFrame(size, frame.origin_x, bottom, height, width)

@@ -25,9 +25,8 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     """
     height, width = (size // coarsening * coarsening for size in costs.shape)
     classes, offsets = _CLASS_OF_COST[costs[:height, :width]], range(coarsening)
-    highest: ByteArray = np.maximum.reduce(
-        [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
-    )
+    blocks = [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
+    highest: ByteArray = np.maximum.reduce(blocks)
     return highest
 
 

@@ -102,11 +102,11 @@ def find_frontiers(
     # Most reachable cells border nothing unknown: what is collected are frontiers' neighbours in the order of the
     # search, which are few.
     frame = costmap.frame
-    edge = frontier_cells(costmap.costs, space.mask).view(np.uint8)
-    near_edge = cv2.dilate(edge, _CROSS).reshape(-1).view(np.bool_)
+    edge = frontier_cells(costmap.costs, space.mask)
+    near_edge = cv2.dilate(edge.view(np.uint8), _CROSS).reshape(-1).view(np.bool_)
     order = space.order[near_edge[space.order]]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
-    members, starts = collect_frontiers(costmap.costs, order, space.mask, min_size / frame.resolution - 1e-6)
+    members, starts = collect_frontiers(edge, order, min_size / frame.resolution - 1e-6)
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5
     described = describe_frontiers(members, starts, frame.width_px, row, col)
@@ -270,24 +270,20 @@ def flood(costs: ByteArray, start: int, limit: int) -> tuple[Int32Array, BoolArr
 
 
 @kernel
-def collect_frontiers(
-    costs: ByteArray, order: Int32Array, open_cells: BoolArray, min_size: float
-) -> tuple[Int32Array, IntArray]:
-    """Group the unknown neighbours of the flooded cells, 8-connected.
+def collect_frontiers(edge: BoolArray, order: Int32Array, min_size: float) -> tuple[Int32Array, IntArray]:
+    """Group the frontier cells next to the flooded ones, 8-connected.
 
     Args:
-        costs: Costmap, shape (H, W).
+        edge: Mask from :func:`frontier_cells`, shape (H, W); cells are taken out as they are grouped.
         order: Flooded cells (flat indices) in the order of the search, at least those next to unknown ones.
-        open_cells: Cells that make an unknown 4-neighbour a frontier cell, shape (H * W,).
         min_size: Frontiers of fewer cells are dropped.
 
     Returns:
         Frontier cells (flat indices), frontier after frontier, the first-contact cell first, and the position
         where each frontier begins, with the end appended.
     """
-    height, width = costs.shape
-    flat = costs.reshape(-1)
-    flagged = np.zeros(height * width, np.bool_)
+    height, width = edge.shape
+    left = edge.reshape(-1)
     members = np.empty(height * width, np.int32)
     starts = np.empty(height * width + 1, np.int64)
     count, end = 0, 0
@@ -299,11 +295,11 @@ def collect_frontiers(
             if r < 0 or r >= height or c < 0 or c >= width:
                 continue
             seed = r * width + c
-            if flagged[seed] or not _is_frontier(flat, open_cells, r, c, height, width):
+            if not left[seed]:
                 continue
             first = end
             members[end] = seed
-            flagged[seed] = True
+            left[seed] = False
             end += 1
             head = first
             while head < end:
@@ -315,8 +311,8 @@ def collect_frontiers(
                         if nr < 0 or nr >= height or nc < 0 or nc >= width:
                             continue
                         neighbour = nr * width + nc
-                        if not flagged[neighbour] and _is_frontier(flat, open_cells, nr, nc, height, width):
-                            flagged[neighbour] = True
+                        if left[neighbour]:
+                            left[neighbour] = False
                             members[end] = neighbour
                             end += 1
             if end - first >= min_size:
@@ -326,20 +322,6 @@ def collect_frontiers(
                 end = first
     starts[count] = end
     return members[:end].copy(), starts[: count + 1].copy()
-
-
-@kernel
-def _is_frontier(flat: ByteArray, open_cells: BoolArray, row: int, col: int, height: int, width: int) -> bool:
-    """True if a cell is unknown and has an open 4-neighbour."""
-    cell = row * width + col
-    if flat[cell] != NO_INFORMATION or open_cells[cell]:
-        return False
-    return (
-        (row > 0 and open_cells[cell - width])
-        or (col > 0 and open_cells[cell - 1])
-        or (col < width - 1 and open_cells[cell + 1])
-        or (row < height - 1 and open_cells[cell + width])
-    )
 
 
 @kernel

@@ -1,15 +1,13 @@
 """Paths over a costmap: the one to a goal, and the lengths of those between many places."""
 
-import itertools
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
 from slamgym.planning.frontiers import Point, Reachable, nearest_open_cell, reachable_space
-from slamgym.planning.grid_path_kernels import EVERYWHERE, line_cost, search_path, shortcut, trace_path
+from slamgym.planning.grid_path_kernels import EVERYWHERE, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -23,22 +21,9 @@ _STANDS_AT = 0.3
 _ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 
 
-@dataclass(frozen=True)
-class GridPath:
-    """A path in the map frame."""
-
-    points: FloatArray  # (N, 2) x, y [m], about one cell apart; the first is where the robot stood
-    cost: float  # length weighted by the costs along it [m]
-
-    @property
-    def length(self) -> float:
-        """Length [m]."""
-        return float(np.hypot(*np.diff(self.points, axis=0).T).sum())
-
-
 def plan_path(
     costmap: Costmap, start: Pose2D, goal: Point, tolerance: float = 0.5, reachable: Reachable | None = None
-) -> GridPath | None:
+) -> FloatArray | None:
     """The cheapest path to a goal, or to the place nearest to it where the robot's centre can be.
 
     Args:
@@ -50,7 +35,8 @@ def plan_path(
         reachable: The reachable space, where the caller has it already.
 
     Returns:
-        None if nothing within the tolerance can be reached.
+        Points, shape (N, 2) [m], about one cell apart, the first where the robot stands; None if nothing within the
+        tolerance can be reached.
     """
     space = reachable or reachable_space(costmap, start)
     if space is None:
@@ -67,21 +53,15 @@ def plan_path(
     return _path_through(costmap, start, cells.astype(np.float64))
 
 
-def _path_through(costmap: Costmap, start: Pose2D, cells: FloatArray) -> GridPath:
+def _path_through(costmap: Costmap, start: Pose2D, cells: FloatArray) -> FloatArray:
     """Straighten a path of cells and sample it about once per cell."""
     frame = costmap.frame
     corners = cells[shortcut(costmap.costs, cells, INSCRIBED_COST, COST_FACTOR)]
-    cost = 0.0
-    for (row0, col0), (row1, col1) in itertools.pairwise(corners):
-        cost += line_cost(costmap.costs, row0, col0, row1, col1, 256, COST_FACTOR)
     x, y = frame.to_point(corners[:, 0], corners[:, 1])
     x, y = np.append(start.x, x), np.append(start.y, y)
     along = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
     samples = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / frame.resolution) + 1))
-    return GridPath(
-        points=np.column_stack([np.interp(samples, along, x), np.interp(samples, along, y)]),
-        cost=cost * frame.resolution,
-    )
+    return np.column_stack([np.interp(samples, along, x), np.interp(samples, along, y)])
 
 
 def path_is_free(costmap: Costmap, points: FloatArray) -> bool:

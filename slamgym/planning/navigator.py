@@ -127,9 +127,8 @@ class Navigator:
         self.inscribed_radius = context.robot_radius
         self.costmap: Costmap | None = None
         self._reachable: Reachable | None = None
-        self._searched_from: Pose2D | None = (
-            None  # where to search the reachable space from, until that was done
-        )
+        # Where to search the reachable space from, until that was done.
+        self._searched_from: Pose2D | None = None
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
@@ -290,7 +289,7 @@ class Navigator:
             return
         path = plan_path(self.costmap, pose, (self.goal.x, self.goal.y), PLAN_TOLERANCE, self.reachable)
         if path is not None:
-            self.follower.set_path(path.points)
+            self.follower.set_path(path)
         elif not keep_old:
             self._abort("unreachable")
 

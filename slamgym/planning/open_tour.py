@@ -50,12 +50,7 @@ def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
         lengths: As :func:`open_tour` takes them.
         weights: What it is worth to be early at each place, shape (N,), not negative; N is at most
             :data:`EXACT_PLACES`.
-
-    Raises:
-        ValueError: If there are too many places.
     """
-    if len(lengths) - 1 > EXACT_PLACES:
-        raise ValueError(f"at most {EXACT_PLACES} places can be ordered exactly, not {len(lengths) - 1}")
     return exact_tour(_finite(lengths), np.asarray(weights, dtype=np.float64), 0.0)
 
 

@@ -10,7 +10,7 @@ import math
 import numpy as np
 
 from slamgym.core.config import Settings
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.jit import kernel, plain
 from slamgym.core.types import ByteArray, Float32Array, FloatArray, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
@@ -51,9 +51,8 @@ class PathFollower:
         self.blocked = False  # the last command was held back by something in the scan
         self._laser = plain(context.geometry)
         self.fastest_turn = min(self.config.turn_rate, context.max_angular)  # [rad/s]
-        self._apart = (
-            context.robot_radius + _CLEARANCE
-        )  # of the robot's centre from what the scanner sees [m]
+        # Of the robot's centre from what the scanner sees [m].
+        self._apart = context.robot_radius + _CLEARANCE
         self._index = 0
         self._along: FloatArray = np.zeros(1)  # length of the path up to each point [m]
         self._turn_sign = 0.0  # direction of the turn on the spot in progress, else 0
@@ -146,10 +145,8 @@ class PathFollower:
         corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
         self._index = nearest_on_path(self.path, here, self._index)
         chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, frame.resolution)
-        x, y = self.path[chosen].tolist()
-        dx, dy = x - pose.x, y - pose.y
-        cos, sin = math.cos(pose.theta), math.sin(pose.theta)
-        return cos * dx + sin * dy, cos * dy - sin * dx
+        x, y, _ = between(pose, Pose2D(*self.path[chosen].tolist(), 0.0))
+        return x, y
 
     def _turn(self, error: float) -> Twist2D:
         """Turn on the spot; near a half turn the direction once chosen is kept."""

@@ -14,6 +14,14 @@ HIT = 255
 """The most that a point scores."""
 
 
+def maxima(grid: ByteArray, count: int) -> ByteArray:
+    """Grids of maxima (count, rows, cols) of a grid (rows, cols); see :func:`fill_levels`."""
+    levels = np.empty((count, *grid.shape), dtype=np.uint8)
+    levels[0] = grid
+    fill_levels(levels)
+    return levels
+
+
 @kernel
 def fill_levels(levels: ByteArray) -> None:
     """Make the grids of maxima.
@@ -65,7 +73,7 @@ def best_in_block(
     """Find the best place of a block of the top level.
 
     Args:
-        levels: From :func:`fill_levels`.
+        levels: From :func:`maxima`.
         floors: The same of a mask of places that count; empty if all do.
         us: (n,) int32 columns of the points with the robot at offset 0.
         vs: (n,) rows.

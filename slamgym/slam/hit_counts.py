@@ -5,6 +5,7 @@ import math
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
+from slamgym.core.geometry import paste
 from slamgym.core.jit import plain
 from slamgym.core.types import (
     OCCUPIED,
@@ -135,14 +136,7 @@ class HitCountMap:
             regrid(cells, left, bottom, frame.resolution / self._resolution, out)
             return out
         out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
-        # The rows and columns from which the map is copied, and how much further on they lie in it.
-        up, right = round(row) - self.corner[0], round(col) - self.corner[1]
-        first_row, first_col = max(-up, 0), max(-right, 0)
-        end_row = max(min(frame.height_px, cells.shape[0] - up), first_row)
-        end_col = max(min(frame.width_px, cells.shape[1] - right), first_col)
-        out[::-1][first_row:end_row, first_col:end_col] = cells[
-            first_row + up : end_row + up, first_col + right : end_col + right
-        ]
+        paste(out[::-1], cells, round(row) - self.corner[0], round(col) - self.corner[1])
         return out
 
 

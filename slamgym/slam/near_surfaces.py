@@ -50,9 +50,8 @@ class Block(NamedTuple):
     At constant distances within one array the compiler sees that rows don't overlap; else it takes one point at a time.
     """
 
-    cells: (
-        np.ndarray
-    )  # (9 * BLOCK_POINTS,) uint64: the cells round each point, each as one number, by neighbour
+    cells: np.ndarray
+    """(9 * BLOCK_POINTS,) uint64: the cells round each point, each as one number, by neighbour."""
     rows: FloatArray  # (NUM_ROWS * BLOCK_POINTS,)
     sums: FloatArray  # (11,) log-likelihood, then the sums of the rows WEIGHT to PULL_T
 

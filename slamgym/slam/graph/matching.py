@@ -7,7 +7,7 @@ import numpy as np
 
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, fill_levels
+from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, maxima
 from slamgym.slam.graph.surface_map import MATCH_CELL, VACANT, LocalMap, align_scan
 
 NEAR_HIT = 120
@@ -58,12 +58,9 @@ def search_window(
     for a in range(len(angles)):
         cos, sin = math.cos(centre[2] + angles[a]), math.sin(centre[2] + angles[a])
         for i in range(num):
-            us[a, i] = math.floor(
-                (centre[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]) / MATCH_CELL
-            )
-            vs[a, i] = math.floor(
-                (centre[1] + sin * points[i, 0] + cos * points[i, 1] - corner[1]) / MATCH_CELL
-            )
+            x = centre[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]
+            y = centre[1] + sin * points[i, 0] + cos * points[i, 1] - corner[1]
+            us[a, i], vs[a, i] = math.floor(x / MATCH_CELL), math.floor(y / MATCH_CELL)
         for i in range(per_side):
             for j in range(per_side):
                 bounds[(a * per_side + i) * per_side + j] = block_score(
@@ -83,11 +80,8 @@ def search_window(
         found, u, v = best_in_block(levels, everywhere, us[a], vs[a], start, (window, window), best, avoided)
         if found > best:
             best = found
-            pose[0], pose[1], pose[2] = (
-                centre[0] + u * MATCH_CELL,
-                centre[1] + v * MATCH_CELL,
-                centre[2] + angles[a],
-            )
+            pose[0], pose[1] = centre[0] + u * MATCH_CELL, centre[1] + v * MATCH_CELL
+            pose[2] = centre[2] + angles[a]
     return best / (HIT * max(num, 1))
 
 
@@ -112,11 +106,8 @@ def score_levels(numbers: np.ndarray, count: int) -> ByteArray:
     """Grids of maxima (count, rows, cols) of the score in the cells of a local map, by their numbers (rows, cols)."""
     import cv2
 
-    levels = np.empty((count, *numbers.shape), dtype=np.uint8)
     occupied = (numbers != VACANT).view(np.uint8)
-    levels[0] = np.where(occupied, HIT, NEAR_HIT * cv2.dilate(occupied, np.ones((3, 3), np.uint8)))
-    fill_levels(levels)
-    return levels
+    return maxima(np.where(occupied, HIT, NEAR_HIT * cv2.dilate(occupied, np.ones((3, 3), np.uint8))), count)
 
 
 def search(

@@ -40,9 +40,8 @@ class WheelTurns:
 
     def __init__(self) -> None:
         self._way = np.zeros(4)  # since the newest node, see below
-        self._ways: list[
-            FloatArray
-        ] = []  # metres driven and ahead, radians turned either way and to the left
+        # Metres driven and ahead, radians turned either way and to the left.
+        self._ways: list[FloatArray] = []
 
     def move(self, increments: FloatArray) -> None:
         """Take motions (steps, 3) in the robot frame."""

@@ -13,7 +13,7 @@ import numpy as np
 from slamgym.core.geometry import between, compose, transform_points, wrap_angle
 from slamgym.core.jit import kernel
 from slamgym.core.types import ByteArray, FloatArray, Pose2D
-from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, fill_levels
+from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, maxima
 from slamgym.slam.config import LocalizationConfig
 from slamgym.slam.localization.field import FLOOR, LikelihoodField, weigh_poses
 from slamgym.slam.localization.hypothesis import BEAM_WEIGHT, EVIDENCE, MIN_PARTICLES, Hypothesis
@@ -117,14 +117,6 @@ def bound_heading(
                 bounds[row, col] = block_score(levels[top], 1 << top, us, vs, col << top, row << top)
 
 
-def _maxima(grid: ByteArray, count: int) -> ByteArray:
-    """Grids of maxima (count, rows, cols); see :func:`fill_levels`."""
-    levels = np.empty((count, *grid.shape), dtype=np.uint8)
-    levels[0] = grid
-    fill_levels(levels)
-    return levels
-
-
 class GlobalSearch:
     """Searches one map."""
 
@@ -148,7 +140,7 @@ class GlobalSearch:
         while top < LEVELS[1] and headings * (self._floor.size >> (2 * top)) > MOST_BOUNDS:
             top += 1
         if len(self._levels) != top + 1:
-            self._levels, self._floors = _maxima(self._score, top + 1), _maxima(self._floor, top + 1)
+            self._levels, self._floors = maxima(self._score, top + 1), maxima(self._floor, top + 1)
 
     def find(self, points: FloatArray) -> list[Place]:
         """The best places of a scan, or of several put together, the best first.
