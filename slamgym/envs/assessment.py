@@ -31,7 +31,6 @@ class Assessment:
 
     Attributes:
         coverage: What was truly seen.
-        exposure: Mean distance from walls of the chosen path, for the records to come [m].
         latest: The record of the last step.
     """
 
@@ -44,7 +43,6 @@ class Assessment:
         reward: Reward,
     ) -> None:
         start = simulation.start
-        self.exposure = 0.0
         self._prepared = prepared
         self._simulation = simulation
         self._reward = reward
@@ -166,7 +164,6 @@ class Assessment:
             previous_map_error=before.map_error if before else map_error,
             position_sigma=_position_sigma(mapper) if reward.needs_covariance else math.nan,
             floor_area=self.coverage.floor_area,
-            exposure=self.exposure,
         )
 
 

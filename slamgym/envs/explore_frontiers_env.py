@@ -10,16 +10,10 @@ from gymnasium import spaces
 
 from slamgym.core.config import from_dict
 from slamgym.core.errors import ActionError, ConfigError
-from slamgym.core.types import BoolArray, Observation
+from slamgym.core.types import Observation
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
-from slamgym.envs.frontier_features import (
-    ExtraFeatures,
-    FrontierFeatures,
-    action_mask,
-    exposures,
-    frontier_observation_space,
-)
+from slamgym.envs.frontier_features import FrontierFeatures, frontier_observation_space
 from slamgym.envs.plan_cache import PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
@@ -42,9 +36,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     ## Action Space
 
-    ``Discrete(K)``, K = 16 by default: the candidate of that row. Rows without a candidate are masked:
-    ``action_masks()`` and ``info["action_mask"]`` say which count, as ``MaskablePPO`` of sb3-contrib wants it.
-    A masked action chooses the first candidate.
+    ``Discrete(K)``, K = 16 by default: the candidate of that row. The observation's ``"mask"`` says which rows hold
+    one; the action of any other row chooses the first candidate.
 
     ## Observation Space
 
@@ -67,16 +60,15 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ## Discounting
 
     Time passes in seconds, so the value of what follows counts ``discount ** info["duration"]``, not a
-    constant gamma. A learner that reads ``info["duration"]`` (:mod:`slamgym.agents.rl.semi_markov`) is exact for any
-    discount. With the default discount of 1 the task is to minimise time, and a standard learner with
-    gamma = 1 is exact.
+    constant gamma. A learner that reads ``info["duration"]`` is exact for any discount. With the default discount of 1
+    the task is to minimise time, and a standard learner with gamma = 1 is exact.
 
     ## Starting State, Episode End, Info
 
     As :class:`~slamgym.envs.explore_env.ExploreEnv`, with these differences: the episode terminates when the
     robot has tried all that it can reach, or the true coverage reaches ``coverage_goal`` (privileged, off by
-    default); ``time_limit`` is 1200 s. ``info`` adds ``duration`` [s] of the step, ``action_mask``, and
-    ``time`` [s]; ``reward_terms`` are summed over the step.
+    default); ``time_limit`` is 1200 s. ``info`` adds ``duration`` [s] of the step and ``time`` [s]; ``reward_terms``
+    are summed over the step.
 
     ## Arguments
 
@@ -87,8 +79,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         discount: Per second.
         render_mode: As in ExploreEnv.
         reward_terms: As in ExploreEnv.
-        extra_features: Further features of each candidate, such as
-            :data:`slamgym.agents.foresight.FORESIGHT_FEATURES`.
         **settings: As in ExploreEnv. ``localization="ground_truth"`` is the fast mode for training.
 
     Raises:
@@ -106,7 +96,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         discount: float = 1.0,
         render_mode: str | None = None,
         reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
-        extra_features: ExtraFeatures | None = None,
         **settings: Any,
     ) -> None:
         if not 0.0 < discount <= 1.0:
@@ -132,8 +121,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.config = self.inner.config
         self.render_mode = render_mode
         k = self.loop_config.max_candidates
-        self.observation_space = frontier_observation_space(k, extra_features)
-        self._features = FrontierFeatures(k, extra_features)
+        self.observation_space = frontier_observation_space(k)
         self.action_space = spaces.Discrete(k)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
@@ -156,7 +144,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         super().reset(seed=seed)
         inner, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
-        self._features = self._features.restarted()
+        self._features = FrontierFeatures(self.loop_config.max_candidates)
         self._is_over = False
         is_due = self._loop.observe(inner)
         _, is_truncated, info = self._drive(is_due, info)
@@ -172,7 +160,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         if not self._is_over and loop.candidates:
             index = self._row(action)
             index = index if index < len(loop.candidates) else 0
-            self.inner.assessment.exposure = float(self._exposures[index])
             chosen = loop.choose(index)
             reward, truncated, info = self._drive(not chosen and bool(loop.candidates), info)
         terminated = (loop.finished or bool(info.get("is_success"))) and not (truncated and not loop.finished)
@@ -198,10 +185,6 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         if not 0 <= index < rows:
             raise ActionError(action, f"the row of a frontier, a whole number from 0 to {rows - 1}")
         return index
-
-    def action_masks(self) -> BoolArray:
-        """Which actions choose a candidate, shape (K,); sb3-contrib asks for it by this name."""
-        return self._mask.copy()
 
     def render(self) -> Any:
         """The frame of the running exploration; see :meth:`ExploreEnv.render`."""
@@ -236,9 +219,5 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         observation = self._features.observe(self.loop)
-        self._mask = action_mask(observation)
-        self._exposures = exposures(observation)
-        self._info = {
-            **info, "duration": duration, "time": self.loop.time, "action_mask": self._mask.copy()
-        }  # fmt: skip
+        self._info = {**info, "duration": duration, "time": self.loop.time}
         return observation, self._info

@@ -7,19 +7,16 @@ the true coverage can get in here.
 
 import math
 from collections import deque
-from collections.abc import Callable
-from typing import NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Observation, Pose2D
+from slamgym.core.geometry import between
+from slamgym.core.types import Float32Array, FloatArray, IntArray, Observation, Pose2D
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
-from slamgym.planning.frontier_feature_kernels import (
-    cut_frontier_crop,
-)
+from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
 from slamgym.planning.frontiers import expected_gain
 from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
@@ -34,7 +31,6 @@ CROP_PX = 13
 CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
 
-_EXPOSURE_UNIT = 1.5  # [m]
 _FARTHEST_WALL = 3.0  # [m]
 _LARGEST_EXPECTED = 100.0  # [m2]
 _TURN_WEIGHT = 0.2  # what a radian of turning before the first leg of a tour counts, as in the rule [m/rad]
@@ -60,20 +56,11 @@ GLOBAL_FEATURES: tuple[str, ...] = (
 """Features of the exploration as a whole."""
 
 
-class ExtraFeatures(NamedTuple):
-    """Further features of candidates, behind those of :data:`CANDIDATE_FEATURES`."""
-
-    names: tuple[str, ...]
-    measure: Callable[[ExplorationLoop], FloatArray]
-    """Of the loop's candidates in their order, shape (N, names); scaled to a few units, cut off at :data:`LIMIT`."""
-
-
-def frontier_observation_space(max_candidates: int, extra: ExtraFeatures | None = None) -> spaces.Dict:
+def frontier_observation_space(max_candidates: int) -> spaces.Dict:
     """The space of the observations for K candidates."""
-    width = len(CANDIDATE_FEATURES) + (len(extra.names) if extra else 0)
     return spaces.Dict(
         {
-            "candidates": spaces.Box(-LIMIT, LIMIT, (max_candidates, width), np.float32),
+            "candidates": spaces.Box(-LIMIT, LIMIT, (max_candidates, len(CANDIDATE_FEATURES)), np.float32),
             "crops": spaces.Box(0.0, 1.0, (max_candidates, 2, CROP_PX, CROP_PX), np.float32),
             "globals": spaces.Box(-LIMIT, LIMIT, (len(GLOBAL_FEATURES),), np.float32),
             "mask": spaces.Box(0.0, 1.0, (max_candidates,), np.float32),
@@ -86,22 +73,16 @@ class FrontierFeatures:
 
     Args:
         max_candidates: K; rows beyond the candidates at hand are zero and masked.
-        extra: Further features of each candidate.
     """
 
-    def __init__(self, max_candidates: int, extra: ExtraFeatures | None = None) -> None:
-        self._max_candidates, self._extra = max_candidates, extra
+    def __init__(self, max_candidates: int) -> None:
+        self._max_candidates = max_candidates
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # (time, known area) at decisions
         self._grown_at = 0.0
 
-    def restarted(self) -> "FrontierFeatures":
-        """For another exploration."""
-        return FrontierFeatures(self._max_candidates, self._extra)
-
     def observe(self, loop: ExplorationLoop) -> Observation:
         """The observation at a decision: features of the loop's candidates, in their order."""
-        k, own = self._max_candidates, len(CANDIDATE_FEATURES)
-        width = own + (len(self._extra.names) if self._extra else 0)
+        k, width = self._max_candidates, len(CANDIDATE_FEATURES)
         observation = {
             "candidates": np.zeros((k, width), np.float32),
             "crops": np.zeros((k, 2, CROP_PX, CROP_PX), np.float32),
@@ -111,14 +92,11 @@ class FrontierFeatures:
         costmap, candidates = loop.navigator.costmap, loop.candidates
         if costmap is None:
             return observation
-        rows: FloatArray = np.zeros((0, own))
+        rows: FloatArray = np.zeros((0, width))
         if candidates:
             measured = _measure(loop, costmap, observation["crops"])
             rows = np.array([[one[name] for name in CANDIDATE_FEATURES] for one in measured])
-            observation["candidates"][: len(rows), :own] = np.clip(rows, -LIMIT, LIMIT)
-            if self._extra:
-                further = np.clip(self._extra.measure(loop), -LIMIT, LIMIT)
-                observation["candidates"][: len(rows), own:] = further
+            observation["candidates"][: len(rows)] = np.clip(rows, -LIMIT, LIMIT)
             observation["mask"][: len(rows)] = 1.0
         whole = self._measure_whole(loop, costmap, rows)
         observation["globals"][:] = np.clip([whole[name] for name in GLOBAL_FEATURES], -LIMIT, LIMIT)
@@ -155,18 +133,6 @@ class FrontierFeatures:
         }
 
 
-def action_mask(observation: Observation) -> BoolArray:
-    """Which actions choose a candidate, shape (K,); the first one always counts, so that one is left."""
-    mask: BoolArray = observation["mask"] > 0.5
-    mask[0] = True
-    return mask
-
-
-def exposures(observation: Observation) -> FloatArray:
-    """Mean distance from walls of the path to each candidate, shape (K,) [m]."""
-    return observation["candidates"][:, CANDIDATE_FEATURES.index("exposure")] * _EXPOSURE_UNIT
-
-
 def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[dict[str, float]]:
     """Features of the candidates; fills their crops."""
     candidates, pose, resolution = loop.candidates, loop.pose, costmap.frame.resolution
@@ -182,7 +148,8 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
         clearances = _wall_distances(costmap, places)
         row, col = (float(place) / COARSENING for place in costmap.frame.to_cell(*one.frontier.middle))
         cut_frontier_crop(classes, row, col, outward, CROP_CELL / cell, crops[index])
-        (ahead, left), (turn, arrival) = _bearing(one, pose), _turns(one, pose, outward, steps)
+        ahead, left, _ = between(pose, Pose2D(*one.frontier.middle, 0.0))
+        turn, arrival = _turns(one, pose, outward, steps)
         length, straight, clearance = one.path_length, one.frontier.min_distance, float(clearances[0])
         size, unknown = one.frontier.size * resolution, regions[index]
         extent = float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0))))
@@ -213,7 +180,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                 "unknown_frontiers": unknown.frontiers / 4.0,
                 "clearance": clearance / 1.5,
                 "doorway": float(extent < 1.3 and clearance < 0.7),
-                "exposure": float(clearances[1:].sum() / len(one.path)) / _EXPOSURE_UNIT,
+                "exposure": float(clearances[1:].sum() / len(one.path)) / 1.5,
                 "nearest_other": others[index][0] / 5.0,
                 "mean_other": others[index][1] / 10.0,
                 "is_target": float(loop.target is not None and one.target == loop.target.target),
@@ -253,14 +220,6 @@ def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:
     apart = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
     apart = apart[~np.eye(count, dtype=np.bool_)].reshape(count, count - 1)
     return list(zip(apart.min(axis=1).tolist(), apart.mean(axis=1).tolist(), strict=True))
-
-
-def _bearing(candidate: FrontierCandidate, pose: Pose2D) -> tuple[float, float]:
-    """The middle of a frontier, ahead and left of the robot [m]."""
-    x, y = candidate.frontier.middle
-    cos, sin = math.cos(pose.theta), math.sin(pose.theta)
-    dx, dy = x - pose.x, y - pose.y
-    return cos * dx + sin * dy, cos * dy - sin * dx
 
 
 def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: int) -> tuple[float, float]:

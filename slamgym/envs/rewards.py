@@ -51,9 +51,6 @@ class StepRecord:
     """Root of the trace of the position's covariance as the mapper reports it [m]; 0 where it reports none."""
     floor_area: float = math.nan
     """The reachable floor [m2]."""
-    exposure: float = 0.0
-    """Mean distance from walls of the path to the chosen frontier, on the robot's own map, at most 3 [m]; 0 where
-    no frontiers are chosen."""
 
 
 RewardFunction = Callable[[StepRecord], float]
@@ -99,16 +96,6 @@ def uncertainty_cost(step: StepRecord) -> float:
     return -step.position_sigma * step.duration
 
 
-def exposure_cost(step: StepRecord) -> float:
-    """Minus the distance from walls of the chosen paths, over time [m s].
-
-    A robot that sees no walls can't correct its odometry, so it should keep near the walls (Roy, Burgard, Fox
-    and Thrun, *Coastal navigation*, ICRA 1999). In a hall that is larger than the scanner's range the walls are
-    then mapped first, all around, and its middle between walls that are known.
-    """
-    return -step.exposure * step.duration
-
-
 def completion_bonus(step: StepRecord) -> float:
     """One when the exploration is complete."""
     return 0.0 + step.terminated
@@ -128,7 +115,7 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
-class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0}):
+class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "exposure": 0.0}):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
     coverage_gain: float = 10.0
@@ -155,9 +142,6 @@ class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0}):
     pose_uncertainty: float = 0.0
     """Per metre and second (:func:`uncertainty_cost`)."""
 
-    exposure: float = 0.0
-    """Per metre and second (:func:`exposure_cost`); where frontiers are chosen."""
-
     completion: float = 1.0
     """Once, at the end (:func:`completion_bonus`)."""
 
@@ -182,7 +166,6 @@ FUNCTIONS: dict[str, RewardFunction] = {
     "collision": collision_cost,
     "map_error": map_error_cost,
     "pose_uncertainty": uncertainty_cost,
-    "exposure": exposure_cost,
     "completion": completion_bonus,
 }
 """The terms by the name of their weight; shaping comes with its discount."""

@@ -32,7 +32,6 @@ records = st.builds(
     previous_map_error=share,
     position_sigma=share,
     floor_area=st.floats(0.0, 300.0),
-    exposure=share,
 )
 configs = st.builds(
     RewardConfig,
@@ -88,7 +87,6 @@ def test_costs_are_negative_and_gains_positive():
         previous_map_error=0.03,
         position_sigma=0.5,
         floor_area=50.0,
-        exposure=0.5,
     )
     values = {name: function(step) for name, function in FUNCTIONS.items()}
     assert values == pytest.approx(
@@ -101,7 +99,6 @@ def test_costs_are_negative_and_gains_positive():
             "collision": -1.0,
             "map_error": -0.02,
             "pose_uncertainty": -0.1,
-            "exposure": -0.1,
             "completion": 1.0,
         }
     )

@@ -70,7 +70,7 @@ def test_explore_frontiers_env(golden, localization):
     rng = np.random.default_rng(9)
     observations, steps, over = [observation], [], False
     while not over and len(steps) < 14:
-        choice = int(rng.choice(np.flatnonzero(env.action_masks())))
+        choice = int(rng.choice(np.flatnonzero(observation["mask"])))
         observation, reward, terminated, truncated, info = env.step(choice)
         observations.append(observation)
         steps.append([choice, round(reward, 6), round(info["duration"], 6)])
