@@ -355,10 +355,13 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def _record(self) -> None:
         if self.log is not None:
-            simulation = self.simulation
-            self.log.append(
-                simulation.scan, simulation.true_pose, simulation.odometry_pose, simulation.believed_pose
-            )
+            now = self.simulation
+            poses = {
+                "true_poses": now.true_pose,
+                "odometry": now.odometry_pose,
+                "estimates": now.believed_pose,
+            }
+            self.log.append(stamps=now.scan.stamp, ranges=now.scan.ranges, **poses)
 
     def _show(self) -> None:
         if self.render_mode == "human":

@@ -11,6 +11,7 @@ import numpy as np
 import shapely
 
 from slamgym.cad import FloorPlan, PlanSource, check_plan, open_plans
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
@@ -214,30 +215,21 @@ class PlanCache:
         return prepared
 
 
-class ListedPlans:
+def listed_plans(plans: Sequence[FloorPlan]) -> PlanSource:
     """Plans at hand as a source."""
-
-    def __init__(self, plans: Sequence[FloorPlan]) -> None:
-        self._plans = {plan.id: plan for plan in plans}
-        if not plans or len(self._plans) < len(plans):
-            raise ConfigError("plans must hold at least one plan, and their ids must differ")
-        self.ids: Sequence[str] = list(self._plans)
-
-    def __len__(self) -> int:
-        return len(self.ids)
-
-    def load(self, plan_id: str) -> FloorPlan:
-        """The plan of this id."""
-        return self._plans[plan_id]
+    by_id = {plan.id: plan for plan in plans}
+    if not plans or len(by_id) < len(plans):
+        raise ConfigError("plans must hold at least one plan, and their ids must differ")
+    return PlanIndex({plan_id: (plan_id,) for plan_id in by_id}, by_id.__getitem__)
 
 
 def _open(plans: PlansArgument) -> PlanSource:
     if isinstance(plans, FloorPlan):
-        return ListedPlans([plans])
+        return listed_plans([plans])
     if isinstance(plans, str | Path):
         return open_plans(plans)
     if isinstance(plans, list | tuple):
-        return ListedPlans(plans)
+        return listed_plans(plans)
     if hasattr(plans, "load") and hasattr(plans, "ids"):
         return plans
     raise ConfigError(f"plans must name, hold or be floor plans, not {plans!r}; see slamgym.cad.open_plans")

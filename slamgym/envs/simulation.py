@@ -1,10 +1,9 @@
 """One episode of a robot in a building: actions, truth, sensors and belief, stepped together, and its log."""
 
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from gymnasium import spaces
-from numpy.typing import NDArray
 
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ActionError
@@ -24,10 +23,7 @@ from slamgym.envs.plan_cache import PreparedPlan, Streams
 from slamgym.interop import read_ros_map
 from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
-
-_FIRST_CAPACITY = 512
-
-_Array = TypeVar("_Array", bound=NDArray[np.generic])
+from slamgym.slam.columns import Columns
 
 EXPECTED_ACTIONS = {
     "normalized": "two numbers in [-1, 1], shares of the highest speed and of the highest turning rate",
@@ -226,8 +222,8 @@ def finished_map(plan: FloorPlan, start: Pose2D, config: ExploreConfig) -> Occup
     return OccupancyGrid(grid.cells, frame)
 
 
-class EpisodeLog:
-    """Truth, odometry, estimate and ranges over time, in arrays that grow by doubling.
+class EpisodeLog(Columns):
+    """Truth, odometry, estimate and ranges over time: a row for each scan.
 
     The first entry is the scan of the robot at rest at its start. The arrays handed out are read-only views
     of what is recorded so far.
@@ -237,46 +233,29 @@ class EpisodeLog:
     """
 
     def __init__(self, num_beams: int) -> None:
-        self._size = 0
-        # Stamp, true world-frame pose, odometry pose, estimated map-frame pose.
-        self._rows = np.empty((_FIRST_CAPACITY, 10))
-        self._ranges = np.empty((_FIRST_CAPACITY, num_beams), dtype=np.float32)
+        poses = dict.fromkeys(("true_poses", "odometry", "estimates"), (3,))
+        super().__init__({"ranges": np.float32}, stamps=(), ranges=(num_beams,), **poses)
 
-    def __len__(self) -> int:
-        return self._size
-
-    def append(self, scan: LaserScan, true_pose: Pose2D, odometry: Pose2D, estimate: Pose2D) -> None:
-        """Add the state at the time of a scan.
-
-        Args:
-            scan: What the scanner measured.
-            true_pose: World frame.
-            odometry: As the wheels' encoders have it; starts in the map frame and drifts off.
-            estimate: What SLAM believed then, map frame.
-        """
-        i = self._size
-        if i == len(self._rows):
-            self._rows, self._ranges = (
-                np.concatenate([table, np.empty_like(table)]) for table in (self._rows, self._ranges)
-            )
-        self._rows[i] = (scan.stamp, *true_pose, *odometry, *estimate)
-        self._ranges[i] = scan.ranges
-        self._size += 1
+    def __getitem__(self, name: str) -> Any:
+        """An array's rows."""
+        view = super().__getitem__(name)
+        view.flags.writeable = False
+        return view
 
     @property
     def stamps(self) -> FloatArray:
         """Times since the start of the episode, shape (N,) [s]."""
-        return _read_only(self._rows[: self._size, 0])
+        return np.asarray(self["stamps"])
 
     @property
     def true_poses(self) -> FloatArray:
         """True poses in the world frame, shape (N, 3) [m, m, rad]."""
-        return _read_only(self._rows[: self._size, 1:4])
+        return np.asarray(self["true_poses"])
 
     @property
     def odometry(self) -> FloatArray:
         """Poses by wheel odometry alone, shape (N, 3) [m, m, rad]; they begin in the map frame."""
-        return _read_only(self._rows[: self._size, 4:7])
+        return np.asarray(self["odometry"])
 
     @property
     def estimates(self) -> FloatArray:
@@ -285,12 +264,12 @@ class EpisodeLog:
         It is what the observations said: later corrections of the path, which ``mapper.trajectory()`` has,
         are not in it.
         """
-        return _read_only(self._rows[: self._size, 7:])
+        return np.asarray(self["estimates"])
 
     @property
     def ranges(self) -> Float32Array:
         """Measured ranges as REP 117 has them, shape (N, num_beams) [m]."""
-        return _read_only(self._ranges[: self._size])
+        return np.asarray(self["ranges"])
 
     def true_trajectory(self, start: Pose2D) -> Trajectory:
         """The true path in the map frame.
@@ -299,8 +278,3 @@ class EpisodeLog:
         of the map frame, whose axes are the world's.
         """
         return Trajectory(self.stamps.copy(), self.true_poses - np.array([start.x, start.y, 0.0]))
-
-
-def _read_only(view: _Array) -> _Array:
-    view.flags.writeable = False
-    return view

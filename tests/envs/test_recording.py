@@ -3,19 +3,17 @@
 import numpy as np
 import pytest
 
-from slamgym.core.types import LaserScan, Pose2D
+from slamgym.core.types import Pose2D
 from slamgym.envs import EpisodeLog
-from slamgym.sim import LidarConfig
 
 
 def fill(log: EpisodeLog, count: int) -> None:
-    geometry = LidarConfig(num_beams=4).geometry
     for i in range(len(log), len(log) + count):
-        scan = LaserScan(0.2 * i, np.full(4, i, dtype=np.float32), geometry)
-        log.append(scan, Pose2D(i, 1.0, 0.1), Pose2D(i, 2.0, 0.2), Pose2D(i, 3.0, 0.3))
+        poses = {"true_poses": (i, 1.0, 0.1), "odometry": (i, 2.0, 0.2), "estimates": (i, 3.0, 0.3)}
+        log.append(stamps=0.2 * i, ranges=np.full(4, i), **poses)
 
 
-@pytest.mark.parametrize("count", [0, 1, 511, 512, 513, 3000])
+@pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 300])
 def test_everything_appended_is_there(count: int):
     log = EpisodeLog(num_beams=4)
     fill(log, count)
