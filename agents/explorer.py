@@ -6,13 +6,12 @@ environment's episode. ``predict`` distinguishes a single observation from a bat
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from slamgym.core.config import config_hash
+from slamgym.core.config import config_hash, to_dict
 from slamgym.core.types import Float32Array, FloatArray, Observation, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
@@ -70,23 +69,19 @@ class FrontierPilot(Pilot):
         return loop.command()
 
 
-class BatchedExplorer(ABC):
+class BatchedExplorer:
     """A policy over pilots, as Stable-Baselines3's ``PolicyPredictor`` wants it.
 
     Args:
         context: What the environment says about the robot and its map.
         fingerprint: Short hash of all that decides what it does.
+        begin: Makes a fresh pilot for the environment of an index.
     """
 
-    def __init__(self, context: ExplorerContext, fingerprint: str) -> None:
-        self.context = context
-        self.fingerprint = fingerprint
+    def __init__(self, context: ExplorerContext, fingerprint: str, begin: Callable[[int], Pilot]) -> None:
+        self.context, self.fingerprint, self._begin = context, fingerprint, begin
         self._pilots: list[Pilot] = []
         self._times: list[float] = []
-
-    @abstractmethod
-    def _begin(self, index: int) -> Pilot:
-        """A fresh pilot for the environment of an index."""
 
     @property
     def finished(self) -> bool:
@@ -142,14 +137,6 @@ class BatchedExplorer(ABC):
         return (actions if batched else actions[0]), state
 
 
-@dataclass(frozen=True)
-class _Identity:
-    """All that decides the behaviour of a frontier explorer."""
-
-    rule: str
-    loop: ExplorationLoopConfig
-
-
 class FrontierExplorer(BatchedExplorer):
     """The exploration loop with a rule that keeps no memory, in any number of environments.
 
@@ -162,9 +149,6 @@ class FrontierExplorer(BatchedExplorer):
     def __init__(
         self, context: ExplorerContext, rule: Rule, config: ExplorationLoopConfig | None = None
     ) -> None:
-        self.config = config or ExplorationLoopConfig()
-        self.rule = rule
-        super().__init__(context, config_hash(_Identity(repr(rule), self.config)))
-
-    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
-        return FrontierPilot(self.context, self.config, self.rule)
+        self.rule, self.config = rule, config or ExplorationLoopConfig()
+        fingerprint = config_hash({"rule": repr(rule), "loop": to_dict(self.config)})
+        super().__init__(context, fingerprint, lambda _: FrontierPilot(context, self.config, rule))

@@ -11,7 +11,7 @@ from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCu
 from slamgym.agents.oracle import OracleConfig, bound_exploration
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
-from slamgym.core.config import Counted, Measured, Positive, Settings, Share, config_hash
+from slamgym.core.config import Counted, Measured, Positive, Settings, Share, config_hash, to_dict
 from slamgym.core.types import Explorer, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
@@ -130,12 +130,6 @@ class FailedTrial(Ended):
     reason: str
 
 
-@dataclass(frozen=True)
-class _Identity:
-    trial: TrialConfig
-    fingerprint: str
-
-
 def level_name(level: float) -> str:
     """The key of a coverage level."""
     return f"{level:g}"
@@ -143,7 +137,7 @@ def level_name(level: float) -> str:
 
 def trial_hash(config: TrialConfig, fingerprint: str) -> str:
     """Hash of the settings of a trial and of the fingerprint of its explorer."""
-    return config_hash(_Identity(config, fingerprint))
+    return config_hash({"trial": to_dict(config), "fingerprint": fingerprint})
 
 
 def bound_hash(config: TrialConfig, bound: OracleConfig) -> str:
@@ -243,15 +237,7 @@ def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
     steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
     curve = CoverageCurve(*np.array(steps).T)
     levels = {level_name(b.share): b for b in bounds if b.share in COVERAGE_LEVELS}
-    unmeasured = (
-        "collisions",
-        "map_error",
-        "ate",
-        "decisions",
-        "decision_cpu",
-        "decision_cpu_max",
-        "step_cpu",
-    )
+    unmeasured = "collisions map_error ate decisions decision_cpu decision_cpu_max step_cpu"
     return _record(
         env,
         task,
@@ -265,7 +251,7 @@ def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
         path_to={name: round(b.path, 4) for name, b in levels.items()},
         cpu=round(time.process_time() - began, 4),
         curve=curve.to_dict(),
-        **dict.fromkeys(unmeasured, 0),
+        **dict.fromkeys(unmeasured.split(), 0),
     )
 
 

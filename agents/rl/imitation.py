@@ -53,12 +53,7 @@ def gain_per_metre(env: ExploreFrontiersEnv) -> Answer:
     """Unknown area in sight over one metre plus the path: next best view, without privileges."""
     del env
     column = CANDIDATE_FEATURES.index("gain_per_metre")
-
-    def answer(observation: Observation) -> int:
-        gains = observation["candidates"][:, column]
-        return int(np.where(observation["mask"] > 0.5, gains, -np.inf).argmax())
-
-    return answer
+    return lambda seen: int(np.where(seen["mask"] > 0.5, seen["candidates"][:, column], -np.inf).argmax())
 
 
 def oracle(env: ExploreFrontiersEnv) -> Answer:

@@ -1,15 +1,13 @@
 """Reward presets for ``slamgym agents shape``, with their weights, and the settings of experiments that compare them.
 
-Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`. Most pay for time or path; the others are in a hurry only
-where the wheels are driven, by the learner's discount.
+Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`.
 A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any, ClassVar
+from typing import Any
 
-from slamgym.agents.rl.train_config import HOLD, TrainConfig, WheelsConfig
+from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
@@ -32,8 +30,7 @@ class RewardPreset:
     reward: RewardConfig
     about: str
     needs_filter: bool = False
-    """True if the reward only makes sense with a particle filter: with true poses there is no error to pay, and a batch
-    of environments, on which the wheels learn, knows none."""
+    """True if the reward only makes sense with a particle filter: with true poses there is no error to pay."""
 
 
 REWARD_PRESETS: dict[str, RewardPreset] = {
@@ -82,10 +79,6 @@ def reward_preset(name: str) -> RewardPreset:
     return REWARD_PRESETS[name]
 
 
-WHEELS_PRESETS = tuple(name for name, preset in REWARD_PRESETS.items() if not preset.needs_filter)
-"""Those that a batch of environments can pay: nothing about the map or the filter."""
-
-
 class ShapingConfig(Settings):
     """An experiment."""
 
@@ -124,33 +117,3 @@ class ShapingConfig(Settings):
             "slam": {"particles": self.particles, "resolution": _TEST_RESOLUTION},
             "observation": {"map_resolution": _TEST_RESOLUTION},
         }
-
-
-class WheelsShapingConfig(Settings):
-    """An experiment on the wheels."""
-
-    changes: ClassVar[Mapping[str, Any]] = {}
-    """Nothing differs in the test from the training."""
-
-    presets: tuple[str, ...] = WHEELS_PRESETS
-    """Names of presets; ``slamgym agents shape --list`` explains them."""
-    seeds: Count = 3
-    """Runs of each preset."""
-    test_plans: Count = 60
-    """Held-out plans that every policy explores at the end, for ``train.evaluate-seconds`` each."""
-    train: WheelsConfig = field(default_factory=lambda: WheelsConfig(steps=600_000, evaluate_every=0))
-    """Each run, but for its reward and seed."""
-
-    def _check(self) -> None:
-        for name in self.presets:
-            if reward_preset(name).needs_filter:
-                raise ConfigError(
-                    f"the preset {name!r} can't be paid on the wheels, whose environments are a batch without map "
-                    f"error and filter; choose from {', '.join(WHEELS_PRESETS)}"
-                )
-
-    def settings(self, preset: str, seed: int) -> WheelsConfig:
-        """The training run of a preset and a seed."""
-        # A potential is harmless with the learner's own discount alone, which is per decision, not per step.
-        reward = replace(reward_preset(preset).reward, discount=self.train.discount ** (1.0 / HOLD))
-        return replace(self.train, seed=seed, reward=reward)

@@ -1,10 +1,9 @@
 """Reward-shaping experiments: the same learner with different rewards, over several seeds.
 
-Main path: :func:`run_shaping` trains every preset with every seed and explores held-out plans with each policy;
-:func:`write_shaping_report` sets the :class:`ShapingRun` records against one another. What is trained and measured is
-an :class:`Experiment`, where frontiers are chosen or the wheels are driven. After an interruption training resumes from
-its checkpoint, and the test after its last exploration: ``shaping.json`` in the folder of a run is written again,
-whole, after each.
+Main path: :func:`run_shaping` trains every preset of an :class:`Experiment` with every seed and explores held-out plans
+with each policy; :func:`write_shaping_report` sets the :class:`ShapingRun` records against one another. After an
+interruption training resumes from its checkpoint, and the test after its last exploration: ``shaping.json`` in the
+folder of a run is written again, whole, after each.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ import numpy as np
 from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.rl.environments import explore_plan, figures_of
-from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig, WheelsShapingConfig
+from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig
 from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Measured, config_hash, from_dict, to_dict
@@ -52,20 +51,13 @@ class Column:
     """True if its mean is set against the reference's, too."""
 
 
-DECISION_REPORT: tuple[Column, ...] = (
+REPORT: tuple[Column, ...] = (
     Column("time", "time until done [s]", 0, ratio=True),
     Column("path", "path until done [m]", 1),
     Column("time_99", "time to 99 % [s]", 0),
     Column("coverage", "coverage", 3),
     Column("map_error", "map error [m]", 4, ratio=True),
 )
-"""Shown where frontiers are chosen."""
-WHEELS_REPORT: tuple[Column, ...] = (
-    Column("coverage", "coverage", 3, ratio=True),
-    Column("contacts", "contacts in 5 min", 1),
-    Column("path", "path [m]", 1),
-)
-"""Shown where the wheels are driven."""
 
 
 @dataclass(frozen=True)
@@ -87,37 +79,23 @@ class _Results:
     """Plan to figures."""
 
 
-@dataclass(frozen=True)
-class _Identity:
-    """All that a run's results depend on, by which they are known again."""
-
-    settings: dict[str, Any]
-    changes: Mapping[str, Any]
-    term: tuple[str, float] | None
-
-
 class Experiment:
     """Training with each preset and seed, and the test of the policies.
 
     Args:
         config: The experiment.
-        learn: :func:`slamgym.agents.rl.train.train` or :func:`slamgym.agents.rl.wheels.train_wheels`.
+        learn: :func:`slamgym.agents.rl.train.train`.
         term: A term of the user's own, for the preset ``own``.
     """
 
-    def __init__(
-        self,
-        config: ShapingConfig | WheelsShapingConfig,
-        learn: Callable[..., Any],
-        term: Term | None = None,
-    ) -> None:
+    def __init__(self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None) -> None:
         self.config, self._learn, self._term = config, learn, term
 
     def identity(self, preset: str, seed: int) -> str:
         """Hash of what the results depend on; the number of processes that train is not part of it."""
         settings = to_dict(self.config.settings(preset, seed)) | {"workers": 1}
         term = self._term[:2] if preset == OWN and self._term else None
-        return config_hash(_Identity(settings, self.config.changes, term))
+        return config_hash({"settings": settings, "changes": self.config.changes, "term": term})
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
@@ -169,14 +147,14 @@ def _run_one(
     return ShapingRun(preset, seed, [outcomes[plan.id] for plan in plans])
 
 
-def write_shaping_report(runs: Sequence[ShapingRun], columns: Sequence[Column], out: Path) -> str:
+def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
     """Write ``shaping.md``; returns it."""
-    text = table(runs, columns)
+    text = table(runs)
     write_text(out / "shaping.md", text)
     return text
 
 
-def table(runs: Sequence[ShapingRun], columns: Sequence[Column]) -> str:
+def table(runs: Sequence[ShapingRun]) -> str:
     """Means over seeds and plans with 95 % intervals, and what is set against the preset ``time``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
@@ -186,12 +164,12 @@ def table(runs: Sequence[ShapingRun], columns: Sequence[Column]) -> str:
     for run in runs:
         by_name.setdefault(run.preset, []).append(run)
     base = by_name.get(BASE, next(iter(by_name.values())))
-    compared = [column for column in columns if column.ratio]
-    headings = ["preset", "seeds", *(column.heading for column in columns)]
+    compared = [column for column in REPORT if column.ratio]
+    headings = ["preset", "seeds", *(column.heading for column in REPORT)]
     headings += [f"{column.heading.partition(' [')[0]} / {base[0].preset}" for column in compared]
     rows = []
     for name, own in by_name.items():
-        cells = [_cell(crossed_mean(_outcomes(own, c.field)), c.digits, len(own)) for c in columns]
+        cells = [_cell(crossed_mean(_outcomes(own, c.field)), c.digits, len(own)) for c in REPORT]
         for c in compared:
             ratio = crossed_ratio(_outcomes(own, c.field), _outcomes(base, c.field))
             cells.append(_cell(ratio, 2, min(len(own), len(base))))

@@ -39,7 +39,7 @@ class Extra(NamedTuple):
     """Those of its packages that are needed, as they are imported."""
 
 
-LEARNING = Extra("agents", ("torch", "stable_baselines3", "sb3_contrib", "tensorboard", "matplotlib"))
+LEARNING = Extra("agents", ("torch", "stable_baselines3", "tensorboard", "matplotlib"))
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
 
 

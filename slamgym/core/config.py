@@ -359,6 +359,6 @@ def _to_tuple(make: Any, conversions: Sequence[_Conversion | None], value: Any, 
 
 
 def config_hash(config: Any) -> str:
-    """A short stable name for a settings value: the first 12 hex digits of the SHA-256 of its JSON form."""
-    text = json.dumps(to_dict(config), sort_keys=True)
+    """A short stable name for settings: the first 12 hex digits of the SHA-256 of their JSON form, or of a mapping."""
+    text = json.dumps(config if isinstance(config, dict) else to_dict(config), sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]

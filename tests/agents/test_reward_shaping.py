@@ -10,14 +10,10 @@ from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_poli
 from slamgym.agents.rl.reward_presets import (
     OWN,
     REWARD_PRESETS,
-    WHEELS_PRESETS,
     ShapingConfig,
-    WheelsShapingConfig,
     reward_preset,
 )
 from slamgym.agents.rl.shaping import (
-    DECISION_REPORT,
-    WHEELS_REPORT,
     Experiment,
     ShapingRun,
     own_term,
@@ -25,10 +21,8 @@ from slamgym.agents.rl.shaping import (
     table,
     write_shaping_report,
 )
-from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
+from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.agents.scoring import NetworkConfig
-from slamgym.agents.wheels import WHEELS as WHEELS_WEIGHTS
-from slamgym.agents.wheels import read_wheels, write_wheels
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
@@ -41,7 +35,7 @@ def main(argv):
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
     terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
-    position_sigma=0.1, exposure=0.5, floor_area=50.0,
+    position_sigma=0.1, floor_area=50.0,
 )  # fmt: skip
 
 
@@ -159,7 +153,7 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
 
 def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
     runs = runs_of("time", [100.0, 200.0], [0.02, 0.04]) + runs_of("map_error", [110.0, 220.0], [0.01, 0.02])
-    text = write_shaping_report(runs, DECISION_REPORT, tmp_path)
+    text = write_shaping_report(runs, tmp_path)
     row = next(line for line in text.splitlines() if line.startswith("| map_error"))
     assert "1.10 [1.10, 1.10]" in row  # every plan takes a tenth longer
     assert "0.50 [0.50, 0.50]" in row  # and has half the error
@@ -167,57 +161,17 @@ def test_the_report_names_presets_and_compares_them_with_time(tmp_path):
 
 
 def test_without_the_preset_time_the_first_is_the_reference():
-    text = table(runs_of("potential", [100.0, 200.0], [0.02, 0.04]), DECISION_REPORT)
+    text = table(runs_of("potential", [100.0, 200.0], [0.02, 0.04]))
     assert "time until done / potential" in text
     assert "1.00 [1.00, 1.00]" in text
 
 
 def test_one_seed_has_no_interval_and_the_report_says_so():
     runs = runs_of("time", [100.0, 200.0], [0.02, 0.04])
-    assert "No interval" not in table(runs, DECISION_REPORT)
-    alone = table([run for run in runs if run.seed == 0], DECISION_REPORT)
+    assert "No interval" not in table(runs)
+    alone = table([run for run in runs if run.seed == 0])
     assert "[" not in alone.replace("[s]", "").replace("[m]", "")
     assert "No interval" in alone
-
-
-def test_the_wheels_are_offered_what_a_batch_can_pay():
-    assert set(REWARD_PRESETS) - set(WHEELS_PRESETS) == {"map_error", "pose_uncertainty"}
-    with pytest.raises(ConfigError, match=r"'map_error' can't be paid on the wheels.*floor"):
-        WheelsShapingConfig(presets=("map_error",))
-    with pytest.raises(ConfigError, match="did you mean 'time'"):
-        WheelsShapingConfig(presets=("tme",))
-
-
-def test_an_experiment_on_the_wheels_drives_plans_alike_whatever_the_others(tmp_path):
-    config = WheelsShapingConfig(
-        presets=("time", "potential"), seeds=1, test_plans=3, train=WheelsConfig(evaluate_seconds=3.0)
-    )
-    trained = []
-
-    def learn(settings, folder):
-        trained.append(settings)
-        write_wheels(folder / "policy.safetensors", read_wheels(WHEELS_WEIGHTS))
-
-    experiment = Experiment(config, learn)
-    runs = run_shaping(experiment, tmp_path / "all")
-    assert [settings.reward.shaping for settings in trained] == [0.0, 2.0]
-    assert trained[1].reward.discount ** 3 == pytest.approx(trained[1].discount)
-    assert runs[0].outcomes == runs[1].outcomes  # the same weights
-    assert all(0.0 < outcome["coverage"] <= 1.0 for outcome in runs[0].outcomes)
-    assert run_shaping(experiment, tmp_path / "all") == runs
-    assert len(trained) == 2
-    fewer = dataclasses.replace(config, test_plans=2)
-    (alone, _) = run_shaping(Experiment(fewer, learn), tmp_path / "fewer")
-    assert alone.outcomes[0] in runs[0].outcomes
-
-
-def test_the_report_of_the_wheels_compares_coverage():
-    def of(name, coverages):
-        outcomes = [{"coverage": coverage, "contacts": 1.0, "path": 15.0} for coverage in coverages]
-        return [ShapingRun(name, seed, outcomes) for seed in range(2)]
-
-    text = table(of("time", [0.4, 0.6]) + of("floor", [0.5, 0.75]), WHEELS_REPORT)
-    assert "1.25 [1.25, 1.25]" in next(line for line in text.splitlines() if line.startswith("| floor"))
 
 
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])
@@ -230,8 +184,6 @@ def test_the_command_lists_the_presets_and_asks_for_a_folder(capsys):
     assert main(["--list"]) == 0
     shown = capsys.readouterr().out
     assert all(name in shown for name in REWARD_PRESETS)
-    assert main(["--wheels", "--list"]) == 0
-    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(WHEELS_PRESETS)
     with pytest.raises(ConfigError, match="-o"):
         main([])
     with pytest.raises(ConfigError, match="needs --term"):

@@ -4,7 +4,7 @@ import dataclasses
 import sys
 from typing import TYPE_CHECKING
 
-from slamgym.agents.rl.reward_presets import WHEELS_PRESETS, ShapingConfig, WheelsShapingConfig
+from slamgym.agents.rl.reward_presets import ShapingConfig
 from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
 from slamgym.commands.frame import LEARNING, MaybeOut, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions, given
@@ -68,8 +68,6 @@ class ShapeArguments(Arguments):
     """Folder of the experiment."""
     list: bool = False
     """Only list the presets."""
-    wheels: bool = False
-    """Train policies that drive the wheels, on a batch of environments, instead of policies that choose frontiers."""
     presets: tuple[str, ...] | None = None
     """Names of presets; by default all."""
     seeds: Count | None = None
@@ -84,41 +82,27 @@ class ShapeArguments(Arguments):
     settings: AllSettings = SettingsOptions()
     """Each training, as ``train.steps``, and all else."""
 
-    def _check(self) -> None:
-        if self.wheels and self.term:
-            raise ConfigError("--term is for policies that choose frontiers; leave --wheels out")
-
 
 def shape(arguments: ShapeArguments) -> None:
     """Run ``slamgym agents shape``."""
     if arguments.list:
         from slamgym.agents.rl.reward_presets import REWARD_PRESETS
 
-        names = WHEELS_PRESETS if arguments.wheels else tuple(REWARD_PRESETS)
-        shown = {name: REWARD_PRESETS[name].about for name in names}
-        width = max(map(len, shown))
-        for name, about in shown.items():
-            tell(f"{name:<{width}}  {about}")
+        width = max(map(len, REWARD_PRESETS))
+        for name, preset in REWARD_PRESETS.items():
+            tell(f"{name:<{width}}  {preset.about}")
         return
     if arguments.out is None:
         raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
     require(LEARNING, "slamgym agents shape")
-    from slamgym.agents.rl.shaping import (
-        DECISION_REPORT,
-        FEW_SEEDS,
-        WHEELS_REPORT,
-        run_shaping,
-        write_shaping_report,
-    )
+    from slamgym.agents.rl.shaping import FEW_SEEDS, run_shaping, write_shaping_report
 
     experiment = _experiment(arguments)
     seeds = experiment.config.seeds
     if seeds < FEW_SEEDS:
         say(f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings")
     runs = run_shaping(experiment, arguments.out)
-    sys.stdout.write(
-        write_shaping_report(runs, WHEELS_REPORT if arguments.wheels else DECISION_REPORT, arguments.out)
-    )
+    sys.stdout.write(write_shaping_report(runs, arguments.out))
     say(f"table: {arguments.out}")
 
 
