@@ -63,8 +63,4 @@ class Keyboard(BatchedExplorer):
     """
 
     def __init__(self, context: ExplorerContext, window: Window) -> None:
-        super().__init__(context, "keyboard")
-        self._window = window
-
-    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - there is one
-        return _Hands(self.context, self._window)
+        super().__init__(context, "keyboard", lambda _: _Hands(context, window))

@@ -101,7 +101,7 @@ def bound_exploration(
 
     Args:
         env: An environment after its reset.
-        shares: Of the floor to be seen.
+        shares: Of the floor to be seen, ascending.
         seed: Of the search.
         config: Settings.
 
@@ -115,18 +115,17 @@ def bound_exploration(
     search = TourSearch(viewpoints, start, ~seen_first, np.random.default_rng(seed))
     robot, lidar = env.config.robot, env.config.lidar
     look = max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular  # [s]
-    needs: dict[float, tuple[float, float]] = {}  # share to path and time
+    found: list[Bound] = []
     tour: list[int] = []
-    for share in sorted(set(shares)):
+    for share in shares:
         needed = round(share * seen_first.size) - int(np.count_nonzero(seen_first))
         tour = search.shortest(needed, iterations, tour)
         path = search.length(tour)
-        needs[share] = path, path / robot.max_linear + len(tour) * look
-    found = []
-    for share in shares:
-        paths, times = zip(*(need for other, need in needs.items() if other >= share), strict=True)
-        found.append(Bound(share, min(paths), min(times)))
-    return found
+        found.append(Bound(share, path, path / robot.max_linear + len(tour) * look))
+    return [
+        Bound(one.share, min(more.path for more in found[i:]), min(more.time for more in found[i:]))
+        for i, one in enumerate(found)
+    ]
 
 
 def _with_furniture(grid: OccupancyGrid, clutter: Clutter, offset: Point) -> OccupancyGrid:

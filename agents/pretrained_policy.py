@@ -77,16 +77,15 @@ class LearnedExplorer(BatchedExplorer):
         policy: Path | str = PRETRAINED,
         config: ExplorationLoopConfig | None = None,
     ) -> None:
-        self.config = config or ExplorationLoopConfig()
+        self.config = loop = config or ExplorationLoopConfig()
         file = read_policy(policy)
-        self._scorer = file.scorer()
-        super().__init__(context, f"{fingerprint_of(file.weights)}-{config_hash(self.config)}")
+        scorer = file.scorer()
 
-    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
-        features = FrontierFeatures(self.config.max_candidates)
-        return FrontierPilot(
-            self.context, self.config, lambda loop: self._scorer.scores(features.observe(loop))
-        )
+        def begin(_: int) -> Pilot:
+            features = FrontierFeatures(loop.max_candidates)
+            return FrontierPilot(context, loop, lambda now: scorer.scores(features.observe(now)))
+
+        super().__init__(context, f"{fingerprint_of(file.weights)}-{config_hash(loop)}", begin)
 
 
 def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:

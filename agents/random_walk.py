@@ -46,8 +46,6 @@ class RandomWalk(BatchedExplorer):
     """
 
     def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
-        super().__init__(context, "random walk")
-        self._seed = seed
-
-    def _begin(self, index: int) -> Pilot:
-        return _Walk(self.context, np.random.default_rng([self._seed, index]))
+        super().__init__(
+            context, "random walk", lambda index: _Walk(context, np.random.default_rng([seed, index]))
+        )

@@ -125,8 +125,6 @@ class Teleop(BatchedExplorer):
     """
 
     def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
-        super().__init__(context, "teleop")
-        self._seed = seed
-
-    def _begin(self, index: int) -> Pilot:
-        return _Driver(self.context, np.random.default_rng([self._seed, index]))
+        super().__init__(
+            context, "teleop", lambda index: _Driver(context, np.random.default_rng([seed, index]))
+        )

@@ -155,8 +155,5 @@ class WheelsExplorer(BatchedExplorer):
             raise ConfigError(
                 f"the explorer wheels needs a scanner of {SCAN_SECTORS} beams or more, not {context.geometry.num_beams}"
             )
-        self._policy = read_wheels(policy)
-        super().__init__(context, fingerprint_of(self._policy.weights))
-
-    def _begin(self, index: int) -> Pilot:  # noqa: ARG002 - every environment begins alike
-        return WheelsPilot(self.context, self._policy)
+        found = read_wheels(policy)
+        super().__init__(context, fingerprint_of(found.weights), lambda _: WheelsPilot(context, found))

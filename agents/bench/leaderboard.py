@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest
-from slamgym.agents.bench.results import BenchResult, BenchRow
+from slamgym.agents.bench.results import BenchResult
 from slamgym.agents.evaluation.report import with_bounds
 from slamgym.core.intervals import (
     Interval,
@@ -121,11 +121,7 @@ def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> I
 
 def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
     """A figure of the rows, shape (runs, plans)."""
-
-    def figure(row: BenchRow) -> float:
-        return float(getattr(row, field))
-
-    return np.array([[figure(row) for row in result.rows] for result in runs])
+    return np.array([[getattr(row, field) for row in result.rows] for result in runs], dtype=np.float64)
 
 
 def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:

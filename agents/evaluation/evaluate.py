@@ -27,7 +27,7 @@ from slamgym.agents.evaluation.trial import (
     trial_hash,
 )
 from slamgym.agents.oracle import OracleConfig
-from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.plan_splits import PlanSplit, ids_of
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
@@ -232,7 +232,7 @@ def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[Flo
     Raises:
         ConfigError: If there is none.
     """
-    ids = [i for i in source.ids if config.split is None or split_of(i) == config.split]
+    ids = source.ids if config.split is None else ids_of(source.ids, config.split)
     if not ids:
         raise ConfigError(
             f"none of the {len(source)} plans belongs to the split {config.split!r}; give more plans, or take all"

@@ -9,8 +9,6 @@ import numpy as np
 from slamgym.agents.evaluation.summary import censored
 from slamgym.agents.evaluation.trial import Trial, TrialConfig, explorer_in
 from slamgym.cad import FloorPlan, PlanSource
-from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError
 from slamgym.core.types import ByteArray
 from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import episode_steps, fitted_env
@@ -29,9 +27,10 @@ def film_side_by_side(
     explorers: tuple[str, str],
     config: TrialConfig,
     path: Path,
-    plan_id: str | None = None,
 ) -> None:
     """Film two explorations side by side; the one that is done first waits for the other.
+
+    The plan is that on which the left one gains the most, as a share, on its way to 95 % of the floor.
 
     Args:
         source: Floor plans.
@@ -39,14 +38,11 @@ def film_side_by_side(
         explorers: Left and right.
         config: Settings of the trials.
         path: MP4 to write.
-        plan_id: Which plan; by default the one on which the left one gains the most, as a share, on its way to
-            95 % of the floor.
 
     Raises:
-        ConfigError: If neither explored the plan.
         InputFileError: If the film can't be written.
     """
-    chosen = choose_trial(trials, explorers, plan_id)
+    chosen = choose_trial(trials, explorers)
     plan = source.load(chosen.plan)
     stride = max(1, round(SPEED / FPS / config.env.control_step))
     halves = [_frames(plan, chosen.seed, name, config, stride) for name in explorers]
@@ -62,21 +58,15 @@ def film_side_by_side(
             show(np.hstack(latest))
 
 
-def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str], plan_id: str | None) -> Trial:
+def choose_trial(trials: Sequence[Trial], explorers: tuple[str, str]) -> Trial:
     """The left explorer's trial on the plan to film; arguments as :func:`film_side_by_side` takes them."""
     left, right = ({(t.plan, t.seed): t for t in trials if t.explorer == name} for name in explorers)
-    both = [pair for pair in left if pair in right]
-    if plan_id is not None:
-        both = [pair for pair in both if pair[0] == plan_id]
-        if not both:
-            plans = sorted({trial.plan for trial in trials})
-            raise ConfigError(f"plan {plan_id!r} was not explored; {suggest(plan_id, plans[:1000])}")
 
     def share(pair: tuple[str, int]) -> float:
         ours, theirs = (censored(side[pair], "time", _LEVEL) for side in (left, right))
         return ours / theirs if theirs > 0.0 else math.inf  # the very first scan showed all
 
-    return left[min(both, key=share)]
+    return left[min((pair for pair in left if pair in right), key=share)]
 
 
 def _frames(plan: FloorPlan, seed: int, name: str, config: TrialConfig, stride: int) -> Iterator[ByteArray]:

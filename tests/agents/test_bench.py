@@ -40,7 +40,7 @@ from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.parallel.engine import Execution
-from slamgym.envs.plan_cache import ListedPlans
+from slamgym.envs.plan_cache import listed_plans
 from slamgym.sim import ClutterConfig
 
 
@@ -66,7 +66,7 @@ def rooms(count=3):
     plans = [room(number) for number in range(count)]
     buildings = tuple(Building(plan.id, outline_hash(plan), 7, (1.0, 1.5, 0.0)) for plan in plans)
     track = Track("homes", "rooms", False, ClutterConfig(), buildings)
-    return Manifest(1, (track,), "5" * 64), ListedPlans(plans)
+    return Manifest(1, (track,), "5" * 64), listed_plans(plans)
 
 
 def result(entry="ours", seconds=100.0, failures=0, count=40, settings="s", **changes):
@@ -150,7 +150,7 @@ def test_an_outline_that_moved_by_a_centimetre_is_another_one():
 
 def test_a_plan_that_differs_is_named():
     manifest, _ = rooms()
-    changed = ListedPlans([room(0), FloorPlan("room_1", shapely.box(0.0, 0.0, 5.5, 3.0)), room(2)])
+    changed = listed_plans([room(0), FloorPlan("room_1", shapely.box(0.0, 0.0, 5.5, 3.0)), room(2)])
     with pytest.raises(ConfigError, match=r"room_1 .*another outline.*give HouseExpo's own files"):
         bench_tasks(manifest.tracks[0], changed, "nearest")
 
@@ -158,7 +158,7 @@ def test_a_plan_that_differs_is_named():
 def test_plans_that_are_missing_are_counted():
     manifest, _ = rooms()
     with pytest.raises(ConfigError, match=r"2 of the 3 plans of the track 'homes'.*the first is room_1"):
-        bench_tasks(manifest.tracks[0], ListedPlans([room(0)]), "nearest")
+        bench_tasks(manifest.tracks[0], listed_plans([room(0)]), "nearest")
 
 
 def test_a_missing_copy_of_houseexpo_is_said_before_any_work(tmp_path):
@@ -176,7 +176,7 @@ def test_other_furniture_is_refused():
     for known, is_same in (((faces, length), True), ((faces + 4, length + 2.0), False)):
         building = dataclasses.replace(building, furniture=known)
         checked = functools.partial(
-            bench_tasks, dataclasses.replace(track, buildings=(building,)), ListedPlans([plan]), "nearest"
+            bench_tasks, dataclasses.replace(track, buildings=(building,)), listed_plans([plan]), "nearest"
         )
         if is_same:
             assert len(checked()) == 1

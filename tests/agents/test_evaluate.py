@@ -24,7 +24,7 @@ from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Execution
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import fitted_env
-from slamgym.envs.plan_cache import ListedPlans
+from slamgym.envs.plan_cache import listed_plans
 from slamgym.slam import SlamConfig
 
 
@@ -41,7 +41,7 @@ def room(plan_id, width=4.0):
 
 
 def source(count=3):
-    return ListedPlans([room(f"room_{i}", 4.0 + i) for i in range(count)])
+    return listed_plans([room(f"room_{i}", 4.0 + i) for i in range(count)])
 
 
 def config(**changes):
@@ -78,7 +78,7 @@ def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
 
 def test_a_building_larger_than_the_usual_map_is_explored(tmp_path):
     hall = FloorPlan("hall", shapely.box(0.0, 0.0, 90.0, 4.0))
-    (trial,) = run(ListedPlans([hall]), config(explorers=("nearest",)), tmp_path).trials
+    (trial,) = run(listed_plans([hall]), config(explorers=("nearest",)), tmp_path).trials
     assert trial.coverage > 0.0
     assert trial.time == pytest.approx(6.0)
     # The settings of smaller buildings, and so their hashes, are as before.
@@ -92,7 +92,7 @@ def test_the_reason_is_given_where_no_plan_can_be_used(tmp_path, monkeypatch):
     with pytest.raises(
         ConfigError, match=r"the first, hall: the plan is 90\.0 m long but the map holds 25\.0 m"
     ):
-        run(ListedPlans([hall]), config(), tmp_path)
+        run(listed_plans([hall]), config(), tmp_path)
 
 
 def test_an_interrupted_evaluation_keeps_what_is_done_and_goes_on(tmp_path, monkeypatch):
@@ -192,17 +192,17 @@ def test_an_own_explorer_that_fails_costs_its_explorations_alone(tmp_path, monke
 
 
 def test_plans_too_small_for_the_robot_are_skipped_and_counted(tmp_path):
-    plans = ListedPlans([room("fine"), FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))])
+    plans = listed_plans([room("fine"), FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))])
     result = run(plans, config(explorers=("nearest",)), tmp_path)
     assert [t.plan for t in result.trials] == ["fine"]
     assert [s.plan for s in result.skipped] == ["closet"]
     assert "wide enough" in result.skipped[0].reason
     with pytest.raises(ConfigError, match="no plan can be used: of 1, "):
-        choose_plans(ListedPlans([FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))]), config())
+        choose_plans(listed_plans([FloorPlan("closet", shapely.box(0.0, 0.0, 0.3, 3.0))]), config())
 
 
 def test_only_plans_of_the_split_are_explored():
-    plans = ListedPlans([room(f"r{i}") for i in range(60)])
+    plans = listed_plans([room(f"r{i}") for i in range(60)])
     chosen, _ = choose_plans(plans, config(split="test"))
     assert chosen
     assert all(split_of(plan.id) == "test" for plan in chosen)

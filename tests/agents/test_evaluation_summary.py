@@ -90,8 +90,6 @@ def test_wrong_references_and_unlike_explorations_are_refused(many, make_trial):
         summarise_trials(many("reference", 1.0), "referense")
     with pytest.raises(ConfigError, match="share no exploration"):
         summarise_trials([make_trial("a", "p0"), make_trial("b", "p1")], "a")
-    with pytest.raises(ValueError, match="same plans"):
-        compare([make_trial("a", "p0")], [make_trial("b", "p1")])
 
 
 def test_a_level_that_nobody_reached_leaves_a_dash(many):

@@ -76,18 +76,13 @@ class Fleet:
         self.each: list[Robot] = []
         self.lidar = Lidar(config.lidar)
         robot, lidar, odometry, slam = config.robot, config.lidar, config.odometry, config.slam
-        geometry, failures = (
-            self.lidar.geometry,
-            (float(lidar.range_min), float(lidar.lost), float(lidar.stray)),
-        )
+        geometry = self.lidar.geometry
+        failures = float(lidar.range_min), float(lidar.lost), float(lidar.stray)
         directions, mount = unit_vectors(geometry.angles), plain(geometry.mount)
         self._scanner = Scanner(self.lidar.law, mount, directions, *failures, float(config.usable_range))
-        beams, shows = BeamTable.of(geometry, slam), config.observation.map
         thresholds = float(slam.occupied_threshold), int(slam.min_passes), update_thresholds(slam)
-        believes_truth = slam.mode == "ground_truth"
-        self.map_model = MapModel(
-            beams, float(slam.resolution), *thresholds, believes_truth, shows == "egocentric"
-        )
+        flags = slam.mode == "ground_truth", config.observation.map == "egocentric"
+        self.map_model = MapModel(BeamTable.of(geometry, slam), float(slam.resolution), *thresholds, *flags)
         self.is_mapped_together = slam.mode in ("ground_truth", "dead_reckoning") and slam.counting == "beams"
         self._contacts = DiscContacts.none(count, 0)
         self._drive_model = DriveModel.of(robot, float(config.control_step))

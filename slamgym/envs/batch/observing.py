@@ -47,40 +47,18 @@ class BatchObserver:
             ids: Those that have sensed.
             is_published: Whose map was published just now, shape (N,).
         """
-        fleet, maps, robots, ranges = (
-            self._fleet,
-            self._fleet.maps,
-            self._fleet.robots,
-            self._fleet.scans.ranges,
-        )
-        resolution = fleet.map_model.resolution
+        fleet = self._fleet
+        maps, robots, scans, resolution = fleet.maps, fleet.robots, fleet.scans, fleet.map_model.resolution
         if not fleet.is_mapped_together:
             for i in ids.tolist():
-                mapper, pose, velocity = (
-                    fleet.mapper(i),
-                    maps.believed[i].tolist(),
-                    robots.velocity[i].tolist(),
+                pose, velocity = Pose2D(*maps.believed[i].tolist()), Twist2D(*robots.velocity[i].tolist())
+                flags = bool(maps.is_new[i]), bool(is_published[i])
+                self._seen[i] = self._views[i].look(
+                    SensedStep(fleet.mapper(i), scans.ranges[i], pose, velocity, *flags)
                 )
-                now = SensedStep(
-                    mapper,
-                    ranges[i],
-                    Pose2D(*pose),
-                    Twist2D(*velocity),
-                    bool(maps.is_new[i]),
-                    bool(is_published[i]),
-                )
-                self._seen[i] = self._views[i].look(now)
         elif self._compact:
-            compact_all(
-                robots,
-                fleet.scans,
-                maps,
-                resolution,
-                self._compact.side,
-                self._compact.limits,
-                ids,
-                self._seen,
-            )
+            sizes = resolution, self._compact.side, self._compact.limits
+            compact_all(robots, scans, maps, *sizes, ids, self._seen)
             if self._far:
                 for i in ids[is_published[ids]].tolist():
                     (rows, cols), (row, col) = maps.shape[i].tolist(), maps.corner[i].tolist()
@@ -89,18 +67,11 @@ class BatchObserver:
                     self._far.refresh(i, packed, (row, col), resolution)
                 self._far.write(ids, maps.believed, self._seen)
         else:
-            crop_resolution = self._config.observation.crop_resolution
-            crop_all(
-                maps,
-                self._windows,
-                self._centres,
-                resolution,
-                crop_resolution,
-                self._samples,
-                ids,
-                self._seen,
-            )
+            sizes = resolution, self._config.observation.crop_resolution, self._samples
+            crop_all(maps, self._windows, self._centres, *sizes, ids, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
         times = fleet.times[:, np.newaxis]
-        return self._measurements.observe(self._seen.copy(), ranges, maps.believed, robots.velocity, times)
+        return self._measurements.observe(
+            self._seen.copy(), scans.ranges, maps.believed, robots.velocity, times
+        )
