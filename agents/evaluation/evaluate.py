@@ -65,13 +65,16 @@ class TrialLog(Generic[_Entry]):
 
     def __init__(self, path: Path, kind: type[_Entry]) -> None:
         self.path = path
-        self._kind: type[_Entry] = kind
         self.trials: dict[Key, _Entry] = {}
         if path.exists():
             require_file(path)
             drop_torn_line(path)
             for line, where in byte_lines(path):
-                trial = self._read(line, where)
+                try:
+                    trial = from_dict(kind, parse_json(line, where))
+                except (InputFileError, ConfigError, ValueError) as error:
+                    reason = f"is no trial of this version ({error}); move the file away"
+                    raise InputFileError(where, reason) from error
                 self.trials[trial.key] = trial
 
     def append(self, trial: _Entry) -> None:
@@ -83,14 +86,6 @@ class TrialLog(Generic[_Entry]):
         line = json.dumps(dataclasses.asdict(trial), separators=(",", ":")) + "\n"
         append_line(self.path, line, durable=True)
         self.trials[trial.key] = trial
-
-    def _read(self, line: bytes, where: str) -> _Entry:
-        try:
-            return from_dict(self._kind, parse_json(line, where))
-        except (InputFileError, ConfigError, ValueError) as error:
-            raise InputFileError(
-                where, f"is no trial of this version ({error}); move the file away"
-            ) from error
 
 
 ORACLE = "oracle"

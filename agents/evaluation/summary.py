@@ -254,23 +254,15 @@ def _compare_level(
     ]
 
     figure = functools.partial(censored, quantity=quantity, level=level)
-
-    def table(indices: Sequence[int]) -> tuple[FloatArray, FloatArray]:
-        ours, theirs = ([found[i] for i in indices] for found in (trials, reference))
-        return _by_plan(ours, figure), _by_plan(theirs, figure)
-
     timed = [i for i, trial in enumerate(reference) if figure(trial) > 0.0]
-    both, everything = table(reached), table(timed)
-    return LevelComparison(
-        quantity,
-        level,
-        len(reached),
-        len(trials),
-        ratio_of_means(*both) if reached else None,
-        mean_interval(np.divide(*both)) if reached else None,
-        ratio_of_means(*everything) if timed else None,
-        mean_interval(np.divide(*everything)) if timed else None,
-    )
+
+    def ratios(indices: Sequence[int]) -> tuple[Interval | None, Interval | None]:
+        if not indices:
+            return None, None
+        ours, theirs = (_by_plan([found[i] for i in indices], figure) for found in (trials, reference))
+        return ratio_of_means(ours, theirs), mean_interval(np.divide(ours, theirs))
+
+    return LevelComparison(quantity, level, len(reached), len(trials), *ratios(reached), *ratios(timed))
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:

@@ -54,7 +54,7 @@ class TrialConfig(Settings):
 
 
 @dataclass(frozen=True)
-class Ended:
+class TrialIdentity:
     """Identity of an exploration that has ended."""
 
     explorer: str
@@ -70,7 +70,7 @@ class Ended:
 
 
 @dataclass(frozen=True)
-class Trial(Ended):
+class Trial(TrialIdentity):
     """The outcome of an exploration. Keys of ``time_to`` and ``path_to`` are levels such as ``"0.95"``."""
 
     area: Measured
@@ -122,7 +122,7 @@ class Trial(Ended):
 
 
 @dataclass(frozen=True)
-class FailedTrial(Ended):
+class FailedTrial(TrialIdentity):
     """An exploration that crashed, hung or failed, so that it is not begun again and again."""
 
     error: str

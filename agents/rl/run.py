@@ -42,6 +42,17 @@ _MAY_CHANGE = ("steps", "workers")
 _CHECKPOINTS = 200
 """So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
 _STATISTICS = ("mean", "var", "count")
+_DAMAGES = (
+    OSError,
+    RuntimeError,
+    LookupError,
+    TypeError,
+    ValueError,
+    EOFError,
+    AttributeError,
+    pickle.PickleError,
+)
+"""What reading a checkpoint raises that is cut off, or of another network."""
 
 ConfigT = TypeVar("ConfigT", bound=RunConfig)
 
@@ -277,16 +288,7 @@ def load_checkpoint(folder: Path, model: Any) -> None:
             for key in _STATISTICS:
                 setattr(statistics, key, state[name][key].numpy())
         model.num_timesteps, model._n_updates = int(state["steps"]), int(state["updates"])
-    except (
-        OSError,
-        RuntimeError,
-        LookupError,
-        TypeError,
-        ValueError,
-        EOFError,
-        AttributeError,
-        pickle.UnpicklingError,
-    ) as error:
+    except _DAMAGES as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputFileError(
             path, f"is no checkpoint of this run ({reason}); delete it to begin again"

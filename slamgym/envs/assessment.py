@@ -121,8 +121,8 @@ class Assessment:
         )
         return Scene(
             plan=plan,
-            furniture=simulation.furniture,
-            moving=simulation.segments[len(plan.segments()) + len(clutter.segments()) :],
+            furniture=simulation.world.furniture(),
+            moving=simulation.world.segments()[len(plan.segments()) + len(clutter.segments()) :],
             robot_radius=simulation.radius,
             true_pose=simulation.true_pose,
             believed_pose=Pose2D(belief.x + start.x, belief.y + start.y, belief.theta),

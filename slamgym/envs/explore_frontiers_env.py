@@ -13,7 +13,7 @@ from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.types import Observation
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
-from slamgym.envs.frontier_features import FrontierFeatures, frontier_observation_space
+from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.envs.plan_cache import PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
@@ -121,7 +121,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.config = self.inner.config
         self.render_mode = render_mode
         k = self.loop_config.max_candidates
-        self.observation_space = frontier_observation_space(k)
+        self.observation_space = FrontierFeatures(k).space
         self.action_space = spaces.Discrete(k)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None

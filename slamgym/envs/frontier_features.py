@@ -56,43 +56,37 @@ GLOBAL_FEATURES: tuple[str, ...] = (
 """Features of the exploration as a whole."""
 
 
-def frontier_observation_space(max_candidates: int) -> spaces.Dict:
-    """The space of the observations for K candidates."""
-    return spaces.Dict(
-        {
-            "candidates": spaces.Box(-LIMIT, LIMIT, (max_candidates, len(CANDIDATE_FEATURES)), np.float32),
-            "crops": spaces.Box(0.0, 1.0, (max_candidates, 2, CROP_PX, CROP_PX), np.float32),
-            "globals": spaces.Box(-LIMIT, LIMIT, (len(GLOBAL_FEATURES),), np.float32),
-            "mask": spaces.Box(0.0, 1.0, (max_candidates,), np.float32),
-        }
-    )
-
-
 class FrontierFeatures:
     """Makes the observations of one exploration.
 
     Args:
         max_candidates: K; rows beyond the candidates at hand are zero and masked.
+
+    Attributes:
+        space: Of the observations.
     """
 
     def __init__(self, max_candidates: int) -> None:
-        self._max_candidates = max_candidates
+        k = max_candidates
+        self.space = spaces.Dict(
+            {
+                "candidates": spaces.Box(-LIMIT, LIMIT, (k, len(CANDIDATE_FEATURES)), np.float32),
+                "crops": spaces.Box(0.0, 1.0, (k, 2, CROP_PX, CROP_PX), np.float32),
+                "globals": spaces.Box(-LIMIT, LIMIT, (len(GLOBAL_FEATURES),), np.float32),
+                "mask": spaces.Box(0.0, 1.0, (k,), np.float32),
+            }
+        )
+        self._shapes = {name: box.shape or () for name, box in self.space.items()}
         self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # (time, known area) at decisions
         self._grown_at = 0.0
 
     def observe(self, loop: ExplorationLoop) -> Observation:
         """The observation at a decision: features of the loop's candidates, in their order."""
-        k, width = self._max_candidates, len(CANDIDATE_FEATURES)
-        observation = {
-            "candidates": np.zeros((k, width), np.float32),
-            "crops": np.zeros((k, 2, CROP_PX, CROP_PX), np.float32),
-            "globals": np.zeros(len(GLOBAL_FEATURES), np.float32),
-            "mask": np.zeros(k, np.float32),
-        }
+        observation = {name: np.zeros(shape, np.float32) for name, shape in self._shapes.items()}
         costmap, candidates = loop.navigator.costmap, loop.candidates
         if costmap is None:
             return observation
-        rows: FloatArray = np.zeros((0, width))
+        rows: FloatArray = np.zeros((0, len(CANDIDATE_FEATURES)))
         if candidates:
             measured = _measure(loop, costmap, observation["crops"])
             rows = np.array([[one[name] for name in CANDIDATE_FEATURES] for one in measured])

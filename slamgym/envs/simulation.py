@@ -99,7 +99,9 @@ class Simulation:
         streams: Sources of randomness.
 
     Attributes:
+        world: The robot in its building.
         radius: Of the circle that holds the robot [m].
+        steps: So far.
         start: Start pose, world frame.
         world_from_map: The map frame in the world.
         mapper: SLAM.
@@ -119,8 +121,8 @@ class Simulation:
     def __init__(
         self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
     ) -> None:
-        self._world = World(prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces)
-        self._world.reset(start)
+        self.world = World(prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces)
+        self.world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar
         self._odometry_rng = streams.odometry
@@ -128,7 +130,7 @@ class Simulation:
         self._believes_truth = config.slam.mode == "ground_truth"
         self._dt = config.control_step
         self.radius = config.robot.radius
-        self._steps = 0
+        self.steps = 0
         self._in_contact = False
         self.start = start
         self.world_from_map = Pose2D(start.x, start.y, 0.0)
@@ -143,44 +145,29 @@ class Simulation:
         self._sense()
 
     @property
-    def steps(self) -> int:
-        """Steps so far."""
-        return self._steps
-
-    @property
     def time(self) -> float:
         """Robot time [s]."""
-        return self._steps * self._dt
+        return self.steps * self._dt
 
     @property
     def true_pose(self) -> Pose2D:
         """World frame."""
-        return self._world.pose
+        return self.world.pose
 
     @property
     def true_map_pose(self) -> Pose2D:
         """The true pose, expressed in the map frame."""
-        x, y, theta = self._world.pose
+        x, y, theta = self.world.pose
         return Pose2D(x - self.start.x, y - self.start.y, theta)
-
-    @property
-    def segments(self) -> FloatArray:
-        """Everything that the scanner can see now, shape (S, 4) [m], world frame."""
-        return self._world.segments()
-
-    @property
-    def furniture(self) -> tuple[FloatArray, ...]:
-        """What stands on the floor now: corners of each solid, shape (K, 2) [m], world frame."""
-        return self._world.furniture()
 
     def step(self, command: Twist2D) -> Motion:
         """Drive for one control step towards a velocity, then scan and map."""
-        motion = self._world.step(command, self._dt)
+        motion = self.world.step(command, self._dt)
         before = self.odometry_pose
         self.odometry_pose = self._odometry.update(motion, self._odometry_rng)
         moved = between(before, self.odometry_pose)
         self.velocity = Twist2D(moved.x / self._dt, moved.theta / self._dt)
-        self._steps += 1
+        self.steps += 1
         self.path_length += motion.distance
         self.collisions += motion.contact and not self._in_contact
         self._in_contact = motion.contact
@@ -189,7 +176,7 @@ class Simulation:
 
     def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
         """Scan from where the robot stands or has just ``driven``, and let SLAM take it in."""
-        world = self._world
+        world = self.world
         sighting = self._lidar.look(world.pose, world.segments(), driven)
         self.true_ranges = sighting.ranges
         if len(sighting.sensors) > 1:

@@ -18,7 +18,8 @@ centre can be."""
 Point = tuple[float, float]
 _OPENING = np.ones((5, 5), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
-_ANY: BoolArray = np.zeros(0, dtype=np.bool_)
+ANY: BoolArray = np.zeros(0, dtype=np.bool_)
+"""Mask for :func:`nearest_open_cell` that leaves out no cell."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     import cv2
 
     row, col = costmap.frame.to_cell(pose.x, pose.y)
-    start = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, _ANY, costmap.costs.size)
+    start = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, ANY, costmap.costs.size)
     if start < 0:
         return None
     order, mask = flood(costmap.costs, start, INSCRIBED_COST)

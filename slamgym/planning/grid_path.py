@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
+from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
-from slamgym.planning.frontiers import Point, Reachable, nearest_open_cell, reachable_space
+from slamgym.planning.frontiers import ANY, Point, Reachable, nearest_open_cell, reachable_space
 from slamgym.planning.grid_path_kernels import EVERYWHERE, search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
@@ -17,8 +17,6 @@ SHRINK = 3
 
 _STANDS_AT = 0.3
 """A robot need not turn to face a place that is nearer than this [m]: it stands there."""
-
-_ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 
 
 def plan_path(
@@ -125,7 +123,7 @@ class CoarsePaths:
         corner.
         """
         row, col = (int(cell) // SHRINK for cell in self._frame.to_cell(*point))
-        return int(nearest_open_cell(self._crossable, row, col, 1, _ANY, self._crossable.size))
+        return int(nearest_open_cell(self._crossable, row, col, 1, ANY, self._crossable.size))
 
     def lengths_from(self, place: int, wanted: IntArray = EVERYWHERE) -> Float32Array:
         """Length of the shortest path from an open cell to each coarse cell, inf where none leads.

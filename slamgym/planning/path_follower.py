@@ -145,8 +145,8 @@ class PathFollower:
         corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
         self._index = nearest_on_path(self.path, here, self._index)
         chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, frame.resolution)
-        x, y, _ = between(pose, Pose2D(*self.path[chosen].tolist(), 0.0))
-        return x, y
+        x, y = self.path[chosen].tolist()
+        return between(pose, Pose2D(x, y, 0.0))[:2]
 
     def _turn(self, error: float) -> Twist2D:
         """Turn on the spot; near a half turn the direction once chosen is kept."""

@@ -6,10 +6,6 @@ from typing import Annotated, Literal
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Share, Within
 
 Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "map", "ground_truth"]
-NoReturn = Literal["clear", "ignore"]
-Matcher = Literal["coarse_to_fine", "hill_climbing"]
-Counting = Literal["beams", "scans"]
-Start = Literal["global", "known"]
 
 
 SEES_ACROSS_ROOMS = 10.0
@@ -108,7 +104,7 @@ class LocalizationConfig(
     2003), so that chance kills none of them.
     """
 
-    start: Start = "global"
+    start: Literal["global", "known"] = "global"
     """``global``: nothing is known of the start; ``known``: the start is the initial pose, as in AMCL."""
 
     max_beams: Count = 60
@@ -171,7 +167,7 @@ class SlamConfig(
     (``maxUrange``, 3.0 in the launch file). A little less than the scanner's own limit, where noise decides whether
     a beam returns."""
 
-    matcher: Matcher = "coarse_to_fine"
+    matcher: Literal["coarse_to_fine", "hill_climbing"] = "coarse_to_fine"
     """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where
     it fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
 
@@ -224,7 +220,7 @@ class SlamConfig(
     """A cell is known once so many beams have met or crossed it. GMapping: 1; Karto: 3, as more than its
     ``MinimumPassThrough`` of 2 are needed."""
 
-    counting: Counting = "beams"
+    counting: Literal["beams", "scans"] = "beams"
     """``beams``: each beam that crosses a cell counts, as in GMapping and Karto; ``scans``: a scan counts once, as
     a hit if one of its beams ends in the cell, as in Cartographer."""
 
@@ -237,7 +233,7 @@ class SlamConfig(
     margins it is unknown, as where map_saver cuts probabilities. 0, as in GMapping: seen is free or occupied. Both
     margins bear on the map that is saved, not on the one that is driven by: its shades say more."""
 
-    no_return: NoReturn = "clear"
+    no_return: Literal["clear", "ignore"] = "clear"
     """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside
     the gap, or up to the usable range where the gap is half a turn wide, as in the middle of a large room.
     ``ignore``: nothing, as stock slam_gmapping; then the middle of a room larger than the range stays unknown

@@ -338,7 +338,7 @@ def test_furniture_stands_in_the_world_but_not_in_the_plan() -> None:
     walls = len(env.plan.segments())
     assert len(env.clutter.furniture) > 0
     assert len(env.clutter.people) == 2
-    assert len(env.simulation.segments) > walls + len(env.clutter.segments()) > walls
+    assert len(env.simulation.world.segments()) > walls + len(env.clutter.segments()) > walls
     empty = ExploreEnv("bundled", lidar=lidar_level("exact"))
     empty.reset(options={"plan": env.plan, "start": tuple(env.start)})
     assert (env.scan.ranges <= empty.scan.ranges).all()
