@@ -281,8 +281,7 @@ def _in_sight(
     directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
     place = (frame.origin_x, frame.origin_y, frame.resolution)
     sweep(unseen, *place, x, y, 0.0, directions, ranges, max_range)
-    seen: BoolArray = ~unseen
-    return seen
+    return ~unseen
 
 
 def _lattice(costmap: Costmap, reachable: Reachable) -> FloatArray:

@@ -129,8 +129,7 @@ class MapCompletion:
         weight = self._weights[f"{name}.weight"]
         drawn = product(weight.reshape(len(weight), -1), columns.reshape(channels * 9, -1))
         drawn += self._weights[f"{name}.bias"][:, None]
-        rectified: Float32Array = np.maximum(drawn, 0.0, out=drawn).reshape(-1, height, width)
-        return rectified
+        return np.maximum(drawn, 0.0, out=drawn).reshape(-1, height, width)
 
 
 @functools.cache
@@ -189,8 +188,7 @@ def _in_sight(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
     floor = np.where(inside, foreseen.floor[:, rows, cols], 0.0)
     through = np.cumprod(1.0 - np.where(inside, foreseen.wall[:, rows, cols], 1.0), axis=2)
     ring = radii[:, None] * (2.0 * np.pi / _RAYS) * FORESIGHT_CELL**2
-    areas: FloatArray = (floor * through * ring).sum(axis=(2, 3))
-    return areas
+    return (floor * through * ring).sum(axis=(2, 3))
 
 
 def _pockets(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
@@ -212,5 +210,4 @@ def _pockets(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
 def _halved(values: Float32Array) -> Float32Array:
     """The largest of each 2 x 2 cells."""
     channels, height, width = values.shape
-    largest: Float32Array = values.reshape(channels, height // 2, 2, width // 2, 2).max(axis=(2, 4))
-    return largest
+    return values.reshape(channels, height // 2, 2, width // 2, 2).max(axis=(2, 4))

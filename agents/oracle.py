@@ -67,8 +67,7 @@ class TrueBuilding:
     def unseen(self) -> BoolArray:
         """Which cells of the viewpoints can be seen but truly have not been, shape (C,)."""
         seen = self._coverage.seen[::-1].reshape(-1)[self.viewpoints.cells]
-        unseen: BoolArray = self.viewpoints.views.any(axis=0) & ~seen
-        return unseen
+        return self.viewpoints.views.any(axis=0) & ~seen
 
     def to_world(self, point: Sequence[float] | FloatArray) -> Point:
         """A point of the map frame in the world frame [m]."""

@@ -59,8 +59,7 @@ class ExploreLite:
         distances = np.array([one.frontier.min_distance for one in loop.candidates])
         sizes = np.array([one.frontier.size for one in loop.candidates]) * resolution
         # Explore Lite multiplies distances in metres by the cell size once more.
-        scores: FloatArray = self.gain_scale * sizes - self.potential_scale * distances * resolution
-        return scores
+        return self.gain_scale * sizes - self.potential_scale * distances * resolution
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ class CostUtility:
         assert costmap is not None
         areas = np.array([expected_gain(costmap, one.frontier.middle, max_range) for one in loop.candidates])
         costs = np.array([one.path_cost for one in loop.candidates])
-        scores: FloatArray = areas / (math.pi * max_range**2) - self.cost_weight * costs
-        return scores
+        return areas / (math.pi * max_range**2) - self.cost_weight * costs
 
 
 @dataclass(frozen=True)
@@ -111,10 +109,7 @@ class NextBestView:
         """Score the loop's candidates, shape (N,)."""
         # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
         gains = np.maximum(view_gains(loop), 1e-3)
-        scores: FloatArray = np.array([math.log(gain) for gain in gains]) - self.path_weight * path_lengths(
-            loop
-        )
-        return scores
+        return np.array([math.log(gain) for gain in gains]) - self.path_weight * path_lengths(loop)
 
 
 @dataclass(frozen=True)

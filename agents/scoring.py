@@ -67,8 +67,7 @@ class FrontierScorer:
         pooled = np.concatenate([vectors.mean(axis=0), vectors.max(axis=0)])
         own = np.concatenate([vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1)
         learned = self._linear("score_out", _relu(self._linear("score_in", own)))
-        scores: Float32Array = (learned + product(features, self._weights["prior.weight"]))[:, 0]
-        return scores
+        return (learned + product(features, self._weights["prior.weight"]))[:, 0]
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self._weights[f"{name}.weight"]) + self._weights[f"{name}.bias"]
@@ -86,10 +85,9 @@ class FrontierScorer:
     def _normalise(self, vectors: Float32Array) -> Float32Array:
         centred = vectors - vectors.mean(axis=1, keepdims=True)
         scale = np.sqrt((centred**2).mean(axis=1, keepdims=True) + np.float32(1e-5))
-        normalised: Float32Array = (
-            centred / scale * self._weights["norm.weight"] + self._weights["norm.bias"]
-        ).astype(np.float32)
-        return normalised
+        return (centred / scale * self._weights["norm.weight"] + self._weights["norm.bias"]).astype(
+            np.float32
+        )
 
 
 def _relu(values: Float32Array) -> Float32Array:

@@ -220,8 +220,7 @@ def _placed(values: BoolArray | Float32Array, similarity: Similarity) -> FloatAr
 
 def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
     """A mask after a similarity."""
-    moved: BoolArray = _placed(free, similarity) >= THRESHOLD
-    return moved
+    return _placed(free, similarity) >= THRESHOLD
 
 
 def evenly_spaced(count: int, wanted: int) -> Sequence[int]:

@@ -54,15 +54,13 @@ class PatchLearner:
         with torch.inference_mode():
             logits = network(_channels(judged.reshape(-1, *judged.shape[2:])))
         # Means of logits: one sure patch weighs more than an undecided one.
-        mean: FloatArray = torch.sigmoid(logits.reshape(len(held), -1).mean(dim=1)).numpy().astype(np.float64)
-        return mean
+        return torch.sigmoid(logits.reshape(len(held), -1).mean(dim=1)).numpy().astype(np.float64)
 
     def _drawn(self, maps: IntArray, rng: np.random.Generator) -> ByteArray:
         """Patches of some maps, as many as a kind has, spread evenly over them."""
         shares = np.arange(PER_KIND)
         number = (shares // len(maps) + rng.integers(PER_MAP)) % PER_MAP
-        chosen: ByteArray = self.patches[maps[shares % len(maps)], number]
-        return chosen
+        return self.patches[maps[shares % len(maps)], number]
 
 
 def cut_patches(cells: ByteArray, rng: np.random.Generator) -> ByteArray:
@@ -81,8 +79,7 @@ def cut_patches(cells: ByteArray, rng: np.random.Generator) -> ByteArray:
     cut = np.stack([padded[row : row + PATCH_SIDE, col : col + PATCH_SIDE] for row, col in corners])
     dull = (cut == UNKNOWN).mean(axis=(1, 2)) > MOST_UNKNOWN
     # Dull ones stand last: they are taken only where a map has hardly anything else.
-    chosen: ByteArray = cut[np.argsort(dull, kind="stable")[:PER_MAP]]
-    return chosen
+    return cut[np.argsort(dull, kind="stable")[:PER_MAP]]
 
 
 def _channels(patches: ByteArray) -> Tensor:

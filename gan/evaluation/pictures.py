@@ -116,8 +116,7 @@ def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None
 
 
 def _mask(method: TranslationMethod, pairs: PairSet, index: int) -> BoolArray:
-    mask: BoolArray = np.asarray(method.predict(pairs, index)) >= THRESHOLD
-    return mask
+    return np.asarray(method.predict(pairs, index)) >= THRESHOLD
 
 
 def _caption(pairs: PairSet, index: int) -> str:

@@ -117,8 +117,7 @@ class DiscriminatorBody(nn.Module):
         return features
 
     def _enter(self, images: Tensor, level: int) -> Tensor:
-        entered: Tensor = functional.leaky_relu(self.entrances[level](images), LEAK)
-        return entered
+        return functional.leaky_relu(self.entrances[level](images), LEAK)
 
 
 def channels_at(depth: int, width: int) -> int:

@@ -248,8 +248,7 @@ def _blobs(side: int, share: float, rng: np.random.Generator) -> BoolArray:
     noise = rng.random((BLOB_CELLS, BLOB_CELLS), dtype=np.float32)
     smooth: Float32Array = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.8), dtype=np.float32)
     level = float(np.quantile(smooth, max(0.0, 1.0 - share)))
-    blobs: BoolArray = cv2.resize(smooth, (side, side), interpolation=cv2.INTER_LINEAR) > level
-    return blobs
+    return cv2.resize(smooth, (side, side), interpolation=cv2.INTER_LINEAR) > level
 
 
 def _half_plane(side: int, rng: np.random.Generator) -> BoolArray:

@@ -48,5 +48,4 @@ def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.
     )
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     filled = cv2.drawContours(np.zeros_like(free), contours, -1, 1, cv2.FILLED)
-    inner: BoolArray = filled[border:-border, border:-border] > 0
-    return inner
+    return filled[border:-border, border:-border] > 0

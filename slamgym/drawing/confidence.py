@@ -39,8 +39,7 @@ docs/drawing/quality.md). The model's certainty and a wall's thickness said noth
 
 def confidences(signs: FloatArray) -> FloatArray:
     """Probabilities that a true wall lies within 20 cm of drawn ones, from :func:`wall_signs`."""
-    sure: FloatArray = 1.0 / (1.0 + np.exp(-(CONSTANT + signs @ WEIGHTS)))
-    return sure
+    return 1.0 / (1.0 + np.exp(-(CONSTANT + signs @ WEIGHTS)))
 
 
 def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]:

@@ -73,15 +73,13 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
 
 def _unseen(probability: Float32Array, free: BoolArray, cell: float) -> BoolArray:
     """Cells of floor that nobody has seen, but for those beside free ones."""
-    unseen: BoolArray = ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
-    return unseen
+    return ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
 
 
 def _with_echoes(patches: BoolArray, free: BoolArray, cell: float) -> BoolArray:
     """Patches of unseen floor and the echoes before them, up to the free cells."""
     reach = max(1, round(BESIDE_FREE / cell)) + 1
-    result: BoolArray = (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free
-    return result
+    return (cv2.dilate(patches.astype(np.uint8), disc(2 * reach + 1)) > 0) & ~free
 
 
 def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:

@@ -115,8 +115,7 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
     wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
     _, labels = cv2.connectedComponents(closed, connectivity=4)
     patches = np.unique(labels[wide])
-    result: BoolArray = np.isin(labels, patches[patches > 0])
-    return result
+    return np.isin(labels, patches[patches > 0])
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:

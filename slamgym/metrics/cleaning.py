@@ -43,8 +43,7 @@ def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     _, labels, stats, _ = cv2.connectedComponentsWithStats((~free).astype(np.uint8), connectivity=8)
     small = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) <= size_px
     small[0] = False  # the background of the labelling: the free space itself
-    filled: BoolArray = free | small[labels]
-    return filled
+    return free | small[labels]
 
 
 def without_small(free: BoolArray, min_px: float) -> BoolArray:
@@ -52,8 +51,7 @@ def without_small(free: BoolArray, min_px: float) -> BoolArray:
     _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
     large = stats[:, cv2.CC_STAT_AREA] >= min_px
     large[0] = False
-    kept: BoolArray = large[labels]
-    return kept
+    return large[labels]
 
 
 def odd(diameter_px: float) -> int:

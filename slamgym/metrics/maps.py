@@ -119,8 +119,7 @@ def free_boundary(free: BoolArray) -> BoolArray:
         free: Free cells, shape (rows, cols).
     """
     inner = cv2.erode(free.astype(np.uint8), CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
-    boundary: BoolArray = free & (inner == 0)
-    return boundary
+    return free & (inner == 0)
 
 
 def boundary_score(

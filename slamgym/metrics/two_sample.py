@@ -105,8 +105,7 @@ def tree_learner(rows: Sequence[dict[str, float]], trees: int = 100) -> MapLearn
             trees, min_samples_leaf=2, class_weight="balanced", random_state=seed, n_jobs=1
         )
         model.fit(X[train], of_second[train])
-        probability: FloatArray = model.predict_proba(X[~train])[:, 1]
-        return probability
+        return model.predict_proba(X[~train])[:, 1]
 
     return learn
 
@@ -130,5 +129,4 @@ def _deal(group: IntArray, of_second: BoolArray, folds: int, rng: np.random.Gene
         left = np.unique(group[of_second == kind])
         left = left[fold_of_group[left] < 0]
         fold_of_group[rng.permutation(left)] = np.arange(len(left)) % folds
-    fold: IntArray = fold_of_group[group]
-    return fold
+    return fold_of_group[group]

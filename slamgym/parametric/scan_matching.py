@@ -206,8 +206,7 @@ def _motion_noise(motions: FloatArray, steps: FloatArray, config: MatchingConfig
     aside = _LATERAL_SHARE * noise.srr * driven + noise.str * turned
     turn = noise.stt * turned + noise.srt * driven
     # Independent noise of so many parts of the motion, each its share of the whole's.
-    sigmas: FloatArray = config.noise * np.column_stack([ahead, aside, turn]) / np.sqrt(steps)[:, None]
-    return sigmas
+    return config.noise * np.column_stack([ahead, aside, turn]) / np.sqrt(steps)[:, None]
 
 
 def _known_cells(scans: RobotScans, frame: GridFrame, usable: float) -> tuple[Int32Array, WallCells]:

@@ -108,10 +108,9 @@ def warp(cells: ByteArray, inverse: Float32Array, resolution: float, outside: in
         outside: Value of what is pulled from beyond the border.
     """
     cols, rows = _sample_positions(inverse, resolution)
-    warped: ByteArray = cv2.remap(
+    return cv2.remap(
         cells, cols, rows, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=outside
     )
-    return warped
 
 
 def _sample_positions(field: Float32Array, resolution: float) -> tuple[Float32Array, Float32Array]:

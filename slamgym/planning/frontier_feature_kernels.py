@@ -26,8 +26,7 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
     height, width = (size // coarsening * coarsening for size in costs.shape)
     classes, offsets = _CLASS_OF_COST[costs[:height, :width]], range(coarsening)
     blocks = [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
-    highest: ByteArray = np.maximum.reduce(blocks)
-    return highest
+    return np.maximum.reduce(blocks)
 
 
 def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> IntArray:

@@ -74,8 +74,7 @@ def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
     import cv2
 
     opened = open_cells.reshape(costs.shape).view(np.uint8)
-    edge: BoolArray = (cv2.dilate(opened, _CROSS) & (costs == NO_INFORMATION).view(np.uint8)).view(np.bool_)
-    return edge
+    return (cv2.dilate(opened, _CROSS) & (costs == NO_INFORMATION).view(np.uint8)).view(np.bool_)
 
 
 def find_frontiers(
@@ -125,8 +124,7 @@ def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:
     import cv2
 
     closed = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
-    opened: ByteArray = cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)
-    return opened
+    return cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:

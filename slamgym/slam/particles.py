@@ -65,8 +65,7 @@ class TrajectoryTree(Columns):
     def poses_along(self, lineage: IntArray, first: int = 0) -> FloatArray:
         """Poses, shape (steps - first, 3), along a lineage from step ``first``."""
         steps = np.arange(first, len(self))
-        along: FloatArray = self["poses"][steps, lineage[steps]]
-        return along
+        return self["poses"][steps, lineage[steps]]
 
 
 LIKELIHOOD_GAIN = 3.0
@@ -80,8 +79,7 @@ def normalized_weights(log_weights: FloatArray) -> FloatArray:
         log_weights: (particles,) log-likelihood since the last resampling.
     """
     weights = exp((log_weights - log_weights.max()) / (LIKELIHOOD_GAIN * len(log_weights)))
-    normalized: FloatArray = weights / weights.sum()
-    return normalized
+    return weights / weights.sum()
 
 
 def effective_sample_size(weights: FloatArray) -> float:
@@ -98,8 +96,7 @@ def systematic_draw(weights: FloatArray, uniform: float, count: int) -> IntArray
         count: Number of draws.
     """
     ticks = (np.arange(count) + uniform) / count
-    drawn: IntArray = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=len(weights) - 1)
-    return drawn
+    return np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=len(weights) - 1)
 
 
 def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:

@@ -35,8 +35,7 @@ _SMALLEST = 0.3
 
 def blank(shape: tuple[int, ...], colour: Colour = WHITE) -> ByteArray:
     """An empty picture of so many rows and columns."""
-    picture: ByteArray = np.full((*shape, 3), colour, dtype=np.uint8)
-    return picture
+    return np.full((*shape, 3), colour, dtype=np.uint8)
 
 
 def draw_text(

@@ -88,8 +88,7 @@ def _enclosed(mask: BoolArray) -> BoolArray:
     """Patches of a mask that don't touch the picture's edge: the inside of pillars, islands and chimneys."""
     _, labels = cv2.connectedComponents(mask.astype(np.uint8))
     at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    enclosed: BoolArray = mask & ~np.isin(labels, at_edge)
-    return enclosed
+    return mask & ~np.isin(labels, at_edge)
 
 
 def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:

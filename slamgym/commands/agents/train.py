@@ -110,11 +110,8 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
     from slamgym.agents.rl.shaping import Experiment, own_term
     from slamgym.agents.rl.train import train
-    from slamgym.agents.rl.wheels import train_wheels
 
     options = given(arguments, "presets seeds test_plans")
-    if arguments.wheels:
-        return Experiment(arguments.settings.configured(WheelsShapingConfig(), options), train_wheels)
     config, term = arguments.settings.configured(ShapingConfig(), options), None
     if arguments.term:
         term = own_term(arguments.term, arguments.term_weight)

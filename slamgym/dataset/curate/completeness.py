@@ -125,8 +125,7 @@ def inside_hull(mask: BoolArray, margin_px: int) -> BoolArray:
         first[span] = np.minimum(first[span], -(-crossing // rise))
         last[span] = np.maximum(last[span], crossing // rise)
     column = np.arange(grown.shape[1])
-    inside: BoolArray = (column >= first[:, None]) & (column <= last[:, None])
-    return inside
+    return (column >= first[:, None]) & (column <= last[:, None])
 
 
 def shared_sides(first: BoolArray, second: BoolArray) -> int:

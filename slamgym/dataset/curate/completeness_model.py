@@ -60,8 +60,7 @@ class CompletenessModel:
             goes_left = values[sample, self.feature[node]] <= self.threshold[node]
             node = np.where(inner, np.where(goes_left, self.left[node], self.right[node]), node)
             inner = self.feature[node] != LEAF
-        mean: FloatArray = self.value[node].mean(axis=1)
-        return mean
+        return self.value[node].mean(axis=1)
 
     @classmethod
     def read(cls, path: Path | str = PRETRAINED_MODEL) -> "CompletenessModel":

@@ -139,8 +139,7 @@ def near_duplicates(
     labels = connected_components(graph, directed=False)[1]
     first = np.full(labels.max(initial=-1) + 1, count, dtype=np.int64)
     np.minimum.at(first, labels, np.arange(count))
-    groups: IntArray = first[labels]
-    return groups
+    return first[labels]
 
 
 def _candidates(prints: Float32Array, radius: float) -> IntArray:
@@ -148,8 +147,7 @@ def _candidates(prints: Float32Array, radius: float) -> IntArray:
     if len(prints) < 2:
         return np.empty((0, 2), dtype=np.int64)
     hashes = np.stack([_hash(picture) for picture in prints])
-    pairs: IntArray = cKDTree(hashes).query_pairs(radius, output_type="ndarray")
-    return pairs
+    return cKDTree(hashes).query_pairs(radius, output_type="ndarray")
 
 
 def distances(prints: Float32Array, others: Float32Array) -> Float32Array:

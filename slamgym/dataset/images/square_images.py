@@ -188,8 +188,7 @@ def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> B
     # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
     from_face = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
     middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres
-    cells: ByteArray = np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
-    return cells
+    return np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
 
 
 def resample_map(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
@@ -226,11 +225,9 @@ def _overlaps(count: int, source_count: int, first: float, ratio: float) -> Floa
     """Share of each new pixel, along one axis, that each cell of the map covers, (count, source_count)."""
     low = first + np.arange(count)[:, None] * ratio
     cell = np.arange(source_count)[None, :]
-    shares: FloatArray = np.clip(np.minimum(low + ratio, cell + 1) - np.maximum(low, cell), 0.0, None) / ratio
-    return shares
+    return np.clip(np.minimum(low + ratio, cell + 1) - np.maximum(low, cell), 0.0, None) / ratio
 
 
 def _cells(places: NDArray[np.floating[Any]]) -> IntArray:
     # The small number keeps a centre that lies on a border, but for rounding, on the same side everywhere.
-    cells: IntArray = np.floor(places + 1e-9).astype(np.int64)
-    return cells
+    return np.floor(places + 1e-9).astype(np.int64)

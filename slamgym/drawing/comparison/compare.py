@@ -268,8 +268,7 @@ def _distortion_at(faces: Faces, tree: KDTree, place: FloatArray) -> FloatArray:
     normals = faces.plan.point_normals[index]
     # A little prior, where all faces look the same way.
     left = normals.T @ normals + 0.1 * np.eye(2)
-    found: FloatArray = np.linalg.solve(left, normals.T @ faces.expected[index])
-    return found
+    return np.linalg.solve(left, normals.T @ faces.expected[index])
 
 
 def _states(door: Door, unit: FloatArray, evidence: MapEvidence, shift: FloatArray) -> IntArray:

@@ -103,5 +103,4 @@ class _Fit:
 def _covariance(first: Stretches, second: Stretches, size: float, length: float) -> FloatArray:
     """Of the field's parts along two sets of normals; smooth at short distances (Matern 3/2)."""
     away = np.hypot(*(first.places[:, None] - second.places[None]).transpose(2, 0, 1)) * np.sqrt(3.0) / length
-    found: FloatArray = size**2 * (1.0 + away) * np.exp(-away) * (first.normals @ second.normals.T)
-    return found
+    return size**2 * (1.0 + away) * np.exp(-away) * (first.normals @ second.normals.T)

@@ -180,8 +180,7 @@ def _stretches_of(faces: PlanFaces) -> IntArray:
     parts = np.maximum(np.ceil(faces.lengths / STRETCH).astype(np.int64), 1)
     first = np.cumsum(parts) - parts
     parts, first, lengths = parts[faces.face], first[faces.face], faces.lengths[faces.face]
-    found: IntArray = first + np.minimum((faces.along / lengths * parts).astype(np.int64), parts - 1)
-    return found
+    return first + np.minimum((faces.along / lengths * parts).astype(np.int64), parts - 1)
 
 
 def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:

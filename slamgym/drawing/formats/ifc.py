@@ -41,8 +41,7 @@ def format_ifc(drawing: Drawing) -> str:
         root.GlobalId = ifcopenshell.guid.compress(
             uuid.uuid5(uuid.NAMESPACE_URL, f"{drawing.name}/{number}").hex
         )
-    text: str = builder.file.to_string()
-    return text
+    return builder.file.to_string()
 
 
 class _Builder:
@@ -179,5 +178,4 @@ def _placement(start: DrawnPoint, end: DrawnPoint) -> np.ndarray:
 
 def _local(polygon: Polygon, matrix: np.ndarray) -> Polygon:
     """A polygon in the frame of a placement."""
-    turned: Polygon = shapely.transform(polygon, lambda points: (points - matrix[:2, 3]) @ matrix[:2, :2])
-    return turned
+    return shapely.transform(polygon, lambda points: (points - matrix[:2, 3]) @ matrix[:2, :2])

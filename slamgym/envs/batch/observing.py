@@ -67,8 +67,8 @@ class BatchObserver:
                     self._far.refresh(i, packed, (row, col), resolution)
                 self._far.write(ids, maps.believed, self._seen)
         else:
-            sizes = resolution, self._config.observation.crop_resolution, self._samples
-            crop_all(maps, self._windows, self._centres, *sizes, ids, self._seen)
+            fine, samples = self._config.observation.crop_resolution, self._samples
+            crop_all(maps, self._windows, self._centres, resolution, fine, samples, ids, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
         times = fleet.times[:, np.newaxis]

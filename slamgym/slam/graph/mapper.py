@@ -127,8 +127,7 @@ class PoseGraphMapper(ParticleFilter):
     @property
     def _places(self) -> FloatArray:
         """Poses of the nodes (N, 3); they may be written to."""
-        places: FloatArray = self._nodes["poses"]
-        return places
+        return self._nodes["poses"]
 
     def _seen_from(self, node: int, pose: FloatArray) -> FloatArray:
         """A pose (3,) in the frame of a node."""

@@ -242,8 +242,7 @@ class Seeker:
         moved = [transform_points(between(self._pose, pose), points) for _, pose, points in self._scans]
         together = np.concatenate(moved)
         _, first = np.unique(np.floor(together / THINNING_CELL).astype(np.int64), axis=0, return_index=True)
-        thinned: FloatArray = together[np.sort(first)]
-        return thinned
+        return together[np.sort(first)]
 
     def must_search(self, hypotheses: Sequence[Hypothesis], is_localised: bool) -> bool:
         """Return True if a search is needed now.
