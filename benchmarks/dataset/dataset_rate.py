@@ -33,7 +33,7 @@ from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Engine, open_engine
 from slamgym.dataset import DatasetConfig, Layout, read_manifest
-from slamgym.dataset import format as dataset_format
+from slamgym.dataset import folder as dataset_folder
 from slamgym.dataset.folder import DatasetFolder, open_dataset
 from slamgym.dataset.generate import exploration
 from slamgym.dataset.generate.build import SlotQueue
@@ -58,12 +58,12 @@ FILES = 14
 BEGIN, END = "<!-- cost: benchmarks/dataset/dataset_rate.py -->", "<!-- end of cost -->"
 
 PARTS_OF_WRITING: dict[str, list[tuple[Any, str]]] = {
-    "drawing the pair, its figures": [(exploration, "make_pair"), (exploration, "make_record")],
-    "PNG": [(exploration, "encode_png")],
+    "drawing the pair, its figures": [(exploration, "make_pair"), (dataset_folder, "make_record")],
+    "PNG": [(dataset_folder, "encode_png")],
     "scans.log.gz": [(interop, "write_carmen")],
     "trajectories (TUM)": [(interop, "write_tum")],
     "map, plan": [(interop, "write_ros_map"), (cad, "write_houseexpo")],
-    "digests": [(dataset_format, "digest_lines")],
+    "digests": [(dataset_folder, "digest_lines")],
     "waiting for the disk (fsync)": [(exploration, "sync_tree")],
     "commit": [(DatasetFolder, "commit"), (DatasetFolder, "write_index")],
 }

@@ -55,7 +55,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     "observation (map published)": [(ExploreEnv, "_observe")],
     "coverage, errors, log": [(ExploreEnv, "step")],
     "start": [(ExploreEnv, "reset")],
-    "writing the pair": [(exploration, name) for name in ("make_pair", "write_episode", "make_record")],
+    "writing the pair": [(exploration, name) for name in ("make_pair", "stage_pair")],
 }
 """What a part's functions do themselves, without what they call of the other parts."""
 

@@ -86,22 +86,18 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
     )
 
     root, digests = arguments.dataset, {item.name: item.digest for item in items}
-    stored = stored_decisions(root)
-    check_decisions(stored.values(), digests, str(root / DECISIONS_FILE))
-    if not arguments.apply:
+    own, stored = str(root / DECISIONS_FILE), stored_decisions(root)
+    applied = {str(path): read_decisions(path) for path in arguments.apply}
+    for where, decisions in {own: list(stored.values()), **applied}.items():
+        check_decisions(decisions, digests, where)
+    if not applied:
         return stored
-    files = [read_decisions(path) for path in arguments.apply]
-    for path, decisions in zip(arguments.apply, files, strict=True):
-        check_decisions(decisions, digests, str(path))
-    fresh = combine(files, [str(path) for path in arguments.apply])
-    if arguments.override:
-        merged = {**stored, **fresh}
-    else:
-        names = [str(root / DECISIONS_FILE), *map(str, arguments.apply)]
-        try:
-            merged = combine([stored.values(), fresh.values()], names)
-        except ConfigError as error:
-            raise ConfigError(f"{error}, or let the new ones win with --override") from None
+    fresh = combine(list(applied.values()), list(applied))
+    try:
+        merged = combine([] if arguments.override else [stored.values(), fresh.values()], [own, *applied])
+    except ConfigError as error:
+        raise ConfigError(f"{error}, or let the new ones win with --override") from None
+    merged = {**stored, **merged, **fresh}
     store_decisions(root, merged.values())
     say(f"{len(fresh)} decisions applied, {len(merged)} in all.")
     return merged

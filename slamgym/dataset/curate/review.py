@@ -97,7 +97,7 @@ def combine(groups: Sequence[Iterable[Decision]], names: Sequence[str] | None = 
     return combined
 
 
-def check_decisions(decisions: Iterable[Decision], digests: Mapping[str, str], where: str) -> None:
+def check_decisions(decisions: Sequence[Decision], digests: Mapping[str, str], where: str) -> None:
     """Refuse decisions that don't belong to the maps at hand.
 
     Args:
@@ -108,7 +108,6 @@ def check_decisions(decisions: Iterable[Decision], digests: Mapping[str, str], w
     Raises:
         ConfigError: If there is no map of a name, or it isn't the map that the person saw.
     """
-    decisions = list(decisions)
     unknown = [decision.name for decision in decisions if decision.name not in digests]
     if unknown:
         raise ConfigError(f"{where}: no such maps: {_listed(unknown)}; is it a file of another dataset?")

@@ -191,7 +191,6 @@ def _card(
         "pretty_name": "SLAM/CAD map pairs",
         "task_categories": ["image-to-image"],
         "tags": ["slam", "floor-plans", "occupancy-grids"],
-        "size_categories": [_size_category(len(records))],
         "configs": [
             {
                 "config_name": "default",
@@ -229,12 +228,6 @@ def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
     )
     plans = {record.plan_id for record in records}
     return split, str(len(records)), str(len(plans)), f"{100.0 * coverage:.1f} %", f"{error:.3f} m"
-
-
-def _size_category(count: int) -> str:
-    """The hub's name for a number of rows."""
-    bounds = [(1_000, "n<1K"), (10_000, "1K<n<10K"), (100_000, "10K<n<100K"), (1_000_000, "100K<n<1M")]
-    return next((name for bound, name in bounds if count < bound), "1M<n<10M")
 
 
 def pack_card(images_card: str, names: Sequence[str], parquet: bool) -> str:
