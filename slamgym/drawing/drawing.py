@@ -132,11 +132,8 @@ class Drawing:
     def bounds(self) -> tuple[float, float, float, float]:
         """(min x, min y, max x, max y) of what is drawn [m]."""
         shapes = [self.floor, *(wall.polygon for wall in self.walls)]
-        boxes = [shape.bounds for shape in shapes if not shape.is_empty]
-        if not boxes:
-            return self.grid.frame.bounds
-        low_x, low_y, high_x, high_y = zip(*boxes, strict=True)
-        return min(low_x), min(low_y), max(high_x), max(high_y)
+        min_x, min_y, max_x, max_y = shapely.total_bounds(shapes).tolist()
+        return min_x, min_y, max_x, max_y
 
     @property
     def area(self) -> float:

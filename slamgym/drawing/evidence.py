@@ -50,29 +50,17 @@ class Evidence:
     def __init__(self, grid: OccupancyGrid) -> None:
         """Measure distances in a map."""
         self.grid = grid
-        occupied = grid.cells == OCCUPIED
-        self._to_wall = (
-            distance_to(occupied) * grid.frame.resolution
-            if occupied.any()
-            else np.full(occupied.shape, np.inf)
-        )
+        self._to_wall = distance_to(grid.cells == OCCUPIED) * grid.frame.resolution
 
-    def at(self, picture: np.ndarray, points: FloatArray, beyond: float) -> FloatArray:
-        """Values of the cells under points (N, 2) [m]; ``beyond`` outside of the map."""
-        rows, cols = self.grid.frame.to_cell(points[:, 0], points[:, 1])
-        height, width = self.grid.cells.shape
-        inside = (rows >= 0) & (rows < height) & (cols >= 0) & (cols < width)
-        values = np.full(len(points), beyond, dtype=np.float64)
-        values[inside] = picture[rows[inside], cols[inside]]
-        return values
+    def is_near_wall(self, points: FloatArray, within: float = SEEN_WITHIN) -> BoolArray:
+        """True for points (N, 2) [m] with an occupied cell within a distance [m]."""
+        return values_at(self._to_wall, self.grid.frame, points, math.inf) <= within
 
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall, a step apart, with an occupied cell near either face."""
         face, other = self._faces(piece)
-        near = self.at(self._to_wall, face, math.inf) <= SEEN_WITHIN
-        if piece.known:
-            near |= self.at(self._to_wall, other, math.inf) <= SEEN_WITHIN
-        return near
+        near = self.is_near_wall(face)
+        return near | self.is_near_wall(other) if piece.known else near
 
     def share_walled(self, room: Polygon, doors: BaseGeometry) -> float:
         """Share of a room's outline, doors left out, along which the map has occupied cells."""
@@ -81,14 +69,14 @@ class Evidence:
         if outline.is_empty:
             return 0.0
         points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
-        return float((self.at(self._to_wall, points, math.inf) <= SEEN_WITHIN + STEP).mean())
+        return float(self.is_near_wall(points, SEEN_WITHIN + STEP).mean())
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
         face, other = self._faces(piece)
         outwards = (other - face) / piece.thickness
         places = np.concatenate([other + depth * outwards for depth in HIDDEN_DEPTHS])
-        return float((self.at(self.grid.cells, places, UNKNOWN) == UNKNOWN).mean())
+        return float((values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean())
 
     @staticmethod
     def _faces(piece: WallPiece) -> tuple[FloatArray, FloatArray]:
@@ -100,10 +88,16 @@ class Evidence:
         return face, face + piece.thickness * behind
 
 
+def values_at(picture: np.ndarray, frame: GridFrame, points: FloatArray, beyond: float) -> np.ndarray:
+    """Values of the cells under points (..., 2) [m]; ``beyond`` outside of the picture."""
+    rows, cols = frame.to_cell(points[..., 0], points[..., 1])
+    inside = (rows >= 0) & (rows < frame.height_px) & (cols >= 0) & (cols < frame.width_px)
+    return np.where(inside, picture[np.where(inside, rows, 0), np.where(inside, cols, 0)], beyond)
+
+
 def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     """The cells of a frame whose centres lie in polygons."""
-    rings = [ring for part in polygon_parts(shape) for ring in (part.exterior, *part.interiors)]
-    return fill_segments(ring_segments(rings), frame)
+    return fill_segments(ring_segments(shapely.get_rings(polygon_parts(shape))), frame)
 
 
 def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
@@ -161,8 +155,8 @@ def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
     return float((grid.cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
 
 
-def share_seen_open(line: FloatArray, evidence: Evidence) -> float:
+def share_seen_open(line: FloatArray, grid: OccupancyGrid) -> float:
     """Share of a line (2, 2) [m] that the map shows as free."""
     share = np.linspace(0.1, 0.9, 17)[:, None]
     points = line[0] + share * (line[1] - line[0])
-    return float((evidence.at(evidence.grid.cells, points, UNKNOWN) == FREE).mean())
+    return float((values_at(grid.cells, grid.frame, points, UNKNOWN) == FREE).mean())

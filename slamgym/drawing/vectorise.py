@@ -91,7 +91,7 @@ def make_drawing(
     floor, division = explored.floor, explored.division
     walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
     rooms = _rooms(explored, grid)
-    doors = _doors(division, rooms, walls, evidence)
+    doors = _doors(division, rooms, walls, grid)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_INFERRED))
     kept = {
         "model": model if isinstance(model, str) else type(model).__name__,
@@ -123,18 +123,12 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     """The part of a map that is known, with a margin, in the same coordinates: many maps are mostly empty."""
     known = grid.cells != UNKNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    margin = int(np.ceil(KNOWN_MARGIN / grid.frame.resolution))
-    top, bottom = max(int(rows[0]) - margin, 0), min(int(rows[-1]) + margin + 1, grid.frame.height_px)
-    left, right = max(int(cols[0]) - margin, 0), min(int(cols[-1]) + margin + 1, grid.frame.width_px)
-    resolution = grid.frame.resolution
-    frame = GridFrame(
-        resolution,
-        grid.frame.origin_x + left * resolution,
-        grid.frame.origin_y + (grid.frame.height_px - bottom) * resolution,
-        bottom - top,
-        right - left,
-    )
-    return OccupancyGrid(np.ascontiguousarray(grid.cells[top:bottom, left:right]), frame)
+    frame, cell = grid.frame, grid.frame.resolution
+    margin = int(np.ceil(KNOWN_MARGIN / cell))
+    top, left = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
+    cells = grid.cells[top : rows[-1] + margin + 1, left : cols[-1] + margin + 1]
+    x, y = frame.origin_x + left * cell, frame.origin_y + (frame.height_px - top - len(cells)) * cell
+    return OccupancyGrid(np.ascontiguousarray(cells), GridFrame(cell, x, y, *cells.shape))
 
 
 def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
@@ -147,14 +141,14 @@ def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
 
 
 def _doors(
-    division: Division, rooms: tuple[DrawnRoom, ...], walls: list[DrawnWall], evidence: Evidence
+    division: Division, rooms: tuple[DrawnRoom, ...], walls: list[DrawnWall], grid: OccupancyGrid
 ) -> tuple[DrawnDoor, ...]:
     bodies = shapely.STRtree([wall.polygon for wall in walls])
     doors = []
     for gap, pair in zip(division.doors, division.joins, strict=True):
         ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
         beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
-        seen = share_seen_open(np.array([gap.start, gap.end]), evidence)
+        seen = share_seen_open(np.array([gap.start, gap.end]), grid)
         is_seen = seen >= SEEN_SHARE and min(pair) >= 0
         layer: Layer = "SEEN" if is_seen else "INFERRED"
         names = tuple(rooms[k].id for k in pair if k >= 0)

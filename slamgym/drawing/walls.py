@@ -62,7 +62,9 @@ class WallPiece:
 
 
 @dataclass(frozen=True)
-class _Face:
+class Face:
+    """A straight edge of the floor."""
+
     start: FloatArray
     end: FloatArray
     convex: tuple[bool, bool]
@@ -70,7 +72,13 @@ class _Face:
 
     @property
     def length(self) -> float:
+        """[m]."""
         return float(np.hypot(*(self.end - self.start)))
+
+    @property
+    def is_wall_end(self) -> bool:
+        """True for a short face between two corners that reach into the floor."""
+        return SHORTEST <= self.length <= THICKEST_WALL and not any(self.convex)
 
 
 def find_walls(floor: MultiPolygon) -> list[WallPiece]:
@@ -83,7 +91,7 @@ def find_walls(floor: MultiPolygon) -> list[WallPiece]:
         Every stretch of every face belongs to one wall; the longest faces come first. Jambs of doors belong to the
         walls that end there.
     """
-    faces = _faces_of(floor)
+    faces = faces_of(floor)
     order = sorted(range(len(faces)), key=lambda index: (-round(faces[index].length, 4), index))
     taken: list[list[tuple[float, float]]] = [[] for _ in faces]
     starts = np.array([face.start for face in faces]).reshape(-1, 2)
@@ -115,7 +123,8 @@ def _pair(point: FloatArray) -> tuple[float, float]:
     return float(point[0]), float(point[1])
 
 
-def _faces_of(floor: MultiPolygon) -> list[_Face]:
+def faces_of(floor: MultiPolygon) -> list[Face]:
+    """All edges of a floor, the floor on their left."""
     faces = []
     for ring in oriented_rings(floor):
         points = shapely.get_coordinates(ring)[:-1]
@@ -125,7 +134,7 @@ def _faces_of(floor: MultiPolygon) -> list[_Face]:
         convex = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0] > 0.0
         following = np.roll(convex, -1)
         turns = zip(convex.tolist(), following.tolist(), strict=True)
-        faces += [_Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
+        faces += [Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
     return faces
 
 
@@ -162,7 +171,7 @@ def _behind(
 
 
 def _free_stretches(
-    face: _Face,
+    face: Face,
     pieces: list[tuple[float, float, int, float]],
     taken: list[tuple[float, float]],
 ) -> list[tuple[float, float, int, float]]:
@@ -197,13 +206,12 @@ def _free_stretches(
     return merged
 
 
-def _is_jamb(face: _Face, low: float, high: float) -> bool:
+def _is_jamb(face: Face, low: float, high: float) -> bool:
     """Whether a stretch is the end of a wall: a whole short face between two corners that reach into the floor."""
-    whole = low < 1e-6 and high > face.length - 1e-6
-    return whole and face.length <= THICKEST_WALL and not any(face.convex)
+    return low < 1e-6 and high > face.length - 1e-6 and face.is_wall_end
 
 
-def _with_corners(piece: WallPiece, face: _Face, low: float, high: float) -> WallPiece:
+def _with_corners(piece: WallPiece, face: Face, low: float, high: float) -> WallPiece:
     """Lengthen a wall's body at the corners of its room, so that bodies meet."""
     most = OUTER_THICKNESS if not piece.known else max(piece.thickness, OUTER_THICKNESS)
     before = most if low < 1e-6 and face.convex[0] else 0.0

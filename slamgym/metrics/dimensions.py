@@ -6,8 +6,7 @@ beside it put it, so it is found within a cell; what is 0.5 or more counts as fl
 them (:func:`slamgym.cad.floorplan.floor_share`).
 
 What is measured is found in the true plan: pairs of facing walls of a room, straight faces, walls with floor on both
-sides. At the same place the drawn plan is asked for the same length. Lines run along the image's axes; a building at
-another angle is turned first (``angle_deg``).
+sides. At the same place the drawn plan is asked for the same length. Lines run along the image's axes.
 """
 
 import itertools
@@ -66,7 +65,6 @@ def measure_dimensions(
     floor: BoolArray | Float32Array,
     true_floor: BoolArray | Float32Array,
     metres_per_px: float,
-    angle_deg: float = 0.0,
 ) -> Dimensions:
     """Compare the lengths of a drawing with the true ones.
 
@@ -74,13 +72,12 @@ def measure_dimensions(
         floor: Share of floor of each cell of the drawing, shape (rows, cols), laid over the truth without scaling.
         true_floor: The same of the true plan.
         metres_per_px: Scale of both [m].
-        angle_deg: Direction of the building's walls against the axes, counter-clockwise on the screen.
 
     Raises:
         ValueError: If the shapes differ.
     """
     check_same_shape(floor, true_floor)
-    drawn, truth = (turned_upright(values, angle_deg) for values in (floor, true_floor))
+    drawn, truth = (np.asarray(values, dtype=np.float32) for values in (floor, true_floor))
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
     narrowest, thickest, piece = (x / metres_per_px for x in (MIN_WIDTH, MAX_THICKNESS, MIN_PIECE))
     widths, lengths, thicknesses = [], [], []
@@ -102,18 +99,6 @@ def measure_dimensions(
         floor_area=floor_area(drawn) * metres_per_px**2,
         true_floor_area=floor_area(truth) * metres_per_px**2,
     )
-
-
-def turned_upright(floor: BoolArray | Float32Array, angle_deg: float) -> Float32Array:
-    """An image of shares turned by minus an angle about its centre, on a canvas that holds all of it."""
-    values = np.asarray(floor, dtype=np.float32)
-    if angle_deg == 0.0:
-        return values
-    border = math.ceil(0.21 * max(values.shape)) + 1
-    padded = np.pad(values, border)
-    rows, cols = padded.shape
-    matrix = cv2.getRotationMatrix2D((0.5 * (cols - 1), 0.5 * (rows - 1)), -angle_deg, 1.0)
-    return np.asarray(cv2.warpAffine(padded, matrix, (cols, rows), flags=cv2.INTER_LINEAR), dtype=np.float32)
 
 
 def floor_area(values: Float32Array) -> float:

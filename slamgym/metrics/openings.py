@@ -19,7 +19,6 @@ from slamgym.metrics.dimensions import (
     Run,
     floor_runs,
     straight_pieces,
-    turned_upright,
     wall_runs,
 )
 from slamgym.metrics.maps import check_same_shape
@@ -70,7 +69,6 @@ def compare_openings(
     floor: BoolArray | Float32Array,
     true_floor: BoolArray | Float32Array,
     metres_per_px: float,
-    angle_deg: float = 0.0,
 ) -> Openings:
     """Compare doors and walls between rooms with the true ones; arguments as of :func:`measure_dimensions`.
 
@@ -78,11 +76,11 @@ def compare_openings(
         ValueError: If the shapes differ.
     """
     check_same_shape(floor, true_floor)
-    drawn, truth = (turned_upright(values, angle_deg) for values in (floor, true_floor))
+    drawn, truth = (np.asarray(values, dtype=np.float32) for values in (floor, true_floor))
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
     doors = find_doors(rooms, truth >= FLOOR)
     # The rooms without what lies so near to a wall that a displaced wall may have it on its other side.
-    cores = np.where(_from_walls(truth >= FLOOR) * metres_per_px > 0.2, rooms, 0)
+    cores = np.where(from_walls(truth >= FLOOR) * metres_per_px > 0.2, rooms, 0)
     kept = [door for door in doors if _is_open(door, drawn >= FLOOR, cores, metres_per_px)]
     widths = [
         _clear_width(door, drawn, metres_per_px) - _clear_width(door, truth, metres_per_px) for door in kept
@@ -123,16 +121,9 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
         rooms: Numbers of the rooms, 0 where there is none, shape (rows, cols).
         floor: Same shape.
     """
-    radius = _from_walls(floor)
-    borders: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
-    for step in ((0, 1), (1, 0)):
-        here = rooms[: rooms.shape[0] - step[0], : rooms.shape[1] - step[1]]
-        there = rooms[step[0] :, step[1] :]
-        for row, col in np.argwhere((here != there) & (here > 0) & (there > 0)).tolist():
-            low, high = sorted((int(here[row, col]), int(there[row, col])))
-            borders[low, high].append((row, col))
+    radius = from_walls(floor)
     doors = []
-    for pair, cells in sorted(borders.items()):
+    for pair, cells in room_borders(rooms):
         mask = np.zeros(rooms.shape, np.uint8)
         mask[tuple(np.array(cells).T)] = 1
         # A border is a staircase of single steps: one cell of slack joins them.
@@ -144,7 +135,19 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     return doors
 
 
-def _from_walls(floor: BoolArray) -> Float32Array:
+def room_borders(rooms: IntArray) -> list[tuple[tuple[int, int], list[tuple[int, int]]]]:
+    """Pairs of rooms that meet, and the cells (row, col) along which they do."""
+    borders: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+    for step in ((0, 1), (1, 0)):
+        here = rooms[: rooms.shape[0] - step[0], : rooms.shape[1] - step[1]]
+        there = rooms[step[0] :, step[1] :]
+        for row, col in np.argwhere((here != there) & (here > 0) & (there > 0)).tolist():
+            low, high = sorted((int(here[row, col]), int(there[row, col])))
+            borders[low, high].append((row, col))
+    return sorted(borders.items())
+
+
+def from_walls(floor: BoolArray) -> Float32Array:
     """Distance of each floor cell from the nearest other cell, or the border of the image [cells]."""
     padded = np.pad(floor, 1).astype(np.uint8)
     away: Float32Array = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)

@@ -8,7 +8,6 @@ for the others in turn. Both the offset and the drift are reported.
 """
 
 import itertools
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -35,17 +34,9 @@ class Stretches(NamedTuple):
     noise: FloatArray  # (M,) their own standard errors [m]
 
 
-@dataclass(frozen=True)
-class Drift:
-    """What the other walls predict at each stretch."""
-
-    expected: FloatArray  # (M,) offsets [m]
-    deviation: FloatArray  # (M,) standard errors of that [m]
-
-
 def estimate_drift(
     stretches: Stretches, same_wall: BoolArray, asked: Stretches
-) -> tuple[Drift, FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Estimate the drift field; its size and smoothness are those that predict the stretches best.
 
     Args:
@@ -54,7 +45,7 @@ def estimate_drift(
         asked: Other stretches, whose values don't count; (Q,).
 
     Returns:
-        The prediction at each stretch without its own wall, and at the asked ones: offsets and standard errors, (Q,).
+        Offsets and standard errors at each stretch without its own wall, (M,), and at the asked ones, (Q,).
     """
     some = np.arange(0, len(stretches.places), -(-len(stretches.places) // FEW))
     few, same = Stretches(*(part[some] for part in stretches)), same_wall[np.ix_(some, some)]
@@ -62,7 +53,7 @@ def estimate_drift(
         itertools.product(DEVIATIONS, LENGTHS), key=lambda guess: _Fit(few, same, *guess).likelihood
     )
     fit = _Fit(stretches, same_wall, size, length)
-    return Drift(fit.expected, fit.deviation), *fit.predict(asked)
+    return fit.expected, fit.deviation, *fit.predict(asked)
 
 
 class _Fit:

@@ -26,6 +26,7 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
+from slamgym.drawing.evidence import values_at
 
 FACE_STEP = 0.05
 """Distance of the points on a face [m]."""
@@ -180,11 +181,7 @@ class MapEvidence:
     def values(self, points: FloatArray) -> ByteArray:
         """The map's cells at points of the plan's frame, any shape (..., 2); unknown beyond the map."""
         flat = transform_points(inverse(self.plan_from_map), points.reshape(-1, 2)) / self.scale
-        row, col = self.frame.to_cell(flat[:, 0], flat[:, 1])
-        inside = (row >= 0) & (row < self.cells.shape[0]) & (col >= 0) & (col < self.cells.shape[1])
-        found = np.full(len(flat), UNKNOWN, np.uint8)
-        found[inside] = self.cells[row[inside], col[inside]]
-        return found.reshape(points.shape[:-1])
+        return values_at(self.cells, self.frame, flat, UNKNOWN).reshape(points.shape[:-1])
 
     def moved(self, plan_from_map: Pose2D, scale: float = 1.0) -> "MapEvidence":
         """The same map laid over the plan in another way."""

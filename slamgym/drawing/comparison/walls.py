@@ -206,8 +206,8 @@ def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
     expected, deviation = np.zeros(len(counts)), np.full(len(counts), 0.1)
     if measured.sum() >= 4:
         same = np.array([faces.same_wall(face)[walls] for face in walls])
-        drift, expected, deviation = estimate_drift(chosen, same, all_stretches)
-        expected[measured], deviation[measured] = drift.expected, drift.deviation
+        own, error, expected, deviation = estimate_drift(chosen, same, all_stretches)
+        expected[measured], deviation[measured] = own, error
     return expected[stretch], deviation[stretch]
 
 

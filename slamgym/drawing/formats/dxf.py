@@ -73,12 +73,8 @@ def format_dxf(drawing: Drawing) -> str:
 
 def _add_polygons(space: Any, shapes: Iterable[Polygon], layer: str) -> list[Any]:
     """Outlines and holes as closed LWPOLYLINEs."""
-    added = []
-    for shape in shapes:
-        for ring in (shape.exterior, *shape.interiors):
-            points = shapely.get_coordinates(ring)[:-1].tolist()
-            added.append(space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer}))
-    return added
+    outlines = [shapely.get_coordinates(ring)[:-1].tolist() for ring in shapely.get_rings(list(shapes))]
+    return [space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer}) for points in outlines]
 
 
 def _add_hatch(space: Any, shape: Polygon, layer: str) -> None:

@@ -219,9 +219,6 @@ def _evidence_part(drawing: Drawing) -> Iterator[str]:
 
 
 def _rooms_part(drawing: Drawing) -> Iterator[str]:
-    if not drawing.rooms:
-        yield paragraph("No room was found.")
-        return
     yield paragraph(
         "Width and depth are the clear lengths of the dimension lines through the middle of the room. An orange edge "
         f"marks rooms of which less than half was seen. {_ACCURACY}"

@@ -121,12 +121,7 @@ def _fill(
     page: ByteArray, shapes: Iterable[Polygon], colour: Colour, to_page: Callable[[FloatArray], np.ndarray]
 ) -> None:
     for shape in shapes:
-        rings = [
-            to_page(shapely.get_coordinates(ring))
-            for part in shapely.get_parts(shape)
-            if part.geom_type == "Polygon"
-            for ring in (part.exterior, *part.interiors)
-        ]
+        rings = [to_page(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shape)]
         if rings:
             cv2.fillPoly(page, rings, colour, cv2.LINE_AA, SHIFT)
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import MultiPolygon, Polygon
+from shapely import Polygon
 
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnPoint
@@ -72,17 +72,11 @@ class Sheet(NamedTuple):
         """True if a line of text is no longer than this [m]."""
         return len(words) * LETTER_WIDTH * self.letters <= 1000.0 * room
 
-    def path(self, shape: Polygon | MultiPolygon, kind: str, title: str = "") -> str:
+    def path(self, shape: Polygon, kind: str, title: str = "") -> str:
         """Outline and holes of a shape as one path of a class, with a title that shows where the pointer rests."""
-        rings = [
-            ring
-            for part in shapely.get_parts(shape)
-            if part.geom_type == "Polygon"
-            for ring in (part.exterior, *part.interiors)
-        ]
         data = " ".join(
             "M" + " ".join(self.place((x, y)) for x, y in shapely.get_coordinates(ring)[:-1].tolist()) + "z"
-            for ring in rings
+            for ring in shapely.get_rings(shape)
         )
         name = f"<title>{markup(title)}</title>" if title else ""
         return f'<path class="{markup(kind)}" fill-rule="evenodd" d="{data}">{name}</path>'

@@ -1,13 +1,15 @@
 """Drawings as files."""
 
 from collections.abc import Sequence
+from importlib import import_module
 from pathlib import Path
 
-from slamgym.cad.floorplan import fill_segments, map_values, ring_segments
+from slamgym.cad.floorplan import map_values
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import write_text
 from slamgym.core.types import UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import DRAWING_FORMATS
 
 WALL = 0.2
@@ -42,27 +44,11 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
         elif name == "yaml":
             _write_ros_map(path.with_suffix(""), drawing)
         else:
-            write_text(path, _text(drawing, name))
+            # What a format needs is imported for it alone.
+            module = import_module(f"slamgym.drawing.formats.{'json' if name == 'geojson' else name}")
+            write_text(path, getattr(module, f"format_{name}")(drawing))
         paths.append(path)
     return paths
-
-
-def _text(drawing: Drawing, name: str) -> str:
-    """The content of a text file; what its format needs is imported for it alone."""
-    match name:
-        case "dxf":
-            from slamgym.drawing.formats.dxf import format_dxf as write
-        case "svg":
-            from slamgym.drawing.formats.svg import format_svg as write
-        case "ifc":
-            from slamgym.drawing.formats.ifc import format_ifc as write
-        case "geojson":
-            from slamgym.drawing.formats.json import format_geojson as write
-        case "json":
-            from slamgym.drawing.formats.json import format_json as write
-        case _:
-            from slamgym.drawing.formats.html import format_html as write
-    return write(drawing)
 
 
 def drawing_map(drawing: Drawing) -> OccupancyGrid:
@@ -72,9 +58,7 @@ def drawing_map(drawing: Drawing) -> OccupancyGrid:
     """
     cell = drawing.grid.frame.resolution
     frame = GridFrame.covering(drawing.floor.bounds, cell, margin=WALL)
-    rings = [ring for part in drawing.floor.geoms for ring in (part.exterior, *part.interiors)]
-    inside = fill_segments(ring_segments(rings), frame)
-    return OccupancyGrid(map_values(inside, cell, UNKNOWN, WALL), frame)
+    return OccupancyGrid(map_values(filled(drawing.floor, frame), cell, UNKNOWN, WALL), frame)
 
 
 def _write_ros_map(stem: Path, drawing: Drawing) -> None:
