@@ -18,7 +18,6 @@ from typing import Any
 from unittest import mock
 
 import numpy as np
-import shapely
 from drawings import homes, score
 
 from slamgym.core.types import BoolArray, Float32Array, OccupancyGrid
@@ -28,7 +27,6 @@ from slamgym.drawing import (
     load_floor_model,
     make_drawing,
     openings,
-    polygons,
 )
 from slamgym.drawing.formats.json import format_json
 from slamgym.interop import read_map
@@ -50,7 +48,9 @@ RULES: dict[str, tuple[Any, str, Any]] = {
     "steps in walls": (edges, "MERGE", 0.0),
     "rounded corners": (edges, "CHAMFER", 0.0),
     "worn ends of walls": (edges, "_cap", lambda *_: False),
-    "gaps at tips of walls": (polygons, "_gaps_at_tips", lambda _: shapely.MultiPolygon()),
+    "gaps at ends of walls": (openings, "_gaps_at_wall_ends", lambda *_: []),
+    "watershed for passages": (openings, "_passages", lambda _: []),
+    "wide doors need wider floor": (openings, "SURE_DOOR", np.inf),
     "niches are no rooms": (openings, "SMALLEST_ROOM", 0.0),
     "partly seen rooms": (openings, "OPEN_ROOM", 0.0),
 }

@@ -20,8 +20,6 @@ NECK = 0.1
 """Half the width of floor that is too narrow to be drawn: nobody passes a slit between two walls [m]."""
 SLIT = 0.005
 """Half the width of a wall that is [m]."""
-SMALLEST_GAP = 0.003
-"""What a square corner loses when it is rounded is smaller [m2]."""
 CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
 
@@ -129,25 +127,8 @@ def without_necks(floor: BaseGeometry) -> MultiPolygon:
         floor = shapely.buffer(floor, step, join_style="mitre")
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)
-    floor = shapely.set_precision(floor.difference(_gaps_at_tips(floor)), CORNER_GRID)
+    floor = shapely.set_precision(floor, CORNER_GRID)
     return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * SMALLEST_ROOM])
-
-
-def _gaps_at_tips(floor: BaseGeometry) -> BaseGeometry:
-    """Gaps between the pointed end of a wall and another wall, which mitred corners reach through."""
-    with np.errstate(invalid="ignore"):  # mitres of spikes have no end; GEOS bevels them
-        rounded = shapely.buffer(shapely.buffer(floor, -NECK, join_style="mitre"), NECK + SLIT, quad_segs=4)
-    reached = rounded.buffer(1e-6, quad_segs=1)
-    gaps = []
-    for piece in polygon_parts(floor.difference(rounded)):
-        if piece.area < SMALLEST_GAP:
-            continue
-        # The rest of a corner has floor on one side, a gap on two.
-        left, bottom, right, top = piece.bounds
-        near = shapely.clip_by_rect(reached, left - NECK, bottom - NECK, right + NECK, top + NECK)
-        if len(shapely.get_parts(shapely.line_merge(piece.boundary.intersection(near)))) > 1:
-            gaps.append(piece.simplify(2.0 * SLIT).buffer(SLIT, join_style="mitre"))
-    return shapely.union_all(gaps)
 
 
 def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:

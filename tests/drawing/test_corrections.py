@@ -12,7 +12,6 @@ from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
 from slamgym.drawing import make_drawing
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.openings import divide
-from slamgym.drawing.polygons import without_necks
 
 HALL = shapely.box(0, 0, 8, 5)
 
@@ -127,12 +126,3 @@ def test_a_corridor_that_a_pilaster_narrows_has_no_door_there():
         door = shapely.box(12.0, low, 12.1, 1.7)
         ended = shapely.MultiPolygon([shapely.union_all([corridor, door, hall])])
         assert len(divide(ended).rooms) == rooms
-
-
-def test_no_floor_leads_through_the_gap_before_a_walls_pointed_end():
-    wall = Polygon([(8, 2.4), (0.2, 2.4), (0.06, 2.5), (0.2, 2.6), (8, 2.6)])
-    floor = without_necks(HALL.difference(wall))
-    assert len(floor.geoms) == 2
-    assert floor.area == pytest.approx(HALL.area - wall.area, abs=0.05)
-    whole = without_necks(HALL)
-    assert whole.symmetric_difference(HALL).area < 1e-3
