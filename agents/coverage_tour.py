@@ -195,9 +195,8 @@ class TourSearch:
         total = np.count_nonzero(self._wanted)
         noise = 1.0 + 0.3 * self._rng.random(len(self._views))
         while (missing := needed - (total - int(np.count_nonzero(unseen)))) > 0:
-            gains = (
-                np.minimum(product(unseen[None].astype(np.float32), self._matrix)[0], missing) * self._usable
-            )
+            shown = product(unseen[None].astype(np.float32), self._matrix)[0]
+            gains = np.minimum(shown, missing) * self._usable
             stops = np.array([self._home, *tour])
             to_stops = self._lengths[stops, : self._home]  # (n + 1, P)
             detours = to_stops.copy()

@@ -119,9 +119,7 @@ class BatchedExplorer:
         """
         batched = np.ndim(observation["pose"]) == 2
         count = len(observation["pose"]) if batched else 1
-        starts = (
-            np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start).astype(bool)
-        )
+        starts = np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start)
         if len(self._pilots) != count:
             self._pilots = [self._begin(i) for i in range(count)]
             self._times = [-np.inf] * count

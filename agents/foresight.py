@@ -201,9 +201,8 @@ def _pockets(foreseen: Foreseen, cells: FloatArray) -> FloatArray:
     owner = apart.argmin(axis=1)
     near = apart.min(axis=1) <= _POCKET / FORESIGHT_CELL
     for member, floor in enumerate(foreseen.floor[:, rows, cols]):
-        areas[member] = (
-            np.bincount(owner[near], weights=floor[near], minlength=len(cells)) * FORESIGHT_CELL**2
-        )
+        shares = np.bincount(owner[near], weights=floor[near], minlength=len(cells))
+        areas[member] = shares * FORESIGHT_CELL**2
     return areas
 
 

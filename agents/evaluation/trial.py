@@ -208,7 +208,7 @@ def run_trial(
         curve,
         finished=watch.finished,
         collisions=env.simulation.collisions,
-        map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.world_from_map), 6),
+        map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.simulation.world_from_map), 6),
         ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
         decisions=len(watch.deciding),
         decision_cpu=round(float(np.mean(deciding)), 7),

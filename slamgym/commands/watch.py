@@ -137,7 +137,7 @@ class _Watcher:
         from slamgym.agents.rules import ForesightTour
         from slamgym.viz.recording import Deliberation
 
-        env, placed = self._env, self._env.world_from_map
+        env, placed = self._env, self._env.simulation.world_from_map
         paths = env.mapper.particle_paths(env.config.slam.particles)
         poses = np.array([path[-1] for path in paths if len(path)] or [env.mapper.pose])
         particles = transform_poses(placed, poses)

@@ -76,10 +76,8 @@ class Assessment:
 
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
-        simulation = self._simulation
-        return self._obstacle_distance.mean_error(
-            simulation.mapper.occupancy_grid(), simulation.world_from_map
-        )
+        grid = self._simulation.mapper.occupancy_grid()
+        return self._obstacle_distance.mean_error(grid, self._simulation.world_from_map)
 
     @cached_property
     def _obstacle_distance(self) -> ObstacleDistance:

@@ -169,7 +169,7 @@ def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer
         odometry=Trajectory(log.stamps, log.odometry),
         estimate=env.mapper.trajectory(),
         final_estimate=env.mapper.pose,
-        geometry=env.scan.geometry,
+        geometry=env.simulation.scan.geometry,
         log=log,
         finished="explored" if explorer.finished else "time_limit",
         time_limit=time_limit(plan, config.minutes),

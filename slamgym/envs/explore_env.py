@@ -10,7 +10,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.jit import announce_compilation
-from slamgym.core.types import ByteArray, LaserScan, Pose2D
+from slamgym.core.types import ByteArray, Pose2D
 from slamgym.envs.assessment import Assessment
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
@@ -261,16 +261,6 @@ class ExploreEnv(gym.Env[Any, Any]):
         return self.simulation.start
 
     @property
-    def world_from_map(self) -> Pose2D:
-        """The map frame in the world, a translation. Privileged."""
-        return self.simulation.world_from_map
-
-    @property
-    def scan(self) -> LaserScan:
-        """The newest scan."""
-        return self.simulation.scan
-
-    @property
     def mapper(self) -> Mapper:
         """SLAM, with its map and its estimate."""
         return self.simulation.mapper
@@ -356,12 +346,8 @@ class ExploreEnv(gym.Env[Any, Any]):
     def _record(self) -> None:
         if self.log is not None:
             now = self.simulation
-            poses = {
-                "true_poses": now.true_pose,
-                "odometry": now.odometry_pose,
-                "estimates": now.believed_pose,
-            }
-            self.log.append(stamps=now.scan.stamp, ranges=now.scan.ranges, **poses)
+            row = now.scan.stamp, *now.true_pose, *now.odometry_pose, *now.believed_pose
+            self.log.append(rows=row, ranges=now.scan.ranges)
 
     def _show(self) -> None:
         if self.render_mode == "human":

@@ -220,8 +220,8 @@ class EpisodeLog(Columns):
     """
 
     def __init__(self, num_beams: int) -> None:
-        poses = dict.fromkeys(("true_poses", "odometry", "estimates"), (3,))
-        super().__init__({"ranges": np.float32}, stamps=(), ranges=(num_beams,), **poses)
+        # Stamp, true world-frame pose, odometry pose, estimated map-frame pose.
+        super().__init__({"ranges": np.float32}, rows=(10,), ranges=(num_beams,))
 
     def __getitem__(self, name: str) -> Any:
         """An array's rows."""
@@ -232,17 +232,17 @@ class EpisodeLog(Columns):
     @property
     def stamps(self) -> FloatArray:
         """Times since the start of the episode, shape (N,) [s]."""
-        return np.asarray(self["stamps"])
+        return np.asarray(self["rows"][:, 0])
 
     @property
     def true_poses(self) -> FloatArray:
         """True poses in the world frame, shape (N, 3) [m, m, rad]."""
-        return np.asarray(self["true_poses"])
+        return np.asarray(self["rows"][:, 1:4])
 
     @property
     def odometry(self) -> FloatArray:
         """Poses by wheel odometry alone, shape (N, 3) [m, m, rad]; they begin in the map frame."""
-        return np.asarray(self["odometry"])
+        return np.asarray(self["rows"][:, 4:7])
 
     @property
     def estimates(self) -> FloatArray:
@@ -251,7 +251,7 @@ class EpisodeLog(Columns):
         It is what the observations said: later corrections of the path, which ``mapper.trajectory()`` has,
         are not in it.
         """
-        return np.asarray(self["estimates"])
+        return np.asarray(self["rows"][:, 7:])
 
     @property
     def ranges(self) -> Float32Array:

@@ -16,7 +16,7 @@ class Columns:
     """
 
     def __init__(self, types: dict[str, Any] | None = None, **shapes: tuple[int, ...]) -> None:
-        self._length = 0
+        self._length, self._capacity = 0, FIRST_ROWS
         self._arrays = {
             name: np.zeros((FIRST_ROWS, *shape), (types or {}).get(name, np.float64))
             for name, shape in shapes.items()
@@ -36,9 +36,9 @@ class Columns:
 
     def append(self, **values: Any) -> None:
         """Add a row; an array that is not named gets zeros."""
-        for name, array in self._arrays.items():
-            if self._length == len(array):
-                self._arrays[name] = np.concatenate([array, np.zeros_like(array)])
-            if name in values:
-                self._arrays[name][self._length] = values[name]
+        if self._length == self._capacity:
+            self._arrays = {name: np.concatenate([a, np.zeros_like(a)]) for name, a in self._arrays.items()}
+            self._capacity *= 2
+        for name, value in values.items():
+            self._arrays[name][self._length] = value
         self._length += 1

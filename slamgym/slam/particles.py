@@ -164,9 +164,8 @@ class ParticleMaps:
             last_row = row + rows if last_row <= row + rows else max(last_row, row + rows + GROWTH_TILES)
             last_col = col + cols if last_col <= col + cols else max(last_col, col + cols + GROWTH_TILES)
         tables = np.zeros((len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32)
-        tables[:, row - first_row : row - first_row + rows, col - first_col : col - first_col + cols] = (
-            self.tables
-        )
+        below, left = row - first_row, col - first_col
+        tables[:, below : below + rows, left : left + cols] = self.tables
         self.tables, self._corner = tables, (first_row, first_col)
         self.origin = np.array([first_col, first_row], dtype=np.float64) * (TILE * self.resolution)
 

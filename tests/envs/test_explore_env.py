@@ -147,7 +147,7 @@ def test_options_choose_plan_and_start(flat: FloorPlan, hall: FloorPlan) -> None
     _, info = env.reset(seed=0, options={"plan": "hall", "start": (1.0, 2.0, 0.5)})
     assert info["plan"] == "hall"
     assert info["true_pose"] == pytest.approx((1.0, 2.0, 0.5))
-    assert env.world_from_map == Pose2D(1.0, 2.0, 0.0)
+    assert env.simulation.world_from_map == Pose2D(1.0, 2.0, 0.0)
     _, info = env.reset(options={"plan": flat})
     assert env.plan is flat
     plans = {env.reset(seed=seed)[1]["plan"] for seed in range(10)}
@@ -292,7 +292,7 @@ def test_the_log_holds_every_scan(flat: FloorPlan) -> None:
     assert len(log) == 13
     assert log.stamps == pytest.approx(0.2 * np.arange(13))
     assert log.true_poses[1:] == pytest.approx(np.array([info["true_pose"] for info in infos]))
-    assert log.ranges[-1] == pytest.approx(env.scan.ranges)
+    assert log.ranges[-1] == pytest.approx(env.simulation.scan.ranges)
     assert log.odometry[0] == pytest.approx((0.0, 0.0, env.start.theta))
     assert log.estimates[-1] == pytest.approx(env.mapper.pose)
     assert log.true_trajectory(env.start).poses[0] == pytest.approx((0.0, 0.0, env.start.theta))
@@ -325,7 +325,7 @@ def test_explorers_get_the_robot_but_not_the_plan(flat: FloorPlan) -> None:
     context = env.explorer_context()
     env.reset(seed=0)
     assert (1, *context.frame.shape) == env.observation_space["map"].shape
-    assert context.geometry == env.scan.geometry
+    assert context.geometry == env.simulation.scan.geometry
     assert context.control_step == 0.2
     assert not context.normalized_actions
     with pytest.raises(ConfigError, match="for_explorer"):
@@ -341,7 +341,7 @@ def test_furniture_stands_in_the_world_but_not_in_the_plan() -> None:
     assert len(env.simulation.world.segments()) > walls + len(env.clutter.segments()) > walls
     empty = ExploreEnv("bundled", lidar=lidar_level("exact"))
     empty.reset(options={"plan": env.plan, "start": tuple(env.start)})
-    assert (env.scan.ranges <= empty.scan.ranges).all()
+    assert (env.simulation.scan.ranges <= empty.simulation.scan.ranges).all()
 
 
 def test_a_plan_that_can_not_be_explored_is_left_out(

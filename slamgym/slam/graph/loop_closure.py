@@ -70,11 +70,8 @@ def find_candidates(
     away = np.hypot(poses[:, 0] - poses[node, 0], poses[:, 1] - poses[node, 1])
     turn = np.abs(wrap_angle(poses[:, 2] - poses[node, 2]))
     indices = np.arange(len(poses))
-    possible = (
-        (distances > config.loop_length)
-        & (away < LOOP_RADIUS + window)
-        & (np.abs(indices - node) > config.local_nodes)
-    )
+    possible = (distances > config.loop_length) & (away < LOOP_RADIUS + window)
+    possible &= np.abs(indices - node) > config.local_nodes
     chosen: list[LoopCandidate] = []
     cost = np.where(possible, away + HEADING_COST * turn, math.inf)
     while len(chosen) < most:
