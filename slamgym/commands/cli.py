@@ -23,6 +23,8 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.interruption import Terminated, termination_as_interrupt
 from slamgym.core.progress import say, tell
 
+QUIET = "--quiet"
+"""Option of every command: no progress and no notes, only results and errors."""
 EXIT_USER_ERROR = 2
 EXIT_INTERRUPTED = 130  # 128 + SIGINT, as shells report it
 EXIT_TERMINATED = 143  # 128 + SIGTERM
@@ -53,9 +55,11 @@ class Command:
         module, function = self.target.split(":")
         command = getattr(importlib.import_module(f"slamgym.commands.{module}"), function)
         hints = typing.get_type_hints(command)
+        is_quiet, argv = QUIET in argv, [word for word in argv if word != QUIET]
         given = {"typed": shlex.join([*name.split(), *argv])} if "typed" in hints else {}
         arguments = tyro.cli(hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,))
-        return int(command(arguments, **given) or 0)
+        with contextlib.redirect_stderr(io.StringIO()) if is_quiet else contextlib.nullcontext():
+            return int(command(arguments, **given) or 0)
 
 
 @dataclass(frozen=True)
@@ -104,7 +108,7 @@ class Group:
         rows = "\n".join(f"  {word:<{width}}  {command.help}" for word, command in self.commands.items())
         return (
             f"usage: {name} <command> [options]\n\n{self.help[0].upper()}{self.help[1:]}.\n\ncommands:\n{rows}\n\n"
-            f"{name} <command> --help shows a command's options{self.closing}\n"
+            f"{name} <command> --help shows a command's options, {QUIET} hides its progress and notes{self.closing}\n"
         )
 
 

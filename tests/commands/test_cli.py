@@ -16,6 +16,7 @@ from slamgym.commands import cli, frame
 from slamgym.commands.completion import help_pages, options_of
 from slamgym.core.config import Arguments
 from slamgym.core.errors import InputFileError
+from slamgym.core.progress import say, tell
 
 
 def groups(name="slamgym", group=cli.TABLE):
@@ -116,6 +117,17 @@ def test_the_command_gets_the_rest_of_the_arguments_and_its_code_is_returned(com
     command(lambda words: seen.append(words) or 7)
     assert cli.main(["probe", "a", "b"]) == 7
     assert seen == [("a", "b")]
+
+
+def test_quiet_hides_notes_but_neither_results_nor_errors(command, capsys):
+    def run(words):
+        say("a note")
+        tell("a result")
+        raise InputFileError("plan.json", "is empty")
+
+    command(run)
+    assert cli.main(["probe", "--quiet"]) == 2
+    assert capsys.readouterr() == ("a result\n", "slamgym: error: plan.json: is empty\n")
 
 
 def test_an_error_of_the_users_is_one_line(command, capsys):
