@@ -46,7 +46,7 @@ class Stage(NamedTuple):
     """Passes over the data at this resolution, the fade-in included."""
     batch: Count
     fade_epochs: NonNegative = 0.0
-    """How many of them fade the new resolution in."""
+    """Number of these epochs that fade in the new resolution."""
     fade_batch: CountOrZero = 0
     """Batch during the fade-in; 0 takes ``batch``."""
 
@@ -111,7 +111,7 @@ class AugmentConfig(Settings, section="augment"):
     """Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a
     pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
     damage: Annotated[float, Within(ge=0.0, le=10.0)] = 0.0
-    """What real maps have and clean simulation lacks, as a multiple of the usual amounts
+    """Imperfections of real maps that clean simulation lacks, as a multiple of the usual amounts
     (:mod:`slamgym.gan.training.sampler`): gaps, unknown, noise and distortion of the SLAM map alone (slam2cad)."""
 
 
@@ -136,7 +136,7 @@ class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
 
 
 class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0}):
-    """What a trained generator needs to be used: stored with the weights."""
+    """Settings for using a trained generator: stored with the weights."""
 
     direction: Direction = "slam2cad"
     input_size: Side = 256
@@ -148,7 +148,7 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
     derotate: bool = False
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
     flips: Annotated[int, Within(ge=1, le=8, power_of_two=True)] = 1
-    """Of how many flips and quarter turns the translation is the mean: 1, 2, 4 or 8."""
+    """Number of flips and quarter turns whose mean is the translation: 1, 2, 4 or 8."""
     explored_margin: NonNegative = 0.5
     """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""

@@ -2,13 +2,13 @@
 
 Two layouts are taken:
 
-* ``IMAGES/{train,test}/{A,B}/<name>.png``, as `slamgym dataset render` writes them, with ``manifest.jsonl`` beside,
+* ``IMAGES/{train,test}/{A,B}/<name>.png``, as `slamgym dataset render` writes them, next to a ``manifest.jsonl``
   with plans and scales;
 * ``IMAGES/{A,B}/<name>.png``: any folder of pairs, without splits.
 
 A is the CAD map (0 walls and outside, 254 inside), B the SLAM map (0 occupied, 205 unknown, 254 free). All
 images are square, grey, and of one size; file names are the same on both sides. Without a manifest every name
-is a plan of its own.
+is a separate plan.
 """
 
 import hashlib
@@ -162,7 +162,7 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
 
 
 def true_faces(root: Path | str) -> bool:
-    """Whether the CAD maps of a folder have walls as thick as the plan's, without a line along their faces.
+    """True if the CAD maps of a folder have walls as thick as the plan's, without a line along their faces.
 
     Raises:
         InputFileError: If its config.json is malformed.
@@ -242,7 +242,7 @@ def _check_shapes(paths: tuple[Path, Path], a: ByteArray, b: ByteArray, side: in
 
 
 class _Recorded(NamedTuple):
-    """What a manifest says of a pair."""
+    """Plan and group of a pair, as the manifest records them."""
 
     plan: str
     group: str
@@ -276,7 +276,7 @@ def _test_names(root: Path) -> list[str]:
 
 
 def _plans_of(name: str, recorded: dict[str, _Recorded]) -> set[str]:
-    """What a pair's plan and its group are called."""
+    """Names of a pair's plan and of its group."""
     return set(recorded[name][:2]) if name in recorded else {name}
 
 

@@ -13,7 +13,7 @@ from slamgym.gan.config import DeviceName, MemoryLayout, Precision
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_TRIM, _LARGEST_MMAP = 2**31 - 1, 2**25
-"""What mallopt takes at most (mallopt(3)) [bytes]."""
+"""Largest values that mallopt takes (mallopt(3)) [bytes]."""
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
 
@@ -25,7 +25,7 @@ class Compute:
     device: torch.device
     precision: Literal["float32", "bfloat16"]
     channels_last: bool = False
-    """Whether a pixel's channels lie beside each other in memory."""
+    """True if a pixel's channels lie next to each other in memory."""
 
     def autocast(self) -> AbstractContextManager[None]:
         """Mixed precision inside the block: convolutions in bfloat16 where that is the precision."""
@@ -33,7 +33,7 @@ class Compute:
 
     @property
     def memory_format(self) -> torch.memory_format:
-        """How images and weights lie in memory."""
+        """Memory layout of images and weights."""
         return torch.channels_last if self.channels_last else torch.contiguous_format
 
     def put(self, network: NetworkT) -> NetworkT:

@@ -86,7 +86,7 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
 
 
 def free_probability(image: Float32Array, encoding: Encoding) -> Float32Array:
-    """Of being free, per pixel, of a drawn CAD map.
+    """Probability of being free, for each pixel of a drawn CAD map.
 
     Args:
         image: (C, H, W) in [-1, 1].

@@ -85,7 +85,7 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
     try:
         found = load(read_bytes(cache)).get(checksum)
     except (SafetensorError, InputFileError, KeyError):
-        return None  # whatever it is, finding them again is right
+        return None  # for any cause, finding them again is right
     if found is None or found.dtype != np.float64 or found.shape != (count, 4):
         return None
     return found if np.isfinite(found).all() else None

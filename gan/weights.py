@@ -48,7 +48,7 @@ class ModelCard:
     seed: int = 0
     command: str = ""
     data: str = ""
-    """What the pairs were made from."""
+    """Source of the pairs."""
     device: str = ""
     figures: dict[str, float] = field(default_factory=dict)
     """On held-out pairs at the end of the training."""
@@ -248,7 +248,7 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
 
 
 def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, tuple[bool, tuple[int, ...]]]:
-    """Of each tensor, whether it holds fractions, and its shape."""
+    """For each tensor: true if it holds floating-point numbers, and its shape."""
     return {name: (value.is_floating_point(), tuple(value.shape)) for name, value in tensors.items()}
 
 

@@ -39,9 +39,9 @@ from slamgym.metrics.cleaning import clean_map
 from slamgym.metrics.maps import WallScore
 
 TOLERANCES = (0.1, 0.2)
-"""Of the wall F1 [m]."""
+"""Tolerances of the wall F1 [m]."""
 RIGID_TOLERANCES = (0.05, 0.1)
-"""Of the wall F1 after a rigid alignment [m]."""
+"""Tolerances of the wall F1 after a rigid alignment [m]."""
 OPENINGS = ("doors", "doors_kept", "doors_invented", "walls", "walls_opened")
 """Numbers of doors and walls that are measures of a map."""
 THRESHOLD = 0.5
@@ -55,7 +55,7 @@ BLUR = 0.07
 
 @dataclass(frozen=True)
 class MapScore:
-    """What one method makes of one map."""
+    """Result of one method on one map."""
 
     name: str
     plan_id: str
@@ -86,7 +86,7 @@ class TranslationMethod:
 
 
 def baselines() -> list[TranslationMethod]:
-    """What every translator is compared with.
+    """Baselines that every translator is compared with.
 
     The blurred map shows what greys alone do to the error, and the last one, which has seen the answer, what the error
     misses.

@@ -15,7 +15,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Fl
 from slamgym.metrics.maps import free_boundary
 
 PATCH_SIDE = 64
-"""Of a patch [cells]; a multiple of 32."""
+"""Side of a patch [cells]; a multiple of 32."""
 PER_MAP = 32
 """Patches of a map, each around a random cell of the border of its free space."""
 PER_KIND = 512
@@ -25,7 +25,7 @@ JUDGED = 12
 MOST_UNKNOWN = 0.9
 """Patches with a larger unknown share are drawn again."""
 WIDTH, EPOCHS, BATCH, LEARNING_RATE = 16, 8, 32, 4e-3
-"""Of the network and its training: half a CPU minute for 50 maps."""
+"""Settings of the network and its training: half a CPU minute for 50 maps."""
 _BLOCK = 2  # 64 cells become 32 x 32 pixels of four times the channels
 
 

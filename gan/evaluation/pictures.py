@@ -1,6 +1,6 @@
 """Which pictures an evaluation draws: chosen by the order of names or by the worst results, never by the best.
 
-Maps of real robots stand beside their translations to be looked at, since nobody drew their CAD maps.
+Maps of real robots are shown next to their translations, only to be looked at, since they have no CAD maps.
 """
 
 from collections.abc import Sequence
@@ -38,7 +38,7 @@ UNKNOWN_BORDER_PX = 8
 
 @dataclass(frozen=True)
 class Results:
-    """What was measured of which pairs."""
+    """Measured pairs, methods, and their scores."""
 
     pairs: PairSet
     methods: Sequence[TranslationMethod]

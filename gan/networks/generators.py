@@ -138,7 +138,7 @@ class ProgressiveGenerator(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions beside a shortcut: (B, in, H, W) to (B, out, H, W)."""
+    """Two convolutions with a shortcut: (B, in, H, W) to (B, out, H, W)."""
 
     def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
         super().__init__()

@@ -43,7 +43,7 @@ STATE_FORMAT = "slamgym-translator-training-2"
 BETA_2 = 0.99
 """Adam's second decay rate (the paper)."""
 WARM_UP_STEPS, MEASURED_STEPS = 1, 2
-"""Of the measurement of what a step costs."""
+"""Steps before and during the measurement of the time of a step."""
 
 
 class Learner:
@@ -147,7 +147,7 @@ class Learner:
         return images.contiguous(memory_format=self.compute.memory_format)
 
     def _features(self, x_small: Tensor, y: Tensor, fade: float) -> dict[str, losses.Features]:
-        """Of pairs, by each discriminator."""
+        """Features of pairs, by each discriminator."""
         if not self.discriminators:
             return {}
         domain, real_fake = self.discriminators["domain"], self.discriminators["real_fake"]
@@ -308,7 +308,7 @@ def _frozen(networks: nn.Module) -> Iterator[None]:
 def measure_seconds(
     schedule: Schedule, pairs: PairSet, config: TranslatorTrainingConfig, compute: Compute
 ) -> list[float]:
-    """Wall-clock seconds of one step in each span, measured on networks of their own.
+    """Wall-clock seconds of one step in each span, measured on separate networks.
 
     The networks in training, their optimisers and the order of the data are not touched.
     """

@@ -13,13 +13,13 @@ from torch.nn import functional
 Features = Sequence[Sequence[Tensor]]
 """Features per copy, the last one the scores."""
 LAYER_WEIGHTS = (5.0, 1.5, 1.5, 1.5, 1.0)
-"""Of the first layers in feature matching and input consistency (published code; in neither paper)."""
+"""Weights of the first layers in feature matching and input consistency (published code; in neither paper)."""
 EDGE_WEIGHT = 3.0
 """Pixels within two of a border count 1 + this in the cross entropy."""
 
 
 def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
-    """How far scores are from ``real`` (1) or fake (0): the mean of squares (LSGAN, Mao et al. 2017).
+    """Distance of scores from ``real`` (1) or fake (0): the mean of squares (LSGAN, Mao et al. 2017).
 
     Args:
         scores: Any shape, before any sigmoid.
@@ -72,7 +72,7 @@ def l1_loss(image: Tensor, target: Tensor) -> Tensor:
 
 
 def probabilities(image: Tensor) -> Tensor:
-    """Of each value being 1: images in [-1, 1] as values in [0, 1]."""
+    """Probability of each value being 1: images in [-1, 1] as values in [0, 1]."""
     return 0.5 * (image.float() + 1.0)
 
 
@@ -112,14 +112,14 @@ def near_borders(values: Tensor, radius: int = 2) -> Tensor:
 
 
 THICKEST_THIN_WALL = 7
-"""Of the walls that :func:`near_thin_walls` finds [px]: 35 cm at cells of 5 cm."""
+"""Maximum thickness of the walls that :func:`near_thin_walls` finds [px]: 35 cm at cells of 5 cm."""
 
 
 def near_thin_walls(values: Tensor, beside: int = 2) -> Tensor:
     """1 in thin walls with floor on both sides and within ``beside`` pixels of them, else 0; (B, C, H, W).
 
-    The floor beside a wall counts as much as the wall, or the network would draw walls too thick where it isn't sure of
-    their place.
+    The floor next to a wall counts as much as the wall, or the network would draw walls too thick where it isn't sure
+    of their place.
 
     Args:
         values: (B, C, H, W) in [0, 1], floor 1.

@@ -1,4 +1,4 @@
-"""How a training is watched: figures and sample images of held-out pairs, lines of progress.
+"""Monitoring of a training: figures and sample images of held-out pairs, lines of progress.
 
 The figures are taken without alignment, which the full evaluation (``slamgym gan evaluate``) adds.
 """
@@ -18,9 +18,9 @@ from slamgym.gan.translation.finishing import USUAL_SCALE
 from slamgym.metrics import boundary_score
 
 WALL_TOLERANCE = 0.1
-"""Of the wall F1 [m]."""
+"""Tolerance of the wall F1 [m]."""
 LOSS_SMOOTHING = 0.98
-"""Of the loss in lines of progress."""
+"""Smoothing factor of the loss in lines of progress."""
 
 
 def validate(
@@ -34,7 +34,7 @@ def validate(
     """Translate held-out pairs and compare.
 
     For ``slam2cad``: ``mse`` of the free space against the CAD map, ``mse_slam`` of the SLAM map itself, their
-    ``mse_ratio`` and ``improved`` share, and ``wall_f1`` beside ``wall_f1_slam``. For ``cad2slam``: the shares of free,
+    ``mse_ratio`` and ``improved`` share, and ``wall_f1`` and ``wall_f1_slam``. For ``cad2slam``: the shares of free,
     occupied and unknown cells, translated less true, and the mean absolute difference of the cells' greys.
 
     Returns:

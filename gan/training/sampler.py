@@ -2,7 +2,7 @@
 
 Changes are motions of both images, and damage to the SLAM map that real robots do: real maps have more unknown, gaps
 in walls and salt noise than clean simulation, and a quarter of them are turned. Every change of one sample comes from a
-generator of its own, so it doesn't depend on the rest of the batch.
+separate generator, so it doesn't depend on the rest of the batch.
 """
 
 import math
@@ -26,7 +26,7 @@ ROOM_TO_TURN = 1.42
 ROTATED = 0.3
 """Share of the windows that are turned by any angle."""
 DAMAGE_PROBABILITY = 0.35
-"""Of each kind of damage: clean maps shall stay common."""
+"""Probability of each kind of damage: clean maps shall stay common."""
 TURN_DEG = 0.5
 """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
 WOBBLE_PX = 1.0
@@ -141,7 +141,7 @@ def augment(
         config: What to change and how much.
         rng: Source of the draws.
         damage: Whether the SLAM map may be turned, distorted and damaged (it is the input).
-        side: Of the result, if the images are larger [px]; 0 leaves their size.
+        side: Side of the result, if the images are larger [px]; 0 keeps their size.
 
     Returns:
         The pair; the inputs stay as they are.

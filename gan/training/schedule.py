@@ -1,4 +1,4 @@
-"""What happens at which step: resolution, fade-in, batch and learning rate.
+"""Schedule of a training: resolution, fade-in, batch and learning rate of each step.
 
 The resolution grows from coarse to fine. Each new one is faded in linearly over its own passes, from one step's
 share to exactly 1 at the last (the published code's fade hardly moves before it jumps). The learning rate is
@@ -30,7 +30,7 @@ class Span(NamedTuple):
 
 
 class Moment(NamedTuple):
-    """What holds for one step."""
+    """Settings of one step."""
 
     resolution: int
     batch: int
@@ -50,7 +50,7 @@ class Schedule:
 
     @property
     def steps(self) -> int:
-        """Of the whole training."""
+        """Steps of the whole training."""
         return sum(span.steps for span in self.spans)
 
     @property
@@ -72,7 +72,7 @@ class Schedule:
         return sum(span.batch * done for span, done in self.progress(step))
 
     def moment(self, step: int) -> Moment:
-        """What holds at a step, counted from 0.
+        """Settings of a step, counted from 0.
 
         Raises:
             IndexError: If the training has no such step.

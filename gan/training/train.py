@@ -4,7 +4,7 @@ A run is a folder::
 
     RUN/
       config.json             settings and where the images came from
-      checkpoint.safetensors  the state, from which the same command goes on bit for bit
+      checkpoint.safetensors  the state, from which the same command continues bit for bit
       weights.safetensors     the translator, written at the end (and weights.md, its model card)
       registration.safetensors  how each SLAM map was moved onto its CAD map (presets that do so)
       figures.jsonl           one line per checkpoint: validation figures, terms of the loss
@@ -53,7 +53,7 @@ class TrainingDivergedError(SlamgymError):
 
 @dataclass(frozen=True)
 class RunOptions:
-    """How a run is carried out, which doesn't change what is learned."""
+    """Options of a run that don't change what is learned."""
 
     checkpoint_minutes: float = 2.0
     """Time between two checkpoints; 0 writes one after every step."""
@@ -67,7 +67,7 @@ class RunOptions:
 
 @dataclass(frozen=True)
 class TrainingReport:
-    """What a run came to."""
+    """Result of a run."""
 
     finished: bool
     steps: int
@@ -83,11 +83,11 @@ def train_translator(
     compute: Compute,
     options: RunOptions = RunOptions(),
 ) -> TrainingReport:
-    """Train a translator, or go on with a training that was interrupted.
+    """Train a translator, or continue a training that was interrupted.
 
     Args:
         images: Folder of rendered pairs (:mod:`slamgym.gan.data`), or several, which are learned from together.
-        run: Folder of the run; if it holds a checkpoint of the same settings the training goes on from there.
+        run: Folder of the run; if it holds a checkpoint of the same settings the training continues from there.
         config: What to learn and how.
         compute: Device and precision.
         options: Time, checkpoints, logs.
@@ -129,7 +129,7 @@ class _Training:
             self.learner.adopt(start)
         if options.compile:
             self.learner.compile()
-        # Nothing here draws from torch's own generator; whatever ever does shall start from the seed.
+        # Nothing here draws from torch's own generator; any later use shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
         self.sampler = BatchSampler(self.pairs, config, rng)
@@ -338,7 +338,7 @@ def _checksum(pairs: PairSet) -> str:
 
 
 def _identity(config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet) -> dict[str, Any]:
-    """What must be the same for a training to go on."""
+    """Values that must be the same for a training to continue."""
     return {
         "preset": config.preset,
         "set of images": f"{len(pairs)} pairs, checksum {_checksum(pairs)}",

@@ -1,6 +1,6 @@
 """The last steps of a translation: floor ends where the map does, faces lie where they truly are, walls are thin.
 
-Explored floor: a real robot's map leaves half of the building unknown. A network whose targets show the whole building
+Explored floor: half of the building is unknown in a real robot's map. A network whose targets show the whole building
 learns to invent rooms there, so targets end, and translations are cut off, at the border of what was explored.
 
 Faces: networks that learnt from drawings with a line along every face draw walls too thick, by an amount that is the
@@ -24,11 +24,11 @@ RAY_WIDTH = 0.15
 SMALLEST_FREE = 0.1
 """Separate free space smaller than this is noise, no evidence [m2]."""
 USUAL_SCALE = 0.06
-"""Of a map that comes without one [m/px]: the middle of rendered homes."""
+"""Scale of a map that comes without one [m/px]: the middle of rendered homes."""
 DIRECTIONS = 16
-"""In which a disc's rim is sampled."""
+"""Number of directions in which a disc's rim is sampled."""
 CLOSED = 0.45
-"""What a cell is given at most where a wall would be lost: less than a half, so it stays closed."""
+"""Largest value that a cell is given where a wall would be lost: less than a half, so it stays closed."""
 
 
 def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> BoolArray:
@@ -74,7 +74,7 @@ def moved_faces(free: Float32Array, shift_px: float) -> Float32Array:
 
     Args:
         free: Probability or share of floor, shape (H, W).
-        shift_px: How far [cells]; 0 or less leaves the image as it is.
+        shift_px: How far [cells]; 0 or less keeps the image as it is.
 
     Returns:
         (H, W) in [0, 1]. A wall of which nothing would be left keeps its middle at :data:`CLOSED`.
@@ -98,7 +98,7 @@ def thin_walls(free: Float32Array, thickest_px: int, ends_px: int) -> BoolArray:
     Args:
         free: Probability or share of floor, shape (H, W).
         thickest_px: Thicker walls have no middle.
-        ends_px: How far a middle goes on into the wall that it meets, which moves away from it.
+        ends_px: How far a middle continues into the wall that it meets, which moves away from it.
     """
     found = np.zeros(free.shape, np.bool_)
     for floor, middles in ((free >= 0.5, found), (free.T >= 0.5, found.T)):

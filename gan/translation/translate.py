@@ -301,8 +301,8 @@ def load_translator(
         direction: What it must translate; None takes any.
         device: Where to compute.
         flips: Average over 1, 2, 4 or 8 flips and quarter turns instead of what the weights' settings say.
-        true_faces: Whether walls get their true faces, whatever the network learnt from; without it CAD maps have the
-            faces that the network draws (``translator.face_shift``).
+        true_faces: Whether walls get their true faces, whichever data the network learnt from; without it CAD maps
+            have the faces that the network draws (``translator.face_shift``).
 
     Raises:
         InputFileError: If the file can't be used.

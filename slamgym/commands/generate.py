@@ -69,7 +69,7 @@ class GenerateArguments(Arguments):
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``rejected.jsonl``."""
     shard: str | None = None
-    """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a folder of its own below OUT. When
+    """``i/n``, e.g. 3/10: make only the fourth tenth of the dataset, in a separate folder below OUT. When
     all shards are done, ``slamgym dataset merge OUT`` puts them together."""
     images: Path | None = None
     """Also render uniform square images of the complete pairs into this folder, by the defaults of

@@ -71,7 +71,7 @@ class SlamArguments(Arguments):
 
 MAX_FRAMES, MAX_PATHS = 600, 30
 FRAMES_PER_SECOND = 20.0
-"""Of the film; paths are those of particles that a picture shows."""
+"""Limits and frame rate of the film; paths are those of particles that a picture shows."""
 _NOT_FOR_LOGS = {
     "ground_truth": "is for simulation; a log holds no true poses (try dead_reckoning)",
     "map": "makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one",

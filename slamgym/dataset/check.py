@@ -40,7 +40,7 @@ VALUES: Mapping[str, frozenset[int]] = {
     "A": frozenset({OCCUPIED, FREE}),
     "B": frozenset({OCCUPIED, UNKNOWN, FREE}),
 }
-"""What the pixels of each side may be."""
+"""Allowed pixel values of each side."""
 EPISODE_FILES = (
     "plan.json", "map.pgm", "map.yaml", "truth.tum", "odometry.tum", "estimate.tum", "scans.log.gz",
 )  # fmt: skip
@@ -155,7 +155,7 @@ def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: N
 
 
 class _Listed:
-    """What is kept of a million records to see whether they agree with each other."""
+    """Compact form of a million records, to check whether they agree with each other."""
 
     def __init__(self, manifest: Path) -> None:
         self._manifest = manifest
@@ -217,7 +217,7 @@ def _read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str
 
 
 def _hash_of(settings: Mapping[str, Any]) -> str:
-    """What :func:`~slamgym.core.config.config_hash` gave when the ``config.json`` was written."""
+    """Hash that :func:`~slamgym.core.config.config_hash` gave when the ``config.json`` was written."""
     own = {name: value for name, value in settings.items() if name not in STAMPS}
     return hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()[:12]
 

@@ -1,4 +1,4 @@
-"""What makes a map unfit for a dataset: the criteria, and faults as records that :attr:`MapFault.sentence` words."""
+"""Reasons why a map is unfit for a dataset: the criteria, and faults as records with a :attr:`MapFault.sentence`."""
 
 import dataclasses
 import math
@@ -35,7 +35,7 @@ _WORDS: dict[MapFaultKind, tuple[str, str]] = {
     "not_clean": ("not clean", "not clean: {detail}"),
     "too_large": ("too large", "too large: {value:.1f} m long but the image shows {limit:.1f} m"),
 }
-"""Of each kind, the reason under which it is counted, and its sentence."""
+"""For each kind: the reason under which it is counted, and its sentence."""
 
 
 @dataclass(frozen=True)
@@ -44,11 +44,11 @@ class MapFault:
 
     kind: MapFaultKind
     value: float = 0.0
-    """What was measured, where something was."""
+    """Measured value, if something was measured."""
     limit: float = 0.0
-    """What would have been good enough, where there is such a limit."""
+    """Limit that a good map meets, if there is one."""
     detail: str = ""
-    """Of a low coverage: how the exploration ended; else what the figures don't say."""
+    """For low coverage: how the exploration ended; otherwise details that the figures don't give."""
 
     @property
     def reason(self) -> str:
@@ -100,7 +100,7 @@ class Criteria(Settings):
     """Position error of the estimate [m]: about twice the map error that it causes."""
 
     def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[MapFault]:
-        """What is wrong with a map; nothing if it is good.
+        """Faults of a map; empty if it is good.
 
         Args:
             coverage: True coverage.
@@ -161,7 +161,7 @@ def has_clutter(record: PairRecord) -> bool:
 
 
 def record_faults(record: PairRecord, criteria: Criteria) -> list[MapFault]:
-    """What is wrong with a pair by the truth; nothing if it is good."""
+    """Faults of a pair by the truth; empty if it is good."""
     found = criteria.faults(record.coverage, record.map_error, record.ate, has_clutter=has_clutter(record))
     if found and found[0].kind == "coverage":
         found[0] = dataclasses.replace(found[0], detail=record.finished)

@@ -2,7 +2,7 @@
 
 Workers write into ``.incoming``; the one process that holds the lock commits. A pair is part of the dataset
 from the moment its folder appears in ``episodes`` (one rename); its two images are in place before that.
-Whatever a killed run leaves behind is not part of the dataset; the next run removes it.
+Files that a killed run has left behind are not part of the dataset; the next run removes them.
 
 A worker's files are on the disk before they are renamed, but the renames themselves are synchronised only now
 and then: after a power cut the last seconds' pairs may be missing, and none is torn.

@@ -53,7 +53,7 @@ SHARD_NAME = re.compile(r"shard-([0-9]{5,7})-of-([0-9]{5,7})")
 
 @dataclass(frozen=True)
 class Shard:
-    """Shard ``number`` of ``count``: the slots whose index leaves the remainder ``number``.
+    """Shard ``number`` of ``count``: the slots whose index modulo ``count`` is ``number``.
 
     Neighbouring slots go to different shards, so that all have the same mix of plans and sources.
     """
@@ -90,12 +90,12 @@ class Shard:
         return index % self.count == self.number
 
     def share_of(self, pairs: int) -> int:
-        """How many of the first ``pairs`` slots are the shard's."""
+        """Number of slots among the first ``pairs`` that are the shard's."""
         return len(range(self.number, pairs, self.count))
 
 
 WHOLE = Shard(0, 1)
-"""Of a dataset that is not divided."""
+"""The only shard of a dataset that is not divided."""
 
 
 def is_shard_name(name: str) -> bool:

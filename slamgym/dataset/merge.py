@@ -25,7 +25,7 @@ from slamgym.dataset.record import PairRecord
 
 @dataclass(frozen=True)
 class MergeReport:
-    """What :func:`merge_shards` did."""
+    """Result of :func:`merge_shards`."""
 
     shards: int
     """Shards that were there."""

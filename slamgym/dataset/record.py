@@ -35,7 +35,7 @@ _DIGITS = 6
 
 
 class PairConfig(Settings, section="pair"):
-    """How the images are made."""
+    """Settings for making the images."""
 
     margin: Annotated[float, Within(ge=0.0, lt=100.0)] = 0.5
     """Free border around plan and SLAM map [m]."""
@@ -105,7 +105,7 @@ class Slot:
     index: int
     plan_id: str
     repetition: int
-    """How many slots of the same plan come before."""
+    """Number of slots of the same plan before this one."""
     seed: int
 
     @property
@@ -118,7 +118,7 @@ class ManifestLine:
     """A record that is one line of a manifest."""
 
     noun: ClassVar[str]
-    """What it is called in errors."""
+    """Name of such a record in errors."""
 
     def to_line(self) -> str:
         """The record as one line of JSON, with its newline."""
@@ -154,7 +154,7 @@ class PairRecord(ManifestLine):
     plan_source: str
     """File that the plan came from, without its folder, or the generator."""
     repetition: Counted
-    """How many explorations of the same plan come before this one."""
+    """Number of explorations of the same plan before this one."""
     seed: int
     """Seed of the exploration, derived from the dataset's seed, the plan id and the repetition."""
     config_hash: str
@@ -213,7 +213,7 @@ class PairRecord(ManifestLine):
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a map came about that wasn't explored: what of an :class:`~slamgym.envs.episode.Episode` records judge.
+    """Origin of a map that wasn't explored: the fields of an :class:`~slamgym.envs.episode.Episode` that records use.
 
     Trajectories are in the map frame; without poses they aren't known.
     """

@@ -1,4 +1,4 @@
-"""What lies in a dataset: tables by condition, a few lines of text, and one picture of many pairs."""
+"""Contents of a dataset: tables by condition, a few lines of text, and one picture of many pairs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from slamgym.interop import read_tum
 from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
 
 MOST_MEASURED = 20_000
-"""Of more pairs the bytes on disk are those of so many, evenly spaced, scaled up."""
+"""Maximum number of pairs whose bytes on disk are counted; of more, so many are, evenly spaced, and scaled up."""
 FIGURES = ("coverage", "robot_seconds", "ate", "odometry_ate", "map_error")
 """Figures of a record that are summarised."""
 MAX_VALUES = 6
@@ -53,7 +53,7 @@ class ValueColumn:
         return np.frombuffer(self._codes, dtype=np.int32) if self._codes else np.empty(0, np.int32)
 
     def counts(self) -> dict[str, int]:
-        """How many records have each value, the most frequent first."""
+        """Number of records with each value, the most frequent first."""
         codes = self.codes
         return dict(
             Counter({value: int((codes == code).sum()) for value, code in self._known.items()}).most_common()
@@ -71,7 +71,7 @@ class ValueColumn:
         return found | ({"not set": missing} if len(missing) else {})
 
     def _ranges(self, numbers: list[float]) -> dict[str, IntArray]:
-        """Ranges of equal width; 0 is a case of its own where nothing is less."""
+        """Ranges of equal width; 0 is a separate case where nothing is less."""
         values = np.array([*self._known, math.nan])[self.codes]  # -1 is the last
         found = {}
         if numbers[0] == 0:
@@ -86,7 +86,7 @@ class ValueColumn:
 
 
 class RecordColumns:
-    """What a million records hold: some three hundred bytes each, where the records take five thousand.
+    """Contents of a million records in columns: about 300 bytes each, where the records take 5000.
 
     Args:
         records: Are read one by one.

@@ -1,4 +1,4 @@
-"""What all pictures share: colours, text, scale bars, paths, the fit into a panel, the file.
+"""Elements that all pictures share: colours, text, scale bars, paths, the fit into a panel, the file.
 
 Pictures are RGB, shape (rows, cols, 3), until they are written.
 """
@@ -67,7 +67,7 @@ def with_heading(picture: ByteArray, heading: str, height: int = 40) -> ByteArra
 def draw_scale_bar(
     picture: ByteArray, place: tuple[int, int], metres_per_px: float, most_px: float, backed: bool = False
 ) -> int:
-    """Draw a bar of a round length with its length beside it.
+    """Draw a bar of a round length with its length next to it.
 
     Args:
         picture: Changed in place.

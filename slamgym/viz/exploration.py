@@ -48,7 +48,7 @@ _BORDER = 0.4
 
 
 class SceneFigures(NamedTuple):
-    """What is written below the panels."""
+    """Figures that are written below the panels."""
 
     time: float  # [s]
     coverage: float  # share
@@ -167,7 +167,7 @@ def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
 
 
 def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
-    """What is: seen floor, furniture, people, beams, the true path."""
+    """Draw the true state: seen floor, furniture, people, beams, the true path."""
     seen = view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
     panel[seen & (panel == FLOOR_TINT).all(axis=2)] = SEEN_TINT
     for piece in scene.furniture:
@@ -180,7 +180,7 @@ def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
 
 
 def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
-    """What the robot believes: its map, its path and its scan, and faintly where it truly went."""
+    """Draw the robot's belief: its map, its path and its scan, and its true path as a thin line."""
     panel[:] = view.paint(scene.grid)
     draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR, thickness=1)
     draw_path(panel, view.pixels(scene.believed_path), BELIEVED_COLOUR)

@@ -10,7 +10,7 @@ from slamgym.core.text import markup
 from slamgym.core.types import ByteArray
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
-"""What a browser may load for the page: nothing."""
+"""Content security policy of the page: a browser may load nothing for it."""
 _LOSSLESS = 101
 """OpenCV takes a WebP quality above 100 as without loss."""
 _STYLE = """
@@ -31,7 +31,7 @@ def make_page(title: str, parts: Sequence[str], style: str = "") -> str:
     Args:
         title: Plain text.
         parts: Below each other.
-        style: CSS, beside what all pages have.
+        style: CSS, in addition to that of all pages.
     """
     head = [
         "<!doctype html>",

@@ -36,7 +36,7 @@ class CurvePanel(NamedTuple):
 
 
 def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
-    """Plot curves on panels beside each other; the first has the legend.
+    """Plot curves on panels side by side; the first has the legend.
 
     Args:
         path: PNG to write.
@@ -61,7 +61,7 @@ def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
 
 
 def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> None:
-    """Plot a box for each sample, with its mean, beside a line at zero.
+    """Plot a box for each sample, with its mean, and a line at zero.
 
     Args:
         path: PNG to write.

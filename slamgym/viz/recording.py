@@ -27,7 +27,7 @@ _FLOOR, _LINE, _MARK = 0.0, 0.02, 0.04  # heights, so that lines lie over areas 
 
 @dataclass(frozen=True)
 class Deliberation:
-    """What the robot weighs, in the world frame; explorers without frontiers have particles alone."""
+    """Data that the robot's choice depends on, in the world frame; explorers without frontiers have particles alone."""
 
     particles: FloatArray  # (N, 3) poses [m, m, rad]
     frontiers: Sequence[FloatArray] = ()  # (size, 2) centres of each one's cells [m]

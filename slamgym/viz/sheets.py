@@ -64,7 +64,7 @@ _ERROR_COLOURS = np.array(
 
 
 class Card(NamedTuple):
-    """Pictures beside each other over lines of text."""
+    """Pictures side by side above lines of text."""
 
     panels: Sequence[ByteArray]
     """(H, W) grey or (H, W, 3) RGB, any size."""
@@ -76,7 +76,7 @@ def draw_sheet(cards: Sequence[Card], columns: int, panel_px: int, titles: Seque
 
     Args:
         cards: At least one, all with as many panels.
-        columns: Cards beside each other, if there are so many.
+        columns: Cards side by side, if there are so many.
         panel_px: Side of the squares that panels are scaled to.
         titles: What stands over the panels of every column of cards.
 
@@ -156,7 +156,7 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
     Args:
         heading: The sheet's title.
         entries: The pairs, at least one, drawn row by row.
-        columns: Cards beside each other.
+        columns: Cards side by side.
 
     Returns:
         RGB, shape (rows, cols, 3).
@@ -174,7 +174,7 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
 
 
 def _draw_error_scale(sheet: ByteArray) -> None:
-    """What the colours of errors mean, in the upper right corner."""
+    """Draw the legend for the colours of errors, in the upper right corner."""
     label = f"{ERROR_SCALE:g} m"
     right = sheet.shape[1] - GAP_PX - text_width(label, 0.45)
     draw_text(sheet, label, right, 28, 0.45, FAINT)

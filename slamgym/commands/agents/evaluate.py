@@ -162,7 +162,7 @@ class BenchRunArguments(Arguments):
     """
 
     explorer: tyro.conf.Positional[str]
-    """Its name, as everywhere (``nearest``, ``rl@98%:90%``, ``rl:FILE``); ``module:function`` for one of your own.
+    """Its name, as everywhere (``nearest``, ``rl@98%:90%``, ``rl:FILE``); ``module:function`` for your own.
     Without an ``@`` it stops at the promise 98%:95%."""
     out: Out
     """Folder of the results; all explorers and tracks may share it."""

@@ -75,7 +75,7 @@ class ShapeArguments(Arguments):
     test_plans: Count | None = None
     """Held-out plans that every policy explores at the end."""
     term: str = ""
-    """A function of your own, as ``module:function``: it takes a StepRecord and returns a number. It is added
+    """Your own function, as ``module:function``: it takes a StepRecord and returns a number. It is added
     to the preset ``time`` as the preset ``own``, and all are trained with the particle filter."""
     term_weight: float = 1.0
     """Its weight."""

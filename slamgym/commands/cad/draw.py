@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
 VALETUDO_KEY, VALETUDO_WITHIN = b'"pixelSize"', 1 << 16
-"""Of its maps, within their first bytes."""
+"""Key that identifies a Valetudo map, and the number of first bytes in which it is found."""
 
 
 class CadArguments(Arguments):
     """Draw a SLAM map as an architect would: walls, doors and rooms with true dimensions, in metres.
 
-    What the map holds no evidence of lies in a layer of its own, INFERRED.
+    What the map holds no evidence of lies in a separate layer, INFERRED.
     """
 
     maps: Annotated[tuple[Path, ...], tyro.conf.Positional]

@@ -98,8 +98,8 @@ class SplitArguments(Arguments):
     test_plans: Path | None = None
     """A file with one plan id a line: these plans, and those that look like them, are for testing."""
     scaling: Scaling = "fit"
-    """Scaling of the images (`slamgym dataset render --scaling`). fit: plans look alike whatever their
-    size, which serves both; fixed: only if they are of one size."""
+    """Scaling of the images (`slamgym dataset render --scaling`). fit: plans look alike regardless of
+    their size, which serves both; fixed: only if they are of one size."""
     workers: CountOrZero = 1
     """Processes; 0 takes one per core."""
 

@@ -39,7 +39,7 @@ class RealismArguments(Arguments):
     """Cell size of images without a yaml file [m]; without it they are left out."""
     building: str | None = None
     """A regular expression that finds the building in the name of a reference map, such as '^[^_]+'; without it
-    each map is a building of its own. Buildings are never on both sides of a test."""
+    each map is a separate building. Buildings are never on both sides of a test."""
     mixed: CountOrZero = 0
     """Also draw so many maps of the dataset and as many of the references mixed and unlabelled, for a blind look:
     OUT/mixed.png, with the key in mixed_key.json."""

@@ -52,7 +52,7 @@ class TrainTranslatorArguments(Arguments):
     """Instead of the preset's."""
     start_from: str | None = None
     """Train on from these weights instead of random ones: a pretrained name (slam2cad, ...), a .safetensors file, or a
-    run's folder. For maps of your own, or for more hours."""
+    run's folder. For your own maps, or for more hours."""
     seed: int | None = None
     """Seed of weights, order and augmentation; by default 0."""
     compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = ComputeArguments()
@@ -117,7 +117,7 @@ class EvaluateTranslatorsArguments(Arguments):
     realism: bool = False
     """Compare elastic deformation with the simulated maps even if nothing else is given to be compared."""
     repeats: Count = 4
-    """How often the two-sample tests deal plans to folds again; fewer are faster and vary more."""
+    """Number of times that the two-sample tests deal plans to folds again; fewer are faster and vary more."""
     real: Path | None = None
     """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: DeviceName = "cpu"

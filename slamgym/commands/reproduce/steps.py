@@ -111,7 +111,7 @@ class Reproduction:
 
 
 def _run_command(step: str, argv: list[str]) -> str:
-    """Run a command in a process of its own; what it says on standard error goes to the terminal."""
+    """Run a command in a separate process; what it says on standard error goes to the terminal."""
     done = subprocess.run(
         [sys.executable, "-m", "slamgym", *argv], stdout=subprocess.PIPE, text=True, check=False
     )

@@ -35,14 +35,14 @@ _Seen = list[float] | str
 
 
 class CleanConfig(Settings):
-    """How a verdict is reached."""
+    """Rules for a verdict."""
 
     by: Literal["truth", "classifier"] = "truth"
     """Who decides where the truth is known; without it, the classifier always does."""
     band: tuple[Share, Share] = (0.4, 0.8)
     """Probabilities from the first up to the second are doubtful and go to a person, as in the paper."""
     doubtful: Literal["drop", "keep"] = "drop"
-    """What becomes of doubtful maps until a person has decided, where the classifier decides."""
+    """Treatment of doubtful maps until a person has decided, where the classifier decides."""
     criteria: Criteria = field(default_factory=Criteria)
     """When a map is good by the truth."""
 
@@ -53,11 +53,11 @@ class CleanConfig(Settings):
 
 @dataclass(frozen=True)
 class CleanReport:
-    """What came out."""
+    """Result of a cleaning."""
 
     verdicts: tuple[Verdict, ...]
     agreement: ProbabilityScore | None
-    """The classifier's probabilities beside the truth, where that is known."""
+    """Comparison of the classifier's probabilities with the truth, where that is known."""
 
     @property
     def kept(self) -> int:
@@ -70,7 +70,7 @@ class CleanReport:
         return sum(verdict.is_doubtful and verdict.by != "person" for verdict in self.verdicts)
 
     def reasons(self) -> dict[str, int]:
-        """How many maps were dropped, by the kind of their first fault."""
+        """Number of maps that were dropped, by the kind of their first fault."""
         kinds = (verdict.kind for verdict in self.verdicts if not verdict.keep)
         return dict(Counter(kinds).most_common())
 
@@ -144,7 +144,7 @@ def _look_at(task: list[tuple[int, Callable[[], OccupancyGrid]]]) -> list[tuple[
 
 
 def _fault_of(row: _Seen) -> MapFault | None:
-    """What the map alone shows to be wrong."""
+    """Fault that the map alone shows; None if there is none."""
     if isinstance(row, str):
         return MapFault("unreadable", detail=row)
     return stuck_fault(np.array(row[1:]), row[0])
@@ -208,7 +208,7 @@ def _by_probability(probability: float, band: tuple[float, float]) -> list[MapFa
 
 
 def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> ProbabilityScore | None:
-    """The pipeline's probabilities beside the truth; a map caught by the stuck filter counts as improbable."""
+    """Compare the pipeline's probabilities with the truth; a map caught by the stuck filter counts as improbable."""
     known = [v for v in verdicts if v.is_complete is not None and v.probability is not None]
     if not known:
         return None

@@ -151,7 +151,7 @@ def open_frontier(
 ) -> tuple[int, int]:
     """The frontier that a robot could drive through.
 
-    Its cells are the unknown ones beside free space, at least :data:`FRONTIER_CLEARANCE` away from every wall. The
+    Its cells are the unknown ones next to free space, at least :data:`FRONTIER_CLEARANCE` away from every wall. The
     same test in the middle of a doorway and along a wall with pin holes distinguishes an unseen room from noise.
 
     Args:

@@ -94,7 +94,7 @@ class CompletenessModel:
 
 
 def _fault(arrays: Mapping[str, np.ndarray]) -> str:
-    """What is wrong with the arrays of a file; nothing if they make trees."""
+    """Fault of the arrays of a file; empty if they make trees."""
     for name, kind in _ARRAYS.items():
         if arrays[name].ndim != 1 or arrays[name].dtype.kind != np.dtype(kind).kind:
             return f"{name} is not a list of numbers of its kind"
@@ -118,7 +118,7 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
 
 @dataclass(frozen=True)
 class ProbabilityScore:
-    """Predicted probabilities beside what was true."""
+    """Comparison of predicted probabilities with the truth."""
 
     count: int
     accuracy: float

@@ -1,4 +1,4 @@
-"""What there is to clean: the pairs of a dataset, or a folder of maps from elsewhere, of which no truth is known."""
+"""Maps to clean: the pairs of a dataset, or a folder of maps from elsewhere, of which no truth is known."""
 
 import hashlib
 from collections.abc import Callable
@@ -29,11 +29,11 @@ class MapItem:
     """A map to judge."""
 
     name: str
-    """Of the pair, or the file's path in the folder without its suffix."""
+    """Name of the pair, or the file's path in the folder without its suffix."""
     load: Callable[[], OccupancyGrid]
     """Reads the map; raises InputFileError. Can be pickled."""
     load_cad: Callable[[], ByteArray] | None
-    """Reads the CAD image beside it, if there is one."""
+    """Reads the CAD image of the pair, if there is one."""
     record: PairRecord | None
     """The truth, if it is known."""
     digest: str
@@ -41,7 +41,7 @@ class MapItem:
 
     @property
     def plan_id(self) -> str:
-        """What the map shows; maps from elsewhere show each something else."""
+        """Plan that the map shows; each map from elsewhere counts as a different plan."""
         return self.record.plan_id if self.record else self.name
 
 

@@ -50,7 +50,7 @@ _SMOOTHING = 0.005  # of the longer side: HouseExpo draws slanted walls as stair
 
 
 class PlanPrint(NamedTuple):
-    """What a plan looks like."""
+    """Fingerprint of a plan's appearance."""
 
     picture: Float32Array
     """Shape (SIDE, SIDE), of unit norm."""

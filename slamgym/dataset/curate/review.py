@@ -39,7 +39,7 @@ _SHOWN = 5
 
 @dataclass(frozen=True)
 class Decision:
-    """What a person said about a map."""
+    """Decision of a person about a map."""
 
     name: str
     keep: bool

@@ -55,7 +55,7 @@ class SplitTable:
     forced: tuple[str, ...] = ()
     """Plans that were asked for on the test side; their groups went with them."""
     scaling: Scaling = "fit"
-    """``fit``: plans look alike whatever their size; ``fixed``: only if they are of one size."""
+    """``fit``: plans look alike regardless of their size; ``fixed``: only if they are of one size."""
     split_version: int = SPLIT_VERSION
 
     def of_side(self, side: Split) -> list[str]:
@@ -169,7 +169,7 @@ def assign_sides(
 
     Args:
         groups: Plan to the plan that stands for its group.
-        test: Share of the groups that are for testing. Where that leaves one side empty, the group that came
+        test: Share of the groups that are for testing. Where one side would stay empty, the group that came
             nearest goes there, if there are two groups at all.
         seed: Of the choice.
         forced: Plans whose groups are for testing in any case.

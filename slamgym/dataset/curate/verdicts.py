@@ -1,4 +1,4 @@
-"""What cleaning says about each map: ``clean.jsonl`` in the folder that was cleaned."""
+"""Verdict of the cleaning about each map: ``clean.jsonl`` in the folder that was cleaned."""
 
 import dataclasses
 import json
@@ -25,17 +25,17 @@ class Verdict:
 
     name: str
     keep: bool
-    """Whether the map belongs into a clean dataset."""
+    """True if the map belongs in a clean dataset."""
     reason: str
     """Why: ``complete``, ``coverage 0.81 < 0.95: time limit``, ``dropped by a person``, ..."""
     by: str
     """Who decided: ``truth``, ``classifier``, ``stuck filter``, ``person``, ``file`` (it can't be read)."""
     probability: float | None
-    """Of being complete, by the classifier; none if the map can't be read."""
+    """Probability of being complete, by the classifier; none if the map can't be read."""
     is_doubtful: bool
-    """Whether the probability lies in the band that goes to a person."""
+    """True if the probability lies in the band that goes to a person."""
     looks_stuck: bool
-    """Whether the stuck filter caught it."""
+    """True if the stuck filter caught the map."""
     is_complete: bool | None
     """By the truth, if it is known."""
     coverage: float | None
@@ -45,7 +45,7 @@ class Verdict:
     """[m]"""
 
     faults: tuple[MapFault, ...]
-    """What the reason is made of, but for decisions of a person."""
+    """Faults that make up the reason; empty for decisions of a person."""
 
     @property
     def kind(self) -> str:

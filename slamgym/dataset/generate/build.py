@@ -101,7 +101,7 @@ class SlotQueue:
         self._missing, self._barren = pairs, 0
         self._chosen: set[str] = set()
         self._unfit: dict[str, str | None] = {}
-        """Why plans can't be explored; None: the filter leaves them out, which is no fault."""
+        """Why plans can't be explored; None: the filter omits them, which is no fault."""
 
     def wants_more(self) -> bool:
         """True if slots are still missing."""
@@ -177,7 +177,7 @@ class SlotQueue:
 
 @dataclass(frozen=True)
 class BuildReport:
-    """What a run of :func:`build_dataset` did."""
+    """Result of a run of :func:`build_dataset`."""
 
     root: Path
     """The folder: that of the shard, if there is one."""
@@ -186,7 +186,7 @@ class BuildReport:
     fresh: int
     """Pairs that this run added."""
     rejected: dict[str, int]
-    """How many plans gave no pair, by the kind of error; see ``rejected.jsonl``."""
+    """Number of plans that gave no pair, by the kind of error; see ``rejected.jsonl``."""
     seconds: float
     """Wall time of this run [s]."""
 
@@ -204,11 +204,11 @@ def build_dataset(
 ) -> BuildReport:
     """Explore floor plans until the folder holds the wanted number of pairs.
 
-    Pairs that are there already are kept; a run that was interrupted goes on where it stopped. The content
+    Pairs that are there already are kept; a run that was interrupted continues where it stopped. The content
     depends on the plans and the settings alone, not on the number of workers or on interruptions.
 
     Args:
-        root: The dataset's folder; made if it is missing. A shard has a folder of its own below it.
+        root: The dataset's folder; made if it is missing. A shard has a separate folder below it.
         plans: Where the floor plans come from.
         config: The settings.
         make_explorer: Makes the explorer of an exploration; a function that can be pickled by reference.

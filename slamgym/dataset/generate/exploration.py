@@ -25,7 +25,7 @@ from slamgym.envs.episode import MakeExplorer, run_episode
 
 @dataclass(frozen=True)
 class ExplorationTask:
-    """What a worker needs to know."""
+    """Input of a worker."""
 
     slot: Slot
     plan: FloorPlan
@@ -37,7 +37,7 @@ class ExplorationTask:
 
 @dataclass(frozen=True)
 class ExplorationOutcome:
-    """What a worker reports."""
+    """Result that a worker reports."""
 
     slot: Slot
     timing: dict[str, Any] = field(default_factory=dict)

@@ -10,7 +10,7 @@ each stands a list of what may be drawn::
     clutter.furniture:
       - 0.0                                  # the weight is 1
       - {between: [0.2, 1.0], weight: 2}     # uniform
-    scanner:                                 # settings that go together, under a name of one's own
+    scanner:                                 # settings that go together, under a name of your choice
       - set: {lidar.range_max: 3.5, slam.max_usable_range: 3.0}
       - set: {lidar.range_max: 8.0, slam.max_usable_range: 7.0}
 
@@ -91,7 +91,7 @@ def setting_value(config: EpisodeConfig, name: str) -> Any:
 
 
 def standard_conditions(config: EpisodeConfig) -> dict[str, Any]:
-    """What every manifest records, whether it varies or not."""
+    """Conditions that every manifest records, even if they don't vary."""
     always = (
         "slam.mode", "slam.particles", "lidar.range_max", "slam.max_usable_range", "clutter.furniture",
         "clutter.people",
@@ -142,7 +142,7 @@ class Recipe(Settings):
         return frozenset(name for choice in self._choices for name in choice.settings)
 
     def values(self, name: str) -> list[Any]:
-        """What may be drawn for a setting; the ends of ranges."""
+        """Values that may be drawn for a setting; of ranges, the ends."""
         found = (_ends(choice.settings[name]) for choice in self._choices if name in choice.settings)
         return [value for ends in found for value in ends]
 
@@ -292,7 +292,7 @@ class DatasetConfig(Settings):
     trajectories: Count = 1
     """Explorations of a plan that come one after the other: several SLAM maps of one CAD map."""
     recipe: Recipe = field(default_factory=Recipe)
-    """What varies from one exploration to the next."""
+    """Settings that vary from one exploration to the next."""
 
     def _check(self) -> None:
         default = EpisodeConfig()

@@ -66,7 +66,7 @@ class ImageRecord(ManifestLine):
     group: str
     """The plan that stands for all near-duplicates of this one; a group is never on both sides."""
     repetition: Counted
-    """How many explorations of the same plan come before this one."""
+    """Number of explorations of the same plan before this one."""
     seed: int
     """Seed of the exploration."""
     size: Count

@@ -9,7 +9,7 @@
       parquet/train-000000.parquet the same pairs: columns A and B (PNG bytes), the figures, conditions as JSON
 
 The pairs of a side are shuffled by the seed, so that a program that reads the shards one after the other sees mixed
-plans. Each shard is there whole or not at all; the same command goes on where it stopped, and the same images and
+plans. Each shard is there whole or not at all; the same command continues where it stopped, and the same images and
 settings give the same bytes.
 """
 
@@ -44,13 +44,13 @@ from slamgym.dataset.images.format import SPLITS, ImageLayout, ImageRecord, pack
 PAIRS_PER_SHARD = 2000
 """About 30 MB at 256 px."""
 SEED = 0
-"""Of the order."""
+"""Seed of the order."""
 _NO_COLUMNS = ("split", "origin", "explorer", "sha256")
 """Fields of a record that Parquet does without: by file, by pixel, among the conditions, and of the pictures."""
 _KINDS = {int: "int64", float: "float64"}
-"""Of columns; all others hold text."""
+"""Types of columns; all others hold text."""
 _ROWS_IN_A_GROUP = 100
-"""Of Parquet: what a reader has to fetch at once."""
+"""Rows of a Parquet row group, which a reader has to fetch at once."""
 
 
 def pack_images(
@@ -98,7 +98,7 @@ def pack_images(
 
 
 def push_to_hub(pack: Path, repository: str, private: bool) -> str:
-    """Upload a pack to the Hugging Face hub; an upload that broke off goes on where it stopped.
+    """Upload a pack to the Hugging Face hub; an upload that broke off continues where it stopped.
 
     Args:
         pack: The folder.
@@ -109,7 +109,7 @@ def push_to_hub(pack: Path, repository: str, private: bool) -> str:
         Its address.
 
     Raises:
-        ConfigError: If ``huggingface_hub`` isn't installed, nobody is logged in, or the hub refuses.
+        ConfigError: If ``huggingface_hub`` isn't installed, no user is logged in, or the hub refuses.
     """
     try:
         import huggingface_hub

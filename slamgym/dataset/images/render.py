@@ -1,7 +1,7 @@
 """The main path of ``slamgym dataset render``: explorations in, a folder of uniform images out.
 
 Every pair of images is written by a worker (each file atomically) and then noted in a journal by the one
-process that holds the lock; the manifest is made from the journal at the end. So an interrupted run goes on
+process that holds the lock; the manifest is made from the journal at the end. So an interrupted run continues
 where it stopped, and what it left half done is done again with the same result.
 """
 
@@ -100,7 +100,7 @@ JOURNAL = ".rendered.jsonl"
 
 @dataclass(frozen=True)
 class RenderReport:
-    """What a run of :func:`render_images` did."""
+    """Result of a run of :func:`render_images`."""
 
     images: int
     """Pairs of images in the folder."""
@@ -264,7 +264,7 @@ def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, 
 
 
 def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
-    """What earlier runs have drawn; a line left incomplete by a killed run is cut off."""
+    """Records of the images that earlier runs have drawn; a line left incomplete by a killed run is cut off."""
     path = layout.root / JOURNAL
     if not path.exists():
         return {}

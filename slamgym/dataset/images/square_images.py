@@ -2,7 +2,7 @@
 
 The CAD side is drawn again from the vector plan at the images' own resolution. The SLAM side is resampled so
 that no occupied cell is lost: where pixels are larger than cells, a pixel is occupied if the centre of an
-occupied cell lies in it, which leaves walls as thin as pixels allow and never breaks one; where pixels are
+occupied cell lies in it, which keeps walls as thin as pixels allow and never breaks one; where pixels are
 smaller, each shows the cell at its centre. Between unknown and free the larger share of the area decides.
 """
 
@@ -48,12 +48,12 @@ class DoesNotFitError(SlamgymError):
 
 
 class ImageConfig(Settings, dropped={"as_mapped": False}):
-    """How the images are made."""
+    """Settings for making the images."""
 
     size: Annotated[int, Within(ge=16, le=8192)] = 256
     """Rows and columns [px]; the paper's 256."""
     scaling: Scaling = "fit"
-    """``fit``: both maps together fill the image, so every pair has a scale of its own, as in the paper;
+    """``fit``: both maps together fill the image, so every pair has its own scale, as in the paper;
     ``fixed``: all pairs have one scale, and what is larger than the image is left out."""
     metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] = 0.1
     """The scale, if it is fixed."""

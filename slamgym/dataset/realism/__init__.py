@@ -1,3 +1,3 @@
-"""How a dataset's maps differ from those of robots: sets of maps, tests, the page that shows it all."""
+"""Comparison of a dataset's maps with those of robots: sets of maps, tests, and the page of results."""
 
 __all__: list[str] = []

@@ -1,4 +1,4 @@
-"""How a dataset's maps differ from those of robots: sets of maps, statistics side by side, and two-sample tests."""
+"""Comparison of a dataset's maps with those of robots: sets of maps, statistics side by side, and two-sample tests."""
 
 import re
 from collections import Counter
@@ -36,7 +36,7 @@ FOLDS = 5
 MIN_MAPS = 8
 """Maps that a set needs: halves of fewer say nothing."""
 MIN_BUILDINGS = 4
-"""Of a set: halves need two each."""
+"""Buildings that a set needs: halves need two each."""
 _LEAST_FREE = 4.0  # [m^2]
 _MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
 
@@ -51,7 +51,7 @@ class MeasuredMap:
     cells: ByteArray
     """At the common cell size, whole, (H, W)."""
     statistics: dict[str, float]
-    """Of the part around the floor."""
+    """Statistics of the part around the floor."""
 
     @property
     def floor(self) -> ByteArray:
@@ -85,7 +85,7 @@ class MapSet:
 
     @property
     def buildings(self) -> list[str]:
-        """Of each map."""
+        """Building of each map."""
         return [one.building for one in self.maps]
 
     @property
@@ -105,7 +105,7 @@ def read_map_sets(
         roots: Datasets, or folders (with subfolders) of ROS maps.
         assumed_resolution: Cell size of images without a yaml file [m]; without it they are left out.
         building: A pattern that finds the building in the name of a map from elsewhere; without it, or where
-            it finds nothing, each map is a building of its own.
+            it finds nothing, each map is a separate building.
 
     Raises:
         InputFileError: If a folder holds too few maps.
@@ -220,7 +220,7 @@ class StatisticRow:
 
 @dataclass(frozen=True)
 class SetTestRow:
-    """How well one learner distinguishes two sets, or the halves of one."""
+    """Result of one learner in distinguishing two sets, or the halves of one."""
 
     first: str
     second: str
@@ -235,7 +235,7 @@ class SetTestRow:
 
 @dataclass
 class RealismReport:
-    """What a comparison found."""
+    """Result of a comparison."""
 
     own: MapSet
     references: list[MapSet]
