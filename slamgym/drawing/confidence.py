@@ -23,7 +23,7 @@ from slamgym.drawing.walls import ANTIPARALLEL, WallPiece
 SHORTEST_CHANGE = 0.4
 """A wall is split into seen and inferred pieces of at least this length [m]."""
 NEAR, AROUND = 0.5, 2.0
-"""How far around a wall the drawing is looked at [m]."""
+"""Distances around a wall within which the drawing is examined [m]."""
 LONG = 3.0
 """Walls that are longer aren't surer for it [m]."""
 TOUCHING = 0.05

@@ -20,7 +20,7 @@ sides (0 top, 1 right, 2 bottom, 3 left) to which an outline runs, what is above
 
 
 LEVEL = 0.5
-"""What is above is floor."""
+"""Values above are floor."""
 
 
 class Outline(NamedTuple):

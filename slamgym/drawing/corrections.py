@@ -1,7 +1,7 @@
 """Where the map overrules the model: floor that was never seen, and walls that were seen long.
 
 Unseen floor takes a sure model, and must not join two rooms. Straight rows of occupied cells with free cells on both
-sides are walls, whatever a model that has learnt to remove furniture makes of them.
+sides are walls, even if a model that has learnt to remove furniture removes them.
 """
 
 import cv2
@@ -17,7 +17,7 @@ from slamgym.metrics.wall_direction import padded_for_turning, transformed
 SHORTEST_LOST_WALL = 1.0
 """Straight walls of this length that were seen from both sides are drawn against the model [m]."""
 SURE_OF_UNSEEN = 0.8
-"""Floor that nobody has seen is drawn from this probability on, where seen floor needs a half."""
+"""Floor that was never seen is drawn from this probability on, where seen floor needs a half."""
 SURE_WITHIN = 0.4
 """Standard deviation of the Gaussian over which the probability of unseen floor is averaged [m]."""
 BESIDE_FREE = 0.1
@@ -31,7 +31,7 @@ BROKEN_ECHOES = 0.15
 THICKEST_LOST_WALL = 0.35
 """A row of echoes between two free spaces is a wall up to this thickness [m]."""
 BOTH_SIDES = 0.7
-"""Of a wall that is drawn against the model so much of the length has free cells on both sides."""
+"""A wall that is drawn against the model has free cells on both sides along this share of its length."""
 ATTACHED_WITHIN = 0.25
 """Its end lies so near to a wall that the model has drawn [m]."""
 
@@ -40,7 +40,7 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
     """A model's picture where the map bears it out.
 
     Args:
-        probability: Of being floor, shape of the map.
+        probability: Probability of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls, counter-clockwise from the x axis.
     """
@@ -50,12 +50,12 @@ def corrected(probability: Float32Array, grid: OccupancyGrid, angle_deg: float) 
 
 
 def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
-    """Cells of floor that nobody has seen and of which the model isn't sure, with the echoes before them.
+    """Cells of floor that were never seen and of which the model isn't sure, with the echoes before them.
 
     Without this rule 9.8 % of the floor drawn of real maps was never seen instead of 6.4 %.
 
     Args:
-        probability: Of being floor, shape of the map.
+        probability: Probability of being floor, shape of the map.
         grid: The map.
     """
     cell = grid.frame.resolution
@@ -72,7 +72,7 @@ def doubted_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
 
 
 def _unseen(probability: Float32Array, free: BoolArray, cell: float) -> BoolArray:
-    """Cells of floor that nobody has seen, but for those beside free ones."""
+    """Cells of floor that were never seen, except those next to free ones."""
     return ~free & (probability >= 0.5) & (distance_to(free) > BESIDE_FREE / cell)
 
 
@@ -83,14 +83,14 @@ def _with_echoes(patches: BoolArray, free: BoolArray, cell: float) -> BoolArray:
 
 
 def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
-    """Patches of floor that nobody has seen through which rooms would run together, with the echoes before them.
+    """Patches of floor that were never seen and through which rooms would join, with the echoes before them.
 
     A place that was never seen between two rooms is a wall, a shaft or a cupboard that opens to one of them. One that
     doesn't touch a wall, or that only one room is left at when all such patches are gone, is furniture. Without this
     rule room F1 of real maps falls by 0.12.
 
     Args:
-        probability: Of being floor, shape of the map.
+        probability: Probability of being floor, shape of the map.
         grid: The map.
     """
     cell = grid.frame.resolution
@@ -114,7 +114,7 @@ def dividing_floor(probability: Float32Array, grid: OccupancyGrid) -> BoolArray:
         if not parts:
             return result
         rooms = label_rooms(without(probability, result) >= 0.5, cell)
-        # What isn't between rooms becomes floor again, and passages beside it grow wider than doors.
+        # What isn't between rooms becomes floor again, and passages next to it grow wider than doors.
         between = [
             (box, part, ring)
             for box, part, ring in parts
@@ -142,7 +142,7 @@ def lost_walls(probability: Float32Array, grid: OccupancyGrid, angle_deg: float)
     Without this rule room F1 of real maps falls by 0.01.
 
     Args:
-        probability: Of being floor, shape of the map.
+        probability: Probability of being floor, shape of the map.
         grid: The map.
         angle_deg: Direction of the main walls.
     """

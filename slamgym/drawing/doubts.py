@@ -1,4 +1,4 @@
-"""What a person should check in a drawing: its scale, its direction, and how much of it was never seen."""
+"""Points to check in a drawing: its scale, its direction, and how much of it was never seen."""
 
 import cv2
 import numpy as np
@@ -27,7 +27,7 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> list[str]:
 
     Args:
         drawing: What was drawn.
-        direction: Of the walls, as it was found; None if it was given.
+        direction: Direction of the walls, as it was found; None if it was given.
     """
     doubts = []
     scale = scale_doubt(drawing)
@@ -73,7 +73,7 @@ def scale_doubt(drawing: Drawing) -> str | None:
 
 
 def widest_clearance(grid: OccupancyGrid) -> float:
-    """How far from all that isn't free the widest tenth of the free floor is at least [m]."""
+    """Distance to the nearest cell that isn't free, exceeded by a tenth of the free cells [m]."""
     free = np.pad(grid.cells == FREE, 1)
     return float(np.percentile(distance_to(~free)[free], 90.0)) * grid.frame.resolution
 

@@ -1,4 +1,4 @@
-"""A drawing that dimensions can be taken from: walls, doors, rooms, and what nobody has seen.
+"""A drawing that dimensions can be taken from: walls, doors, rooms, and parts that were never seen.
 
 Convention: metres, in the frame of the MAP that it was drawn from (x right, y up, the origin of its yaml), not turned;
 ``angle_deg`` says how far its main walls are turned against the x axis, counter-clockwise.
@@ -35,7 +35,7 @@ class DrawnWall:
     thickness: float
     """[m]"""
     thickness_known: bool
-    """Whether both faces were drawn; else the thickness is that of the settings."""
+    """True if both faces were drawn; else the thickness is that of the settings."""
     confidence: float
     """Probability that a true wall lies within 20 cm, in [0, 1]."""
     share_seen: float
@@ -44,7 +44,7 @@ class DrawnWall:
 
     @property
     def length(self) -> float:
-        """Of the centre line [m]."""
+        """Length of the centre line [m]."""
         return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
 
 
@@ -124,7 +124,7 @@ class Drawing:
     """Floor that the robot never observed."""
     dimensions: tuple[Dimension, ...] = ()
     doubts: tuple[str, ...] = ()
-    """What a person should check, one sentence each."""
+    """Points that a person should check, one sentence each."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Source, model, settings, version."""
 
@@ -137,7 +137,7 @@ class Drawing:
 
     @property
     def area(self) -> float:
-        """Of the floor [m2]."""
+        """Area of the floor [m2]."""
         return float(self.floor.area)
 
     def echo_runs(self) -> FloatArray:

@@ -17,7 +17,7 @@ from slamgym.core.types import FloatArray
 from slamgym.drawing.settings import THICKEST_WALL
 
 FREE_AXIS = -1
-"""Of an edge that keeps its own direction."""
+"""Axis of an edge that keeps its own direction."""
 TOLERANCE = 0.045
 """An outline strays from its straight lines by at most this, or by a cell where that is more [m]."""
 SNAP = 0.05
@@ -39,7 +39,7 @@ class Edge:
 
     direction: complex
     offset: float
-    """Of its line to the left of the origin, seen along it [m]."""
+    """Offset of its line to the left of the origin, seen along it [m]."""
     axis: int
     """0 along the main axis, 1 along its normal, or :data:`FREE_AXIS`."""
     start: complex
@@ -96,7 +96,7 @@ def _fitted(run: np.ndarray, axes: Sequence[complex]) -> Edge:
             direction = fitted if (fitted * direction.conjugate()).real > 0.0 else -fitted
     axis, turned = snapped(direction, abs(chord), axes)
     if len(run) <= FEW_FACE_POINTS:
-        # Of a short face, as the end of a thin wall, rounded corners leave but the middle.
+        # Rounded corners keep only the middle of a short face, such as the end of a thin wall.
         third = (len(run) - 1) // 2
         middle = complex(run[third : len(run) - third].mean())
     return Edge(turned, offset_of(turned, middle), axis, start, end)
@@ -115,7 +115,7 @@ def snapped(direction: complex, length: float, axes: Sequence[complex]) -> tuple
 
 
 def offset_of(direction: complex, point: complex) -> float:
-    """Of the line through a point."""
+    """Offset of the line with a direction through a point."""
     return ((1j * direction).conjugate() * point).real
 
 

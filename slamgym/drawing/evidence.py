@@ -39,7 +39,7 @@ HULL_REACH = 3.0
 HULL_CELL = 0.1
 """Cells of the search for unexplored parts [m]."""
 ENCLOSED_WITHIN, ENCLOSED_SHARE = 0.4, 0.85
-"""An unexplored part has floor within so far [m] along so much of its outline: the outside beside a corner has less."""
+"""An unexplored part has floor within so far [m] along so much of its outline: the outside at a corner has less."""
 NARROWEST_GAP = 0.7
 """Gaps between two floors narrower than this are walls and shafts [m]."""
 
@@ -101,7 +101,7 @@ def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
 
 
 def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
-    """Cells of the floor that the robot never observed: not free in the map, and not beside a wall's face."""
+    """Cells of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
     closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) & inside

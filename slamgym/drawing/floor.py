@@ -15,16 +15,16 @@ if TYPE_CHECKING:
 NO_MODEL = "none"
 """Name of the cleaning without a network."""
 FACE_DEPTH = 0.5
-"""How deep in a wall's first cell its face lies on average [cells]: a cell is occupied from its first echo on."""
+"""Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on."""
 THIN_DEPTH = 0.25
-"""The same of walls of one or two cells, so that something is left of them."""
+"""The same for walls of one or two cells, so that they don't vanish."""
 
 
 class FloorModel(Protocol):
     """Something that finds the floor of a map."""
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
-        """Of being floor, for each cell.
+        """Probability of being floor, for each cell.
 
         Args:
             grid: The map.
@@ -40,7 +40,7 @@ class CleanedFloor:
     """The floor by classical cleaning; needs no torch."""
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:  # noqa: ARG002 - part of the protocol
-        """Of being floor: a half on the faces of walls."""
+        """Probability of being floor: a half on the faces of walls."""
         return faces_within_cells(clean_map(grid.cells, grid.frame.resolution))
 
 
@@ -51,7 +51,7 @@ class TranslatedFloor:
         self._translator = translator
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
-        """Of being floor, by the network."""
+        """Probability of being floor, by the network."""
         return self._translator.translate(grid.cells, grid.frame.resolution, angle_deg=angle_deg)
 
 

@@ -26,7 +26,7 @@ from slamgym.metrics.openings import from_walls, room_borders
 from slamgym.metrics.rooms import DEFAULT_RULE, RoomRule, label_rooms
 
 NARROWEST_CUT = 0.1
-"""Of the gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
+"""Least width of gaps that separate rooms [m]; those that are narrower than a door are gaps of the map."""
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
 SAME_DOOR = 0.3
@@ -79,7 +79,7 @@ class Division:
     rooms: tuple[Polygon, ...]
     doors: tuple[Gap, ...]
     joins: tuple[tuple[int, int], ...]
-    """Of each door the two rooms, by their numbers."""
+    """The two rooms of each door, by their numbers."""
 
 
 def divide(floor: MultiPolygon, opening_width: float = DRAWN_DOORS[1]) -> Division:
@@ -125,7 +125,10 @@ def _separated(floor: MultiPolygon, gaps: Sequence[Gap]) -> tuple[list[Polygon],
 def _doors_among(
     parts: Sequence[Polygon], gaps: Sequence[Gap], joins: Sequence[tuple[int, int]]
 ) -> list[Gap]:
-    """The gaps that separate rooms, when parts that are none have been opened to their neighbours."""
+    """The gaps that separate rooms, after parts too small for a room (niches) were opened to their neighbours.
+
+    Without it room F1 of 12 furnished homes falls from 0.887 to 0.819.
+    """
     group = list(range(len(parts)))
     roomy = [part.area >= SMALLEST_ROOM for part in parts]
 
@@ -148,14 +151,17 @@ def _doors_among(
 
 
 def _is_same(gap: Gap, other: Gap) -> bool:
-    """True if two lines lie across one passage; without this rule doors are drawn twice, 24 on 61 maps."""
+    """True if two lines lie across one passage.
+
+    Without this rule at least 24 more doors are invented on 42 maps (30 real, 12 furnished).
+    """
     return bool(gap.line.hausdorff_distance(other.line) <= SAME_DOOR)
 
 
 def _gaps_at_wall_ends(floor: MultiPolygon, widest: float) -> list[Gap]:
     """Gaps up to a width [m] between the end of a wall and what stands opposite, the narrowest first.
 
-    Without this rule room F1 of real maps falls by 0.02, and of 150 simulated doors 11 are lost.
+    Without this rule room F1 of real maps falls by 0.02, and 6 of 77 doors of furnished and `reference` homes are lost.
     """
     gaps = []
     for face in (face for face in faces_of(floor) if face.is_wall_end):
@@ -169,7 +175,7 @@ def _gaps_at_wall_ends(floor: MultiPolygon, widest: float) -> list[Gap]:
 
 
 def _likely(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Gap]:
-    """Gaps without the wide ones that the floor beside them is no wider than.
+    """Narrow gaps, and wide ones that are clearly narrower than the floor on both sides.
 
     Without this rule 30 instead of 14 doors of real maps are invented, and room F1 falls by 0.03.
     """
@@ -187,7 +193,7 @@ def _is_narrower(gap: Gap, floor: MultiPolygon) -> bool:
 
 
 def _reach(floor: MultiPolygon, place: FloatArray, direction: FloatArray, most: float) -> float:
-    """How far a floor reaches from a place in a direction [m]."""
+    """Distance that a floor extends from a place in a direction [m]."""
     line = LineString([place, place + most * direction])
     pieces = shapely.get_parts(line.intersection(floor))
     return float(sum(piece.length for piece in pieces if piece.distance(Point(place)) < 1e-6))
@@ -289,7 +295,7 @@ class Explored:
     division: Division
     """A door to an unexplored part joins its room to -1."""
     walled: tuple[float, ...]
-    """Of each room the share of its outline, doors left out, that was seen as walls."""
+    """Share of each room's outline, without doors, that was seen as walls."""
     unexplored: tuple[Polygon, ...]
 
 

@@ -17,7 +17,7 @@ from slamgym.drawing.settings import SMALLEST_ROOM
 SMALLEST_HOLE = 0.05
 """Things on the floor smaller than this aren't drawn [m2]."""
 NECK = 0.1
-"""Half the width of floor that is too narrow to be drawn: nobody passes a slit between two walls [m]."""
+"""Half the width of floor that is too narrow to be drawn, such as a slit between two walls [m]."""
 SLIT = 0.005
 """Half the width of a wall that is [m]."""
 CORNER_GRID = 1e-4
@@ -30,7 +30,7 @@ def straightened(outlines: Sequence[Outline], angle_deg: float, resolution: floa
     Args:
         outlines: Closed outlines, free on their left [m].
         angle_deg: The main direction.
-        resolution: Of the map [m/cell].
+        resolution: Resolution of the map [m/cell].
 
     Returns:
         Valid; empty if nothing is large enough.
@@ -132,6 +132,6 @@ def without_necks(floor: BaseGeometry) -> MultiPolygon:
 
 
 def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:
-    """What of a geometry has an area."""
+    """The parts of a geometry that have an area."""
     parts = polygon_parts(geometry)
     return parts[0] if len(parts) == 1 else MultiPolygon(parts)

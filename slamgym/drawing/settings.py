@@ -18,7 +18,7 @@ SEEN_SHARE = 0.5
 
 
 class ComparisonConfig(Settings, section="comparison"):
-    """What counts as a change; chosen on half of the plans of ``benchmarks/plan_comparison/plan_comparison.py``."""
+    """Rules for a change; chosen on half of the plans of ``benchmarks/plan_comparison/plan_comparison.py``."""
 
     scale: bool = False
     """Fit the map's scale, too (within 10 %); without it, a scale other than 1 is a doubt."""

@@ -38,9 +38,9 @@ SMALLEST_INFERRED = 0.05
 SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
-"""How far from a room's middle its dimension lines may run [m], the first first."""
+"""Distances of a room's dimension lines from its middle [m], in the order of trial."""
 KNOWN_MARGIN = 1.0
-"""Of unknown cells that stays round what is known [m]."""
+"""Margin of unknown cells that is kept around the known part [m]."""
 INFERRED_ROOM = 0.5
 """A room of which less than this share was observed is in the layer INFERRED."""
 
@@ -57,7 +57,7 @@ def make_drawing(
 
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
-        name: Of the drawing.
+        name: Name of the drawing.
         model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a translator.
         opening_width: Widest gap between two jambs that is an opening and parts two rooms [m].
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
@@ -189,7 +189,7 @@ def _pair(point: np.ndarray) -> tuple[float, float]:
 def _clear_line(
     room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: BaseGeometry
 ) -> tuple[tuple[float, float], tuple[float, float]] | None:
-    """From wall to wall near a point, beside doors: their lines lie in the middle of walls."""
+    """A line from wall to wall near a point that avoids doors: their lines lie in the middle of walls."""
     across = np.array([-axis[1], axis[0]])
     for aside in BESIDE_DOORS:
         place = middle + aside * across

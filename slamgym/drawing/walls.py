@@ -27,10 +27,10 @@ class WallPiece:
 
     start: tuple[float, float]
     end: tuple[float, float]
-    """Of the face, the floor on the left [m]."""
+    """Ends of the face, the floor on the left [m]."""
     thickness: float
     known: bool
-    """Whether there is another face."""
+    """True if there is another face."""
     before: float = 0.0
     after: float = 0.0
     """By how much its body is longer than the face at either end: corners [m]."""
@@ -68,7 +68,7 @@ class Face:
     start: FloatArray
     end: FloatArray
     convex: tuple[bool, bool]
-    """Whether the room has a corner at either end, seen from inside."""
+    """For each end, True if the room has a corner there, seen from inside."""
 
     @property
     def length(self) -> float:
@@ -146,7 +146,7 @@ def _behind(
     Args:
         index: The face.
         near: Numbers of the faces that are near enough.
-        starts: Of all faces, (N, 2).
+        starts: Start points of all faces, (N, 2).
         ends: The same.
     """
     start, vector = starts[index], ends[index] - starts[index]
@@ -175,7 +175,7 @@ def _free_stretches(
     pieces: list[tuple[float, float, int, float]],
     taken: list[tuple[float, float]],
 ) -> list[tuple[float, float, int, float]]:
-    """What of a face isn't part of a wall yet, cut where the face behind it changes; -1 where there is none."""
+    """Parts of a face that aren't part of a wall yet, cut where the face behind changes; -1 where there is none."""
     marks = sorted(
         {0.0, face.length, *(x for a, b, _, _ in pieces for x in (a, b)), *(x for ab in taken for x in ab)}
     )
@@ -191,7 +191,7 @@ def _free_stretches(
         if merged and abs(merged[-1][1] - low) < 1e-6:
             a, _, k, depth = merged[-1]
             alike = (k < 0) == (other < 0) and abs(depth - thickness) <= SAME_THICKNESS
-            # Where a wall meets from behind, the two walls beside it go on as one.
+            # Where a wall meets from behind, the two walls next to it continue as one.
             bridge = (
                 other < 0 <= k
                 and high - low <= THICKEST_WALL
@@ -207,7 +207,7 @@ def _free_stretches(
 
 
 def _is_jamb(face: Face, low: float, high: float) -> bool:
-    """Whether a stretch is the end of a wall: a whole short face between two corners that reach into the floor."""
+    """True if a stretch is the end of a wall: a whole short face between two corners that reach into the floor."""
     return low < 1e-6 and high > face.length - 1e-6 and face.is_wall_end
 
 

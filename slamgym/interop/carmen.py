@@ -88,7 +88,7 @@ class _MalformedError(ValueError):
 
 @dataclass
 class _Hints:
-    """What parameters and comments of a log say about its laser."""
+    """Properties of the laser by a log's parameters and comments."""
 
     angle_min: float | None = None  # [rad]
     angle_increment: float | None = None  # [rad]

@@ -23,8 +23,8 @@ def open_log(path: Path | str, *, scan_topic: str | None = None, odometry_topic:
     Args:
         path: A CARMEN log (``.gz`` or plain), a ROS bag (``.bag``, ``.mcap``, ``.db3`` or a rosbag2 folder),
             or the folder of an episode that ``slamgym generate`` has written.
-        scan_topic: Of a bag; see :func:`slamgym.interop.rosbag.read_rosbag`.
-        odometry_topic: Of a bag.
+        scan_topic: Scan topic of a bag; see :func:`slamgym.interop.rosbag.read_rosbag`.
+        odometry_topic: Odometry topic of a bag.
 
     Raises:
         InputFileError: If the log can't be read or holds no usable scan.
@@ -47,7 +47,7 @@ def episode_log(folder: Path) -> Path | None:
 
 
 def read_truth(path: Path | str) -> Trajectory | None:
-    """The true trajectory that lies beside a log (``truth.tum``), as in an episode; None without one.
+    """The true trajectory in the folder of a log (``truth.tum``), as in an episode; None without one.
 
     Raises:
         InputFileError: If the file exists but is malformed.

@@ -36,14 +36,14 @@ class RobotMap:
     doubts: tuple[str, ...] = ()
     """Sentences about what is odd, the scale above all."""
     placement: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    """Of the grid's frame in the map frame; zero unless a ROS map's image is turned there."""
+    """Pose of the grid's frame in the map frame; zero unless a ROS map's image is turned there."""
 
 
 def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
     """Read a map.
 
     Args:
-        path: A ROS map's yaml, or its picture with the yaml of the same name beside it; the folder of ``map.yaml``; a
+        path: A ROS map's yaml, or its picture with the yaml of the same name next to it; the folder of ``map.yaml``; a
             Valetudo map (``.json``, or a ``.png`` that holds it); a picture without any of these.
         resolution: Metres of a cell. Needed for a picture alone; else the file's own counts, so it must be None.
 

@@ -1,4 +1,4 @@
-"""What a recorded log holds, whatever the format it was stored in."""
+"""Contents of a recorded log, independent of its file format."""
 
 import bisect
 import itertools
@@ -76,9 +76,9 @@ class Log:
     records: Sequence[LogRecord]
     geometry: LaserGeometry
     warnings: LogWarnings = field(default_factory=LogWarnings)
-    """What was wrong with the file; the faulty messages were left out."""
+    """Errors in the file; the faulty messages were left out."""
     recorded_track: OdometryTrack | None = None
-    """Where the log has odometry of its own between the scans."""
+    """Separate odometry between the scans, if the log has it."""
 
     @property
     def track(self) -> OdometryTrack:

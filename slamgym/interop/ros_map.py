@@ -29,7 +29,7 @@ FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
 DIGITS = 12
-"""Of the origin in metres behind the point: -20.700000000000003 is written as -20.7."""
+"""Decimal places of the origin in metres: -20.700000000000003 is written as -20.7."""
 
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
 """Cells of another size are a broken number [m]."""
@@ -48,10 +48,10 @@ _Place = Annotated[float, Within(ge=-MAX_ORIGIN, le=MAX_ORIGIN)]
 
 @dataclass(frozen=True)
 class MapDescription:
-    """What the yaml file of a map says."""
+    """Contents of a map's yaml file."""
 
     image: str
-    """The picture, beside the file."""
+    """The picture, in the folder of the file."""
     resolution: Annotated[float, Within(ge=MIN_RESOLUTION, le=MAX_RESOLUTION)]
     """Metres of a cell."""
     origin: tuple[_Place, _Place, float]
@@ -103,7 +103,7 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     """Read a map from its yaml file.
 
     Args:
-        path: The yaml file; the image is looked up beside it.
+        path: The yaml file; the image is looked up in its folder.
 
     Returns:
         The map with the three values 0, 205 and 254.
@@ -164,7 +164,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
 
 
 def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
-    """Read a map's image that has no yaml file beside it, with its origin at (0, 0).
+    """Read a map's image that has no yaml file, with its origin at (0, 0).
 
     Args:
         path: The image.
@@ -205,7 +205,7 @@ def classify_greys(
     counts = np.bincount(grey.ravel(), minlength=256)
     darkest = math.floor(255.0 * (1.0 - occupied_thresh)) + 1
     # Unknown is the commonest grey between the walls and the lightest common one (free space). White and almost white
-    # (253-255) never is; the margin keeps 250 beside 254 in free space.
+    # (253-255) never is; the margin keeps 250 with 254 in free space.
     candidates = np.flatnonzero(counts[:240] >= MIN_UNKNOWN_SHARE * grey.size)
     candidates = candidates[candidates >= darkest]
     unknown = int(candidates[np.argmax(counts[candidates])]) if len(candidates) else None

@@ -221,7 +221,7 @@ def _read_contents(
                     warnings.add(fault, f"{path} at {stamp_ns} ns")
     except InputFileError:
         raise
-    except Exception as error:  # the library raises whatever a damaged file makes it stumble on
+    except Exception as error:  # on a damaged file the library may raise any exception
         if not contents.scans:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InputFileError(path, f"is not a readable ROS bag ({reason[:200]})") from error

@@ -41,7 +41,7 @@ POSE_VARIANCES = (1e-5, 1e-5, _UNOBSERVED, _UNOBSERVED, _UNOBSERVED, 1e-3)
 
 
 class BagTracks(NamedTuple):
-    """What else is known about a run, in the map frame."""
+    """Other trajectories of a run, in the map frame."""
 
     truth: Trajectory | None = None
     """Where the robot truly was: ``/ground_truth``."""
@@ -71,7 +71,7 @@ def write_rosbag2(
         geometry: The laser.
         grid: A map, published once on ``/map`` (transient local, as map_server does).
         tracks: Truth and estimate.
-        first_stamp: Of the first scan [s since 1970]; None leaves the log's stamps as they are.
+        first_stamp: Time of the first scan [s since 1970]; None keeps the log's stamps.
         storage: How the messages are stored.
 
     Raises:
@@ -174,8 +174,8 @@ class _Bag:
     """Writes messages, given as mappings of their fields, through the ``rosbags`` library.
 
     Args:
-        writer: Of the library.
-        typestore: Of the library.
+        writer: The library's writer.
+        typestore: The library's typestore.
         shift: Added to all stamps [s].
     """
 

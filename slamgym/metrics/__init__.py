@@ -1,4 +1,4 @@
-"""What the results are measured by: trajectories, relations, consistency, maps."""
+"""Measures of the results: trajectories, relations, consistency, maps."""
 
 import lazy_loader as lazy
 

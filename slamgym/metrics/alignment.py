@@ -95,13 +95,13 @@ def _columns_inside(start: float, step: float, end: float, cols: int) -> tuple[i
 
 START_ANGLES = 24
 COARSE_STARTS = 3
-"""Rotations that are refined on the coarse images, beside the identity."""
+"""Rotations that are refined on the coarse images, in addition to the identity."""
 FINE_STARTS = 2
-"""How many of those are refined on the fine images at most."""
+"""Largest number of those that are refined on the fine images."""
 RIVAL = 1.5
 """A second start is refined on the fine images only if its coarse error is below this times the best one's."""
 FIRST_STEPS = (0.02, 0.02, 0.05, 0.03)
-"""Of Powell's line searches: shift, shift, angle [rad], log_scale."""
+"""First steps of Powell's line searches: shift, shift, angle [rad], log_scale."""
 MAX_START_LOG_SCALE = 0.3
 MAX_LOG_SCALE = 0.7
 MAX_SHIFT = 1.0  # share of the larger side
@@ -133,8 +133,8 @@ IDENTITY = Similarity(0.0, 0.0, 0.0, 0.0)
 
 
 COARSE, FINE, RIGID_FINE = (64, 2.0), (128, 1.0), (256, 0.7)
-"""How far the images are reduced for a stage of the search: the larger side, and the standard deviation of the blur [px
-of the reduced image]. The last is for rigid motions alone: walls shall lie over each other within centimetres."""
+"""Reduction of the images for each stage of the search: larger side, and standard deviation of the blur [px of the
+reduced image]. The last is for rigid motions alone: walls must match within centimetres."""
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 Both plans are images on one frame whose values are the share of each cell that is floor: true and false, greys of a
 drawing whose faces lie within cells, or the probabilities of a network. A face lies where the shares of the two cells
-beside it put it, so it is found within a cell; what is 0.5 or more counts as floor. Polygons are measured by drawing
+on its sides put it, so it is found within a cell; what is 0.5 or more counts as floor. Polygons are measured by drawing
 them (:func:`slamgym.cad.floorplan.floor_share`).
 
 What is measured is found in the true plan: pairs of facing walls of a room, straight faces, walls with floor on both
@@ -31,13 +31,13 @@ MIN_WALL = 0.5
 MIN_WIDTH = 0.5
 """Narrower spaces are niches, not rooms [m]."""
 MAX_THICKNESS = 0.5
-"""What is thicker is no wall between two rooms [m]."""
+"""Anything thicker is no wall between two rooms [m]."""
 SEARCH = 0.2
 """A drawn face or wall is looked for so far from the true one [m]: drift moves it."""
 STRAIGHT = 0.3
 """Neighbouring lines whose ends differ by at most so many cells belong to one face."""
 LENGTH_TOLERANCES = (0.02, 0.05, 0.10)
-"""Of the shares of lengths that are right [m]."""
+"""Tolerances of the shares of lengths that are right [m]."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Dimensions:
     wall_length: FloatArray = field(default_factory=lambda: np.empty(0))
     """Length of a straight face."""
     wall_thickness: FloatArray = field(default_factory=lambda: np.empty(0))
-    """Of walls with floor on both sides, where the drawing has one."""
+    """Thickness of walls with floor on both sides, where the drawing has one."""
     floor_area: float = 0.0
     """[m2]"""
     true_floor_area: float = 0.0
@@ -113,7 +113,7 @@ def floor_area(values: Float32Array) -> float:
 
 
 class Run(NamedTuple):
-    """Cells of one kind, one beside the other, in a line."""
+    """Adjacent cells of one kind in a line."""
 
     first: int
     last: int
@@ -127,7 +127,7 @@ class Run(NamedTuple):
         return self.end - self.start
 
     def overlap(self, low: float, high: float) -> float:
-        """What lies between two places [cells]; negative if nothing does."""
+        """Length of the part between two places [cells]; negative if there is none."""
         return min(self.end, high) - max(self.start, low)
 
 
@@ -204,7 +204,7 @@ def _same_ends(a: Run, b: Run) -> bool:
 def _run_errors(
     truth: list[list[Run]], drawn: list[list[Run]], min_px: float, search_px: float, or_none: bool = False
 ) -> Iterator[float]:
-    """Of every straight piece of true runs, the median over its lines of drawn less true length [cells].
+    """Drawn minus true length of every straight piece of true runs, the median over its lines [cells].
 
     Args:
         truth: Runs by line.
@@ -234,7 +234,7 @@ def _in_one_room(run: Run, numbers: IntArray) -> bool:
 
 
 def _length_errors(drawn: Float32Array, truth: Float32Array, metres_per_px: float) -> Iterator[float]:
-    """Of every straight face along the columns' axis [cells]: how much of it is drawn, and how far beyond its ends."""
+    """Length errors of every straight face along the columns' axis [cells]: drawn (with any excess) minus true."""
     reach = SEARCH / metres_per_px
     for values, other in ((truth, drawn), (truth[::-1], drawn[::-1])):
         faces = [[Run(r.first, r.first, r.start, r.start) for r in floor_runs(column)] for column in values.T]
@@ -245,7 +245,7 @@ def _length_errors(drawn: Float32Array, truth: Float32Array, metres_per_px: floa
 
 
 def _face_length(values: Float32Array, row: float, first: int, last: int, reach: float) -> float:
-    """Length of the face near a row between two columns, and beyond them as far as it goes on [cells].
+    """Length of the face near a row between two columns, and beyond them as far as it continues [cells].
 
     A column counts by the share of floor on the one side (below) and of wall on the other: at an inner corner the
     floor ends within a column, at an outer one the wall does.

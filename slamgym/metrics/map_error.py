@@ -1,9 +1,9 @@
-"""How far a robot's map is from the truth: the mean distance of its occupied cells from what is there [m].
+"""Error of a robot's map: the mean distance of its occupied cells from the true walls or obstacles [m].
 
 Two truths give two figures. :func:`wall_error` takes the CAD drawing's walls alone, cell by cell, as a dataset
 has them: what stands in the rooms counts as an error. :class:`ObstacleDistance` takes the exact outlines of
 walls and furniture, as an environment has them: a map without error reaches about a quarter of its cell size,
-because hits lie on an outline and cells have centres beside it.
+because hits lie on an outline and the centres of cells lie off it.
 """
 
 import math

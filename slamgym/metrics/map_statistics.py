@@ -148,7 +148,7 @@ def open_border(free: BoolArray, unknown: BoolArray) -> float:
 
 
 def free_fragments(free: BoolArray) -> int:
-    """How many connected parts (4-neighbours) the free space has besides the largest."""
+    """Number of connected parts (4-neighbours) of the free space, without the largest."""
     return max(cv2.connectedComponents(free.astype(np.uint8), connectivity=4)[0] - 2, 0)
 
 

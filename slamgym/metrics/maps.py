@@ -1,4 +1,4 @@
-"""How well a map agrees with the true one: walls found, image error.
+"""Agreement of a map with the true one: walls found, image error.
 
 Convention: both maps are images of one shape on one frame (row 0 at the top); only :func:`aligned_error`
 first searches for the motion that brings one onto the other.

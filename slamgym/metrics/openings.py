@@ -25,13 +25,13 @@ from slamgym.metrics.maps import check_same_shape
 from slamgym.metrics.rooms import label_rooms
 
 REACH = 0.3
-"""How far before and behind its narrowest place an opening is looked at [m]: walls are thinner, drift is less."""
+"""An opening is examined so far before and behind its narrowest place [m]: walls are thinner, drift is less."""
 BESIDE = 0.35
-"""How far from a room's face its floor counts as the room's, whatever drift does to the wall [m]."""
+"""Floor so near to a room's face counts as the room's, even if drift moves the wall [m]."""
 MIN_HOLE = 0.3
 """A wall is opened by a hole from this width on [m]."""
 TRIMMED = 0.2
-"""What is left out of a wall at both ends, where a door's jamb may be drawn elsewhere [m]."""
+"""Length left out at both ends of a wall, where a door's jamb may be drawn elsewhere [m]."""
 
 
 class Doorway(NamedTuple):
@@ -44,12 +44,12 @@ class Doorway(NamedTuple):
 
 @dataclass(frozen=True)
 class Openings:
-    """What a drawing makes of the doors and of the walls between rooms."""
+    """Doors and walls between rooms, as a drawing shows them."""
 
     doors: int = 0
     """True doors: openings between two rooms."""
     doors_kept: int = 0
-    """Those that the drawing leaves open."""
+    """Those that are open in the drawing."""
     door_width: FloatArray = field(default_factory=lambda: np.empty(0))
     """Errors of the clear widths of the doors that are kept, drawn less true [m]."""
     walls: int = 0
@@ -185,7 +185,7 @@ def _clear_width(door: Doorway, values: Float32Array, metres_per_px: float) -> f
 def _holes(
     drawn: Float32Array, truth: Float32Array, rooms: IntArray, metres_per_px: float
 ) -> list[tuple[tuple[int, int], int]]:
-    """Of every straight piece of wall between two rooms, across the image's rows, the number of its holes."""
+    """Number of holes in every straight piece of wall between two rooms, across the image's rows."""
     beside, trimmed = round(BESIDE / metres_per_px), round(TRIMMED / metres_per_px)
     thickest, smallest = MAX_THICKNESS / metres_per_px, MIN_HOLE / metres_per_px
     by_line: list[list[Run]] = []

@@ -20,7 +20,7 @@ from slamgym.metrics.maps import check_same_shape
 
 @dataclass(frozen=True)
 class RoomRule:
-    """What counts as a room and as a doorway."""
+    """Rules for a room and a doorway."""
 
     max_doorway: float = 1.6
     """Wider openings join two parts to one room [m]. It lies in the gap of the widths in HouseExpo plans:
@@ -43,7 +43,7 @@ class RoomScore:
     count: int
     true_count: int
     f1: float
-    """Of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
+    """F1 of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
 
 
 def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE) -> IntArray:

@@ -190,7 +190,7 @@ def relation_error(
 
 
 def _statistics(error: FloatArray) -> tuple[ErrorStatistics, ErrorStatistics]:
-    """Of the position and of the heading, from errors (N, 3)."""
+    """Statistics of the position and of the heading, from errors (N, 3)."""
     return ErrorStatistics.of(np.hypot(error[:, 0], error[:, 1])), ErrorStatistics.of(error[:, 2])
 
 

@@ -35,7 +35,7 @@ def distinguish(
         learner: Is trained on some and judges the others.
         folds: Parts that are held out in turn, if each kind shows so many buildings, else as many as they show.
         repeats: How often buildings are dealt to folds again.
-        seed: Of the folds and the learner.
+        seed: Seed of the folds and the learner.
 
     Returns:
         Balanced accuracy of the held-out samples, with a 95 % bootstrap interval over buildings.
@@ -68,7 +68,7 @@ def half_against_half(
         learner: As for :func:`distinguish`.
         folds: The same.
         halvings: How often the buildings are halved.
-        seed: Of the halves.
+        seed: Seed of the halves.
 
     Returns:
         Mean of the balanced accuracies, and the range that 95 % of the halvings lie in; of one halving its bootstrap

@@ -46,11 +46,11 @@ class WallDirection(NamedTuple):
     rival_deg: float
     """The second best direction."""
     rival_share: float
-    """How well it is supported, in shares of the best."""
+    """Its support, as a share of the best one's."""
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether there is no straight wall, or a second direction that is supported nearly as well."""
+        """True if there is no straight wall, or a second direction that is supported nearly as well."""
         return self.support <= 0.0 or self.rival_share >= SECOND_PEAK
 
 
@@ -68,7 +68,7 @@ def find_wall_direction(cells: ByteArray) -> WallDirection:
 
 
 def wall_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
-    """Straight pieces of the outlines of walls and of the free space beside them.
+    """Straight pieces of the outlines of walls and of the free space next to them.
 
     Args:
         free: (H, W).
@@ -80,7 +80,7 @@ def wall_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
     side = 2 * REACH_PX + 1
     near = cv2.dilate(occupied.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
     found = [np.empty((0, 2))]
-    for mask in (free, occupied):  # walls that no free cell touches have outlines of their own
+    for mask in (free, occupied):  # walls that no free cell touches have separate outlines
         outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         for outline in outlines:
             points = outline[:, 0, :]
@@ -94,7 +94,7 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
 
     Args:
         pieces: (N, 2), differences of their ends.
-        shortest: Of the pieces that count; what is longer counts with its length beyond this.
+        shortest: Shortest length of the pieces that count; what is longer counts with its length beyond this.
     """
     lengths = np.hypot(*pieces.T)
     pieces, lengths = pieces[lengths > shortest], lengths[lengths > shortest]

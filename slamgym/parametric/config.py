@@ -21,7 +21,7 @@ _SettingsT = TypeVar("_SettingsT", bound=Settings)
 ConversionMethod = Literal["ekf_schur", "ekf", "two_phase", "scan_matching"]
 
 _SCANNER = LidarConfig()
-"""What the simulator drives, with the sources of its figures."""
+"""The simulator's LIDAR, with the sources of its figures."""
 
 
 class MotionConfig(Settings, section="motion"):
@@ -37,7 +37,7 @@ class MotionConfig(Settings, section="motion"):
 
 
 class ScannerConfig(Settings, section="scanner"):
-    """What the LIDAR can see."""
+    """Field of view and ranges of the LIDAR."""
 
     field_of_view: float = 2.0 * math.pi
     """[rad] centred on the robot's heading."""
@@ -88,7 +88,7 @@ class EkfConfig(Settings, section="ekf"):
 
 
 class MatchingConfig(Settings, section="matching"):
-    """What a particle filter's scan matcher leaves of the odometry's error (conversion ``scan_matching``).
+    """Odometry error that a particle filter's scan matcher doesn't remove (conversion ``scan_matching``).
 
     Defaults: GMapping's search with Gazebo's laser, chosen on simulated explorations of the recipe ``paper``.
     """
@@ -111,7 +111,7 @@ class MatchingConfig(Settings, section="matching"):
     """The filter's motion noise."""
     least_beams: int = 30
     """Scans with fewer beams on known walls are not matched and odometry stands: six tenths of GMapping's
-    minimumScore, as beams beside known cells score, too."""
+    minimumScore, as beams next to known cells score, too."""
     usable_range: Positive = 3.0
     """[m] Longer beams are not matched."""
 
@@ -122,14 +122,14 @@ class SensingConfig(Settings, section="sensing"):
     lidar: LidarConfig = field(default_factory=LidarConfig)
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     slam: SlamConfig = field(default_factory=SlamConfig)
-    """How hits and visits become cells."""
+    """Rules that turn hits and visits into cells."""
 
 
 class RenderConfig(Settings, section="render"):
-    """How the displaced map is drawn."""
+    """Rendering of the displaced map."""
 
     renderer: Literal["warp", "scans"] = "warp"
-    """warp: the CAD map pulled through the displacement field, unknown where nobody looked; scans: the
+    """warp: the CAD map pulled through the displacement field, unknown where no beam went; scans: the
     simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
 
 
@@ -138,8 +138,8 @@ class ParametricConfig(Settings):
 
     method: ConversionMethod = "ekf_schur"
     """Conversion of odometry errors to map errors. ekf: batched EKF-SLAM, as printed; ekf_schur: its answer as
-    one least-squares problem, at any size; two_phase: dead reckoning; scan_matching: what a particle filter
-    leaves of it."""
+    one least-squares problem, at any size; two_phase: dead reckoning; scan_matching: the
+    error that a particle filter doesn't remove."""
     resolution: Positive = 0.05
     """[m/px]"""
     severity: NonNegative = 1.0

@@ -50,7 +50,7 @@ class LandmarkProblem:
 
 
 class LandmarkEstimate(NamedTuple):
-    """What SLAM makes of a problem."""
+    """SLAM's estimate for a problem."""
 
     poses: FloatArray  # (T, 3)
     landmarks: FloatArray  # (N, 2) [m]
@@ -164,7 +164,7 @@ class BatchedEkf:
 
     Attributes:
         mean: Pose (heading not wrapped) and landmarks.
-        covariance: Of the same.
+        covariance: Their covariance.
         size: Numbers that are in use of either.
     """
 

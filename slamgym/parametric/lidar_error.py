@@ -123,7 +123,7 @@ def wall_beams(
 
 
 def _fates(severity: float, dice: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Whether each beam hits the wall, and whether it has any range, by uniform draws."""
+    """For each beam, True if it hits the wall, and True if its range is random; by uniform draws."""
     factor = min(severity, 1.0 / (_SHORT + _MAX + _RAND))
     short, long, rand = (share * factor for share in (_SHORT, _MAX, _RAND))
     edges = np.cumsum([1.0 - short - long - rand, short, long])
@@ -150,7 +150,7 @@ def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray) -> Fl
 
 
 def observed_cad(occupied: BoolArray, visibility: Visibility, beams: WallBeams) -> ByteArray:
-    """What the scans show of the CAD map, still in its true place: the picture that is then warped.
+    """The part of the CAD map that the scans show, still in its true place: the picture that is then warped.
 
     Walls whose beam met something else are lost; a stray beam may set a cell elsewhere.
 

@@ -150,7 +150,7 @@ def deform(
     drawn = (
         drawn_map(scans, believed, frame, model.sensing.slam) if scans is not None and draws_scans else None
     )
-    # Where the caller leaves the frame open, it grows until nothing lies beyond the picture.
+    # Where the caller gives no frame, it grows until nothing lies beyond the picture.
     pad = 0
     if not framed:
         pad = _drift_px(forward, visibility, frame) if drawn is None else _beyond_px(drawn.frame, frame)

@@ -124,7 +124,7 @@ def integrate(start: FloatArray, increments: Increments) -> FloatArray:
 
 
 def believed_increments(true: Increments, errors: WheelErrors) -> Increments:
-    """What odometry with the actual wheels reports for the true motion; the lateral part, unmeasured, is kept."""
+    """Motion that odometry with the actual wheels reports for the true one; the lateral part, unmeasured, is kept."""
     ratio = errors.diameter_ratio
     left = 2.0 * errors.scale * WHEEL_DIAMETER / (ratio + 1.0)  # eq. (15)
     right = 2.0 * errors.scale * WHEEL_DIAMETER / (1.0 / ratio + 1.0)  # eq. (16)

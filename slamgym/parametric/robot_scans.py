@@ -1,4 +1,4 @@
-"""What the simulator's robot would measure along a path, and the map that SLAM draws of it where it believes to be.
+"""Scans of the simulator's robot along a path, and the map that SLAM draws of them at the believed poses.
 
 Laser, furniture, materials and the drawing are the simulator's and the mapper's own, so that a map differs from a
 simulated one in nothing but where its scans lie. People and what moves are left out.

@@ -31,7 +31,7 @@ class WallCells(NamedTuple):
 
 
 class AnchorSettings(NamedTuple):
-    """What a scan matcher does; see :class:`slamgym.parametric.config.MatchingConfig`."""
+    """Settings of a scan matcher; see :class:`slamgym.parametric.config.MatchingConfig`."""
 
     min_known: int  # scans with fewer beams on known walls are not matched
     prior: float  # weight of the expected pose in the fit [beams]

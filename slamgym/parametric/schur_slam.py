@@ -130,7 +130,7 @@ def _blocks(values: FloatArray, rows: IntArray, cols: IntArray, num_rows: int, n
 
 
 def _tridiagonal(diagonal: FloatArray, off_diagonal: FloatArray) -> csc_array:
-    """Sparse symmetric matrix with these 3 x 3 blocks on and beside its diagonal."""
+    """Sparse symmetric matrix with these 3 x 3 blocks on and next to its diagonal."""
     k = np.arange(len(diagonal))
     values = np.concatenate([diagonal, off_diagonal, off_diagonal.transpose(0, 2, 1)])
     rows = np.concatenate([k, k[:-1], k[1:]])

@@ -1,4 +1,4 @@
-"""What the robot saw along its path: the part of the map that a SLAM robot can draw at all."""
+"""The area that the robot saw along its path: the only part of the map that SLAM can draw."""
 
 import math
 from dataclasses import dataclass

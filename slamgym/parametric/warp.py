@@ -58,7 +58,7 @@ def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Ar
     Args:
         field: (2, H, W) values, read where ``known``.
         known: (H, W).
-        sigma_px: Width of the Gaussian [cells]; 0 leaves it out.
+        sigma_px: Width of the Gaussian [cells]; 0 omits it.
 
     Returns:
         (2, H, W) float32; 0 everywhere if nothing is known.

@@ -23,9 +23,9 @@ AGREE = 0.15
 MOVED_ALIKE = 0.06
 """Pieces of one wall whose offsets differ by no more have moved together [m]."""
 SEEN_FROM = 0.1
-"""Of a room's floor, cells of this size are asked [m]."""
+"""Size of the cells at which a room's floor is sampled [m]."""
 FURNITURE = (0.15, 0.8)
-"""What stands so far before the place of a wall whose other side isn't seen may be furniture [m]."""
+"""A face so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 SHORTEST_CHANGED = 0.5
 """Changes of shorter faces and shorter gaps in a wall aren't reported [m]."""
 EXPLORED = 0.3
@@ -111,7 +111,7 @@ def _wall_changes(measured: Faces, reports: list[FaceReport], config: Comparison
 def _wall_change(
     faces: PlanFaces, i: int, first: FaceReport, second: FaceReport | None, config: ComparisonConfig
 ) -> Change | None:
-    """What one or two faces of a wall say about it."""
+    """The change of a wall that the reports of one or two of its faces show, if any."""
     line: Line = _middle_line(faces, i)
     length = float(faces.lengths[i])
     states = {first.state} | ({second.state} if second is not None else set())

@@ -31,7 +31,7 @@ class Stretches(NamedTuple):
     places: FloatArray  # (M, 2) [m]
     normals: FloatArray  # (M, 2)
     values: FloatArray  # (M,) offsets along the normals [m]
-    noise: FloatArray  # (M,) their own standard errors [m]
+    noise: FloatArray  # (M,) standard errors of the offsets [m]
 
 
 def estimate_drift(
@@ -92,6 +92,6 @@ class _Fit:
 
 
 def _covariance(first: Stretches, second: Stretches, size: float, length: float) -> FloatArray:
-    """Of the field's parts along two sets of normals; smooth at short distances (Matern 3/2)."""
+    """Covariance of the field's parts along two sets of normals; smooth at short distances (Matern 3/2)."""
     away = np.hypot(*(first.places[:, None] - second.places[None]).transpose(2, 0, 1)) * np.sqrt(3.0) / length
     return size**2 * (1.0 + away) * np.exp(-away) * (first.normals @ second.normals.T)

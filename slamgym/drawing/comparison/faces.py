@@ -41,7 +41,7 @@ NEXT_PIECE = 1.5
 PARALLEL = 0.996
 """Cosine of the angle up to which faces count as parallel: 5 degrees."""
 NORMAL_BLUR = 1.5
-"""Of the free space whose gradient gives a map's normals [cells]."""
+"""Blur of the free space whose gradient gives a map's normals [cells]."""
 IN_VIEW = np.array([0.1, 0.2, 0.3])
 """A face is in view where the map is free so far before it [m]."""
 

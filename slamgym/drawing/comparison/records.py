@@ -1,4 +1,4 @@
-"""What a comparison says, and its files."""
+"""Result of a comparison, and its files."""
 
 import csv
 import io
@@ -28,13 +28,13 @@ class Change:
 
     kind: ChangeKind
     what: str
-    """What it is of: a room's name, or which wall or door."""
+    """Subject of the change: a room's name, or which wall or door."""
     line: Line
     """The wall or door as planned; the extra wall as found; a room's middle twice [m]."""
     length: float
     """[m]"""
     offset: float | None = None
-    """How far it moved: a wall to its left (seen from its first end), a door along its line; or how much wider it is
+    """Distance it moved: a wall to its left (seen from its first end), a door along its line; or how much wider it is
     [m]. Without the map's own distortion."""
     error: float | None = None
     """Standard error of the offset [m]."""
@@ -56,7 +56,7 @@ class FaceReport:
     error: float | None
     raw_offset: float | None
     distortion: float | None
-    """How far the map's distortion moves it towards the floor [m]."""
+    """Distance by which the map's distortion moves it towards the floor [m]."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ class PlanComparison:
 
     @property
     def is_confident(self) -> bool:
-        """Whether plan and map are of one building; else there are no changes in it."""
+        """True if plan and map are of one building; else it holds no changes."""
         return self.registration.is_same_building
 
     def document(self) -> dict[str, Any]:

@@ -31,7 +31,7 @@ DISTINCT = (0.6, 0.12)
 GATES = (1.0, 1.0, 0.7, 0.7, 0.5, 0.5, 0.35, 0.35, 0.25, 0.25, 0.25, 0.2, 0.2, 0.2)
 """Points farther from their wall than this are left out, iteration by iteration [m]."""
 NORMAL_WEIGHT = 0.5
-"""How many metres a unit of difference between normals counts when the nearest face is looked for."""
+"""Weight of a difference between normals in the search for the nearest face [m per unit]."""
 MAX_POINTS = 4000
 """Points of a map that the search uses."""
 CLOSE = 0.12
@@ -49,13 +49,13 @@ SCALE_DOUBT = 0.03
 
 @dataclass(frozen=True)
 class Registration:
-    """How a map lies over a plan."""
+    """Pose and scale of a map over a plan."""
 
     plan_from_map: Pose2D
     scale: float
     """Factor of the map's lengths; 1 unless it was to be fitted."""
     fitted_scale: float
-    """What the scale would be if it were fitted."""
+    """The scale as a fit finds it, used or not."""
     explained: float
     """Share of the plan's walls in view that the map has, too."""
     inside: float
@@ -64,16 +64,16 @@ class Registration:
     """Share of the map's walls that are the plan's; furniture lowers it."""
     score: float
     rival_score: float
-    """Of the best pose that is distinctly another one."""
+    """Score of the best pose that is clearly a different one."""
 
     @property
     def is_same_building(self) -> bool:
-        """Whether plan and map agree at all."""
+        """True if plan and map agree at all."""
         return self.score >= MIN_SCORE
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What is doubtful about it, as sentences."""
+        """Doubts about it, as sentences."""
         found = []
         if not self.is_same_building:
             found.append(
@@ -267,7 +267,7 @@ def _peaks(scores: FloatArray, apart: int) -> list[tuple[float, int, int]]:
 
 
 def _are_distinct(first: Pose2D, second: Pose2D, middle: FloatArray) -> bool:
-    """Whether two poses put the middle of a map at different places, or turn it differently."""
+    """True if two poses put the middle of a map at different places, or turn it differently."""
     places = [transform_points(pose, middle[None])[0] for pose in (first, second)]
     apart = float(np.hypot(*(places[0] - places[1])))
     return apart > DISTINCT[0] or abs(float(wrap_angle(first.theta - second.theta))) > DISTINCT[1]

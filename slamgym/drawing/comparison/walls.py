@@ -1,4 +1,4 @@
-"""What has become of each face of the plan's walls: present, moved, missing, covered, or not seen."""
+"""State of each face of the plan's walls: present, moved, missing, covered, or not seen."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -18,11 +18,11 @@ LATERAL = 0.045
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
 _CORNER = 0.08
-"""What is nearer to the ends of a face says little about it [m]."""
+"""Points nearer to the ends of a face say little about it [m]."""
 NEAR = 0.1
 """So near to its place a wall is there [m]."""
 NO_OPENING = 0.3
-"""Where a wall stands so near to its place there is no opening in it, whatever is free [m]."""
+"""Where a wall stands so near to its place it has no opening, even if cells behind it are free [m]."""
 SPREAD = 0.06
 """Offsets that differ from the commonest by less belong to one straight face [m]."""
 THROUGH = (-0.075, -0.025, 0.025, 0.075)
@@ -99,7 +99,7 @@ def _measured(faces: PlanFaces, evidence: MapEvidence) -> Faces:
 
 
 def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
-    """What the points of a face say together."""
+    """Report on a face, from all of its points."""
     plan = found.plan
     line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
     own = np.flatnonzero(plan.face == face)
@@ -141,7 +141,7 @@ def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, flo
 
 
 def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
-    """Of a median of correlated offsets, with the rounding to cells and the uncertainty of the distortion [m]."""
+    """Standard error of a median of correlated offsets, with rounding to cells and the error of the distortion [m]."""
     scatter = 1.4826 * float(np.median(np.abs(found.corrected[points] - offset)))
     independent = max(1.0, len(points) * FACE_STEP / CORRELATED)
     return float(
@@ -214,7 +214,7 @@ def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
 def _look(
     faces: PlanFaces, evidence: MapEvidence, offsets: FloatArray, expected: FloatArray, deviation: FloatArray
 ) -> Faces:
-    """What is in view, and where the map is free through a face."""
+    """Find the points in view, and those where the map is free through a face."""
     normals = faces.point_normals
     place = faces.points + expected[:, None] * normals
     through = evidence.values(place[:, None] + np.array(THROUGH)[:, None] * normals[:, None])

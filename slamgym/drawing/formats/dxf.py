@@ -1,7 +1,7 @@
 """DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
 
 Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS, OPENINGS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a
-TEXT with id and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; floor that nobody saw as
+TEXT with id and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; unseen floor as
 HATCH), RAW (one closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
 """
 
@@ -16,7 +16,7 @@ from shapely import Polygon
 from slamgym.drawing.drawing import Drawing
 
 METRES = 6
-"""Of ``$INSUNITS``."""
+"""Value of ``$INSUNITS``."""
 LAYER_COLOURS = {
     "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2,
     "DIMENSIONS": 1,

@@ -23,7 +23,7 @@ BADLY_SEEN = 0.5
 SURE = 0.7
 """Walls below this confidence are named as a doubt."""
 GALLERY = Path("index.html")
-"""Of a folder of drawings."""
+"""Gallery page of a folder of drawings."""
 THUMBNAIL_PX = 320
 
 REPORT_STYLE = """
@@ -80,7 +80,7 @@ def format_html(drawing: Drawing) -> str:
 
 
 def checks(drawing: Drawing) -> list[str]:
-    """What a person should check first, a sentence each: the drawing's doubts, and what of it was hardly seen."""
+    """Points to check first, a sentence each: the drawing's doubts, and the parts that were hardly seen."""
     found = [sentence(doubt) for doubt in drawing.doubts]
     unseen = [room for room in drawing.rooms if room.share_seen < BADLY_SEEN]
     if unseen:
@@ -257,7 +257,7 @@ def _doors_part(drawing: Drawing) -> Iterator[str]:
 
 
 class GalleryCard(NamedTuple):
-    """What the gallery shows of a drawing."""
+    """A drawing's entry in the gallery."""
 
     name: str
     checks: list[str]

@@ -124,7 +124,7 @@ class _Builder:
         self.run("pset.edit_qto", self.file, qto=quantities, properties={"NetFloorArea": float(room.area)})
 
     def _in_gap(self, kind: str, name: str, door: DrawnDoor, depth: float) -> Any:
-        """What fills a door's gap to a depth [m]."""
+        """A solid that fills a door's gap to a depth [m]."""
         evidence = {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer}
         box = shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)
         return self._solid(kind, name, _placement(door.start, door.end), box, DOOR_HEIGHT, evidence)

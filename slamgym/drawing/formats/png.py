@@ -105,7 +105,7 @@ def cells_in(
     Args:
         grid: The map.
         frame: The pixels.
-        pose: Of the map in the coordinates of the frame.
+        pose: Pose of the map in the coordinates of the frame.
         scale: Factor of the map's lengths.
     """
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])

@@ -21,7 +21,7 @@ SHEET_MARGIN = 1.0
 LETTERS = 1.8
 """Height of letters on paper [mm]."""
 LETTER_WIDTH = 0.56
-"""Of a letter in heights."""
+"""Width of a letter in heights."""
 STYLE = """
 .room{fill:#fff;stroke:none}.room.INFERRED{fill:#eef2f7}.floor-inferred{fill:#cbdaf0;stroke:none}
 .wall{fill:#2b2f36;stroke:none}.wall.INFERRED{fill:#b9c2ce;stroke:#7a8794;stroke-width:15;stroke-dasharray:60 40}
@@ -122,7 +122,7 @@ def format_svg(drawing: Drawing) -> str:
 
 
 def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
-    """What has been drawn, by layers from the lowest up."""
+    """The drawn shapes, by layers from the lowest up."""
     walls = [
         sheet.path(
             wall.polygon,

@@ -21,7 +21,7 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
 
     Args:
         drawing: What to write.
-        stem: Of the files: ``out/flat`` for ``out/flat.dxf``.
+        stem: Path of the files without extension: ``out/flat`` for ``out/flat.dxf``.
         formats: Out of :data:`~slamgym.drawing.settings.DRAWING_FORMATS`.
 
     Returns:
