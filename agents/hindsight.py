@@ -3,7 +3,7 @@
 The rule ``tour`` drives the shortest tour through all frontiers that it sees, as if nothing came after them. Here the
 tour goes also through the places from which all other unseen floor is seen, which only the plan shows: the length of
 the tour that begins with a frontier is what the exploration costs from there on. A policy that doesn't know the plan
-does best, as far as looking around isn't a purpose of its own, to choose what costs least in the mean over all plans
+does best, as far as looking around isn't a separate purpose, to choose what costs least in the mean over all plans
 that look alike so far (hindsight optimisation: Chong, Givan and Chang, CDC 2000; Yoon et al., AAAI 2008; for
 states that are known once an action was taken the same is QMDP: Littman, Cassandra and Kaelbling, ICML 1995).
 """

@@ -1,6 +1,6 @@
 """Which floor plans a policy may learn from, and which are kept for testing it.
 
-The split is a function of a plan's id alone, so it is the same whatever the archive, its order, or the
+The split is a function of a plan's id alone, so it doesn't depend on the archive, its order, or the
 machine, and a plan that was once held out stays held out.
 """
 

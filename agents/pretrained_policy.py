@@ -111,7 +111,7 @@ def write_policy(
 
 
 def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
-    """Write weights as safetensors with their description in the header, and that as JSON beside them."""
+    """Write weights as safetensors with their description in the header, and that as JSON next to them."""
     tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in weights.items()}
     write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
     write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")

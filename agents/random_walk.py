@@ -42,7 +42,7 @@ class RandomWalk(BatchedExplorer):
 
     Args:
         context: What the environment says about the robot and its map.
-        seed: Of the headings; each environment of a batch has a stream of its own.
+        seed: Random seed of the headings; each environment of a batch has its own stream.
     """
 
     def __init__(self, context: ExplorerContext, seed: int = 0) -> None:

@@ -31,7 +31,7 @@ Make = Callable[[ExplorerContext, int, Promise | None], BatchedExplorer]
 
 
 def by_rule(rule: Rule, loop: ExplorationLoopConfig | None = None) -> Make:
-    """Explorers by a hand-written rule, with settings of the loop of their own."""
+    """Explorers by a hand-written rule, with their own settings of the loop."""
 
     def make(context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:  # noqa: ARG001 - no rule draws
         return FrontierExplorer(context, rule, replace(loop or ExplorationLoopConfig(), promise=promise))
@@ -71,7 +71,7 @@ def make_explorer(
 
     Args:
         name: One of :data:`EXPLORERS`, or ``rl:FILE`` or ``wheels:FILE`` for weights that ``slamgym agents train``
-            wrote, or ``module:function`` for a constructor of one's own, called as those of :data:`EXPLORERS`. What
+            wrote, or ``module:function`` for your own constructor, called as those of :data:`EXPLORERS`. What
             follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
         context: What the environment says about the robot and its map.
         seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.

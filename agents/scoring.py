@@ -27,7 +27,7 @@ class NetworkConfig(
     """Units of the vector of a candidate."""
     prior_feature: str = "gain_per_metre"
     """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
-    next best view, and learning goes on from there (residual policy learning, Silver et al. 2018)."""
+    next best view, and learning continues from there (residual policy learning, Silver et al. 2018)."""
     prior_weight: float = 16.0
     """0 begins from scratch."""
 

@@ -117,7 +117,7 @@ class _Driver(Pilot):
 
 
 class Teleop(BatchedExplorer):
-    """A person who drives by keyboard; each environment of a batch has a driver of its own.
+    """A person who drives by keyboard; each environment of a batch has its own driver.
 
     Args:
         context: What the environment says about the robot and its map.

@@ -82,7 +82,7 @@ def wheels_shapes() -> dict[str, tuple[int, ...]]:
 
 
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:
-    """Write weights with their description, also as JSON beside them."""
+    """Write weights with their description, also as JSON next to them."""
     write_weights(
         path, policy.weights, {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)}
     )

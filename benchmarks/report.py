@@ -1,4 +1,4 @@
-"""How a benchmark shows its figures: a table in the terminal and a JSON file under ``benchmarks/results``.
+"""Output of a benchmark's figures: a table in the terminal and a JSON file under ``benchmarks/results``.
 
 The JSON carries what a reader needs to assess a time: the machine, the versions and the date. Machines of one name
 differ by three, so times are also divided by those of two fixed programs in the same run: a Python loop of ten million
@@ -29,13 +29,13 @@ RESULTS = Path(__file__).resolve().parent / "results"
 _PACKAGES = ("slamgym", "numpy", "numba", "pymunk", "shapely", "opencv-python-headless", "gymnasium")
 
 ADDITIONS = 10_000_000
-"""Of the Python loop."""
+"""Number of additions in the Python loop."""
 STEPS = 50_000_000
-"""Of the compiled walk."""
+"""Number of steps in the compiled walk."""
 
 
 class Yardsticks(NamedTuple):
-    """What the fixed programs took in this run [CPU s]."""
+    """Times of the fixed programs in this run [CPU s]."""
 
     loop: float
     kernel: float
@@ -193,7 +193,7 @@ def _print(title: str, records: list[dict[str, Any]], columns: Sequence[str]) ->
         table.add_column(escape(column), justify="right" if numeric else "left")
     for record in records:
         table.add_row(*[_cell(record[column]) for column in columns])
-    # A file or a pipe has no width of its own: wide enough that no column is cut.
+    # A file or a pipe has no width: wide enough that no column is cut.
     console = Console(width=None if sys.stdout.isatty() else 160)
     console.print(table)
 

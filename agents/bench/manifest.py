@@ -1,6 +1,6 @@
 """The frozen list of the benchmark: buildings, starts and seeds, and the check that the plans at hand are those.
 
-``v1/manifest.json`` lists each exploration of each track. Plans that may be passed on lie beside it in
+``v1/manifest.json`` lists each exploration of each track. Plans that may be passed on lie next to it in
 ``plans.tar.xz``, as HouseExpo files; HouseExpo's own are named by their ids alone, and read from the user's copy. Every
 plan is compared by the SHA-256 of its outline, and furniture by its number of faces and their length.
 """

@@ -55,7 +55,7 @@ class CoverageCurve:
     def mean_until(self, end: float) -> float:
         """Mean coverage from time 0 to ``end`` [s]: the area under the curve, as a share of the most possible.
 
-        After its last point a curve goes on level, so an explorer that is done isn't punished for it.
+        After its last point a curve stays level, so an explorer that is done isn't punished for it.
         """
         inside = self.time < end
         edges = np.append(self.time[inside], end)

@@ -25,7 +25,7 @@ from slamgym.core.intervals import Interval, mean_interval, ratio_of_means
 from slamgym.core.types import FloatArray
 
 DONE = "done"
-"""The level of an exploration that has succeeded, beside the shares of the floor."""
+"""The level of an exploration that has succeeded, next to the shares of the floor."""
 
 TAIL_FROM = "0.99"
 """The drive after this level is an explorer's tail."""

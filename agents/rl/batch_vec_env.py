@@ -23,7 +23,7 @@ class BatchVecEnv(VecEnv):
         hold: An action holds for so many control steps; what is rewarded in them is added up.
         seconds: Shortest and longest episode [s], each cut off at a time drawn evenly between, the first ones earlier
             so that they don't end together; None leaves that to the environment.
-        seed: Of that draw and, until :meth:`seed` is called, of the environments.
+        seed: Random seed of that draw and, until :meth:`seed` is called, of the environments.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class BatchVecEnv(VecEnv):
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for _ in range(self._hold):
             observations, reward, terminations, truncations, all_infos = self.env.step(self._actions)
-            rewards += np.where(over, 0.0, reward)  # what follows an end belongs to nobody
+            rewards += np.where(over, 0.0, reward)  # what follows an end belongs to no episode
             for i in np.flatnonzero((terminations | truncations) & ~over).tolist():
                 is_cut = bool(truncations[i] and not terminations[i])
                 infos[i] = _last(all_infos["final_obs"][i], all_infos["final_info"], i, is_cut)
@@ -105,7 +105,7 @@ class BatchVecEnv(VecEnv):
         raise ConfigError(f"environments of a batch are alike; {attr_name} of one can't be set")
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:  # noqa: ARG002 - the interface
-        """Refused: environments of a batch have no methods of their own."""
+        """Refused: environments of a batch have no separate methods."""
         raise ConfigError(f"environments of a batch have no methods of their own, so no {method_name}")
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:

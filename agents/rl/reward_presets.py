@@ -1,7 +1,7 @@
 """Reward presets for ``slamgym agents shape``, with their weights, and the settings of experiments that compare them.
 
 Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`.
-A term of your own needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
+Your own term needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
 from dataclasses import dataclass, field, replace
@@ -103,7 +103,7 @@ class ShapingConfig(Settings):
 
     def settings(self, preset: str, seed: int) -> TrainConfig:
         """The training run of a preset and a seed."""
-        # A term of one's own may charge errors that known poses don't have.
+        # A user's term may charge errors that known poses don't have.
         needs_filter = any(name == OWN or reward_preset(name).needs_filter for name in self.presets)
         localization = "rbpf" if needs_filter else self.train.localization
         reward = reward_preset(BASE if preset == OWN else preset).reward

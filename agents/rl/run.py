@@ -38,7 +38,7 @@ CONFIG = "config.json"
 VALIDATION = "validation.csv"
 
 _MAY_CHANGE = ("steps", "workers")
-"""Settings that may be others when a run goes on."""
+"""Settings that may change when a run continues."""
 _CHECKPOINTS = 200
 """So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
 _STATISTICS = ("mean", "var", "count")
@@ -52,7 +52,7 @@ _DAMAGES = (
     AttributeError,
     pickle.PickleError,
 )
-"""What reading a checkpoint raises that is cut off, or of another network."""
+"""Errors from reading a checkpoint that is cut off or belongs to another network."""
 
 ConfigT = TypeVar("ConfigT", bound=RunConfig)
 
@@ -96,7 +96,7 @@ class PolicyLearner(ABC, Generic[ConfigT]):
 
 
 def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
-    """Train a policy; the same command again goes on where the run was interrupted, with more steps beyond its end.
+    """Train a policy; the same command again continues where the run was interrupted, with more steps beyond its end.
 
     Args:
         learner: What is learned.

@@ -1,4 +1,4 @@
-"""Everything that decides a training run, saved beside it as JSON: of frontier decisions, and of the wheels."""
+"""Everything that decides a training run, saved next to it as JSON: of frontier decisions, and of the wheels."""
 
 from dataclasses import field
 from typing import Any, Literal
@@ -97,7 +97,7 @@ class TrainConfig(RunConfig):
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
     workers: Count = 1
-    """1 runs them in this process; more gives each environment a process of its own."""
+    """1 runs them in this process; more gives each environment its own process."""
     localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
     odometry: OdometryLevel = "medium"

@@ -1,4 +1,4 @@
-"""How well the shape of a SLAM map alone shows whether it is complete, against the truth, on held-out plans.
+"""Test of how well the shape of a SLAM map alone shows whether it is complete, against the truth, on held-out plans.
 
     python benchmarks/dataset/completeness.py --make json.tar.gz [--out out/completeness]
     python benchmarks/dataset/completeness.py --read DATASET [DATASET ...]
@@ -10,7 +10,7 @@ all of them as the pretrained one of the package, or with ``--model m.npz`` for 
 
 The explorations of ``--make`` took 11 minutes of CPU in all, which two workers share; drawing, measuring and
 learning from their maps takes less than 7 more, on one core: a quarter of an hour on two. An interrupted run
-goes on with the explorations that it has. ``--scale 0.02`` tries all steps with a few of them; to keep the
+continues with the explorations that it has. ``--scale 0.02`` tries all steps with a few of them; to keep the
 results and the model of the repository, do that in a copy.
 """
 
@@ -225,7 +225,7 @@ def intervals(
 
 
 def reliability(probabilities: FloatArray, truth: BoolArray) -> list[tuple[int, float, float]]:
-    """Of predictions of about the same probability, bin by bin: number, mean probability, share that was true."""
+    """Number, mean probability and share that was true of predictions of about the same probability, bin by bin."""
     place = np.minimum((probabilities * BINS).astype(np.int64), BINS - 1)
     chosen = [place == i for i in range(BINS)]
     return [(int(c.sum()), _mean(probabilities[c]), _mean(truth[c])) for c in chosen]
@@ -257,7 +257,7 @@ def report_calibration(maps: LabelledMaps, probabilities: FloatArray) -> None:
 
 
 def report_features(maps: LabelledMaps) -> None:
-    """How far each feature alone would go: the area under its ROC curve, whichever side is complete."""
+    """Predictive value of each feature alone: the area under its ROC curve, whichever side is complete."""
     rows: list[tuple[str, float, float, float]] = []
     for name, values in zip(FEATURES, maps.features.T, strict=True):
         area = roc_auc(values, maps.complete)
@@ -271,7 +271,7 @@ def report_features(maps: LabelledMaps) -> None:
 
 
 def report_stuck(maps: LabelledMaps) -> None:
-    """What the stuck filter catches, and what it catches wrongly."""
+    """Maps that the stuck filter catches, and those that it catches wrongly."""
     kinds = {
         "stuck (driven less than 1 m)": maps.is_stuck,
         "complete": maps.complete,

@@ -57,7 +57,7 @@ class Snapshot:
     time: float
     """Since the start [s]."""
     is_last: bool
-    """Whether it is the map at the exploration's end."""
+    """True if it is the map at the exploration's end."""
     cells: ByteArray  # (rows, cols), in the pair's frame
     resolution: float
     """[m/px]"""
@@ -99,7 +99,7 @@ def take_snapshots(
         poses = int(np.searchsorted(recording.estimate.stamps, end + 1e-6, side="right"))
         chosen = recording.scan_of_pose[drawn_poses:poses]
         believed.draw(recording.estimate.poses[drawn_poses:poses], recording.ranges[chosen])
-        # What lies open is seen, whatever the mapper makes of beams without return.
+        # What lies open is seen, however the mapper treats beams without return.
         sight = np.minimum(recording.ranges[drawn_scans:scans], open_range)
         true.draw(recording.truth.poses[drawn_scans:scans], sight)
         drawn_scans, drawn_poses = scans, poses
@@ -124,7 +124,7 @@ def take_snapshots(
 
 @dataclass(frozen=True)
 class _Recording:
-    """What an exploration's folder holds."""
+    """Contents of an exploration's folder."""
 
     stamps: FloatArray  # (scans,) [s]
     ranges: Float32Array  # (scans, num_beams) [m]
@@ -166,7 +166,7 @@ def _scans_file(folder: Path) -> Path:
 
 
 def _slam_settings(root: Path, record: PairRecord) -> SlamConfig:
-    """How the maps of the dataset were drawn: its settings, and what the pair's conditions changed."""
+    """SLAM settings of the dataset's maps: its own, and what the pair's conditions changed."""
     settings = read_dataset_config(root)
     try:
         values: dict[str, Any] = dict(settings["episode"]["env"]["slam"])
@@ -272,7 +272,7 @@ def label_maps(
 
 @dataclass(frozen=True)
 class Trees:
-    """How the trees are grown (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
+    """Settings of the trees (Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006)."""
 
     trees: int = 100
     """Their number."""
@@ -281,7 +281,7 @@ class Trees:
     max_features: int = 8
     """Features tried for a split."""
     seed: int = 0
-    """Of the random thresholds."""
+    """Random seed of the thresholds."""
 
 
 def train_completeness(

@@ -56,7 +56,7 @@ class Arguments:
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them."""
     committed: int = 4_000
-    """Pairs of empty files for the cost of book-keeping; 0 leaves it out."""
+    """Pairs of empty files for the cost of book-keeping; 0 omits it."""
     keep: int = 200
     """Fresh pairs between two clearances of their files, which would only fill the disk; the driver's own
     records of them stay."""
@@ -176,7 +176,7 @@ def child_processes() -> Iterator[int]:
 
 
 def is_worker(pid: int) -> bool:
-    """Whether a child is a worker, rather than loky's resource tracker."""
+    """True if a child is a worker, rather than loky's resource tracker."""
     return b"popen_loky" in Path(f"/proc/{pid}/cmdline").read_bytes()
 
 

@@ -3,8 +3,8 @@
     python benchmarks/dataset/dataset_rate.py [--explorations 10] [--blocks 2] [--minutes 7] [--plans bundled]
     python benchmarks/dataset/dataset_rate.py --update docs/scale.md
 
-The same explorations are made with one worker and with several, in turns, so that whatever else the machine
-does falls on both. Workers are started before the clock, which stops when the first one has nothing left to
+The same explorations are made with one worker and with several, in turns, so that other load of the machine
+falls on both. Workers are started before the clock, which stops when the first one has nothing left to
 do: in a long run start and end don't count. CPU seconds hardly depend on what else runs; wall time does.
 
 At the end it prints what large datasets cost at this rate: core-hours, hours on some machines, bytes and files.
@@ -78,7 +78,7 @@ class Arguments:
     blocks: int = 2
     """Blocks with one worker, and as many with several."""
     workers: int = 2
-    """Of the blocks with several."""
+    """Number of workers in the blocks with several."""
     minutes: float = 7.0
     """Limit of robot time; the paper's 7."""
     particles: int = 30
@@ -288,7 +288,7 @@ def update_document(document: Path) -> None:
 
 
 def cost_table() -> str:
-    """What large datasets cost, computed from the measured rate and bytes."""
+    """Cost of large datasets, computed from the measured rate and bytes."""
     rate, sizes = _load("dataset/dataset_rate"), _load("dataset/dataset_bytes")
     several = rate["rows"][-1]
     cpu = several["CPU [s] each"] + several["driver's CPU [s] each"]

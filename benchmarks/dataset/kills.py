@@ -55,11 +55,11 @@ class Arguments:
     """Random kills."""
 
     kills: int = 100
-    """How many."""
+    """Number of kills."""
     pairs: int = 150
     """Pairs of a dataset."""
     seed: int = 0
-    """Of the kills."""
+    """Random seed of the kills."""
 
 
 class Runs:
@@ -173,7 +173,7 @@ def kill_one_run(
 
 
 def check_left(root: Path, before: dict[str, bytes], expected: dict[str, bytes]) -> None:
-    """What was there stays, and every pair is whole and right."""
+    """Check that earlier files stay as they were, and that every pair is whole and right."""
     left = content(root) if root.exists() else {}
     layout = Layout(root)
     names = {path.name for path in layout.episodes.iterdir()} if layout.episodes.exists() else set()
@@ -217,7 +217,7 @@ def wait_for_more(root: Path, driver: int) -> bool:
 
 
 def is_running(pid: int) -> bool:
-    """Whether a process is alive, and no zombie."""
+    """True if a process is alive, and no zombie."""
     try:
         return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except OSError:

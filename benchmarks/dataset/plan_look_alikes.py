@@ -1,4 +1,4 @@
-"""How many floor plans of HouseExpo look like another one, what finding them costs, and how many made ones are found.
+"""Number of HouseExpo's floor plans that look like another one, cost of finding them, and share of made ones found.
 
 Plans are drawn at random from the archive and filtered as ``slamgym generate --plans-filter useful`` does.
 Groups are those that ``slamgym dataset split`` keeps on one side, for images that are scaled to fit and for images

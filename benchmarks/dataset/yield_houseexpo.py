@@ -1,10 +1,10 @@
-"""How many explorations of real floor plans are fit for a dataset, and what stopped the others.
+"""Share of explorations of real floor plans that are fit for a dataset, and what stopped the others.
 
     python benchmarks/dataset/yield_houseexpo.py json.tar.gz [--pairs 100] [--minutes auto 7]
 
 Every limit of robot time explores the same plans from the same starts. The plans are filtered as ``slamgym
 generate --plans-filter useful`` does, "passes cleaning" is what ``slamgym dataset clean`` keeps. The datasets
-stay in ``--out`` to be looked at; run again, the benchmark goes on where it was stopped.
+stay in ``--out`` to be looked at; run again, the benchmark continues where it was stopped.
 """
 
 import sys
@@ -38,7 +38,7 @@ class Arguments:
     plans: tyro.conf.Positional[str]
     """HouseExpo plans: a folder or a .tar.gz."""
     pairs: int = 100
-    """How many explorations, each of another plan."""
+    """Number of explorations, each of another plan."""
     minutes: tuple[Literal["auto"] | float, ...] = ("auto", 7.0)
     """Limits of robot time; the paper's is 7."""
     explorer: str = "explore_lite"

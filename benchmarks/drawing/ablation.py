@@ -66,7 +66,7 @@ class Remembered:
         self._model, self._answers = load_floor_model(name), dict[bytes, Float32Array]()
 
     def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:
-        """Of being floor."""
+        """Probability of being floor."""
         key = grid.cells.tobytes()
         if key not in self._answers:
             self._answers = {key: self._model.probability(grid, angle_deg)}

@@ -6,7 +6,7 @@ Every home is mapped by the particle filter. Later a robot drives there for thre
 laser, knowing nothing of its start. In every third home both find it empty; in every third it was empty and is
 furnished when the robot comes back; in every third it was furnished and all furniture has moved. The robot is localised
 on the raw map, on drawings of that map, and on the true plan. All are localised with one log and one seed, so the maps
-are compared home by home. *Right* is defined as in ``localization.py``: beside where the SLAM map says that the place
+are compared home by home. *Right* is defined as in ``localization.py``: against where the SLAM map says that the place
 is, for drawings too, which lie in its frame. *Sure and wrong* is the share of scans with ``localised`` and not right.
 """
 
@@ -41,7 +41,7 @@ STATES = {
     "furniture has come": (0.0, FURNITURE),
     "all furniture has moved": (FURNITURE, FURNITURE),
 }
-"""What has changed, and how furnished the home is when it is mapped and later."""
+"""Changes, and how furnished the home is when it is mapped and later."""
 RAW = "raw SLAM map"
 COLUMNS = (
     "what has changed", "localised on", "drives", "right within 60 s", "[95 %]", "median time [s]", "error [m]",
@@ -114,7 +114,7 @@ def row(state: str, name: str, found: Sequence[Outcome], raw: Sequence[Outcome])
 def means(
     found: Sequence[Outcome], raw: Sequence[Outcome], of: Callable[[Outcome], float]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A figure of all drives, and what it is beside the raw map's, home by home; without what has none."""
+    """A figure of all drives, and its comparison with the raw map's, home by home; without what has none."""
     own, other = (np.array([of(one) for one in all_of]) for all_of in (found, raw))
     difference = own - other
     return own[np.isfinite(own)], difference[np.isfinite(difference)]

@@ -89,12 +89,12 @@ class ExactFloor:
 
 @dataclass(frozen=True)
 class Score:
-    """What one drawing is worth."""
+    """Quality of one drawing."""
 
     overlap: float
     wall_f1: tuple[float, float]
     room_f1: tuple[float, float]
-    """Of the raster, and of the polygons."""
+    """F1 score of the rooms of the raster, and of the polygons."""
     vertices: float
     doors: int
     """True doors, found in the plan as in a drawing."""
@@ -162,7 +162,7 @@ def main() -> None:
 
 
 def seen_share(case: Case) -> float:
-    """How much of the true floor is free in the map, as areas."""
+    """Share of the true floor that is free in the map, by area."""
     free = np.count_nonzero(case.grid.cells == FREE) * case.grid.frame.resolution**2
     return float(free / case.truth.area)
 
@@ -265,7 +265,7 @@ def corners(floor: BaseGeometry) -> int:
 
 
 def polygons_f1(rooms: Sequence[BaseGeometry], true_rooms: Sequence[BaseGeometry]) -> float:
-    """Of rooms that have a counterpart."""
+    """F1 score of rooms that have a counterpart."""
     shared = [(a.intersection(b).area, a.area + b.area) for a in rooms for b in true_rooms]
     matched = sum(both > SAME_ROOM * (total - both) for both, total in shared)
     count = len(rooms) + len(true_rooms)

@@ -4,7 +4,7 @@
     # look at out/grading/sheet_*.png, write out/grading/grades.json: {"1": ["usable", "why"], ...}
     python benchmarks/drawing/real_drawings.py table out/grading
 
-Every tile shows a map beside one drawing of it, in an order drawn by chance; which model drew it stands in key.json.
+Every tile shows a map next to one drawing of it, in an order drawn by chance; which model drew it stands in key.json.
 The rule: `usable` if no seen room is merged or missing, no seen door closed, no room invented in the layer SEEN and
 the direction is right within 5 degrees; `useless` if the building can't be recognised; else `partly`.
 """
@@ -112,7 +112,7 @@ def draw_map(path: Path, models: Sequence[str]) -> list[tuple[str, str, ByteArra
 
 
 def figures(drawing: Drawing) -> dict[str, float]:
-    """What is counted without looking."""
+    """Figures that are counted without looking."""
     seen = filled(
         drawing.floor.difference(shapely.union_all(list(drawing.inferred_floor))), drawing.grid.frame
     )
@@ -213,7 +213,7 @@ def count_grades(arguments: argparse.Namespace) -> None:
 
 
 def counts(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
-    """How many drawings have which grade, and the floor never seen in the layer SEEN."""
+    """Number of drawings with each grade, and the floor never seen in the layer SEEN."""
     found: dict[str, float] = {grade: sum(one["grade"] == grade for one in rows) for grade in GRADES}
     shares = [one["never seen, in SEEN"] for one in rows]
     return found | {"never seen, mean": round(float(np.mean(shares)), 4), "most": max(shares)}

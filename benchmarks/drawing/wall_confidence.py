@@ -1,4 +1,4 @@
-"""How far the confidence of drawn walls can be trusted, and where its coefficients come from.
+"""Calibration of the confidence of drawn walls, and where its coefficients come from.
 
     python benchmarks/drawing/wall_confidence.py --fit out/empty out/furnished --try empty=out/fresh furnished=out/other
 
@@ -31,10 +31,10 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
 TRUE_WITHIN, STEP = 0.2, 0.05
-"""How near a true wall lies, and the distance of the places that are looked at [m]."""
+"""Largest distance to a true wall, and the distance between the places that are looked at [m]."""
 LIMITS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
 PENALTY = 1e-4
-"""Of the squared coefficients."""
+"""Penalty on the squared coefficients."""
 COLUMNS = ("maps", "walls", "said", "true", "Brier score", "of a constant")
 BIN_COLUMNS = ("confidence", "walls", "said", "true")
 
@@ -110,7 +110,7 @@ def piece_of(wall: DrawnWall, side: float = 1.0) -> WallPiece:
 
 
 def share_near(face: BaseGeometry, outline: BaseGeometry) -> float:
-    """Share of a face that has the true outline beside it."""
+    """Share of a face that has the true outline next to it."""
     places = shapely.points(shapely.get_coordinates(shapely.segmentize(face, STEP)))
     return float((shapely.distance(outline, places) <= TRUE_WITHIN).mean())
 

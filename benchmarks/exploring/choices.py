@@ -1,4 +1,4 @@
-"""How much is left to gain by choosing better: a chooser that knows the building, on the loop that all explorers share.
+"""Possible gain by choosing better: a chooser that knows the building, on the loop that all explorers share.
 
     python benchmarks/exploring/choices.py json.tar.gz --count 40
 
@@ -45,7 +45,7 @@ def by_network(scorer: FrontierScorer) -> Choose:
 
 
 def knows_the_plan(env: ExploreFrontiersEnv) -> Choose:
-    """What costs least in hindsight; made when the exploration has begun."""
+    """Chooser of what costs least in hindsight; made when the exploration has begun."""
     made: list[Choose] = []
 
     def choose(observation: dict[str, Any]) -> int:

@@ -1,4 +1,4 @@
-"""What robots believed at every choice, and the truth beside it: data for stopping and for foresight."""
+"""Beliefs of robots at every choice, with the truth: data for stopping and for foresight."""
 
 import dataclasses
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ class Snapshot(NamedTuple):
     known: OccupancyGrid  # the known part of the map
     pose: Pose2D  # believed
     seen: BoolArray  # floor truly seen, as the exploration's floor
-    remains: Remains | None  # what the map leaves open
+    remains: Remains | None  # what the map doesn't show yet
 
 
 class Exploration(NamedTuple):
@@ -62,8 +62,8 @@ def explorations(
         source: Floor plans.
         split: Which of them.
         count: So many.
-        mode: Of localisation: ``ground_truth`` or ``rbpf``.
-        is_furnished: Whether furniture stands in them, and leaves hang in half of the doors; the order of the plans is
+        mode: Localisation mode: ``ground_truth`` or ``rbpf``.
+        is_furnished: True if furniture stands in them, and leaves hang in half of the doors; the order of the plans is
             another then, so that few are explored both ways.
     """
     clutter = FURNISHED if is_furnished else ClutterConfig()

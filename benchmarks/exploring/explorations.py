@@ -57,7 +57,7 @@ PARTS: dict[str, list[tuple[Any, str]]] = {
     "start": [(ExploreEnv, "reset")],
     "writing the pair": [(exploration, name) for name in ("make_pair", "stage_pair")],
 }
-"""What a part's functions do themselves, without what they call of the other parts."""
+"""Functions of each part, which is timed without what they call of the other parts."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,7 @@ class Arguments:
     """CPU time of whole explorations."""
 
     explorations: int = 10
-    """How many, each of another plan."""
+    """Number of explorations, each of another plan."""
     minutes: float = 7.0
     """Limit of robot time; the paper's 7."""
     particles: int = 30
@@ -115,7 +115,7 @@ class Profile:
 
 @dataclass(frozen=True)
 class Cost:
-    """What one exploration took."""
+    """Cost of one exploration."""
 
     robot_seconds: float
     cpu_seconds: float
@@ -137,7 +137,7 @@ def main() -> None:
 
 
 def explorations(plans: PlanSource, config: DatasetConfig) -> Iterator[ExplorationTask]:
-    """What ``slamgym generate`` explores first."""
+    """First explorations of ``slamgym generate``."""
     for slot in schedule_groups([PlanGroup(plans.ids, 1.0)], config.seed):
         plan = plans.load(slot.plan_id)
         if passes(plan, config.plans_filter):

@@ -4,8 +4,8 @@
 
 It runs ``slamgym agents evaluate`` on HouseExpo's test plans and on generated offices of the test split,
 the oracle included. What was done before, in ``--out``, is not done again, so the same command after
-Ctrl-C or a kill goes on, and once all is done it only writes the tables again. ``--no-page`` leaves page, plot and
-results of the repository as they are.
+Ctrl-C or a kill continues, and once all is done it only writes the tables again. ``--no-page`` doesn't change page,
+plot and results of the repository.
 """
 
 import dataclasses
@@ -44,9 +44,9 @@ class Arguments:
     plans: tyro.conf.Positional[str]
     """HouseExpo plans: a folder or a .tar.gz."""
     count: int = 200
-    """How many of them; 0 for none."""
+    """Number of them; 0 for none."""
     offices: int = 20
-    """How many generated offices; 0 for none."""
+    """Number of generated offices; 0 for none."""
     explorers: str = ",".join(name for name in EXPLORERS if name != "random")
     """Names, with commas between them. The random walk takes as long as all others together."""
     against: str = "explore_lite"

@@ -126,7 +126,7 @@ def useful(source: PlanSource, ids: Sequence[str]) -> Iterator[FloorPlan]:
 
 
 def is_as_drawn(plan: FloorPlan) -> bool:
-    """Whether all corners lie on HouseExpo's grid of 1 cm, as they do in a file that was not repaired."""
+    """True if all corners lie on HouseExpo's grid of 1 cm, as they do in a file that was not repaired."""
     corners = 100.0 * plan.segments()
     return bool(np.abs(corners - np.rint(corners)).max() < 1e-3)
 

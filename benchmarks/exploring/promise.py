@@ -2,7 +2,7 @@
 
     python benchmarks/exploring/promise.py json.tar.gz [--train 95] [--write]  # tables; --write stores the estimate
 
-With ``--train`` the estimate is first fitted anew on plans of the split ``train``. The limits are calibrated on
+With ``--train`` the estimate is first fitted again on plans of the split ``train``. The limits are calibrated on
 ``validation`` and tested on ``test``, all with the particle filter, in empty and in furnished homes. Stopping earlier
 changes nothing of what came before, so every promise is tested on the same explorations. Some 2 s of CPU an
 exploration, 6 s where there is furniture.
@@ -51,7 +51,7 @@ EPOCHS = 30
 
 @dataclass(frozen=True)
 class Arguments:
-    """What is explored."""
+    """Settings of the explorations."""
 
     plans: tyro.conf.Positional[str]
     """HouseExpo plans."""
@@ -138,7 +138,7 @@ def fit(explored: Sequence[Exploration]) -> dict[str, Float32Array]:
 
 
 def _weights(plans: str, count: int) -> dict[str, Float32Array]:
-    """Weights fitted anew on so many plans; the package's for none."""
+    """Weights fitted again on so many plans; the package's for none."""
     if not count:
         arrays: dict[str, Float32Array] = load_file(PRETRAINED_ESTIMATE)
         return {name: values for name, values in arrays.items() if not name.startswith("calibration.")}
@@ -175,7 +175,7 @@ def _calibration(
 
 
 def _tested(promise: Promise, unseen: UnseenFloor, explored: Sequence[Exploration]) -> dict[str, object]:
-    """How a promise is kept."""
+    """Figures on how well a promise is kept."""
     limit, kept, times, tails, ends = unseen.limit(promise), [], [], [], []
     for one in explored:
         time, coverage = one.curve[-1]

@@ -1,4 +1,4 @@
-"""What the policy that drives the wheels sees in 90 s of buildings that it didn't learn on, beside frontier rules.
+"""Coverage by the policy that drives the wheels, in 90 s of buildings that it didn't learn on, and by frontier rules.
 
 Every explorer gets the same plans of the test split, starts and seeds; 95 % bootstrap intervals over plans.
 

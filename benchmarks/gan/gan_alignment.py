@@ -1,4 +1,4 @@
-"""How good and how fast is the alignment that the evaluation of the translators uses?
+"""Accuracy and time of the alignment that the evaluation of the translators uses.
 
 Free-space masks of SLAM maps are moved by random similarities and aligned with their CAD maps by the search that
 `slamgym gan evaluate` uses, by OpenCV's ECC, and by feature matching. The reference is the best error that any of them

@@ -1,4 +1,4 @@
-"""What training the translators costs: GFLOP and CPU seconds per image, beside the published code's.
+"""Cost of training the translators: GFLOP and CPU seconds per image, compared with the published code's.
 
 One thread, batch 4, a whole step (generator, both discriminators, three optimisers, augmentation left out). The
 published code (anime2clothing, which the paper uses) took 0.616, 1.75, 5.72 and 18.9 CPU seconds per image at

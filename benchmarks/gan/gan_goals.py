@@ -86,7 +86,7 @@ def main() -> None:
 
 
 def methods(weights: Sequence[str]) -> list[TranslationMethod]:
-    """What is compared."""
+    """Methods that are compared."""
     used = [method for method in baselines() if method.name in (RAW, CLEANED)]
     used.insert(1, TranslationMethod("morphology", lambda p, i: morphology(p.slam[i]).astype(np.float32)))
     for argument in weights:
@@ -102,7 +102,7 @@ def morphology(slam: ByteArray) -> BoolArray:
     if count > 1:
         free = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
     filled = ~without_small(free == 0, 0.5 / CELL**2)
-    # A hit lies in front of its wall: the floor goes on to the middle of the occupied cells.
+    # A hit lies in front of its wall: the floor continues to the middle of the occupied cells.
     grown: BoolArray = cv2.dilate(filled.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
     return grown
 

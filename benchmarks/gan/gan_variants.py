@@ -1,11 +1,11 @@
-"""What each choice in the default translator is worth: variants trained for equal time, measured on validation plans.
+"""Value of each choice in the default translator: variants trained for equal time, measured on validation plans.
 
 The validation plans are those that every training holds out; the test plans aren't looked at. Errors are aligned as in
-``slamgym gan evaluate``. Finished trainings are kept, an interrupted one goes on; the table ends with the pretrained
-weights, averaged over more and more flips.
+``slamgym gan evaluate``. Finished trainings are kept, an interrupted one continues; the table ends with the
+pretrained weights, averaged over more and more flips.
 
 Run: ``python benchmarks/gan/gan_variants.py IMAGES -o OUT [--minutes 6]``. Trainings run one after the other, each on
-one thread; run two with halves of ``--only`` beside each other on two cores.
+one thread; run two with halves of ``--only`` side by side on two cores.
 """
 
 import argparse

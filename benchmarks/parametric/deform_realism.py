@@ -95,7 +95,7 @@ def half_of(plan_id: str) -> int:
 
 
 def shows_floor(grid: OccupancyGrid) -> bool:
-    """Whether a map shows enough to be measured."""
+    """True if a map shows enough to be measured."""
     return float((cut_to_floor(looks(grid)) == FREE).sum()) * CELL**2 >= LEAST_FLOOR
 
 

@@ -1,4 +1,4 @@
-"""Time of the parametric model per method and map size, beside the paper's Table II.
+"""Time of the parametric model per method and map size, compared with the paper's Table II.
 
 Run: ``python benchmarks/parametric/parametric_speed.py``. CPU seconds of one thread,
 kernels warm, best of several runs.

@@ -16,16 +16,16 @@ from slamgym.core.errors import PlanError
 from slamgym.core.types import FloatArray
 
 SHIFTS = (0.1, 0.2, 0.3, 0.5)
-"""Of walls [m]."""
+"""Distances by which walls are moved [m]."""
 THICKNESS = (0.04, 0.4)
-"""Of walls between two rooms [m]."""
+"""Least and largest thickness of walls between two rooms [m]."""
 APART = 1.0
 """Changes are no nearer to each other than this [m]."""
 
 
 @dataclass(frozen=True)
 class Change:
-    """What was changed: a wall's or door's middle line in the plan, and by how much it was moved."""
+    """A true change: a wall's or door's middle line in the plan, and by how much it was moved."""
 
     kind: str  # wall_moved, wall_missing, wall_extra, door_blocked, door_moved
     line: tuple[float, float, float, float]  # [m]
@@ -144,7 +144,7 @@ def _door_slab(line: FloatArray, thickness: float) -> Polygon:
 
 
 def _wall_thickness(plan: FloorPlan, line: FloatArray) -> float | None:
-    """How thick the wall is beside a door, measured behind its jamb."""
+    """Thickness of the wall next to a door, measured behind its jamb."""
     unit = (line[2:] - line[:2]) / np.hypot(*(line[2:] - line[:2]))
     normal = np.array([-unit[1], unit[0]])
     for beside in (line[:2] - 0.03 * unit, line[2:] + 0.03 * unit):

@@ -1,4 +1,4 @@
-"""How well `slamgym cad compare` finds known changes, by kind and size, on maps of simulated robots.
+"""Test of `slamgym cad compare` on known changes, by kind and size, on maps of simulated robots.
 
     python benchmarks/plan_comparison/plan_comparison.py WORK --houseexpo json.tar.gz [--furniture F] [--tb3-house DIR]
 
@@ -40,7 +40,7 @@ SAME_PLACE = 0.35
 """A change is the true one if it lies so near to it [m] and covers this share of it."""
 SHARE = 0.4
 FOLLOWS = 0.3
-"""What is reported so near to a true change follows from it and is no false alarm [m]."""
+"""A report so near to a true change follows from it and is no false alarm [m]."""
 BINS = ((0.0, 0.15), (0.15, 0.25), (0.25, 0.4), (0.4, 0.8))
 
 
@@ -137,14 +137,14 @@ def explored(arguments: Arguments) -> list[Case]:
 
 
 def is_at(found: Change, truth: TrueChange) -> bool:
-    """Whether a reported change lies where a true one is."""
+    """True if a reported change lies where a true one is."""
     line, true_line = (shapely.LineString(np.reshape(entry.line, (2, 2))) for entry in (found, truth))
     shared = true_line.buffer(SAME_PLACE).intersection(line).length
     return bool(shared >= SHARE * min(line.length, true_line.length))
 
 
 def finds(found: Change, truth: TrueChange) -> bool:
-    """Whether a reported change is a true one, of the same kind."""
+    """True if a reported change is a true one, of the same kind."""
     kinds = {"wall_missing": {"wall_missing", "opening_new"}}.get(truth.kind, {truth.kind})
     if found.kind not in kinds or not is_at(found, truth):
         return False
@@ -154,7 +154,7 @@ def finds(found: Change, truth: TrueChange) -> bool:
 
 
 def offset_error(found: Change, truth: TrueChange) -> float:
-    """Of a moved wall [m]; both lines may run either way."""
+    """Error of a moved wall's offset [m]; both lines may run either way."""
     assert found.offset is not None
     first, second = (np.array(entry.line[2:]) - np.array(entry.line[:2]) for entry in (found, truth))
     sign = 1.0 if first @ second > 0 else -1.0
@@ -162,7 +162,7 @@ def offset_error(found: Change, truth: TrueChange) -> float:
 
 
 def is_false(found: Change, truth: list[TrueChange]) -> bool:
-    """Whether nothing has changed where a change is reported."""
+    """True if nothing has changed where a change is reported."""
     if found.kind == "room_unexplored":
         return False
     line = shapely.LineString(np.reshape(found.line, (2, 2)))
@@ -170,7 +170,7 @@ def is_false(found: Change, truth: list[TrueChange]) -> bool:
 
 
 def kept(found: tuple[Change, ...], moved: float, sure: float) -> list[Change]:
-    """What stays with stricter thresholds for moved walls."""
+    """Changes that remain with stricter thresholds for moved walls."""
     return [
         c for c in found
         if c.kind != "wall_moved" or (abs(c.offset or 0.0) > moved and abs(c.offset or 0.0) > sure * (c.error or 0.0))
@@ -255,7 +255,7 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
 
 
 def different_buildings(cases: list[Case]) -> str:
-    """How many maps are matched with the plan of another building."""
+    """Number of maps that are matched with the plan of another building."""
     wrong = [
         compare_with_plan(cases[(i + 1) % len(cases)].plan, case.grid).is_confident
         for i, case in enumerate(cases)

@@ -1,9 +1,9 @@
-"""What the laser's errors do to maps: the same explorations with each error level, beside real robots' maps.
+"""Effect of the laser's errors on maps: the same explorations with each error level, and real robots' maps.
 
     python benchmarks/realism/laser_maps.py json.tar.gz [--count 10] [--furniture 0] [--real FOLDER ...] [--sheet FILE]
 
 Statistics are taken over the map cut to its largest connected free part, at 5 cm a cell: *open border* is the share
-of the cells beside free space that are unknown, *fragments* are connected parts of free space beside the largest,
+of the cells next to free space that are unknown, *fragments* are connected parts of free space except the largest,
 *blobs* connected parts of occupied space, the last two per 100 m2 of free space. Maps of other
 resolutions are left out.
 """
@@ -116,7 +116,7 @@ def row(name: str, maps: list[ByteArray]) -> dict[str, Any]:
 
 
 def statistics(cells: ByteArray) -> list[float]:
-    """Of one map, in the order of the columns."""
+    """Statistics of one map, in the order of the columns."""
     _, _, parts, _ = cv2.connectedComponentsWithStats((cells == FREE).astype(np.uint8), connectivity=4)
     left, top, width, height = parts[1 + parts[1:, cv2.CC_STAT_AREA].argmax(), :4]
     cells = np.pad(cells, 1, constant_values=UNKNOWN)[top : top + height + 2, left : left + width + 2]

@@ -1,4 +1,4 @@
-"""How the beams of real robots fail: residuals of recorded logs against the maps made of them.
+"""Failures of real robots' beams: residuals of recorded logs against the maps made of them.
 
     python benchmarks/realism/laser_residuals.py LOGS --logs aces intel urg4m_lab csail [--simulated 6] [--level real]
 
@@ -7,7 +7,7 @@ beam of the processed scans is compared with the map. The range expected is that
 the beam, at the line through the mean of the end points in the cell. A beam is *short* or *long* if it is off by
 more than 0.25 m and by a twentieth of the range, and *none* if it has no return although the map has a wall within
 the usable range. Beams within two of a jump of the expected ranges are counted apart ("edge"), for there the smallest
-error of the pose looks like a failure. Edges have a figure of their own, from the scans alone: of the jumps between
+error of the pose looks like a failure. Edges have a separate figure, from the scans alone: of the jumps between
 two smooth stretches of neighbouring beams, how many have one beam that ends in between, at least a quarter of the
 jump from either side.
 
@@ -91,7 +91,7 @@ def main() -> None:
 
 
 def simulated(seed: int, level: str) -> Log:
-    """Five minutes in a furnished home of its own."""
+    """Five minutes in a separate furnished home."""
     plan = generate_plan(2_000 + seed, PlanGeneratorConfig(kind="home"))
     env = dataclasses.replace(
         ExploreConfig().for_explorer(), lidar=lidar_level(level), clutter=ClutterConfig(furniture=1.0)
@@ -207,7 +207,7 @@ def expect(
 
 
 def classified(ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry) -> dict[str, np.ndarray]:
-    """What became of each beam; whether it is at an edge of what it should see; whether it ends in between."""
+    """Class of each beam; whether it is at an edge of what it should see; whether it ends in between."""
     with np.errstate(invalid="ignore"):
         residual = ranges - expected
     limit = np.maximum(TOLERANCE, TOLERANCE_RELATIVE * expected)
@@ -261,7 +261,7 @@ def share_rows(name: str, beams: dict[str, np.ndarray]) -> list[dict[str, Any]]:
 
 
 def run_row(name: str, beams: dict[str, np.ndarray]) -> dict[str, Any]:
-    """How long failures go on, over neighbouring beams, from scan to scan and from visit to visit."""
+    """Length of failures, over neighbouring beams, from scan to scan and from visit to visit."""
     known = (beams["fate"] != OPEN) & ~beams["edge"]
     failing = known & (beams["fate"] != INLIER)
     padded = np.pad(failing, ((0, 0), (1, 1))).astype(np.int8)
@@ -294,7 +294,7 @@ def run_row(name: str, beams: dict[str, np.ndarray]) -> dict[str, Any]:
 
 
 def mixed_row(name: str, ranges: FloatArray) -> dict[str, Any]:
-    """Of the jumps between smooth stretches, the share with a beam in between, in % by the jump's height."""
+    """Share of the jumps between smooth stretches with a beam in between, in % by the jump's height."""
     row: dict[str, Any] = {"log": name}
     with np.errstate(invalid="ignore", divide="ignore"):
         step = np.diff(ranges, axis=1)

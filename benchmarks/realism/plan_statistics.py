@@ -1,4 +1,4 @@
-"""Generated floor plans beside HouseExpo: do they have the same statistics?
+"""Comparison of generated floor plans with HouseExpo: do they have the same statistics?
 
     python benchmarks/realism/plan_statistics.py [--houseexpo json.tar.gz]
 

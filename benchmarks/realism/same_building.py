@@ -48,14 +48,14 @@ GMAPPING_PATCH = 32
 ROUND = ((4.0, 11.29, 0.25), (10.45, 8.27, 0.25))
 LEGS = ((12.5, 9.83), (14.3, 9.85), (12.5, 8.51), (14.3, 8.53))
 LEG = (0.12, 0.08)
-"""Two bins and a table's legs that the drawing leaves out, as people's maps show them: x, y, and radius [m]; x and
+"""Two bins and a table's legs that the drawing omits, as people's maps show them: x, y, and radius [m]; x and
 y of the legs, and their sides [m], which are 3.9 x 2.9 cells in the mean of eight maps; two have no table."""
 NO_TABLE = 5
 """Every so many-th of our houses has no table either."""
 YARD = (1.02, 0.525, 13.5, 6.4)
 """The ground before the open front door: left, bottom, right and top [m]."""
 POST = (9.42, 5.78, 9.54, 5.86)
-"""What stands on it, as people's maps show it."""
+"""Object that stands on it, as people's maps show it."""
 YARD_END = 0.925
 """Our maps end here [m], at the end of the wings as people's do, and short of the yard's fence."""
 OPEN_HOUSES = (1, 4, 8)
@@ -339,7 +339,7 @@ def balanced_accuracy(
 
 
 def accuracy_of(X: FloatArray, labels: BoolArray) -> float:
-    """Mean of both kinds' shares that are told rightly; each fold leaves out one map of the first kind."""
+    """Mean of both kinds' shares that are told rightly; each fold omits one map of the first kind."""
     from sklearn.ensemble import ExtraTreesClassifier
 
     fold = np.empty(len(X), dtype=int)

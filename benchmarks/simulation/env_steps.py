@@ -1,6 +1,6 @@
 """Environment steps per second of one core, and how that depends on the settings and on the building.
 
-Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments beside a
+Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments and a
 single one, in turns, so that both see the same load of the machine. ``--decisions`` measures the level of decisions
 instead: decisions per CPU second, and what a decision of the pretrained policy costs.
 

@@ -49,7 +49,7 @@ def every_beam_every_wall(
     range_max: float,
     out: FloatArray,
 ) -> None:
-    """The reference: no beam leaves out any wall."""
+    """The reference: no beam omits any wall."""
     for i in range(out.shape[0]):
         ux, uy = math.cos(angle_min + i * increment), math.sin(angle_min + i * increment)
         nearest = np.inf

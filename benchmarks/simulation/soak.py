@@ -47,7 +47,7 @@ class Arguments:
     hold: float = 5.0
     """Mean number of steps for which an action is held."""
     seed: int = 0
-    """Of everything."""
+    """Random seed of everything."""
 
 
 def main() -> None:
@@ -117,7 +117,7 @@ def wander(env: ExploreEnv, arguments: Arguments) -> Iterator[tuple[bool, bool]]
 
 
 def is_on_floor(env: ExploreEnv) -> bool:
-    """Whether the whole body of a round robot lies on the plan's floor."""
+    """True if the whole body of a round robot lies on the plan's floor."""
     x, y, _ = env.simulation.true_pose
     floor = env.plan.free_space
     shapely.prepare(floor)

@@ -41,7 +41,7 @@ FIRST_HOME = 5000
 SECONDS = 60.0
 RIGHT_METRES, RIGHT_RADIANS = 0.5, 0.3
 INSTANTS = 20
-"""Of a drive, at which NEES is taken."""
+"""Number of instants of a drive at which NEES is taken."""
 HERE = Pose2D(0.0, 0.0, 0.0)
 COLUMNS = (
     "case", "drives", "right within 60 s [%]", "median time [s]", "error [m]", "95 % low", "95 % high", "heading [deg]",
@@ -61,9 +61,9 @@ class Outcome(NamedTuple):
     """One drive on one map."""
 
     seconds: float  # until right for the first time; infinite if never
-    errors: FloatArray  # (n,) of localised right scans, beside what the map says [m]
+    errors: FloatArray  # (n,) of localised right scans, against what the map says [m]
     headings: FloatArray  # (n,) [rad]
-    plain: FloatArray  # (n,) beside the building [m]
+    plain: FloatArray  # (n,) against the building [m]
     localised: float  # share of scans
     wrong: float  # share of scans
     nees: FloatArray
@@ -112,7 +112,7 @@ def add(cases: dict[str, list[Outcome]], name: str, outcome: Outcome) -> None:
 
 
 def explore(plan: FloorPlan, seed: int, mode: str, minutes: float = 7.0, furniture: float = 0.0) -> Episode:
-    """A drive with medium odometry, in a home that is furnished anew by each seed."""
+    """A drive with medium odometry, in a home that each seed furnishes differently."""
     env = dataclasses.replace(
         ExploreConfig(),
         odometry=odometry_level("medium"),
@@ -166,7 +166,7 @@ def on_map(
 
 
 def distortion(mapping: Episode, poses: FloatArray) -> FloatArray:
-    """How far the map is off at poses (n, 3): the error of the drive that made it, where it came nearest."""
+    """Error of the map at poses (n, 3): that of the drive that made it, where it came nearest."""
     true, _ = poses_at(mapping.truth, mapping.estimate.stamps)
     error = mapping.estimate.poses - true
     error[:, 2] = wrap_angle(error[:, 2])

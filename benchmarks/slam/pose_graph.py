@@ -1,8 +1,8 @@
-"""Accuracy and time of ``pose_graph`` beside the particle filter, on recorded and simulated logs.
+"""Accuracy and time of ``pose_graph`` and of the particle filter, on recorded and simulated logs.
 
     python benchmarks/slam/pose_graph.py LOGS [--seeds 3] [--episodes DATASET/episodes]
 
-Real logs have no truth. ``relations`` is the error over all reference relations (``NAME.relations`` beside
+Real logs have no truth. ``relations`` is the error over all reference relations (``NAME.relations`` next to
 ``NAME.log.gz``), ``revisits`` that over those of more than ten seconds; ``revisit`` is the mean distance between what
 different passes through a place saw. Episodes of ``slamgym generate`` have a truth; for them the ATE after alignment is
 given.
@@ -63,7 +63,7 @@ def main() -> None:
 
 
 def real_row(path: Path, mode: str, settings: dict[str, Any], seeds: int) -> dict[str, Any]:
-    """One log by one mapper. ``pose_graph`` has no randomness of its own: later runs disturb the odometry."""
+    """One log by one mapper. ``pose_graph`` itself has no randomness: later runs disturb the odometry."""
     log = open_log(path)
     config = settings_for(log.geometry, settings)
     replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels

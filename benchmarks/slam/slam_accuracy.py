@@ -38,7 +38,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
 INSTANTS = 10
-"""Of a drive, at which NEES is taken."""
+"""Number of instants of a drive at which NEES is taken."""
 GMAPPING = {
     "mode": "rbpf", "matcher": "hill_climbing", "odometry_weight": 0.0, "learn_odometry": False, "drawn_noise": 1.0,
 }  # fmt: skip
@@ -125,7 +125,7 @@ def simulated_rows(episodes: int, levels: Sequence[str], modes: Sequence[str]) -
 
 
 def explore(seed: int, level: str, range_max: float) -> tuple[Log, Trajectory]:
-    """Seven minutes in a generated home of its own, driven with a known pose."""
+    """Seven minutes in a separate generated home, driven with a known pose."""
     plan = generate_plan(1_000 + seed, PlanGeneratorConfig(kind="home"))
     env = ExploreConfig().for_explorer()
     lidar = dataclasses.replace(env.lidar, range_max=range_max)

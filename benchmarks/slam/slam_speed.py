@@ -5,7 +5,7 @@
 A simulated TurtleBot3 explores a generated home for seven minutes; its scans are replayed with one setting
 changed at a time. The size of the map is changed by letting the same filter map the same home again and
 again, each time 40 m further on, and timing the last round. GMapping's own times for such a log (C++, -O2,
-one thread) stand beside.
+one thread) are shown with them.
 """
 
 import argparse

@@ -65,7 +65,7 @@ def fetch_houseexpo(
     """Download the archive of HouseExpo unless it is there, and verify it.
 
     Its publishers give no checksum. What is verified on the first fetch is the structure: enough plans, ids of the
-    right form, and a first plan that can be read. Its SHA-256 is then written beside it (``NAME.sha256``, as
+    right form, and a first plan that can be read. Its SHA-256 is then written next to it (``NAME.sha256``, as
     ``sha256sum -c`` reads it) and compared from then on.
 
     Args:

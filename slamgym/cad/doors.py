@@ -21,7 +21,7 @@ _CLOSED = {"Bathroom", "Toilet"}
 MAX_SPARE = 3
 """Most openings that make loops in a plan."""
 MIN_NIB = 0.06
-"""Wall left beside a door [m], measured from the face of the wall that crosses there."""
+"""Wall left next to a door [m], measured from the face of the wall that crosses there."""
 DOOR_WIDTHS = ((0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2), (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08))
 """Clear widths of doors [m] and their shares. HouseExpo's openings peak at 0.7-0.8 and 0.95-1.05 m."""
 WIDE_OPENING = (1.2, 2.4)
@@ -62,7 +62,7 @@ def join_rooms(
 ) -> list[Opening] | None:
     """Join all rooms by a tree of openings, and some by one more so that there are loops.
 
-    The tree prefers doors to halls and living rooms, then to bedrooms and offices; nobody walks through a
+    The tree prefers doors to halls and living rooms, then to bedrooms and offices; no one walks through a
     bath to get to a kitchen if there is another path.
 
     Args:
@@ -180,7 +180,7 @@ def find_openings(free_space: Polygon) -> list[Door]:
     """The openings in a plan's walls, from geometry alone.
 
     An opening has on one side at least the end of a wall: a short edge between two corners that point into
-    the free space. Its other side is whatever wall faces that edge, 0.5 to 2.5 m away.
+    the free space. Its other side is the wall that faces that edge, 0.5 to 2.5 m away.
     """
     start, along, is_wall_end = _edges(free_space)
     length = np.hypot(*along.T)

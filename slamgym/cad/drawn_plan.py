@@ -27,7 +27,7 @@ LINE_GRID = 1e-3
 MAX_WALL = 0.7
 """Space between lines that is narrower than this is a wall [m]."""
 JAMB = 0.05
-"""Doors and windows are drawn this much longer at both ends, into the walls beside them [m]."""
+"""Doors and windows are drawn this much longer at both ends, into the walls next to them [m]."""
 BESIDE_DOOR = (0.02, 0.1, 0.2, 0.3, 0.4, 0.5)
 """Distances from a door's middle at which the spaces that it joins are looked for [m]; a wall may run through it."""
 LINE_WIDTH = 0.01

@@ -54,7 +54,7 @@ CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE"
 _LEAST_POINTS = {"LINE": 2, "ARC": 2, "ELLIPSE": 9, "CIRCLE": 33}
 _READ = CURVES | {"INSERT", "MLINE"}
 
-# What ezdxf raises on damaged files, beside its own errors.
+# Errors that ezdxf raises on damaged files, besides its own.
 _DAMAGED = (
     ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError, OSError, AssertionError,
 )  # fmt: skip

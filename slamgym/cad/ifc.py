@@ -215,7 +215,7 @@ def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray
     if not len(crossed):
         return np.empty((0, 2, 2))
     ends = []
-    lone = above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]  # the corner on a side of its own
+    lone = above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]  # the corner alone on its side
     first = np.argmax(lone, axis=1)
     rows = np.arange(len(crossed))
     tip = points[crossed[rows, first]]

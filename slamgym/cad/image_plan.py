@@ -2,7 +2,7 @@
 
 The outline follows the borders of the cells exactly, so a raster of the plan at the picture's own resolution
 gives the picture's free cells back. By default it is then smoothed by less than a cell, which turns the
-staircases of oblique walls into straight lines and leaves straight walls alone.
+staircases of oblique walls into straight lines and doesn't change straight walls.
 """
 
 from pathlib import Path
@@ -40,7 +40,7 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
     """Read the free space of a ROS map, which may have a yaw; unknown cells count as walls.
 
     Args:
-        path: The map's yaml file; the image lies beside it.
+        path: The map's yaml file; the image lies next to it.
         smoothing: Tolerance [cells]; 0 keeps the borders of the cells.
 
     Raises:

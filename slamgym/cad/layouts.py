@@ -220,7 +220,7 @@ def _carve(cells: list[Cell], carved: list[str], rng: np.random.Generator) -> li
 
 
 def _niche(host: Box, may_be_core: bool, rng: np.random.Generator) -> Box | None:
-    """A place for a small room within a large one that leaves enough width beside it."""
+    """A place for a small room within a large one that keeps enough width next to it."""
     width, height = snap(rng.uniform(1.5, 2.6)), snap(rng.uniform(1.4, 2.3))
     if rng.random() < 0.5:
         width, height = height, width

@@ -1,4 +1,4 @@
-"""Which floor plans are worth exploring, and which a batch leaves out and why."""
+"""Which floor plans are worth exploring, and which a batch omits and why."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MAX_VERTICES = 1500
 def passes(plan: FloorPlan, plan_filter: PlanFilter) -> bool:
     """True if the filter lets a plan through.
 
-    ``useful`` leaves out single empty rooms and giants, and keeps 87 % of HouseExpo: 2-20 rooms, 20-300 m2 of
+    ``useful`` omits single empty rooms and giants, and keeps 87 % of HouseExpo: 2-20 rooms, 20-300 m2 of
     free area, at most 30 m long, at most 1,500 vertices. It concerns plans in HouseExpo's format; generated
     plans and annotated floors, which are offices and schools, always pass.
     """
@@ -51,7 +51,7 @@ class Rejection:
 
 
 class Rejections(list[Rejection]):
-    """The plans that a batch leaves out, which can be written to ``rejected.jsonl``."""
+    """The plans that a batch omits, which can be written to ``rejected.jsonl``."""
 
     def add(self, plan_id: str, error: PlanError) -> None:
         """Note that a plan was left out."""

@@ -1,4 +1,4 @@
-"""Polygons out of whatever shapely's set operations leave, their outlines, and a bound on their cost.
+"""Polygons from the results of shapely's set operations, their outlines, and a bound on their cost.
 
 What shapely makes of an outline can grow with its square: a polygon of 2,000 random points crosses itself a million
 times, and repairing it takes gigabytes; a comb of 12,000 teeth is valid, but shrinking it by the robot's radius takes

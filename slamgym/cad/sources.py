@@ -29,7 +29,7 @@ PROCEDURAL_COUNT = 10_000
 
 
 def plan_files(paths: Iterable[Path], root: Path | None = None) -> PlanIndex:
-    """Plans in HouseExpo files of their own."""
+    """Plans in separate HouseExpo files."""
     places: dict[str, Path] = {}
     for path in sorted(paths):
         refuse_second(places, path.stem, path, root or path.parent)
@@ -43,7 +43,7 @@ def generated_plans(
     count: int = PROCEDURAL_COUNT,
     name: str = "procedural",
 ) -> PlanIndex:
-    """Plans that the generator makes when they are asked for; each has a random stream of its own."""
+    """Plans that the generator makes when they are asked for; each has its own random stream."""
     ids = [f"{name}_{seed}_{index:05d}" for index in range(count)]
     config = config or PlanGeneratorConfig()
     return PlanIndex(

@@ -111,7 +111,7 @@ class Arguments(Settings):
 
 
 class _Fault(NamedTuple):
-    """What is wrong with a value, or with an inner one of it at a place such as ``[2].x``."""
+    """A fault of a value, or of an inner one of it at a place such as ``[2].x``."""
 
     must_be: str
     value: Any

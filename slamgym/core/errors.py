@@ -14,7 +14,7 @@ class SlamgymError(Exception):
     """Base class of all errors that a user can fix."""
 
     def __str__(self) -> str:
-        """The sentence in one line, whatever a file or a plan is called."""
+        """The sentence in one line, even if the name of a file or a plan has line breaks."""
         return printable(" ".join(super().__str__().splitlines()))
 
 

@@ -97,7 +97,7 @@ def open_regular(path: Path | str, limit: Limit | None = None) -> BufferedReader
         InputFileError: If it can't be read, is no regular file, or is larger than the limit.
     """
     try:
-        # A pipe that nobody writes to would block here.
+        # A pipe without a writer would block here.
         file = open(  # noqa: SIM115 - the caller closes it
             path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
         )

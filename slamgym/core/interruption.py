@@ -9,7 +9,7 @@ from typing import Any
 
 
 class Terminated(KeyboardInterrupt):
-    """SIGTERM came; whatever is done after Ctrl-C is done after this, too."""
+    """SIGTERM came; everything that is done after Ctrl-C is done after this, too."""
 
 
 class Interruption:

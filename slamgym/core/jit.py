@@ -1,6 +1,6 @@
 """One place that decides how the numeric kernels are compiled, and where they are kept.
 
-Kernels are compiled on first use and cached beside the source (or in the user's cache folder where the package
+Kernels are compiled on first use and cached next to the source (or in the user's cache folder where the package
 is read-only), so only the very first use after an installation waits for the compiler. numba itself is imported
 when the first kernel is called: help pages, and programs that call none, don't wait for it.
 """
@@ -59,7 +59,7 @@ class Kernel:
         """The function as numba compiles it."""
         import numba
 
-        # No kernel is a callback of C, which would be an entry of its own.
+        # No kernel is a callback of C, which would be a separate entry.
         jit = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
         try:
             return _prepared(jit(self._function))
@@ -79,7 +79,7 @@ class Kernel:
 def _prepared(dispatcher: Any) -> Any:
     """Change two habits of numba's dispatcher.
 
-    Kernels that call this one with a number of their own text share what is compiled for any number. An index of the
+    Kernels that call this one with a literal number share what is compiled for any number. An index of the
     cache that can't be read counts as none: numba unpickles it before it compares the source's stamp, and that of a
     former version may name classes that are gone.
     """

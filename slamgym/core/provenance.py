@@ -45,7 +45,7 @@ def check_origin(path: Path | str) -> None:
 
 
 def home_of(name: str) -> Path:
-    """Where a folder of the package lies; in a checkout, ``agents`` and ``gan`` lie beside the package."""
+    """Where a folder of the package lies; in a checkout, ``agents`` and ``gan`` lie next to the package."""
     homes = [Path(part) / name for part in slamgym.__path__]
     return next((home for home in homes if home.exists()), homes[0])
 

@@ -114,7 +114,7 @@ def download(url: str, path: Path, advance: Callable[[int, int], None] | None = 
         StorageError: If it can't be written.
     """
     with staged(path) as part, part.open("wb") as file:
-        file.writelines(_chunks(url, advance or (lambda done, total: None)))  # noqa: ARG005 - nobody looks
+        file.writelines(_chunks(url, advance or (lambda done, total: None)))  # noqa: ARG005 - no callback
 
 
 def _chunks(url: str, advance: Callable[[int, int], None]) -> Iterator[bytes]:
@@ -126,7 +126,7 @@ def _chunks(url: str, advance: Callable[[int, int], None]) -> Iterator[bytes]:
             url, headers={"User-Agent": "slamgym", "Accept-Encoding": "identity"}
         )
         with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
-            if answer.status != HTTPStatus.OK:  # a part that nobody asked for, or nothing
+            if answer.status != HTTPStatus.OK:  # a part that wasn't asked for, or nothing
                 raise DownloadError(f"{url} can't be fetched ({answer.status} {answer.reason})")
             done, total = 0, answer.length or 0
             while chunk := answer.read(_DOWNLOADED):

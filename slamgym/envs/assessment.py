@@ -106,7 +106,7 @@ class Assessment:
         return info
 
     def scene(self, log: EpisodeLog) -> Scene:
-        """What a picture of the episode shows, all in the world frame.
+        """Contents of a picture of the episode, all in the world frame.
 
         Args:
             log: The paths so far.

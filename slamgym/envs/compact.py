@@ -84,7 +84,7 @@ def _write_shares(
     tile_cols, shift = packed.shape[1], _FRACTION + _TILE_BITS
     rows, cols = MAP_TILE * packed.shape[0], MAP_TILE * tile_cols
     packed, kinds = packed.reshape(-1), kinds.reshape(-1)
-    # Positions in 1 / 2^32 of a cell, exact to the lattice whatever part of the map is given. From point to point:
+    # Positions in 1 / 2^32 of a cell, exact to the lattice for any given part of the map. From point to point:
     # (sin, -cos) to the right, (-cos, -sin) down.
     cos, sin = round(pitch * _ONE * math.cos(pose[2])), round(pitch * _ONE * math.sin(pose[2]))
     last = BLOCKS * _POINTS - 1
@@ -178,7 +178,7 @@ def pack_tiles(cells: ByteArray, box: tuple[int, int, int, int], tiles: tuple[np
 
 
 def compact_size(num_beams: int) -> int:
-    """How many numbers the observation has."""
+    """Number of values in the observation."""
     return 2 * BLOCKS * BLOCKS + min(SCAN_SECTORS, num_beams) + 2
 
 

@@ -18,7 +18,7 @@ from slamgym.planning.remaining import measure_remains
 
 SMALLEST_FRONTIER = 0.35
 """Shorter frontiers don't keep an episode going [m]: half a frontier of Explore Lite's launch file is still worth a
-visit, the pinholes that noise leaves in walls are not."""
+visit, the pinholes that noise causes in walls are not."""
 
 
 @kernel

@@ -20,7 +20,7 @@ MAP_UPDATE_INTERVAL = 2.0
 
 
 class ObservationConfig(Settings, section="observation"):
-    """What is observed, and what its map shows."""
+    """Contents of the observation and of its map."""
 
     preset: Literal["dict", "map", "compact", "compact_far"] = "dict"
     """``dict``: map, scan, pose, velocity and time in their units; ``map``: the map alone, a picture of bytes;
@@ -134,7 +134,7 @@ class ExploreConfig(
 
     @property
     def promise(self) -> Promise | None:
-        """What must be seen for an episode to terminate, if it is a promise."""
+        """Promise that must be kept for an episode to terminate, if there is one."""
         rule = self.terminate_when_explored
         return Promise.parse(rule) if isinstance(rule, str) else None
 
@@ -156,7 +156,7 @@ class ExploreConfig(
 
     @property
     def usable_range(self) -> float:
-        """How far the robot sees for the purpose of mapping [m]."""
+        """Range of the scanner that is used for mapping [m]."""
         return min(self.slam.max_usable_range, self.lidar.range_max)
 
     def for_explorer(self) -> "ExploreConfig":

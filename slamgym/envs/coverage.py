@@ -2,7 +2,7 @@
 
 The floor that counts is what a robot could be expected to see: the part of the free space that the robot's
 centre can reach from its start (the connected component of the free space, eroded by the robot's radius,
-that holds the start), dilated back by the radius and by what a disc leaves out of a square corner,
+that holds the start), dilated back by the radius and by what a disc can't fill of a square corner,
 (sqrt(2) - 1) radius, and cut to the free space. A cell of that floor is seen once a beam without noise, cast
 from the true pose and followed to the usable range, has passed through it. Coverage is the share of the
 floor's cells that were seen.
@@ -28,7 +28,7 @@ CELL = 0.1
 """Cell size of the floor [m]: the beams of one scan are at most 5 cm apart within the usable range."""
 
 CORNER = math.sqrt(2.0) - 1.0
-"""What a disc leaves out of a square corner, along its diagonal, in radii."""
+"""Part of a square corner that a disc can't fill, along its diagonal, in radii."""
 
 
 _FRACTION = 32
@@ -41,7 +41,7 @@ class ReachableFloor:
     Args:
         plan: The building.
         robot_radius: [m].
-        passages: What furniture leaves of it, where there is some.
+        passages: Passages that remain between furniture, where there is some.
     """
 
     def __init__(self, plan: FloorPlan, robot_radius: float, passages: Passages | None = None) -> None:
@@ -98,7 +98,7 @@ class ReachableFloor:
 
 
 class Coverage:
-    """What one exploration has seen so far.
+    """Floor that one exploration has seen so far.
 
     Args:
         floor: The floor that counts, from :meth:`ReachableFloor.mask`.

@@ -50,7 +50,7 @@ def fitted_env(plan: FloorPlan, env: ExploreConfig, minutes: Literal["auto"] | f
 
 
 class EpisodeConfig(Settings):
-    """How a floor plan is explored."""
+    """Settings for exploring a floor plan."""
 
     explorer: str = "rl"
     """Name of the explorer."""

@@ -267,7 +267,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     @property
     def coverage(self) -> Coverage:
-        """What was truly seen. Privileged."""
+        """Floor that was truly seen. Privileged."""
         return self.assessment.coverage
 
     def map_error(self) -> float:
@@ -275,13 +275,13 @@ class ExploreEnv(gym.Env[Any, Any]):
         return self.assessment.map_error()
 
     def scene(self) -> Scene:
-        """What a picture of this moment shows, where the steps are recorded. Privileged."""
+        """Contents of a picture of this moment, where the steps are recorded. Privileged."""
         _ = self.simulation  # raises before the first reset
         assert self.log is not None
         return self.assessment.scene(self.log)
 
     def explorer_context(self) -> ExplorerContext:
-        """What an explorer may know in advance: the robot, the scanner and the frame of the map.
+        """Knowledge that an explorer may have in advance: the robot, the scanner and the frame of the map.
 
         Raises:
             ConfigError: If the observation's map is not the global one, on which explorers plan, or the

@@ -127,7 +127,7 @@ def write_far(
         poses: The robots in their map frames, shape (N, 3) [m, m, rad].
         ids: The robots that look.
         out: Receives in the last columns of shape (N, n) for each direction 1 less the detour by it, and the length of
-            the shortest way, each as a share of the largest that is told; then where that way leaves, ahead and left.
+            the shortest way, each as a share of the largest that is told; then where that way starts, ahead and left.
     """
     begin = out.shape[1] - FAR_SIZE
     for i in ids:
@@ -160,7 +160,7 @@ def _mean_direction(nearness: Float32Array) -> tuple[float, float]:
 
 @kernel
 def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float) -> float:
-    """Length of the way to the nearest frontier that leaves in a direction [blocks]; infinite if none does."""
+    """Length of the way to the nearest frontier that starts in a direction [blocks]; infinite if none does."""
     rows, cols = blocks.shape
     best, was_frontier, is_leaving = np.inf, False, True
     for step in range(_LAST_STEP + 1):
@@ -181,10 +181,10 @@ def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float)
 
 
 class FarLook:
-    """What robots know of the ways to frontiers.
+    """Knowledge of robots about the ways to frontiers.
 
     Args:
-        count: How many robots.
+        count: Number of robots.
     """
 
     def __init__(self, count: int) -> None:

@@ -217,7 +217,7 @@ def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:
 
 
 def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: int) -> tuple[float, float]:
-    """How much the robot would turn at both ends of the path [rad]; directions are taken over so many ``steps``."""
+    """Turns of the robot at both ends of the path [rad]; directions are taken over so many ``steps``."""
     path = candidate.path
     ahead = path[min(len(path) - 1, steps)] if len(path) > steps // 2 else np.array(candidate.frontier.middle)
     first = math.remainder(math.atan2(ahead[1] - pose.y, ahead[0] - pose.x) - pose.theta, 2.0 * math.pi)

@@ -1,4 +1,4 @@
-"""What a policy sees: the robot's map, its scan, its believed pose, its measured velocity, the clock.
+"""Observations of a policy: the robot's map, its scan, its believed pose, its measured velocity, the clock.
 
 Everything here comes from the mapper, the scanner and the wheels. Nothing takes a floor plan or a true pose.
 """
@@ -175,7 +175,7 @@ def _within(values: Any, limits: Float32Array) -> Float32Array:
 
 
 class SensedStep(NamedTuple):
-    """What is observed at the end of a step."""
+    """Observations at the end of a step."""
 
     mapper: Mapper
     ranges: Float32Array  # of the scan, shape (num_beams,) [m]

@@ -23,7 +23,7 @@ from slamgym.sim.surfaces import Surfaces, furnished_surfaces, wall_surfaces
 _logger = logging.getLogger(__name__)
 
 PlansArgument = str | Path | FloorPlan | Sequence[FloorPlan] | PlanSource
-"""What ``plans`` may be: what :func:`slamgym.cad.open_plans` takes, a source of plans, or plans."""
+"""Types of ``plans``: an argument of :func:`slamgym.cad.open_plans`, a source of plans, or plans."""
 
 KEPT_SITES = 64
 """Sites kept ready. One takes some hundred kilobytes; a run on more plans rebuilds them, at some milliseconds each."""
@@ -36,7 +36,7 @@ class Streams(NamedTuple):
     """Independent sources of randomness of one episode.
 
     Each is seeded by its own draw from the environment's generator, so a setting that makes one of them draw
-    more often (more particles, say) leaves all the others as they were.
+    more often (more particles, say) doesn't change the others.
     """
 
     plan: np.random.Generator
@@ -96,7 +96,7 @@ class PreparedPlan:
 
     @cached_property
     def floor(self) -> ReachableFloor:
-        """What there is to see."""
+        """Floor that can be seen."""
         return ReachableFloor(self.plan, self._robot.radius, self.clutter.passages)
 
     def sample_start(self, rng: np.random.Generator) -> Pose2D:

@@ -27,7 +27,7 @@ class StepRecord:
     """
 
     duration: float
-    """Of the step [s]."""
+    """Duration of the step [s]."""
     time: float
     """Robot time after the step [s]."""
     distance: float
@@ -105,7 +105,7 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     """Potential-based shaping F = discount * Phi(s') - Phi(s) (Ng, Harada and Russell, ICML 1999, eq. 2).
 
     The potential is coverage - 1, minus what is left to see. It is 0 in the terminal state, as the theorem
-    demands (a complete exploration leaves nothing), so the shaped task has the same optimal policies.
+    demands (after a complete exploration nothing is left), so the shaped task has the same optimal policies.
 
     Args:
         step: The transition.
@@ -146,7 +146,7 @@ class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "expo
     """Once, at the end (:func:`completion_bonus`)."""
 
     shaping: float = 0.0
-    """Of the potential (:func:`potential_shaping`)."""
+    """Weight of the potential (:func:`potential_shaping`)."""
 
     discount: Share = 0.995
     """Gamma in the shaping; must be the learner's."""
@@ -155,7 +155,7 @@ class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "expo
 FRONTIER_REWARD = RewardConfig(
     coverage_gain=0.0, time=0.02, collision=0.01, completion=0.0, shaping=2.0, discount=1.0
 )
-"""Of ``ExploreFrontiersEnv``: a fiftieth per second, and potential-based coverage so that progress shows at once."""
+"""For ``ExploreFrontiersEnv``: a fiftieth per second, and potential-based coverage so that progress shows at once."""
 
 FUNCTIONS: dict[str, RewardFunction] = {
     "coverage_gain": coverage_gain,

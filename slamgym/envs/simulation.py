@@ -30,7 +30,7 @@ EXPECTED_ACTIONS = {
     "physical": "two numbers, the speed [m/s] and the turning rate [rad/s]",
     "discrete": "0 (ahead), 1 (turn left) or 2 (turn right)",
 }
-"""What the actions of each setting are, for the error about others."""
+"""Description of each setting's actions, for the error about other ones."""
 
 
 class Actions:
@@ -246,9 +246,9 @@ class EpisodeLog(Columns):
 
     @property
     def estimates(self) -> FloatArray:
-        """What SLAM believed at the time, shape (N, 3) [m, m, rad], map frame.
+        """Poses that SLAM believed at the time, shape (N, 3) [m, m, rad], map frame.
 
-        It is what the observations said: later corrections of the path, which ``mapper.trajectory()`` has,
+        They are those of the observations: later corrections of the path, which ``mapper.trajectory()`` has,
         are not in it.
         """
         return np.asarray(self["rows"][:, 7:])

@@ -1,6 +1,6 @@
 """Compiling the numeric kernels once after an installation, rather than in the first exploration.
 
-The kernels come in parts, each compiled by a moment of what needs it, in processes beside each other. The first three
+The kernels come in parts, each compiled by a moment of what needs it, in parallel processes. The first three
 have hardly a kernel in common; the others come after them, because they call the same ones.
 """
 
@@ -76,7 +76,7 @@ def compile_for(env: ExploreConfig, execution: Execution, is_varied: bool = Fals
 
 
 def compile_kernels(names: Collection[str], workers: int) -> None:
-    """Compile the parts of these names that aren't yet, in processes of their own, and show how far it is.
+    """Compile the parts of these names that aren't yet, in separate processes, and show the progress.
 
     Args:
         names: Of :data:`KERNEL_PARTS`.
@@ -176,7 +176,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     "furnish": (_furnish, next_clear),
     "decide": (_decide, cut_frontier_crop),
 }
-"""What compiles each part, and a kernel that it compiles at its end."""
+"""Function that compiles each part, and a kernel that it compiles at its end."""
 
 
 def _seen_from(pose: Pose2D, half: float) -> Float32Array:

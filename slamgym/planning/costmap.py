@@ -41,7 +41,7 @@ NO_INFORMATION = 255
 _COST_SCALING = 3.0
 """Exponential decay of the cost with the distance beyond the inscribed radius [1/m] (TurtleBot3 navigation)."""
 _COASTAL_COST = 252
-"""What cells out of sight of all obstacles cost: as much as those at the inscribed radius."""
+"""Cost of cells out of sight of all obstacles: as much as those at the inscribed radius."""
 _APART = 0.15
 """Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
 _KEPT = 0.3
@@ -49,7 +49,7 @@ _KEPT = 0.3
 
 
 class CostmapConfig(Settings, section="costmap"):
-    """How obstacles are inflated."""
+    """Settings for the inflation of obstacles."""
 
     inscribed_radius: Positive = 0.22
     """A robot's centre closer than this to an obstacle is a collision [m]; its radius if it is round."""

@@ -39,7 +39,7 @@ _FUTILE_GOALS = 12
 
 
 class ExplorationLoopConfig(Settings, section="loop"):
-    """How frontiers are offered and driven to."""
+    """Settings for offering frontiers and driving to them."""
 
     max_candidates: Count = 16
     """K: so many frontiers are offered at most, those with the shortest paths."""
@@ -83,7 +83,7 @@ class _Choice:
 
 @dataclass
 class _Growth:
-    """What the map has gained."""
+    """Growth of the map."""
 
     known_area: float = 0.0  # [m2]
     grown_to: float = 0.0  # known area when it last grew [m2]
@@ -99,7 +99,7 @@ class _Growth:
 
 @dataclass
 class _Progress:
-    """How near the robot has come to its target."""
+    """Progress of the robot towards its target."""
 
     target: Point = (math.inf, math.inf)
     distance: float = math.inf  # the shortest so far [m]
@@ -310,12 +310,12 @@ class ExplorationLoop:
         return OccupancyGrid(self._belief.cells.reshape(self.context.frame.shape), self.context.frame)
 
     def remains(self) -> Remains | None:
-        """What the newest map leaves open.
+        """Features of what the newest map doesn't show yet.
 
         None before the first, where the robot finds no place on it, before open space that it doesn't show, and
         while nothing is offered but the next search, with another footprint or a newer map, may find something.
         """
-        # Every search makes a list of its own.
+        # Every search makes a new list.
         if self._remains is None or self._remains[0] is not self.candidates:
             self._remains = (self.candidates, self._measure_remains())
         return self._remains[1]

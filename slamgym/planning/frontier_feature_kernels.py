@@ -74,7 +74,7 @@ def outline_frontier(points: FloatArray, places: FloatArray) -> FrontierOutline:
 
 @kernel
 def come_near(points: FloatArray, others: FloatArray, apart: float) -> bool:
-    """Whether points of two sets, shapes (N, 2) and (M, 2), are no farther apart than that by both coordinates [m]."""
+    """True if points of two sets, shapes (N, 2) and (M, 2), are no farther apart than that by both coordinates [m]."""
     for i in range(len(points)):
         for k in range(len(others)):
             if max(abs(points[i, 0] - others[k, 0]), abs(points[i, 1] - others[k, 1])) <= apart:
@@ -159,7 +159,7 @@ def explore_unknown_region(
 
 @kernel
 def _seed_unknown_region(classes: ByteArray, cells: IntArray, seen: BoolArray, queue: Int32Array) -> int:
-    """Queue the unknown cells at and beside a frontier; returns their number."""
+    """Queue the unknown cells at and next to a frontier; returns their number."""
     height, width = classes.shape
     tail = 0
     for i in range(len(cells)):

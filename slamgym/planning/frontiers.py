@@ -19,7 +19,7 @@ Point = tuple[float, float]
 _OPENING = np.ones((5, 5), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 ANY: BoolArray = np.zeros(0, dtype=np.bool_)
-"""Mask for :func:`nearest_open_cell` that leaves out no cell."""
+"""Mask for :func:`nearest_open_cell` that omits no cell."""
 
 
 @dataclass(frozen=True)

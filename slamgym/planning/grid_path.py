@@ -206,7 +206,7 @@ def tour_lengths(
 
 
 def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
-    """How far the robot would turn to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
+    """Turns of the robot to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
     dx, dy = (places - np.array(pose[:2])).T
     bearings = np.array([math.atan2(*one) for one in zip(dy, dx, strict=True)])
     turns = np.abs(np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi)

@@ -13,7 +13,7 @@ UInt64Array = NDArray[np.uint64]
 _SQRT2 = np.float32(1.4142135)
 
 EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
-"""Cells wanted of a search that goes on as far as it can."""
+"""Cells wanted of a search that continues as far as it can."""
 
 
 # An entry of the heap is one number: the bits of its key, a positive float32, above those of its cell. Such bits are

@@ -34,7 +34,7 @@ _STOP = Twist2D(0.0, 0.0)
 
 
 class GoalStatus(enum.Enum):
-    """What became of a goal."""
+    """Status of a goal."""
 
     IDLE = "no goal"
     ACTIVE = "driving"
@@ -64,11 +64,11 @@ _STUCK_TIME = 4.0
 _STUCK_DISTANCE = 0.1
 """Moving less than this is standing still [m], which errors of the pose may be; turning on the spot is moving."""
 _BARRIER_GAP = 0.1
-"""What the robot couldn't pass is taken to be so far ahead of its body [m]."""
+"""Assumed distance from the robot's body to an obstacle that it couldn't pass [m]."""
 _SEEN_NEAR = 1.5
 """The costmap takes over what the scan shows within this distance [m]: what matters for the next seconds."""
 _VIEWS_KEPT = 10
-"""So many trusted scans overrule the map: each is raytraced anew for every costmap."""
+"""So many trusted scans overrule the map: each is raytraced again for every costmap."""
 _BACK_UP, _BACK_UP_SPEED = 0.2, 0.1
 """Distance [m] and speed [m/s] of the backward recovery: less than a body, for the scanner doesn't look there."""
 _RECOVERIES = ("back up", "turn", "back up")
@@ -76,7 +76,7 @@ _RECOVERIES = ("back up", "turn", "back up")
 
 
 class NavigatorConfig(Settings, section="navigator"):
-    """How the navigation stack behaves."""
+    """Settings of the navigation stack."""
 
     progress_time: float = 25.0
     """Without coming nearer along the path for so long the robot recovers, moving or not [s]."""
@@ -103,7 +103,7 @@ class _Leg:
 
 @lru_cache(maxsize=16)
 def _inflation(radius: float) -> CostmapConfig:
-    """How obstacles are inflated for a robot of some radius [m].
+    """Inflation of obstacles for a robot of some radius [m].
 
     Paths keep within sight of walls, which a scanner of short range needs to localise the robot.
     """

@@ -23,15 +23,15 @@ _TURN_GAIN = 2.5
 _CLEARANCE = 0.03
 """Kept between the robot's body and what the scanner sees [m]: three standard deviations of its noise."""
 _SQUEEZE_SPEED = 0.1
-"""Speed in a gap that leaves less than the clearance [m/s]."""
+"""Speed in a gap that is too narrow for the clearance [m/s]."""
 _HORIZON = 1.2
-"""How far ahead arcs are checked against the scan [s]: the robot comes to rest within it."""
+"""Time ahead for which arcs are checked against the scan [s]: the robot comes to rest within it."""
 _SEARCHED = 40
 """So many points of the path, one a cell, are searched for the one nearest to the robot: it drives one in a step."""
 
 
 class FollowerConfig(Settings, section="follower"):
-    """How a path is followed."""
+    """Settings for following a path."""
 
     turn_in_place: float = 0.9
     """A heading error above this is corrected by a turn on the spot [rad]."""

@@ -31,7 +31,7 @@ door, which the estimate gives a few square metres, may hide a wing."""
 
 LARGEST_CALIBRATED = 300.0
 """The limits are calibrated on plans of up to this area [m2]. In larger buildings nothing is promised and an
-exploration goes on to its end: of 14 offices and schools with loops of more than 900 m2 six kept `98%:95%`, twelve
+exploration continues to its end: of 14 offices and schools with loops of more than 900 m2 six kept `98%:95%`, twelve
 without a promise."""
 
 _SAME_FRONTIER = 0.3
@@ -41,7 +41,7 @@ _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\
 
 
 class Promise(Settings, section="promise"):
-    """What is promised when *done* is said; written ``98%:95%``, or ``2m2:90%``."""
+    """A promise that holds when *done* is said; written ``98%:95%``, or ``2m2:90%``."""
 
     seen: Annotated[float, Within(gt=0.0, lt=1.0)] | None = 0.98
     """At least this share of the floor that the robot can get to has been seen."""
@@ -158,7 +158,7 @@ def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatAr
     """Expected unseen floor behind frontiers, shape (N,) [m2]; inf where none was measured.
 
     Args:
-        remains: What the map leaves open.
+        remains: What the map doesn't show yet.
         frontiers: Points of each, shape (M, 2) [m].
     """
     expected = np.full(len(frontiers), np.inf)

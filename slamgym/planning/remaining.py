@@ -1,4 +1,4 @@
-"""What the map says about the floor that is still unseen: features of each frontier, and of the whole.
+"""Estimates from the map about the floor that is still unseen: features of each frontier, and of the whole.
 
 Frontiers are searched as the last attempts of an exploration would find them: short ones too, and those behind doors
 that the map draws too narrow. Rooms that the map cuts off count as closed area.
@@ -26,9 +26,9 @@ FRONTIER_FEATURES = (
     "size", "extent", "gain", "near", "far", "outside", "enclosed", "free_border", "wall_border",
     "others", "opening", "offered", "in_reach",
 )  # fmt: skip
-"""What is measured of each frontier; ``opening`` is the widest distance from walls in it."""
+"""Features of each frontier; ``opening`` is the widest distance from walls in it."""
 WHOLE_FEATURES = ("known_area", "closed_area", "attempts", "frontiers", "left_out")
-"""What is measured of the whole map."""
+"""Features of the whole map."""
 
 _SHORTEST = 0.15
 """Shorter frontiers are noise [m]."""
@@ -60,7 +60,7 @@ def measure_remains(
     offered: Sequence[Point] = (),
     attempts: int = 0,
 ) -> Remains | None:
-    """Measure what a map leaves open; None where the robot finds no place for itself on it.
+    """Measure what a map doesn't show yet; None where the robot finds no place for itself on it.
 
     Args:
         grid: The map.

@@ -1,4 +1,4 @@
-"""What the map doesn't show: obstacles that stop the robot, and open space from which no beam returns.
+"""Things that the map doesn't show: obstacles that stop the robot, and open space from which no beam returns.
 
 A map is cleared along a beam without return only as far as the returns next to it vouch for it, because behind a
 window or a dark wall there is nothing to see either. A robot that stands in a doorway sees both posts and, of a hall
@@ -16,9 +16,9 @@ from slamgym.planning.costmap import LETHAL_COST, Costmap, cells_inside, mark_ob
 _MEMORY = 10.0
 """Obstacles that only the scan showed are kept for so long [s]: people walk on."""
 _HALF_WIDTH = 0.5
-"""What the robot couldn't pass is taken to reach so far to either side [m]: a door leaf or pane is about 1 m wide."""
+"""Assumed half width of an obstacle that the robot couldn't pass [m]: a door leaf or pane is about 1 m wide."""
 _TOUCHED = 0.4
-"""What stands so near to the body of a robot that gave up is what stopped it [m]."""
+"""Distance from the body of a robot that gave up within which an obstacle is taken to have stopped it [m]."""
 
 _REACH = 1.0
 """So far from the sensor space without a return is taken for free, if it must be [m]."""
@@ -31,7 +31,7 @@ _UNMAPPED = 0.5
 
 
 class MapCorrections:
-    """What the map doesn't show: obstacles for some seconds or for the rest of the exploration, and open space.
+    """Things that the map doesn't show: obstacles for some seconds or for the rest of the exploration, and open space.
 
     Points are in the frame of the map [m].
 
@@ -132,7 +132,7 @@ def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry)
 
 
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
-    """True if a map leaves most of some open space, points (N, 2) [m], unknown."""
+    """True if most of some open space, points (N, 2) [m], is unknown in a map."""
     row, col, _ = cells_inside(grid.frame, points)
     return bool(np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points))
 

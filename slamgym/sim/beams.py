@@ -45,7 +45,7 @@ _FLATTEST = 0.2
 # Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area.
 _TO_DEVIATION = 1.0 / 0.385
 
-# The least that scatter leaves of an echo, but for draws below so many standard deviations.
+# The weakest echo that scatter produces, except for draws below so many standard deviations.
 _LEAST_NORMAL = -6.0
 _WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
 

@@ -29,7 +29,7 @@ _DOOR_ROOM = 0.45
 _PLACES = 3
 _HINGES = 3
 
-# Furniture leaves the passages this much wider than the robot on either side: a hand's breadth [m].
+# Furniture keeps the passages this much wider than the robot on either side: a hand's breadth [m].
 _PASSAGE = 0.1
 
 # People walk at least this far from walls [m], and at these speeds: unhurried indoors to brisk [m/s].
@@ -98,7 +98,7 @@ class Clutter:
     """Where the middle of a person may be."""
 
     passages: Passages | None = None
-    """Where a disc can go, whatever stands in whichever of its places; None without any clutter."""
+    """Where a disc can go, in whichever place each piece stands; None without any clutter."""
 
     cut_off: tuple[str, ...] = ()
     """Rooms that the robot could enter if they were empty: behind a closed door, or too small for what is in them."""
@@ -196,7 +196,7 @@ class Changes:
         return moved
 
     def _is_away(self, index: int, place: int, discs: FloatArray) -> bool:
-        """True if nobody is on the way of a piece: in the box about its old and its new place."""
+        """True if no person is on the way of a piece: in the box about its old and its new place."""
         points = np.vstack([self._rows[self._slices[index]], self._places[index][place]]).reshape(-1, 2)
         low, high = points.min(axis=0), points.max(axis=0)
         gap = discs[:, :2] - np.clip(discs[:, :2], low, high)
@@ -228,7 +228,7 @@ def make_clutter(
     walking = PERSON_RADIUS + _WALKING_GAP
     passages = Passages(plan, max(radius + _PASSAGE, walking) + 0.01)
     rooms, labels = room_areas(plan, passages, rng)
-    # Furniture leaves all parts connected, so only closed doors ask for more than a look at what it covers.
+    # Furniture keeps all parts connected, so only closed doors ask for more than a look at what it covers.
     reach = passages.largest_part if config.cut_off else passages.fits
     before = _rooms_with(labels, reach(radius))
     leaves: list[list[FloatArray]] = []
@@ -309,7 +309,7 @@ def _cuts_off(passages: Passages, leaf: FloatArray, radius: float) -> bool:
 
 
 def _surroundings(door: "Door") -> FloatArray:
-    """A door with the room that furniture leaves to either side of it."""
+    """A door with the space that furniture keeps free on either side of it."""
     (x0, y0), (x1, y1) = door.start, door.end
     ux, uy = (x1 - x0) / door.width, (y1 - y0) / door.width
     return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, 0.5 * door.width + _DOOR_ROOM, _DOOR_ROOM])
@@ -344,7 +344,7 @@ def _place_pieces(
 def _populate(
     passages: Passages, radius: float, config: ClutterConfig, rng: np.random.Generator
 ) -> tuple[tuple[Person, ...], Walkable | None]:
-    """People on the largest part of the floor where one can walk; nobody where nobody fits."""
+    """People on the largest part of the floor where one can walk; none where no one fits."""
     if config.people == 0:
         return (), None
     cells = passages.largest_part(radius)

@@ -80,7 +80,7 @@ class ContactSolver:
             wish: Velocity that the drive asks for.
 
         Returns:
-            The velocity that contact leaves of the wish, and the slow push that ends an overlap of the skin.
+            The part of the wished velocity that contact allows, and the slow push that ends an overlap of the skin.
             The body moves by the sum of both.
         """
         body, (mass, moment) = self._body, self._inertia
@@ -170,7 +170,7 @@ def solve_disc(
         wish: Velocity that the drive asks for.
 
     Returns:
-        The velocity that contact leaves of the wish, and the slow push that ends an overlap of the skin.
+        The part of the wished velocity that contact allows, and the slow push that ends an overlap of the skin.
     """
     marks, push, radius = contacts.marks[i], contacts.push[i], disc.radius
     pairs, impulses, stamps = contacts.pairs[i], contacts.impulses[i], contacts.stamps[i]

@@ -57,7 +57,7 @@ def furnish(
     """Put into a room what belongs there and what there is room for.
 
     Args:
-        passages: The building as it has been filled so far; goes on.
+        passages: The building as it has been filled so far; is filled further.
         room: The room.
         wish: How much.
         rng: Draws what there is and where it goes.

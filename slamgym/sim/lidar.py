@@ -81,7 +81,7 @@ class LidarConfig(Settings, section="lidar"):
 
     bias: NonNegative = 1.0
     """The part of the error that stays the same at a place, as a multiple of the standard deviation. The data
-    sheet's accuracy of 15 mm and 5 % holds both parts: beside the precision 11 mm and 3.6 % are left."""
+    sheet's accuracy of 15 mm and 5 % holds both parts: without the precision 11 mm and 3.6 % are left."""
 
     beam_width_deg: NonNegative = 0.3
     """Width of a beam's footprint; over an edge it measures a range in between [deg]."""

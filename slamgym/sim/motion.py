@@ -30,7 +30,7 @@ NO_TIME = 1e-9
 # Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
 _SUBSTEP_TIME = 0.03
 
-# A velocity changed by less than this was not changed by contact [m/s, rad/s]: what the iterative solver leaves.
+# A velocity changed by less than this was not changed by contact [m/s, rad/s]: the iterative solver's residual.
 _CONTACT_TOLERANCE = 1e-4
 
 
@@ -115,7 +115,7 @@ def drive_freely(
 ) -> float:
     """Drive towards a target velocity for as long as nothing can be touched.
 
-    The free distance in any direction is the clearance less the body's radius; the drive goes on for as long as it
+    The free distance in any direction is the clearance less the body's radius; the drive continues for as long as it
     can't use that distance up, then looks again (conservative advancement). In open space one look covers the
     whole step.
 
@@ -187,7 +187,7 @@ def settle(
     Args:
         state: Drive state, updated in place.
         drive: The drive's motion had nothing been in the way: :func:`wished`.
-        solved: The velocity that contact leaves of that, and the push that ends an overlap of the skin.
+        solved: The part of that velocity that contact allows, and the push that ends an overlap of the skin.
         limits: As for :func:`drive_freely`.
         span: Duration [s].
         radius: Of the body without its skin [m].
@@ -202,7 +202,7 @@ def settle(
     wish = (drive[0] / span, drive[1] / span, drive[4])
     change = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
     contact = change > _CONTACT_TOLERANCE
-    # Cut to what the skin allows, whatever the solver returns.
+    # Cut to what the skin allows, even if the solver returns more.
     dx, dy, turn = (left[0] + push[0]) * span, (left[1] + push[1]) * span, (left[2] + push[2]) * span
     distance = math.hypot(dx, dy)
     if distance > SKIN:

@@ -60,7 +60,7 @@ class Passages:
         return self._boxes[: self._count]
 
     def first_fit(self, boxes: FloatArray, radii: FloatArray, *, reserve: bool = True) -> int:
-        """Place the first of some boxes that overlaps nothing and leaves discs of all radii their ways.
+        """Place the first of some boxes that overlaps nothing and doesn't block the ways of discs of any radius.
 
         Args:
             boxes: Candidates, shape (N, 6).
@@ -120,7 +120,7 @@ class Passages:
         self._count += 1
 
     def block(self, box: FloatArray) -> None:
-        """Put an obstacle somewhere, whatever it cuts off."""
+        """Put an obstacle somewhere, even if it cuts something off."""
         rows, cols = self._surroundings(box)
         _draw_box(self.clearance[rows, cols], rows.start, cols.start, *self.origin, box)
 

@@ -134,7 +134,7 @@ class Crowd:
         there: tuple[float, float],
         robot: tuple[float, float, float],
     ) -> bool:
-        """True if nobody is too near to a place; stepping back from somebody near is always free."""
+        """True if no one is too near to a place; stepping back from someone near is always free."""
         others = [tuple(disc) for other, disc in enumerate(self.discs.tolist()) if other != index]
         for x, y, radius in (robot, *others):
             distance = math.hypot(x - there[0], y - there[1])

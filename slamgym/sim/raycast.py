@@ -2,7 +2,7 @@
 
 Instead of testing every beam against every wall, each wall is asked which beams can meet it: its two end
 points span an interval of bearings, and a scanner's beams are evenly spaced, so the beams inside come from
-one division. A beam is then tested against a handful of walls whatever the number of walls, and each test is
+one division. A beam is then tested against a handful of walls for any number of walls, and each test is
 one exact ray/line intersection. Walls beyond the sensor's range are dropped before their bearings are
 computed.
 """

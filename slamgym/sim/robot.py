@@ -6,7 +6,7 @@ WHEEL_RADIUS = 0.033
 """[m]; with the encoder's resolution it gives the length of a tick."""
 
 ROBOT_MASS = 1.8
-"""[kg]; a disc that slides without friction moves the same whatever it weighs."""
+"""[kg]; a disc that slides without friction moves the same with any weight."""
 
 
 class RobotConfig(

@@ -2,7 +2,7 @@
 
 A step has two regimes that share one motion model (:mod:`slamgym.sim.motion`). Away from everything the
 robot follows the exact arc, which costs a microsecond. Within a centimetre of touching something, pymunk
-takes over in substeps of a few millimetres and decides what contact leaves of the commanded motion. Where
+takes over in substeps of a few millimetres and decides how much of the commanded motion contact allows. Where
 there is no contact, both give the same motion. Last, every substep is checked against the obstacles, and one
 that would put the body into an obstacle is not carried out: no speed, time step or corner lets the robot
 through a wall.
@@ -247,7 +247,7 @@ class World:
         return bool(contact)
 
     def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:
-        """The velocity that contact leaves of a wish, and the push that ends an overlap of the skin."""
+        """The part of a wished velocity that contact allows, and the push that ends an overlap of the skin."""
         if self._solver is None:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
             self._solver.place_people(self._discs)

@@ -167,7 +167,7 @@ def furnished_surfaces(walls: Surfaces, furniture: FloatArray, config: SurfaceCo
         return walls
     begins = np.ones(len(furniture), np.bool_)
     begins[1:] = (furniture[:-1, 2:] != furniture[1:, :2]).any(axis=1)
-    # Its own stream: moving a chair leaves the walls as they are.
+    # Its own stream: moving a chair doesn't change the walls.
     draws = np.random.default_rng([walls.seed, 1]).random((int(begins.sum()), 2)).tolist()
     by_piece = np.array([_echo(strength) if draw < config.dark else 1.0 for draw, strength in draws])
     echoes = by_piece[np.cumsum(begins) - 1]

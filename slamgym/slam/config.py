@@ -16,7 +16,7 @@ MANY_BEAMS = 540
 
 
 class MotionNoise(Settings, section="slam.motion"):
-    """How far odometry is trusted: standard deviations per odometry increment, as GMapping's motion model.
+    """Trust in the odometry: standard deviations per odometry increment, as GMapping's motion model.
 
     The defaults are the launch values of TurtleBot3's GMapping, which are GMapping's own.
     """
@@ -66,7 +66,7 @@ class PoseGraphConfig(
     """Only nodes that lie further back than this along the graph make a loop [m]."""
 
     final_passes: int = 0
-    """How often, at the end, all nodes are matched with their neighbours once more: good for scanners that see across
+    """Number of final passes that match all nodes with their neighbours once more: good for scanners that see across
     rooms (see :meth:`slamgym.slam.SlamConfig.for_log`)."""
 
 
@@ -96,11 +96,11 @@ class LocalizationConfig(
         "certain_weight": 0.95,
     },
 ):
-    """How a robot finds itself on a map, named after AMCL's parameters where it has them.
+    """Settings for localising a robot on a map, named after AMCL's parameters where it has them.
 
     The sensor model is the likelihood field of Thrun, Burgard and Fox (*Probabilistic Robotics*, 2005, Table 6.3),
     the filter their Monte Carlo localisation (Tables 8.2 and 8.3), the number of particles KLD-sampling's (Table
-    8.4; Fox 2003). Several hypotheses are kept apart, each with particles of its own (Vermaak, Doucet and Perez
+    8.4; Fox 2003). Several hypotheses are kept apart, each with its own particles (Vermaak, Doucet and Perez
     2003), so that chance kills none of them.
     """
 
@@ -143,7 +143,7 @@ class SlamConfig(
         "likelihood_gain": 3.0,
     },
 ):
-    """How the map is made.
+    """Settings for making the map.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),
     except for the number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand
@@ -175,7 +175,7 @@ class SlamConfig(
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
 
     iterations: CountOrZero = 5
-    """How often GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
+    """Number of times that GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
 
     beam_skip: CountOrZero = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
@@ -198,7 +198,7 @@ class SlamConfig(
     all of it scatters particles that see little. GMapping's: 1."""
 
     learn_odometry: bool = True
-    """Whether systematic and random errors of the odometry are learned from the matches
+    """True if systematic and random errors of the odometry are learned from the matches
     (:class:`slamgym.slam.odometry_calibration.OdometryCalibration`); else ``motion`` stands, as in GMapping."""
 
     linear_update: float = 1.0
@@ -234,7 +234,7 @@ class SlamConfig(
     margins bear on the map that is saved, not on the one that is driven by: its shades say more."""
 
     no_return: Literal["clear", "ignore"] = "clear"
-    """What a beam without return says. ``clear``: its ray is free up to the line between the returns beside
+    """Meaning of a beam without return. ``clear``: its ray is free up to the line between the returns next to
     the gap, or up to the usable range where the gap is half a turn wide, as in the middle of a large room.
     ``ignore``: nothing, as stock slam_gmapping; then the middle of a room larger than the range stays unknown
     for ever and exploration never ends there. Use it for logs whose missing returns may be errors."""
@@ -264,7 +264,7 @@ class SlamConfig(
 
     @staticmethod
     def for_log(max_range: float, num_beams: int) -> "SlamConfig":
-        """Settings for a recorded log: whatever its scanner, a scan is processed every 0.1 m and 0.1 rad.
+        """Settings for a recorded log: with any scanner, a scan is processed every 0.1 m and 0.1 rad.
 
         Args:
             max_range: Largest range the scanner reports [m].

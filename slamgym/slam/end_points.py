@@ -1,4 +1,4 @@
-"""What a scan is to the matcher: end points and the surface's direction at each, as numba kernels."""
+"""Form of a scan for the matcher: end points and the surface's direction at each, as numba kernels."""
 
 import math
 
@@ -48,7 +48,7 @@ def farthest(points: FloatArray) -> float:
 
 @kernel
 def surface_normals(points: FloatArray, out: FloatArray) -> None:
-    """Unit normals of the surface at each end point, from the points beside it; zero where it isn't straight.
+    """Unit normals of the surface at each end point, from the points next to it; zero where it isn't straight.
 
     Args:
         points: (n, 2) end points in the order of the beams [m].

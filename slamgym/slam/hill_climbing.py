@@ -35,7 +35,7 @@ COORDINATE_BITS = 20
 
 
 class MatchSettings(NamedTuple):
-    """What the kernels need to know of :class:`slamgym.slam.config.SlamConfig`, in cells."""
+    """Settings from :class:`slamgym.slam.config.SlamConfig` that the kernels need, in cells."""
 
     gain: float  # 1 / sigma [1/cells^2]
     likelihood_gain: float  # 1 / likelihood sigma [1/cells^2]
@@ -66,7 +66,7 @@ class Prior(NamedTuple):
 
 
 class NearMeans(NamedTuple):
-    """What one climb after the other remembers of the map that it looks at."""
+    """Cached values of the map that one climb after the other looks at."""
 
     slots: IntArray
     """(SLOTS_ACROSS * SLOTS_ACROSS, 2): number of a cell (map, v and u, COORDINATE_BITS each), and where its
@@ -206,7 +206,7 @@ def score(
 
 @kernel
 def prior_cost(prior: Prior, pose: CellPose) -> float:
-    """What it costs to leave the predicted pose, in units of the score."""
+    """Cost of a deviation from the predicted pose, in units of the score."""
     du, dv, turn = pose.u - prior.pose.u, pose.v - prior.pose.v, pose.theta - prior.pose.theta
     return 0.5 * (prior.stiffness * (du * du + dv * dv) + prior.turn_stiffness * turn * turn)
 

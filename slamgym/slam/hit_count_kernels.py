@@ -30,7 +30,7 @@ _WIDEST_GAP = math.radians(90.0)
 
 
 class BeamTable(NamedTuple):
-    """What the kernels need to know of a scanner."""
+    """Properties of a scanner that the kernels need."""
 
     directions: FloatArray  # (num_beams, 2) unit vectors of the beams in the robot frame
     mount: FloatArray  # (2,) sensor position in the robot frame [m]
@@ -57,7 +57,7 @@ class BeamTable(NamedTuple):
 
 @kernel
 def drawn_lengths(ranges: Float32Array, beams: BeamTable, out: FloatArray) -> None:
-    """How far each beam of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
+    """Length to which each beam of a scan is drawn [m]; 0 for a beam that is left out, and at most ``usable``.
 
     A beam that returned from within ``usable`` is a hit. A longer one is cut and clears only; so does a beam
     without return (``+inf``) if ``no_return_clears``, as far as :func:`_open_length` says. nan, ``-inf`` and
@@ -68,7 +68,7 @@ def drawn_lengths(ranges: Float32Array, beams: BeamTable, out: FloatArray) -> No
         beams: The scanner.
         out: Receives the lengths, shape (num_beams,) [m].
     """
-    low, high, num_beams = -1, 0, len(ranges)  # the returns beside a gap
+    low, high, num_beams = -1, 0, len(ranges)  # the returns next to a gap
     for i in range(num_beams):
         r = ranges[i]
         if r >= beams.range_max:
@@ -88,7 +88,7 @@ def drawn_lengths(ranges: Float32Array, beams: BeamTable, out: FloatArray) -> No
 
 @kernel
 def _open_length(ranges: Float32Array, i: int, low: int, high: int, beams: BeamTable) -> float:
-    """How far a beam without return is taken for free [m]: up to the line between the returns beside its gap.
+    """Length to which a beam without return is taken as free [m]: up to the line between the returns next to its gap.
 
     Behind that line may be a window, a mirror or a dark wall as well as open space. Open to the usable range is a
     gap that no two returns bound from either side: half a turn or more, or one that reaches the end of the scan and

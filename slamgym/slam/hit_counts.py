@@ -23,7 +23,7 @@ BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
 
 KNOWN_COUNT = 10
-"""What a cell of an older map counts, in beams: a wall that is gone takes some thirty beams, a new one four."""
+"""Weight of a cell of an older map, in beams: a wall that is gone takes some thirty beams, a new one four."""
 
 
 class HitCountMap:

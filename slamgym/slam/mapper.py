@@ -29,7 +29,7 @@ from slamgym.slam.motion_model import OdometryGate, update_thresholds
 
 @dataclass
 class SlamStats:
-    """What the mapper did so far."""
+    """Statistics of the mapper so far."""
 
     scans: int = 0
     """Scans received."""
@@ -44,13 +44,13 @@ class SlamStats:
     """Scans that fitted poorly where odometry led, and were found by a wider search."""
 
     doubtful: list[float] = field(default_factory=list)
-    """Times of the scans that fitted poorly whatever was tried [s]: the path may be wrong there."""
+    """Times of the scans that fitted poorly in every attempt [s]: the path may be wrong there."""
 
     last_stamp: float = -math.inf
     """Time of the last processed scan [s]."""
 
     resamplings: int = 0
-    """How often the particles were resampled."""
+    """Number of times that the particles were resampled."""
 
     cpu_seconds: float = 0.0
     """CPU time of all updates, without the drawing of maps on request [s]."""
@@ -152,7 +152,7 @@ class Mapper(ABC):
         """Improve map and path once the log is complete; to be called after the last scan."""
 
     def report(self) -> Mapping[str, Any]:
-        """What this mode adds to a summary, e.g. its loop closures."""
+        """Entries that this mode adds to a summary, e.g. its loop closures."""
         return {}
 
     def particle_paths(self, most: int) -> list[FloatArray]:

@@ -31,7 +31,7 @@ the surface [cells], weight, information, and pull. Unsigned, for such an index 
 end."""
 TOGETHER = 8
 """Processors take up to so many points at once, and those left over one by one: places up to the next multiple are
-computed, too, whatever they hold."""
+computed, too, with any content."""
 NOTHING = 1e9
 """Squared distance where the neighbourhood is empty [cells^2]."""
 SQUARE_WIDTH = 0.15
@@ -149,7 +149,7 @@ def average_means(block: Block, count: int) -> None:
 
 @kernel
 def weigh(block: Block, count: int, gain: float) -> None:
-    """What the first points of a block bind and where they pull: WEIGHT to PULL_T; ``gain`` in 1/cells^2."""
+    """Compute what the first points of a block bind and where they pull: WEIGHT to PULL_T; ``gain`` in 1/cells^2."""
     rows = block.rows
     for j in range(_filled_up(count)):
         # Where the series is meant, all points may take it at once, also those that nothing is near.

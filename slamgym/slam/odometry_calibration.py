@@ -1,4 +1,4 @@
-"""What a robot learns about its wheels while it drives: systematic errors of the odometry, and how far to trust it.
+"""Calibration of the wheels while a robot drives: systematic errors of the odometry, and how far to trust it.
 
 Scan matching tells how the robot moved between processed scans, except where there is little to match. What the
 odometry said of the same stretch differs by systematic errors, which are regressed on the distance driven and the
@@ -29,7 +29,7 @@ SLIP_DISTANCE, SLIP_DRIFT, SLIP_TURN = 0.02, 0.015, 0.03
 WINDOW_METRES, WINDOW_RADIANS = 0.5, 0.5
 """A stretch this long or with so much turning is compared: matches err by a few millimetres at either end."""
 PRIOR_STRETCHES = 4.0
-"""What the sizes of the random errors count before anything is learned, in stretches."""
+"""Weight of the random errors' sizes before anything is learned, in stretches."""
 MEMORY_STRETCHES = 60.0
 """Older stretches are forgotten: floors and loads change."""
 OUTLIER = 9.0
@@ -95,7 +95,7 @@ class OdometryCalibration:
         return max(0.0, 1.0 - SIGNIFICANT * min(max(truth, 0.0), 1.0) / max(squared, 1e-9))
 
     def spread(self, increments: FloatArray) -> MotionSpread:
-        """How far a motion by odometry may be off once it is corrected.
+        """Uncertainty of a motion by odometry once it is corrected.
 
         Args:
             increments: (steps, 3) in the robot frame.

@@ -1,6 +1,6 @@
 """GMapping's Rao-Blackwellised particle filter (Grisetti, Stachniss and Burgard, T-RO 23(1), 2007).
 
-Each particle carries a path and a map of its own. A processed scan moves every particle by odometry with
+Each particle carries its own path and map. A processed scan moves every particle by odometry with
 noise, then to the best match with its own map; the match's likelihood weighs it, and when few particles hold
 most of the weight they are resampled.
 """
@@ -60,7 +60,7 @@ RELIABLE_SHARE, RELIABLE_METRES, RELIABLE_RADIANS = 0.5, 0.02, 0.01
 """The odometry is compared with matches of which so much fits, and whose deviation along the heading [m] and in it
 [rad] is no more."""
 MATCH_MARGIN = 1.5
-"""How far round the scan's end points the maps are made ready [m]; a match that strays further finds nothing."""
+"""Margin round the scan's end points where the maps are made ready [m]; a match that strays further finds nothing."""
 
 
 def match_settings(config: SlamConfig) -> MatchSettings:
@@ -184,7 +184,7 @@ class ParticleFilter(Mapper):
         return self._end_points[: usable_end_points(ranges, plain(self._beams), usable, self._end_points)]
 
     def _predict(self, increments: FloatArray) -> tuple[float, float]:
-        """Move the particles by odometry; returns the variances of position and heading that it leaves."""
+        """Move the particles by odometry; returns the variances of position and heading that result."""
         count = len(self._poses)
         rbpf = self._config.mode == "rbpf"
         if self._calibration is None:
@@ -201,7 +201,7 @@ class ParticleFilter(Mapper):
         return spread.distance + POSITION_FLOOR**2, spread.heading + HEADING_FLOOR**2
 
     def _align_freely(self, pose: FloatArray, points: FloatArray, particle: int = 0) -> FloatArray:
-        """What the scan alone says from a pose on: pose, score, binding; see :func:`align_freely`."""
+        """Alignment by the scan alone from a pose on: pose, score, binding; see :func:`align_freely`."""
         free = np.empty(10)
         align_freely(plain(self._maps.tile_maps), particle, pose, points, self._match_settings, free)
         return free

@@ -27,12 +27,12 @@ from slamgym.slam.modes import make_mapper
 from slamgym.slam.motion_model import poses_between
 
 OnScan = Callable[[int, Mapper, bool], None]
-"""What is called after each scan with its index, the mapper, and true if the scan was processed."""
+"""Function that is called after each scan with its index, the mapper, and true if the scan was processed."""
 
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """What came out of a log."""
+    """Result of a log."""
 
     grid: OccupancyGrid
     processed: Trajectory
@@ -44,13 +44,13 @@ class ReplayResult:
     doubtful: BoolArray
     """True where the last processed scan before each scan fits poorly, shape (N,): the pose may be wrong there."""
     covariances: FloatArray
-    """What the mapper said then of that scan's pose, shape (N, 3, 3); zero where it doesn't know."""
+    """Covariances of the scans' poses by the mapper at the time, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats
     wall_seconds: float
     peak_memory_bytes: int
-    """Of the whole process."""
+    """Peak memory of the whole process."""
     extra: Mapping[str, Any] = field(default_factory=dict)
-    """What else the mapper reports, e.g. its loop closures."""
+    """Other entries that the mapper reports, e.g. its loop closures."""
 
 
 class OlderMap(NamedTuple):

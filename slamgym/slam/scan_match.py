@@ -69,7 +69,7 @@ class Match(NamedTuple):
     score: float  # GMapping's, over the points taken
     log_likelihood: float  # GMapping's, over the points taken
     binding: tuple[float, float, float, float, float, float]
-    """What the points bind: uu, uv, vv, ut, vt, tt of [[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]."""
+    """Normal matrix of the points: uu, uv, vv, ut, vt, tt of [[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]."""
 
 
 @kernel

@@ -28,7 +28,7 @@ EMPTY = 0
 MAX_COUNT = 65535
 BYTES_PER_TILE = TILE * TILE * 4 * 2 + 8
 MEAN_U, MEAN_V, COUNT, NEIGHBOURS = 0, 1, 2, 3
-"""What the four numbers of a cell are."""
+"""Indices of the four numbers of a cell."""
 MEAN_UNITS = 65536.0
 """Units of a mean per cell."""
 

@@ -1,4 +1,4 @@
-"""How far the newest pose of a path may be off, seen from where the path began.
+"""Uncertainty of the newest pose of a path, seen from where the path began.
 
 Between nodes the uncertainty grows: by that of the match with the map drawn so far, or by the odometry's where there
 was nothing to match. Where the robot comes back to a place and a loop is closed, the match ties it to the node
@@ -22,19 +22,19 @@ from slamgym.slam.columns import Columns
 
 _IDENTITY = np.eye(3)
 POINT_INFORMATION = 50_000.0
-"""Of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
+"""Information of a point across the surface that it lies on, in an edge of the graph [1/m^2]: 4.5 mm."""
 ODOMETRY_FLOOR = (0.005, 0.005, 0.002)
 """Odometry between two nodes is never trusted further than this [m], [m], [rad]."""
 NODE_METRES, NODE_RADIANS = 0.5, 0.2
 """A pose becomes a node after so much driving [m], or so much turning [rad]."""
 STEP_FLOOR = (0.006, 0.006, 0.002)
-"""What each node adds to the path's uncertainty at least: chosen on twenty simulated homes so that NEES is about 3."""
+"""Least uncertainty that each node adds to the path: chosen on twenty simulated homes so that NEES is about 3."""
 REVISIT_METRES, REVISIT_DRIVEN = 0.5, 5.0
 """A filter is back at a node this near, seen so much driving ago [m] ..."""
 REVISIT_SIGMA = 0.3
 """... if its position has grown no more uncertain since [m]: beyond it may have drawn the old walls a second time."""
 REVISIT_FLOOR = (0.03, 0.03, 0.008)
-"""How far the two poses are off then at least [m], [m], [rad]: in fourteen simulated homes 3 cm and 8 mrad with true
+"""Least error between the two poses then [m], [m], [rad]: in fourteen simulated homes 3 cm and 8 mrad with true
 odometry, 5 cm and 12 mrad with wheels that slip."""
 
 
@@ -133,12 +133,12 @@ class PathUncertainty:
             {"sources": np.int64}, poses=(3,), driven=(), steps=(3, 3), covariances=(3, 3), sources=(), added=(3, 3)
         )  # fmt: skip
         self.variances = np.zeros(2)
-        """Of position [m^2] and heading [rad^2] by the odometry since the newest node."""
+        """Variances of position [m^2] and heading [rad^2] by the odometry since the newest node."""
         self._distance = self._turn = 0.0
 
     @property
     def latest(self) -> FloatArray:
-        """Of the newest node; zero before the first."""
+        """Uncertainty of the newest node; zero before the first."""
         return np.array(self._nodes["covariances"][-1]) if len(self._nodes) else np.zeros((3, 3))
 
     @property

@@ -1,6 +1,6 @@
 """Run independent tasks on many processes: what the engines have in common.
 
-An engine draws items while the work goes on, so that a long sequence never lies in memory, and gives the
+An engine draws items while the work continues, so that a long sequence never lies in memory, and gives the
 results in any order. When a worker dies, only its current task is lost, which is tried again
 :data:`~slamgym.core.parallel.backlog.MAX_ATTEMPTS` times in all; then the engine hands the item back as :class:`Lost`.
 A task that takes longer than it may is ended with its worker and handed back at once. So it is with one worker, too;

@@ -1,7 +1,7 @@
 """The processes of one machine.
 
-Every worker is a loky executor of its own with a single process: when one dies, its current task is
-known, and the others go on. A common pool would lose every task in flight with it.
+Every worker is a separate loky executor with a single process: when one dies, its current task is
+known, and the others continue. A common pool would lose every task in flight with it.
 """
 
 import functools
@@ -53,7 +53,7 @@ class InProcessEngine(Engine):
 
 
 class LocalEngine(Engine):
-    """Processes of this machine, one thread each; one worker is a process of its own, too.
+    """Processes of this machine, one thread each; one worker is a separate process, too.
 
     Args:
         workers: Number of processes.
@@ -98,7 +98,7 @@ class LocalEngine(Engine):
                     result = _result_of(future, attempt, backlog)
                     if result is not None:
                         results.append(result)
-                    # The worker goes on before the caller takes its time over the result.
+                    # The worker continues before the caller takes its time over the result.
                     start(worker)
                 yield from results
         finally:

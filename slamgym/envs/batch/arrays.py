@@ -40,7 +40,7 @@ class Robots(NamedTuple):
 
 
 class Scenes(NamedTuple):
-    """What the robots touch and see; each table has a number of rows that count."""
+    """Objects that the robots touch and see; each table has a number of rows that count."""
 
     segments: FloatArray  # (N, S, 4) [m]
     patches: FloatArray  # (N, P, 5)
@@ -67,7 +67,7 @@ class Scenes(NamedTuple):
 
 
 class Scanner(NamedTuple):
-    """What all scanners have in common."""
+    """Common properties of all scanners."""
 
     law: BeamModel
     mount: tuple[float, float, float]  # in the base frame [m, m, rad]
@@ -97,7 +97,7 @@ class Scans(NamedTuple):
 
 
 class Maps(NamedTuple):
-    """What robots with known poses believe: path and hit counts, see slamgym.slam.PoseTracker."""
+    """Beliefs of robots with known poses: path and hit counts, see slamgym.slam.PoseTracker."""
 
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
@@ -129,7 +129,7 @@ class Maps(NamedTuple):
 
 
 class MapModel(NamedTuple):
-    """How maps are drawn, and when."""
+    """Settings of map drawing, and when it is done."""
 
     beams: BeamTable
     resolution: float  # [m]
@@ -141,7 +141,7 @@ class MapModel(NamedTuple):
 
 
 class DriveModel(NamedTuple):
-    """What all robots' drives and bodies have in common."""
+    """Common properties of all robots' drives and bodies."""
 
     dt: float  # duration of a step [s]
     limits: FloatArray  # accelerations and wheel separation, shape (3,)

@@ -36,7 +36,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     environments. ``gym.make_vec("slamgym/Explore-v1", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
 
     Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map or the
-    filter, terms of one's own, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
+    filter, user-defined terms, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
     ``map_error`` at the end of an episode.
 
     Args:
@@ -211,7 +211,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
 
     def _figures(self) -> dict[str, Any]:
-        """What ``info`` shows of every robot."""
+        """Values that ``info`` shows of every robot."""
         fleet = self._fleet
         stats = [] if fleet.is_mapped_together else [fleet.mapper(i).stats for i in range(self.num_envs)]
         return {

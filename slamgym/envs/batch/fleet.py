@@ -66,7 +66,7 @@ class Fleet:
         maps: What they believe; path and map only where kernels map.
         each: What belongs to one robot alone.
         map_model: How kernels draw maps.
-        is_mapped_together: True if kernels map; else each robot has a mapper of its own.
+        is_mapped_together: True if kernels map; else each robot has its own mapper.
     """
 
     def __init__(self, config: ExploreConfig, count: int) -> None:

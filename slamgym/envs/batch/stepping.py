@@ -34,7 +34,7 @@ _TURN = 2.0 * math.pi
 
 
 class ScanKind(IntEnum):
-    """How a scan errs."""
+    """Kind of a scan, by its errors."""
 
     PERFECT = 0
     NOISE = 1
@@ -116,7 +116,7 @@ def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float
 
 @kernel
 def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
-    """What the encoders say of a step, with slip."""
+    """Motion of a step as the encoders measure it, with slip."""
     rolled, wheels, state, slips = robots.rolled[i], robots.wheels[i], robots.drive[i], robots.slips[i]
     before = rolled[0], rolled[1]
     rolled[0] += wheels[0] * state[motion.LEFT]

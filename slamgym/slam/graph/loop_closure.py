@@ -15,7 +15,7 @@ from slamgym.slam.config import PoseGraphConfig
 HEADING_COST = 0.5
 """A candidate that looks elsewhere counts as further away [m/rad]."""
 LOOP_EDGE_LENGTH = 0.1
-"""Length of a closed loop's edge in the graph [m]: what a closure leaves uncertain."""
+"""Length of a closed loop's edge in the graph [m]: the uncertainty that remains after a closure."""
 GROUP_SEPARATION = 20
 """Two candidates of one node lie at least so many nodes apart."""
 LOOP_RADIUS = 3.0

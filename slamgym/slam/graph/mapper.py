@@ -46,7 +46,7 @@ ROBUST_WIDTH = 8.0
 EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
 """A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
 CLOSURE_FLOOR = (0.05, 0.05, 0.03)
-"""What a closure and the path may disagree by anyway [m], [m], [rad]: not each slip of a wheel is noticed."""
+"""Tolerated difference between a closure and the path [m], [m], [rad]: not each slip of a wheel is noticed."""
 AGREEING_METRES = 2.0
 """Closures that agree were found over so much driving: seen from one spot, a like room agrees with itself [m]."""
 AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
@@ -54,7 +54,7 @@ AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
 WIDE_WINDOW = (0.3, 0.15)
 """Least half width of the search for a scan that fits poorly [m], [rad]."""
 BETTER_SHARE = 0.1
-"""What a search finds counts if so many more of the points fit than where the path says."""
+"""A search's result counts if the share of points that fit is larger by this than where the path says."""
 MATCH_FLOOR = (0.01, 0.01, 0.003)
 """Nor is a match as an edge of the graph [m], [m], [rad]."""
 NEIGHBOURS = 8
@@ -101,7 +101,7 @@ class PoseGraphMapper(ParticleFilter):
         return super()._num_bytes() + self._nodes.num_bytes
 
     def report(self) -> dict[str, Any]:
-        """What this mode adds to a summary."""
+        """Entries that this mode adds to a summary."""
         return {"loop_closures": len(self._closures), "loop_closures_rejected": self._rejected}
 
     def finish(self) -> None:
@@ -202,7 +202,7 @@ class PoseGraphMapper(ParticleFilter):
     ) -> NodeMatch | None:
         """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
 
-        A window of zero leaves the search out: the scan is aligned from the guess. So it is where the search finds
+        A window of zero skips the search: the scan is aligned from the guess. So it is where the search finds
         nothing that fits clearly better. None if two places fit alike.
         """
         if len(points) < FEW_POINTS:
@@ -258,7 +258,7 @@ class PoseGraphMapper(ParticleFilter):
             yield closure.old, closure.new, turned_covariance(covariance, float(self._places[closure.old, 2]))
 
     def _driven_since(self, closures: list[Closure]) -> float:
-        """How far the robot drove since the first of some closures was found [m]."""
+        """Distance that the robot drove since the first of some closures was found [m]."""
         first = min(closure.new for closure in closures)
         return float(_lengths(self._places[first:]).sum())
 

@@ -11,7 +11,7 @@ from slamgym.slam.branch_and_bound import HIT, best_in_block, block_score, maxim
 from slamgym.slam.graph.surface_map import MATCH_CELL, VACANT, LocalMap, align_scan
 
 NEAR_HIT = 120
-"""What a point scores in a cell beside an occupied one."""
+"""Score of a point in a cell next to an occupied one."""
 MOST_LEVELS = 6
 SEARCH_POINTS = 120
 """The search takes about this many of a scan's points."""

@@ -3,7 +3,7 @@
 A few scans round one pose are put into square cells. Each occupied cell holds the mean of its end points and
 a 2 x 2 information matrix that says in which direction the mean binds: across a wall only, or both ways at a
 corner (the normal-distributions transform of Biber and Strasser 2003, with the point-to-line metric of Censi
-2008 on flat pieces). So the normal matrix of an alignment shows that a corridor leaves the scan free
+2008 on flat pieces). So the normal matrix of an alignment shows that in a corridor the scan is free
 to slide, and what it gives is the information of a pose-graph edge.
 
 Convention: all poses and points of a local map are in one frame, that of its reference node. Grids have row 0
@@ -24,7 +24,7 @@ BEHIND = -0.3
 ENOUGH = 5.0
 """Points that a piece of surface needs to show its direction."""
 STRAY = 0.01
-"""What a cell with fewer points counts, beside one with a direction."""
+"""Weight of a cell with fewer points, relative to one with a direction."""
 FLATNESS = 0.15
 """Surface is flat if its narrow spread (standard deviation) is below this share of its wide one."""
 ALIGN_STEPS = 12
@@ -39,7 +39,7 @@ MARGIN_CELLS = 3
 SURFACE_SIGMA = 0.02
 """Standard deviation of end points across a wall [m]; at corners and clutter twice that, both ways."""
 POINT_SHARE = 0.05
-"""What a point counts in the information of a match: neighbouring points err together."""
+"""Weight of a point in the information of a match: neighbouring points err together."""
 
 
 class LocalMap(NamedTuple):

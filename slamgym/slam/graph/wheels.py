@@ -1,9 +1,9 @@
-"""How far the robot turned between the nodes of a graph by its wheels, once the whole drive has told how they err.
+"""Turns of the robot between the nodes of a graph by its wheels, once the whole drive has shown their errors.
 
 While driving, matches half a metre apart can't tell wheels that hardly err from true ones: a match errs as much as
 they do (:mod:`slamgym.slam.odometry_calibration`). Over several metres the errors of wheels have grown, those of
-matches haven't. So the heading's systematic errors, and the size of the random ones, are found anew from all nodes each
-time that the graph is optimised, and the turns of the odometry become edges of their own beside those of the matches
+matches haven't. So the heading's systematic errors, and the size of the random ones, are estimated from all nodes each
+time that the graph is optimised, and the turns of the odometry become separate edges, next to those of the matches
 (variances from residuals: variance component estimation; Koch, *Parameter Estimation and Hypothesis Testing in Linear
 Models*, 1999). Distances are left to the matches: a laser's bias looks like an error of the wheels, and a scale that is
 wrong bends maps.

@@ -20,7 +20,7 @@ doesn't return (AMCL's ``laser_z_hit``, ``laser_z_rand``, ``laser_z_max``)."""
 FIT_DISTANCE = 0.2
 """An end point that lies so near to a surface is explained [m]."""
 IN_A_WALL = 5.0
-"""What it costs a particle to stand in a wall, in log-likelihood."""
+"""Cost of a particle in a wall, in log-likelihood."""
 NEUTRAL = -0.3
 """Log-likelihood of an end point that lies open in what the map doesn't know: about that of one that fits."""
 LEAST_KNOWN = 0.2
@@ -47,7 +47,7 @@ class LikelihoodField(NamedTuple):
 def make_field(grid: OccupancyGrid, sigma_hit: float, longest: float) -> LikelihoodField:
     """Compute the field of a map.
 
-    A surface is an occupied cell beside a free one: what lies deeper in a wall is never seen.
+    A surface is an occupied cell next to a free one: what lies deeper in a wall is never seen.
 
     Args:
         grid: The map.

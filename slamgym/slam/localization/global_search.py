@@ -45,7 +45,7 @@ NEGLIGIBLE = 15.0
 MOST_SCANS_COUNTED = 10
 """Scans of the memory that count in the comparison of a new place with those followed."""
 SEARCH_GROWTH = 1.5
-"""Each search that leaves the robot without a place makes the next one wait so many times as long."""
+"""Each search that finds no place for the robot makes the next one wait so many times as long."""
 LOST_SCANS = 3
 """So many scans in a row that fit poorly start a search at once."""
 SEARCH_DISTANCE, CHECK_DISTANCE = 0.5, 5.0
@@ -56,7 +56,7 @@ JUMP_COST = 10.0
 MEMORY_METRES, MOST_SCANS = 3.0, 60
 """A search takes the scans of the last metres together, a view that fewer places share than a single scan."""
 THINNING_CELL = 0.1
-"""Of the points of all scans one is kept in each such cell [m]."""
+"""Size of the cells in each of which one point of all scans is kept [m]."""
 
 
 class Place(NamedTuple):
@@ -269,8 +269,8 @@ class Seeker:
             hypotheses: What is followed already.
 
         Returns:
-            Places that nobody follows yet. Each begins with the weight that the scans give it beside the best
-            hypothesis, less what it costs to have been missed so far.
+            Places that no hypothesis follows yet. Each begins with the weight that the scans give it relative to the
+            best hypothesis, less what it costs to have been missed so far.
         """
         config, points = self._config, self._remembered()
         if len(points) < FEW_POINTS:
@@ -302,7 +302,7 @@ class Seeker:
         return found
 
     def _mean_log_likelihood(self, pose: FloatArray, points: FloatArray) -> float:
-        """Of the points at the best of some poses round one."""
+        """Mean log-likelihood of the points at the best of some poses around one."""
         near = pose + np.array(SEED_SPREAD) * self._rng.standard_normal((MIN_PARTICLES, 3))
         out = np.empty(len(near))
         weigh_poses(self._field, near, points, out)

@@ -32,10 +32,10 @@ BEAM_WEIGHT = 0.15
 """Power that the likelihood of a beam is taken to, because neighbouring beams and successive scans err together
 (Thrun et al. 2005, section 6.3.4). Chosen so that NEES is between 2 and 5."""
 EVIDENCE = 0.2
-"""What a scan says for one hypothesis against another, as a share of what it says within one: what isn't on the map
+"""Weight of a scan for one hypothesis against another, as a share of its weight within one: what isn't on the map
 speaks against a place in many scans on end."""
 FIT_MEMORY = 0.25
-"""What the newest scan counts in the mean of a hypothesis's fit."""
+"""Weight of the newest scan in the mean of a hypothesis's fit."""
 CLAIM_FIT = 0.75
 """So many beams must be explained over all scans since a place was found before it is believed for the first time."""
 CERTAIN_WEIGHT = 0.95
@@ -63,7 +63,7 @@ class Hypothesis:
     scans: int = 0
     """... and their number."""
     driven: float = 0.0
-    """How far the robot has driven with it [m]; a turn by half counts a metre."""
+    """Distance that the robot has driven with it [m]; a turn by half counts a metre."""
     was_sure: bool = False
     """True if the robot was localised there."""
 
@@ -96,7 +96,7 @@ class Hypothesis:
 
     @property
     def weights(self) -> FloatArray:
-        """Of the particles; they sum to 1."""
+        """Weights of the particles; they sum to 1."""
         weights: FloatArray = np.exp(self.log_weights - self.log_weights.max())
         return weights / weights.sum()
 
@@ -114,7 +114,7 @@ class Hypothesis:
         return Pose2D(float(x), float(y), float(wrap_angle(theta))), covariance
 
     def move(self, increments: FloatArray, spread: MotionSpread, rng: np.random.Generator) -> None:
-        """Predict: follow the odometry, each particle with an error of its own.
+        """Predict: follow the odometry, each particle with its own error.
 
         Args:
             increments: (steps, 3) corrected motion in the robot frame.
@@ -142,7 +142,7 @@ class Hypothesis:
         self.log_weight += EVIDENCE * (_log_sum(self.log_weights) - before)
 
     def resample(self, most: int, rng: np.random.Generator) -> None:
-        """Draw as many particles anew as the spread of the present ones needs, if few of them hold the weight.
+        """Draw as many new particles as the spread of the present ones needs, if few of them hold the weight.
 
         Args:
             most: Most particles.
@@ -175,7 +175,7 @@ def _log_sum(values: FloatArray) -> float:
 
 
 class Belief(NamedTuple):
-    """What the robot believes after a scan."""
+    """Belief of the robot after a scan."""
 
     stamp: float
     state: State

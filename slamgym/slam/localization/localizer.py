@@ -31,7 +31,7 @@ SAME, SAME_TURN = 0.3, 0.25
 RELIABLE_METRES, RELIABLE_RADIANS = 0.03, 0.015
 """The odometry is learned from stretches between estimates this certain."""
 TURN_METRES = 1.0 / math.pi
-"""What a radian of turning counts as driving [m]: half a turn is a metre."""
+"""Driven distance to which a radian of turning is equal [m]: half a turn is a metre."""
 JUMP, JUMP_TURN = 0.5, 0.3
 """A pose further than this from what the odometry said is another place [m], [rad]."""
 
@@ -76,7 +76,7 @@ class MapLocalizer(Mapper):
         self._end_points = np.zeros((geometry.num_beams, 2))
         start = initial_pose if is_known else Pose2D(0.0, 0.0, 0.0)
         self.belief = Belief(0.0, "searching", start, np.eye(3), 0.0, (), 0)
-        """What is believed since the last processed scan."""
+        """Belief since the last processed scan."""
         self._states = Counter[str]()
         self._seen = Columns({"ranges": np.float32}, poses=(3,), ranges=(geometry.num_beams,))
         self._drawn = self._sure = 0  # scans drawn, and scans until the robot was last localised
@@ -97,7 +97,7 @@ class MapLocalizer(Mapper):
         return self._seeker.searches
 
     def report(self) -> dict[str, Any]:
-        """How many scans each state lasted."""
+        """Number of scans that each state lasted."""
         return {"states": dict(sorted(self._states.items()))}
 
     def _num_bytes(self) -> int:

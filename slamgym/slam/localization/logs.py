@@ -26,7 +26,7 @@ must be explained: a mistake would spoil the map."""
 
 @dataclass(frozen=True)
 class LocalizationResult:
-    """What came out of a log on a map."""
+    """Result of localisation with a log on a map."""
 
     beliefs: Sequence[Belief]
     """After each processed scan, in the map's frame."""
