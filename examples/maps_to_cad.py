@@ -33,7 +33,7 @@ def make_images(out: Path, pairs: int) -> Path:
     """Explore bundled plans and render uniform images; plans that look alike stay on one side."""
     config = DatasetConfig(seed=1, episode=EpisodeConfig(explorer="nearest", minutes=2.0))
     build_dataset(out / "pairs", open_plans("bundled"), config, make_explorer, pairs=pairs)
-    split = make_split(out / "pairs", test=0.3, seed=1)
+    split = make_split(out / "pairs", test=0.3, seed=3)
     selection = select_pairs(out / "pairs", 0.5)  # at least half of the floor seen
     render_images(out / "pairs", out / "images", ImageConfig(size=128), split, selection=selection)
     return out / "images"

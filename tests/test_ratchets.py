@@ -21,10 +21,32 @@ MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
 
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
+    "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
+    "README.md": (0, 0, 0, 0, 1202),
+    "agents": (2980, 57, 0, 124, 0),
+    "cad": (2115, 3, 0, 103, 0),
+    "commands": (2693, 0, 263, 70, 0),
+    "core": (1754, 0, 0, 74, 0),
+    "dataset": (3088, 20, 0, 89, 0),
+    "docs": (0, 0, 0, 0, 22864),
+    "docs/drawing": (0, 0, 0, 0, 4293),
+    "docs/notes": (0, 0, 0, 0, 4408),
+    "docs/tutorials": (0, 0, 0, 0, 403),
+    "drawing": (3033, 3, 0, 173, 0),
+    "envs": (2586, 35, 0, 70, 0),
+    "gan": (2416, 42, 0, 97, 0),
+    "interop": (1142, 0, 0, 48, 0),
+    "metrics": (1129, 0, 0, 58, 0),
+    "parametric": (1266, 41, 0, 32, 0),
+    "planning": (2132, 19, 0, 86, 0),
+    "sim": (2232, 45, 0, 156, 0),
+    "slam": (3423, 41, 0, 236, 0),
+    "slamgym": (19, 0, 0, 0, 0),
+    "viz": (833, 0, 0, 73, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (0, 0, 0, 0, 0)
+TOTAL = (32841, 306, 263, 1489, 34320)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

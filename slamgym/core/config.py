@@ -335,7 +335,8 @@ def _conversion(hint: Any) -> _Conversion | None:
         return inner and functools.partial(_to_mapping, inner)
     if origin is tuple or hasattr(hint, "_fields"):
         inside = [_conversion(option) for option in options if option is not Ellipsis]
-        return functools.partial(_to_tuple, getattr(hint, "_make", tuple), inside if any(inside) else ())
+        make = (lambda items: hint(*items)) if hasattr(hint, "_fields") else tuple
+        return functools.partial(_to_tuple, make, inside if any(inside) else ())
     return None
 
 

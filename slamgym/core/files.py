@@ -104,11 +104,15 @@ def open_regular(path: Path | str, limit: Limit | None = None) -> BufferedReader
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         raise InputFileError(shown_path(path), f"can't be read ({reason})") from error
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+    try:
+        found = os.fstat(file.fileno())
+        if not stat.S_ISREG(found.st_mode):
+            raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
+        if limit is not None:
+            limit.check(path, found.st_size)
+    except InputFileError:
         file.close()
-        raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
-    if limit is not None:
-        limit.check(path, os.fstat(file.fileno()).st_size)
+        raise
     return file
 
 

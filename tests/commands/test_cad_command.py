@@ -58,7 +58,7 @@ def test_one_map_that_fails_does_not_stop_a_folder(flat, tmp_path, capsys):
     said = capsys.readouterr()
     assert "1 of 3 maps drawn" in said.out
     assert "missing.pgm" in said.err
-    assert "resolution is 0" in said.err
+    assert "resolution must be in" in said.err
     assert [path.name for path in out.iterdir()] == ["flat.svg"]
 
 
