@@ -332,7 +332,8 @@ def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[Sheet
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
-        path = read_tum(layout.episode(record.name) / "estimate.tum").poses[:, :2]
+        estimate = layout.episode(record.name) / "estimate.tum"  # which a network's maps of a plan don't have
+        path = read_tum(estimate).poses[:, :2] if estimate.is_file() else np.empty((0, 2))
         details = (
             f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
             f"{record.path_length:.0f} m; errors: pose {record.ate:.2f} m (wheels {record.odometry_ate:.2f} m), "

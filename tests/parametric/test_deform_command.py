@@ -77,12 +77,13 @@ def test_it_writes_a_dataset_that_reads_back(plan_file, tmp_path, capsys) -> Non
     assert maps[0].shape != maps[1].shape or (maps[0] != maps[1]).any()
 
 
-def test_what_it_writes_can_be_rendered(plan_file, tmp_path) -> None:
+def test_what_it_writes_can_be_shown_and_rendered(plan_file, tmp_path) -> None:
     out, images = tmp_path / "out", tmp_path / "images"
     main([str(plan_file), "-o", str(out), "--method", "elastic", "--count", "2"])
     table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
     render_images(out, images, ImageConfig(), table, selection=select_pairs(out))
     assert len(list(images.glob("*/B/*.png"))) == 2
+    assert TABLE.run("slamgym", ["dataset", "show", str(out), "--out", str(tmp_path / "sheet.png")]) == 0
 
 
 @pytest.mark.parametrize("recipe", [[], ["--method", "generator", "--recipe", "paper"]])
