@@ -328,11 +328,12 @@ def write_contact_sheet(root: Path | str, limit: int) -> Path:
 
 def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[SheetEntry]:
     """Read the pairs of some records for a contact sheet."""
-    layout = Layout(Path(root))
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
-        estimate = layout.episode(record.name) / "estimate.tum"  # which a network's maps of a plan don't have
+        estimate = (
+            Layout(Path(root)).episode(record.name) / "estimate.tum"
+        )  # which a network's maps of a plan don't have
         path = read_tum(estimate).poses[:, :2] if estimate.is_file() else np.empty((0, 2))
         details = (
             f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
