@@ -331,9 +331,7 @@ def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[Sheet
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
-        estimate = (
-            Layout(Path(root)).episode(record.name) / "estimate.tum"
-        )  # which a network's maps of a plan don't have
+        estimate = Layout(Path(root)).episode(record.name) / "estimate.tum"  # a network maps without a path
         path = read_tum(estimate).poses[:, :2] if estimate.is_file() else np.empty((0, 2))
         details = (
             f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
