@@ -9,6 +9,7 @@ Matlab (Table II).
 from __future__ import annotations
 
 import html
+import itertools
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -69,6 +70,11 @@ def write_reproduction(run: Reproduction) -> Path:
     evaluation = read_json(run.out / "evaluation" / "evaluation.json")
     statistics = to_dict(dataset_statistics(run.out / "pairs"))
     claims = judge_claims(evaluation, statistics, read_text(run.out / "logs" / "deformed.txt"))
+    commands = [
+        [command, name, f"{step['seconds']:.0f}", f"{step['cpu_seconds']:.0f}"]
+        for name, step in run.steps.items()
+        for command in step["commands"]
+    ]
     parts = [
         f"<h1>{_TITLE}</h1>",
         paragraph(
@@ -80,14 +86,14 @@ def write_reproduction(run: Reproduction) -> Path:
         "<h2>How the paper's claims fared</h2>",
         claims_table(claims),
         "<h2>SLAM to CAD and back: Tables I and II, Figures 4 to 9</h2>",
-        _text(run.out / "evaluation" / "tables.md"),
+        *_text(run.out / "evaluation" / "tables.md"),
         *_pictures(run.out),
         "<h2>Explorers</h2>",
-        _text(run.out / "explorers" / "results.md"),
+        *_text(run.out / "explorers" / "results.md"),
         "<h2>The dataset</h2>",
-        _text(run.out / "logs" / "cleaning.txt"),
+        *_text(run.out / "logs" / "cleaning.txt"),
         "<h2>Commands</h2>",
-        make_table(["command", "step", "time of the step [s]", "CPU [s]"], list(_commands(run))),
+        make_table(["command", "step", "time of the step [s]", "CPU [s]"], commands),
         "<h2>Versions</h2>",
         make_table(["packages", "versions"], [(found.what, found.found) for found in installed()]),
     ]
@@ -198,8 +204,14 @@ def _verdict(holds: bool, fails: bool = True) -> ClaimVerdict:
     return "does not hold" if fails else "too few maps to say"
 
 
-def _text(path: Path) -> str:
-    return f"<pre>{html.escape(read_text(path))}</pre>"
+def _text(path: Path) -> Iterator[str]:
+    """The tables of a text in Markdown as tables, all else as it stands."""
+    for is_table, lines in itertools.groupby(read_text(path).splitlines(), lambda line: line.startswith("|")):
+        if is_table:
+            headings, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+            yield make_table(headings, rows)
+        elif text := "\n".join(lines).strip():
+            yield f"<pre>{html.escape(text)}</pre>"
 
 
 def _pictures(out: Path) -> Iterator[str]:
@@ -209,9 +221,3 @@ def _pictures(out: Path) -> Iterator[str]:
             shrunk = min(1.0, _MOST_WIDE / picture.shape[1])
             picture = cv2.resize(picture, None, fx=shrunk, fy=shrunk, interpolation=cv2.INTER_AREA)
             yield figure(f'<img alt="" src="{inline_picture(picture)}">', caption.format(name=path.stem))
-
-
-def _commands(run: Reproduction) -> Iterator[list[str]]:
-    for name, step in run.steps.items():
-        for command in step["commands"]:
-            yield [command, name, f"{step['seconds']:.0f}", f"{step['cpu_seconds']:.0f}"]
