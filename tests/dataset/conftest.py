@@ -9,7 +9,10 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, build_dataset
+from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.generate.recipe import parse_recipe
+from slamgym.dataset.images.render import render_images, select_pairs
+from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
@@ -76,3 +79,20 @@ def longer_small_dataset(small_dataset, tmp_path_factory, explore):
     root = shutil.copytree(small_dataset, tmp_path_factory.mktemp("longer") / "dataset")
     explore(root, 10)
     return root
+
+
+@pytest.fixture(scope="session")
+def rendered(small_dataset, tmp_path_factory):
+    """Images of the small dataset, which no test changes."""
+    folder = tmp_path_factory.mktemp("rendered")
+    dataset = shutil.copytree(small_dataset, folder / "dataset")
+    split = make_split(dataset, test=0.4, seed=1)
+    selection = select_pairs(dataset, 0.0)
+    render_images(dataset, folder / "images", ImageConfig(size=64), split, selection=selection)
+    return folder / "images"
+
+
+@pytest.fixture
+def images(rendered, tmp_path):
+    """A copy of them."""
+    return shutil.copytree(rendered, tmp_path / "images")

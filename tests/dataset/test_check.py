@@ -14,23 +14,6 @@ from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.images.format import ImageLayout, read_images
-from slamgym.dataset.images.render import render_images, select_pairs
-from slamgym.dataset.images.square_images import ImageConfig
-
-
-@pytest.fixture(scope="module")
-def rendered(small_dataset, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rendered")
-    dataset = shutil.copytree(small_dataset, folder / "dataset")
-    split = make_split(dataset, test=0.4, seed=1)
-    selection = select_pairs(dataset, 0.0)
-    render_images(dataset, folder / "images", ImageConfig(size=64), split, selection=selection)
-    return folder / "images"
-
-
-@pytest.fixture
-def images(rendered, tmp_path):
-    return shutil.copytree(rendered, tmp_path / "images")
 
 
 def test_a_whole_dataset_has_no_fault(dataset_copy):

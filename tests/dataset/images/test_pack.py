@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tarfile
@@ -12,12 +11,9 @@ import pytest
 
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.images import pack
 from slamgym.dataset.images.format import ImageLayout, read_images
 from slamgym.dataset.images.pack import pack_images, push_to_hub
-from slamgym.dataset.images.render import render_images, select_pairs
-from slamgym.dataset.images.square_images import ImageConfig
 
 pytest.importorskip("pyarrow")
 STREAM = """
@@ -40,21 +36,6 @@ print(json.dumps(rows))
 @pytest.fixture
 def small_shards(monkeypatch):
     monkeypatch.setattr(pack, "PAIRS_PER_SHARD", 3)
-
-
-@pytest.fixture(scope="module")
-def rendered(small_dataset, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("rendered")
-    dataset = shutil.copytree(small_dataset, folder / "dataset")
-    split = make_split(dataset, test=0.4, seed=1)
-    selection = select_pairs(dataset, 0.0)
-    render_images(dataset, folder / "images", ImageConfig(size=64), split, selection=selection)
-    return folder / "images"
-
-
-@pytest.fixture
-def images(rendered, tmp_path):
-    return shutil.copytree(rendered, tmp_path / "images")
 
 
 @pytest.mark.usefixtures("small_shards")
