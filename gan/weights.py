@@ -16,7 +16,7 @@ from torch import Tensor
 
 from slamgym import __version__
 from slamgym.core.config import from_dict, suggest, to_dict
-from slamgym.core.documents import load_json
+from slamgym.core.documents import json_text, load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import open_regular, require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
@@ -81,7 +81,7 @@ def save_translator(path: Path, generator: Generator, config: TranslatorConfig, 
     header = {"format": WEIGHTS_FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
     # As bytes: safetensors' own file would be readable by its writer alone.
     write_bytes(path, save(tensors, metadata=header))
-    write_text(path.with_suffix(".json"), json.dumps(facts, indent=1) + "\n")
+    write_text(path.with_suffix(".json"), json_text(facts))
     write_text(path.with_suffix(".md"), model_card(path.stem, generator, config, card))
 
 

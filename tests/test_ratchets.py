@@ -25,8 +25,8 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "README.md": (0, 0, 0, 0, 1202),
     "agents": (2980, 57, 0, 124, 0),
     "cad": (2115, 3, 0, 103, 0),
-    "commands": (2699, 0, 263, 70, 0),
-    "core": (1754, 0, 0, 74, 0),
+    "commands": (2696, 0, 263, 70, 0),
+    "core": (1756, 0, 0, 74, 0),
     "dataset": (3088, 20, 0, 89, 0),
     "docs": (0, 0, 0, 0, 22864),
     "docs/drawing": (0, 0, 0, 0, 4293),
@@ -46,7 +46,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32847, 306, 263, 1489, 34320)
+TOTAL = (32846, 306, 263, 1489, 34320)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -1,7 +1,6 @@
 """Results ranked: the score, its gate, and the page that shows them."""
 
 import dataclasses
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -10,6 +9,7 @@ import numpy as np
 from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest
 from slamgym.agents.bench.results import BenchResult
 from slamgym.agents.evaluation.report import with_bounds
+from slamgym.core.documents import json_text
 from slamgym.core.intervals import (
     Interval,
     crossed_mean,
@@ -198,4 +198,4 @@ def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
         "manifest": manifest.sha256,
         "boards": [dataclasses.asdict(board) for board in boards],
     }
-    return json.dumps(document, indent=1) + "\n"
+    return json_text(document)

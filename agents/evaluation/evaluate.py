@@ -31,7 +31,7 @@ from slamgym.agents.plan_splits import PlanSplit, ids_of
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
 from slamgym.core.config import Count, Settings, from_dict, to_dict
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import json_text, parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import (
     append_line,
@@ -196,7 +196,7 @@ def run_trials(
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
         with storage_errors(out):
-            replace_file(out / "config.json", json.dumps(to_dict(config), indent=1).encode() + b"\n")
+            replace_file(out / "config.json", json_text(to_dict(config)).encode())
         if tasks:
             compile_for(config.trial.env, execution)
         advance = stack.enter_context(show_progress("explorations", len(wanted) - len(tasks), len(wanted)))

@@ -2,7 +2,6 @@
 
 import dataclasses
 import itertools
-import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -22,6 +21,7 @@ from slamgym.agents.evaluation.summary import (
 from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
+from slamgym.core.documents import json_text
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.intervals import Interval, mean_band
 from slamgym.core.text import markdown
@@ -186,7 +186,7 @@ def _as_json(summary: Summary, config: EvaluationConfig, evaluation: Evaluation)
         "skipped": [entry._asdict() for entry in evaluation.skipped],
         "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
     }
-    return json.dumps(document, indent=1).encode() + b"\n"
+    return json_text(document).encode()
 
 
 def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "") -> None:

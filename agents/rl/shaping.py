@@ -8,7 +8,6 @@ folder of a run is written again, whole, after each.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,7 +22,7 @@ from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig
 from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Measured, config_hash, from_dict, to_dict
-from slamgym.core.documents import read_json
+from slamgym.core.documents import json_text, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import own_folder, write_text
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio
@@ -199,7 +198,7 @@ def own_term(spec: str, weight: float) -> Term:
 
 
 def _write(folder: Path, identity: str, outcomes: Mapping[str, Mapping[str, float]]) -> None:
-    write_text(folder / RESULTS, json.dumps({"settings": identity, "outcomes": outcomes}, indent=1) + "\n")
+    write_text(folder / RESULTS, json_text({"settings": identity, "outcomes": outcomes}))
 
 
 def _read(folder: Path, identity: str) -> dict[str, dict[str, float]]:

@@ -26,6 +26,7 @@ import torch
 
 from slamgym import __version__
 from slamgym.core.config import to_dict
+from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import append_line, own_folder, write_bytes, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
@@ -226,7 +227,7 @@ class _Training:
             f"on {self.compute.device} in {self.compute.precision}"
         )
         facts = {"version": __version__, "images": self.images, "config": to_dict(self.config)}
-        write_text(self.folder / "config.json", json.dumps(facts, indent=1) + "\n")
+        write_text(self.folder / "config.json", json_text(facts))
 
     def _resume(self) -> None:
         tensors, facts = load_training_state(self.checkpoint)

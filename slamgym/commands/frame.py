@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import json
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
@@ -13,7 +12,7 @@ import tyro
 
 from slamgym import __version__
 from slamgym.core.config import suggest
-from slamgym.core.documents import YAML_SUFFIXES
+from slamgym.core.documents import YAML_SUFFIXES, json_text
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import storage_errors, write_text
 from slamgym.core.progress import say, tell
@@ -104,13 +103,8 @@ def end_results(folder: Path, summary: Mapping[str, Any], lines: Iterable[str]) 
     Raises:
         StorageError: If it can't be written.
     """
-    write_text(folder / SUMMARY, as_text({"version": __version__, **summary}))
+    write_text(folder / SUMMARY, json_text({"version": __version__, **summary}))
     tell(*lines)
-
-
-def as_text(document: Any) -> str:
-    """A JSON document as files hold it."""
-    return json.dumps(document, indent=1) + "\n"
 
 
 def show_table(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -11,7 +10,7 @@ import tyro
 
 from slamgym import __version__
 from slamgym.core.config import Arguments, from_dict, setting_names, suggest, to_dict
-from slamgym.core.documents import load_json, read_json
+from slamgym.core.documents import json_text, load_json, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.limits import shown
@@ -60,8 +59,7 @@ class SettingsOptions(Arguments):
                 _put(values, _full_name(name, names), None if value is CLEARED else value)
         config = from_dict(type(default), values)
         if self.save_config is not None:
-            text = json.dumps({"version": __version__, **to_dict(config)}, indent=1)
-            write_text(self.save_config, text + "\n")
+            write_text(self.save_config, json_text({"version": __version__, **to_dict(config)}))
         return config
 
 

@@ -1,4 +1,4 @@
-"""JSON and YAML from outside, parsed within the limits of size and depth."""
+"""JSON and YAML from outside, parsed within the limits of size and depth, and the text of JSON files."""
 
 import dataclasses
 import json
@@ -19,6 +19,11 @@ _T = TypeVar("_T")
 YAML_SUFFIXES = (".yaml", ".yml")
 MAX_DIGITS = 300
 """A longer whole number is no float any more."""
+
+
+def json_text(document: Any) -> str:
+    """A JSON document as the package's files hold it."""
+    return json.dumps(document, indent=1) + "\n"
 
 
 def load_json(text: str | bytes) -> Any:

@@ -6,14 +6,13 @@ slips add up. What is written is what :class:`slamgym.parametric.config.TwoPhase
 of the systematic coefficients over robots and the random coefficients.
 """
 
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
 
 from slamgym.core.config import from_dict
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import json_text, parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_bytes, write_text
 from slamgym.core.limits import DOCUMENT_BYTES
@@ -66,7 +65,7 @@ def write_calibration(path: Path | str, coefficients: TwoPhaseConfig, about: dic
     Raises:
         InputFileError: If the file can't be written.
     """
-    write_text(path, json.dumps({"two_phase": asdict(coefficients), "about": about}, indent=1) + "\n")
+    write_text(path, json_text({"two_phase": asdict(coefficients), "about": about}))
 
 
 def read_calibration(path: Path | str) -> TwoPhaseConfig:

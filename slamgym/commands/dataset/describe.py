@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import MaybeOut, as_text, show_table
+from slamgym.commands.frame import MaybeOut, show_table
 from slamgym.core.config import Arguments, Count, suggest, to_dict
+from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import tell
 
@@ -48,7 +49,7 @@ def stats(arguments: StatsArguments) -> None:
 
     statistics = dataset_statistics(arguments.dataset)
     if arguments.json:
-        sys.stdout.write(as_text(to_dict(statistics)))
+        sys.stdout.write(json_text(to_dict(statistics)))
     else:
         _print(statistics)
 

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from slamgym.commands.frame import Out, as_text, is_installed, show_table
+from slamgym.commands.frame import Out, is_installed, show_table
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, tell
 
@@ -80,13 +81,13 @@ def main(arguments: RealismArguments) -> None:
     _test(report, arguments)
     figures = [draw_examples(own, references, row) for row in report.ranked[:SHOWN_STATISTICS]]
     out = arguments.out
-    write_text(out / "realism.json", as_text(to_json(report)))
+    write_text(out / "realism.json", json_text(to_json(report)))
     write_text(out / "realism.md", to_markdown(report))
     write_text(out / "realism.html", realism_page(report, figures))
     if arguments.mixed:
         sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
         write_picture(out / "mixed.png", sheet)
-        write_text(out / "mixed_key.json", as_text(key))
+        write_text(out / "mixed_key.json", json_text(key))
     show_table(*statistics_table(report))
     show_table(*tests_table(report), None, *report.left_out)
     tell(f"{out / 'realism.html'}")

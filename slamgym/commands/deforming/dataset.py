@@ -17,6 +17,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.cad import write_houseexpo
+from slamgym.core.documents import json_text
 from slamgym.core.errors import InputFileError
 from slamgym.core.progress import tell
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
@@ -137,7 +138,7 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
         overview = draw_deformation(hypothesis.cad, hypothesis.grid, hypothesis.field, truth, estimate)
         write_picture(folder / "overview.png", overview)
     record = {**hypothesis.parameters, "displacement_m": _displacement(hypothesis)}
-    (folder / "parameters.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+    (folder / "parameters.json").write_text(json_text(record), encoding="utf-8")
 
 
 def _moved(frame: GridFrame, start: Pose2D) -> GridFrame:

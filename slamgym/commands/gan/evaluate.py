@@ -4,8 +4,9 @@ from pathlib import Path
 from typing import Any
 
 from slamgym import __version__
-from slamgym.commands.frame import as_text, show_table
+from slamgym.commands.frame import show_table
 from slamgym.commands.gan.arguments import EvaluateTranslatorsArguments
+from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import write_text
 from slamgym.core.progress import counted, show_progress, tell
@@ -182,7 +183,7 @@ def _write(
         "methods": summary,
         "realism": None if realism is None else to_json(realism),
     }
-    write_text(arguments.out / "evaluation.json", as_text(document))
+    write_text(arguments.out / "evaluation.json", json_text(document))
     write_text(arguments.out / "scores.csv", scores_csv(scores))
     text = [
         "# Evaluation\n",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import json
 import os
 import shlex
 import subprocess
@@ -14,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from slamgym import __version__
-from slamgym.core.documents import parse_yaml, read_json
+from slamgym.core.documents import json_text, parse_yaml, read_json
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.files import read_text, replace_file, write_text
 from slamgym.core.progress import duration, say
@@ -106,7 +105,7 @@ class Reproduction:
         self._save()
 
     def _save(self) -> None:
-        text = json.dumps({"settings": self._settings, "steps": self.steps}, indent=1) + "\n"
+        text = json_text({"settings": self._settings, "steps": self.steps})
         replace_file(self._state, text.encode())
 
 

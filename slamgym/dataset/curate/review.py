@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.core.documents import read_json
+from slamgym.core.documents import json_text, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
 from slamgym.core.limits import FILE_BYTES
@@ -144,7 +144,7 @@ def decisions_document(decisions: Iterable[Decision]) -> str:
         for d in sorted(decisions, key=lambda decision: decision.name)
     ]
     document = {"format": DECISIONS_FORMAT, "version": DECISIONS_VERSION, "decisions": entries}
-    return json.dumps(document, indent=1) + "\n"
+    return json_text(document)
 
 
 def _decision(path: Path | str, number: int, entry: Any) -> Decision:

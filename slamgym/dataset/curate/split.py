@@ -8,7 +8,6 @@ Plans are compared as images show them: scaled to fit, a building looks like a l
 fixed scale it does not.
 """
 
-import json
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from slamgym.core.config import from_dict, suggest, to_dict
-from slamgym.core.documents import read_json
+from slamgym.core.documents import json_text, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_file
 from slamgym.core.limits import FILE_BYTES
@@ -115,7 +114,7 @@ def make_split(
     alike = near_duplicates(prints, sides if scaling == "fixed" else None)
     groups = dict(zip(ids, (ids[index] for index in alike), strict=True))
     table = replace(assign_sides(groups, test=test, seed=seed, forced=forced), scaling=scaling)
-    replace_file(split_path(root), (json.dumps(to_dict(table), indent=1) + "\n").encode())
+    replace_file(split_path(root), json_text(to_dict(table)).encode())
     return table
 
 

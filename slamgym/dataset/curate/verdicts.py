@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from slamgym.core.config import from_dict
-from slamgym.core.documents import parse_json
+from slamgym.core.documents import json_text, parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import replace_if_changed, text_lines
 from slamgym.dataset.faults import MapFault
@@ -60,7 +60,7 @@ def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str
         StorageError: If the folder can't be written.
     """
     lines = "".join(json.dumps(dataclasses.asdict(verdict)) + "\n" for verdict in verdicts)
-    replace_if_changed(root / SUMMARY_FILE, (json.dumps(summary, indent=1) + "\n").encode())
+    replace_if_changed(root / SUMMARY_FILE, json_text(summary).encode())
     replace_if_changed(root / VERDICTS_FILE, lines.encode())
 
 

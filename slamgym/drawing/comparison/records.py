@@ -2,11 +2,11 @@
 
 import csv
 import io
-import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from slamgym.core.documents import json_text
 from slamgym.core.files import write_text
 from slamgym.drawing.comparison.registration import Registration
 
@@ -120,4 +120,4 @@ def write_comparison(folder: Path, comparison: PlanComparison) -> None:
     writer.writerow(COLUMNS)
     writer.writerows(comparison.table())
     write_text(folder / "comparison.csv", text.getvalue())
-    write_text(folder / "comparison.json", json.dumps(comparison.document(), indent=1) + "\n")
+    write_text(folder / "comparison.json", json_text(comparison.document()))
