@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.commands.frame import Out
+from slamgym.commands.frame import Out, is_installed
 from slamgym.commands.settings import CLEARED, AllSettings, SettingsOptions, given
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
@@ -90,7 +89,7 @@ def main(arguments: EvaluateArguments) -> None:
             f"{arguments.out / 'failed.jsonl'} says which"
         )
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
-    if importlib.util.find_spec("matplotlib") is not None:  # which the extra agents brings
+    if is_installed("matplotlib"):  # which the extra agents brings
         from slamgym.agents.evaluation.report import draw_coverage
 
         path = arguments.out / "coverage_over_time.png"
