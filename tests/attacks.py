@@ -1,4 +1,8 @@
-"""Hostile files, each a few kilobytes to make, and a process of its own that measures what reading one costs."""
+"""Hostile files, each a few kilobytes to make, and a process of its own that measures what reading one costs.
+
+Times are multiples of a loop of a million additions in the same process: machines differ by a factor of three, and
+a core that is shared with other work slows both.
+"""
 
 import gzip
 import json
@@ -34,6 +38,15 @@ def read(kind, path):
 def used():
     usage = resource.getrusage(resource.RUSAGE_SELF)
     return usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024
+def loop(count=1_000_000):
+    total = 0
+    for number in range(count):
+        total += number
+def spent(work, *arguments):
+    start = used()[0]
+    work(*arguments)
+    return used()[0] - start
+unit = min(spent(loop) for _ in range(3))
 before = used()
 try:
     read(*sys.argv[1:])
@@ -43,18 +56,19 @@ except SlamgymError as error:
 except MemoryError:
     message = "MemoryError"
 after = used()
-print(after[0] - before[0], after[1] - before[1], message)
+unit = max(unit, min(spent(loop) for _ in range(3)))
+print((after[0] - before[0]) / unit, after[1] - before[1], message)
 """
 
 
 def measure(kind: str, path: Path | str, **options) -> tuple[float, float, str]:
-    """CPU seconds, megabytes beyond start-up and the message, or ``accepted``."""
+    """CPU time in loops of a million additions, megabytes beyond start-up and the message, or ``accepted``."""
     command = [sys.executable, "-W", "ignore", "-c", MEASURE, kind, str(path)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
     if done.returncode:
         return 0.0, 0.0, f"exit status {done.returncode}: {done.stderr[-300:]}"
-    seconds, megabytes, message = done.stdout.split(" ", 2)
-    return float(seconds), float(megabytes), message.strip()
+    loops, megabytes, message = done.stdout.split(" ", 2)
+    return float(loops), float(megabytes), message.strip()
 
 
 def aliases(folder: Path) -> Path:

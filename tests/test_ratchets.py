@@ -35,7 +35,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "drawing": (3033, 3, 0, 173, 0),
     "envs": (2586, 35, 0, 70, 0),
     "gan": (2416, 42, 0, 97, 0),
-    "interop": (1142, 0, 0, 48, 0),
+    "interop": (1141, 0, 0, 48, 0),
     "metrics": (1129, 0, 0, 58, 0),
     "parametric": (1266, 41, 0, 32, 0),
     "planning": (2132, 19, 0, 86, 0),
@@ -46,7 +46,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32846, 306, 263, 1489, 34320)
+TOTAL = (32845, 306, 263, 1489, 34320)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

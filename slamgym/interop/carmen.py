@@ -192,17 +192,16 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
     """Lines of a plain or compressed file; what is readable before a fault of compressed data is kept."""
     try:
         with open_expanded(path) as file:
-            while line := file.readline(MAX_LINE_BYTES + 1):
-                if len(line) > MAX_LINE_BYTES:
+            rest = b""
+            while chunk := file.read1():
+                *lines, rest = (rest + chunk).split(b"\n")
+                if len(rest) > MAX_LINE_BYTES:
                     raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
-                yield line.rstrip(b"\n")
+                yield from lines
+            yield rest
     except DAMAGED as error:
-        fault = (
-            "compressed data that end early"
-            if isinstance(error, EOFError)
-            else "damage in the compressed data"
-        )
-        warnings.add(f"{fault}, the rest of which is lost", path)
+        fault = "end early" if isinstance(error, EOFError) else "are damaged"
+        warnings.add(f"compressed data that {fault}, the rest of which is lost", path)
     except OSError as error:
         raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
 

@@ -245,7 +245,7 @@ def test_dxf_that_stands_for_too_much_is_refused_at_once(tmp_path, monkeypatch, 
     start = time.process_time()
     with pytest.raises(PlanError, match=sentence):
         read_dxf(tmp_path / "a.dxf")
-    assert time.process_time() - start < 3.0
+    assert time.process_time() - start < 10.0  # a fifteenth of it on a quiet core; without the limits no end
 
 
 def test_geojson_of_too_many_lists_is_refused_before_it_is_parsed(write):
