@@ -1,0 +1,119 @@
+"""Simulated drives for judging mappers: scans, wheel readings and truth, kept on disk.
+
+The robot explores for seven minutes with a known pose, so the drive doesn't depend on a mapper, and every mapper is
+fed the same one.
+"""
+
+import dataclasses
+import itertools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.agents.registry import make_explorer
+from slamgym.cad import FloorPlan, PlanGeneratorConfig, PlanGroup, generate_plan, open_plans
+from slamgym.core.config import config_hash
+from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.dataset.generate.build import schedule_groups
+from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
+from slamgym.interop import Log, LogRecord
+from slamgym.sim import lidar_level, odometry_level
+from slamgym.slam import SlamConfig
+
+DEMO_SEED, DEMO_PLANS = 1, 8
+"""Those of ``make demo``."""
+FIRST_HOME = 1_000
+"""Seed of the first generated home."""
+
+
+class Conditions(NamedTuple):
+    """Errors of the wheels and of the laser, by their names, and the laser's range [m]."""
+
+    odometry: str = "medium"
+    laser: str = "default"
+    range_max: float = 3.5
+
+    @property
+    def usable_range(self) -> float:
+        """Longer returns are not matched [m]."""
+        return self.range_max - 0.05
+
+    def episode(self) -> EpisodeConfig:
+        """Settings of an exploration with a known pose."""
+        env = ExploreConfig()
+        lidar = env.lidar if self.laser == "default" else lidar_level(self.laser)
+        return EpisodeConfig(
+            "nearest",
+            7.0,
+            env=dataclasses.replace(
+                env,
+                odometry=odometry_level(self.odometry),
+                lidar=dataclasses.replace(lidar, range_max=self.range_max),
+                slam=SlamConfig(mode="ground_truth", max_usable_range=self.usable_range),
+            ),
+        )
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A log with its truth, in the map frame."""
+
+    log: Log
+    truth: Trajectory  # one pose a scan
+    walls: FloatArray  # (S, 4) [m]
+
+
+def generated_homes(count: int) -> Iterator[tuple[FloorPlan, int]]:
+    """Generated homes, each with the seed of its drive."""
+    return ((generate_plan(FIRST_HOME + k, PlanGeneratorConfig(kind="home")), k) for k in range(count))
+
+
+def demo_plans() -> Iterator[tuple[FloorPlan, int]]:
+    """The bundled plans that ``make demo`` explores, each with the seed of its drive."""
+    plans = open_plans("bundled")
+    slots = schedule_groups([PlanGroup(plans.ids, 1.0)], DEMO_SEED)
+    return ((plans.load(slot.plan_id), slot.seed) for slot in itertools.islice(slots, DEMO_PLANS))
+
+
+def drive(plan: FloorPlan, seed: int, conditions: Conditions, cache: Path) -> Drive:
+    """A drive from the cache, or simulated and put there.
+
+    Args:
+        plan: The building.
+        seed: Of the start, the noise and the explorer.
+        conditions: Errors of the robot.
+        cache: Folder of the drives that were simulated before; delete it once the simulator has changed.
+    """
+    config = conditions.episode()
+    errors = f"{config_hash(config.env.odometry)[:6]}{config_hash(config.env.lidar)[:6]}"
+    path = cache / f"{plan.id}-{seed}-{conditions.odometry}-{conditions.laser}-{errors}.npz"
+    if not path.exists():
+        _simulate(path, plan, seed, config)
+    with np.load(path) as held:
+        *beams, x, y, theta = held["geometry"].tolist()
+        geometry = LaserGeometry(int(beams[0]), *beams[1:], Pose2D(x, y, theta))
+        stamps, ranges, odometry = held["stamps"], held["ranges"], held["odometry"]
+        records = [
+            LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, scan, geometry))
+            for stamp, pose, scan in zip(stamps.tolist(), odometry.tolist(), ranges, strict=True)
+        ]
+        return Drive(Log(plan.id, records, geometry), Trajectory(stamps, held["truth"]), held["walls"])
+
+
+def _simulate(path: Path, plan: FloorPlan, seed: int, config: EpisodeConfig) -> None:
+    episode = run_episode(plan, seed, config, make_explorer)
+    *beams, mount = episode.geometry
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez_compressed(
+        path,
+        stamps=episode.log.stamps,
+        ranges=episode.log.ranges,
+        odometry=episode.log.odometry,
+        truth=episode.truth.poses,
+        walls=episode.plan.segments() - np.tile(episode.start[:2], 2),
+        geometry=np.array([*beams, *mount]),
+        plan=plan.id,
+    )

@@ -1,0 +1,218 @@
+"""Accuracy, honesty and time of the mappers on simulated homes and recorded logs: the table of docs/slam.md.
+
+    python benchmarks/slam/mapping.py [--parts exact medium logs] [--modes ...] [--logs LOGS] [--homes 20] [--seeds 3]
+
+exact: exact laser, true odometry. medium: the default laser and odometry. levels: the other odometries, and a laser of
+12 m. The buildings are generated homes and the bundled plans of ``make demo``; every mode is fed the same drives, which
+are simulated once and kept in a cache. logs: recorded logs, as ``slamgym slam`` maps them.
+
+*RMSE*: position of the final path against the truth, without alignment, with a 95 % bootstrap interval of the mean.
+*walls*: mean distance of the map's occupied cells from the true walls; cells alone cost a quarter of their size.
+*points*: the same of the end points of scans on the final path, after rigid alignment. Both include the laser's errors:
+the row ``ground_truth`` shows the least that is possible. *NEES*: 3 for a consistent covariance. *revisit*: mean
+distance between what several passes saw. *from reference*: RMSE against the path of the last mode after alignment,
+which shows what is broken where a log has no relations.
+"""
+
+import argparse
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from slamgym.core.geometry import transform_poses
+from slamgym.core.intervals import mean_interval
+from slamgym.core.types import FloatArray, Pose2D
+from slamgym.interop import Log, LogRecord
+from slamgym.metrics import (
+    ObstacleDistance,
+    absolute_trajectory_error,
+    align_se2,
+    normalised_estimation_error_squared,
+    poses_at,
+)
+from slamgym.slam import SlamConfig
+from slamgym.slam.mapper import Mapper
+from slamgym.slam.modes import MODES
+from slamgym.slam.replay import ReplayResult, replay
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+import recorded_logs
+from drives import Conditions, Drive, demo_plans, drive, generated_homes
+from faults import doubtful_spans
+from recorded_logs import end_points
+from report import print_and_save
+
+INSTANTS = 10
+"""Number of instants of a drive at which NEES is taken."""
+EVERY = 10
+"""Of so many scans the end points of one are measured."""
+GMAPPING_SEARCH = "GMapping's search"
+GMAPPING_ON_LOGS = {
+    "mode": "rbpf", "matcher": "hill_climbing", "odometry_weight": 0.0, "learn_odometry": False, "drawn_noise": 1.0,
+}  # fmt: skip
+BY_ODOMETRY = ("dead_reckoning", "ground_truth")
+ALL_MODES = (*MODES, GMAPPING_SEARCH)
+RATIO = "/ GMapping's"
+DRIVE_COLUMNS = (
+    "drives", "mode", "RMSE [m]", "95 % low", "95 % high", "median [m]", "worst [m]",
+    "walls [m]", "points [m]", "NEES", "median NEES", "doubts", "ms per scan", RATIO,
+)  # fmt: skip
+
+Rows = list[dict[str, Any]]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument("--modes", nargs="+", choices=ALL_MODES, default=list(ALL_MODES))
+    parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, some with NAME.relations")
+    parser.add_argument("--homes", type=int, default=20)
+    parser.add_argument("--seeds", type=int, default=3, help="runs of each log")
+    parser.add_argument("--cache", type=Path, default=Path("build/drives"), help="folder of simulated drives")
+    arguments = parser.parse_args()
+    for part in arguments.parts:
+        make_rows, columns = PARTS[part]
+        rows = make_rows(arguments)
+        if rows:
+            print_and_save(f"slam/mapping_{part}", part, rows, columns)
+
+
+def exact(arguments: argparse.Namespace) -> Rows:
+    """Drives without any error but that of the mapper."""
+    case = Conditions("ideal", "exact")
+    return [*drive_rows(arguments, case, "homes"), *drive_rows(arguments, case, "demo plans")]
+
+
+def medium(arguments: argparse.Namespace) -> Rows:
+    """Drives with the default errors."""
+    return [*drive_rows(arguments, Conditions(), "homes"), *drive_rows(arguments, Conditions(), "demo plans")]
+
+
+def levels(arguments: argparse.Namespace) -> Rows:
+    """Drives with other odometries, and with a laser that sees across rooms."""
+    cases = [*(Conditions(level) for level in ("ideal", "low", "high")), Conditions(range_max=12.0)]
+    return [row for case in cases for row in drive_rows(arguments, case, "homes")]
+
+
+def logs(arguments: argparse.Namespace) -> Rows:
+    """Recorded logs; without ``--logs`` there are none."""
+    if arguments.logs is None:
+        return []
+    modes = {
+        mode: GMAPPING_ON_LOGS if mode == GMAPPING_SEARCH else {"mode": mode}
+        for mode in arguments.modes
+        if mode not in BY_ODOMETRY
+    }
+    rows = recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
+    names = dict.fromkeys(row["log"] for row in rows)
+    return [row for name in names for row in with_ratio([row for row in rows if row["log"] == name])]
+
+
+def drive_rows(arguments: argparse.Namespace, case: Conditions, buildings: str) -> Rows:
+    """A row for each mode on the same drives."""
+    plans = demo_plans() if buildings == "demo plans" else generated_homes(arguments.homes)
+    drives = [drive(plan, seed, case, arguments.cache) for plan, seed in plans]
+    laser = f"{case.laser} laser of {case.range_max:g} m"
+    name = {"drives": f"{len(drives)} {buildings}, {case.odometry} odometry, {laser}"}
+    return with_ratio([name | drive_row(drives, case, mode) for mode in arguments.modes])
+
+
+def with_ratio(rows: Rows) -> Rows:
+    """The rows of one case with their times divided by that of GMapping's search."""
+    whole = {row["mode"]: row["ms per scan"] for row in rows}.get(GMAPPING_SEARCH)
+    return [row | {RATIO: whole and round(row["ms per scan"] / whole, 3)} for row in rows]
+
+
+def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str, Any]:
+    """One mode on all drives of a case."""
+    config = SlamConfig.gmapping()
+    if mode != GMAPPING_SEARCH:
+        config = SlamConfig(mode=mode, max_usable_range=case.usable_range)  # type: ignore[arg-type]
+    results = [measure(one, config, seed) for seed, one in enumerate(drives)]
+    errors = np.array([result.error for result in results])
+    interval, nees = mean_interval(errors), np.concatenate([result.nees for result in results])
+    return {
+        "mode": mode,
+        "RMSE [m]": round(interval.value, 3),
+        "95 % low": round(interval.low, 3),
+        "95 % high": round(interval.high, 3),
+        "median [m]": round(float(np.median(errors)), 3),
+        "worst [m]": round(float(errors.max()), 3),
+        "walls [m]": round(float(np.mean([result.walls for result in results])), 4),
+        "points [m]": round(float(np.mean([result.points for result in results])), 4),
+        "NEES": None if mode in BY_ODOMETRY else round(float(nees.mean()), 1),
+        "median NEES": None if mode in BY_ODOMETRY else round(float(np.median(nees)), 1),
+        "doubts": round(float(np.mean([result.spans for result in results])), 1),
+        "ms per scan": round(float(np.median([result.milliseconds for result in results])), 2),
+    }
+
+
+@dataclass(frozen=True)
+class Measured:
+    """Figures of one drive."""
+
+    error: float  # RMSE of the path [m]
+    walls: float  # of the map's occupied cells from the true walls [m]
+    points: float  # of the end points, aligned [m]
+    nees: FloatArray  # (INSTANTS,)
+    spans: int  # doubtful ones
+    milliseconds: float  # per processed scan
+
+
+def measure(one: Drive, config: SlamConfig, seed: int) -> Measured:
+    """Map a drive and compare path, map and covariance with the truth."""
+    log = one.log
+    if config.mode == "ground_truth":
+        poses = one.truth.poses.tolist()
+        records = [LogRecord(r.stamp, Pose2D(*pose), r.scan) for r, pose in zip(log, poses, strict=True)]
+        log = Log(log.source, records, log.geometry)
+    instants = set(np.linspace(0, len(log) - 1, INSTANTS + 1).astype(int)[1:].tolist())
+    stamps, believed, covariances = [], [], []
+
+    def on_scan(index: int, mapper: Mapper, is_processed: bool) -> None:
+        del is_processed
+        if index in instants:
+            stamps.append(log.records[index].stamp)
+            believed.append(mapper.pose)
+            covariances.append(mapper.covariance)
+
+    result = replay(log, config, np.random.default_rng(seed), on_scan)
+    true, _ = poses_at(one.truth, np.array(stamps))
+    return Measured(
+        absolute_trajectory_error(result.processed, one.truth, align=False).translation.rmse,
+        ObstacleDistance(one.walls).mean_error(result.grid, Pose2D(0.0, 0.0, 0.0)),
+        points_to_walls(one, result, config.max_usable_range),
+        normalised_estimation_error_squared(np.array(believed), true, np.array(covariances)),
+        len(doubtful_spans(result.stats)),
+        result.stats.cpu_ms_per_processed_scan,
+    )
+
+
+def points_to_walls(one: Drive, result: ReplayResult, range_max: float) -> float:
+    """Mean distance of end points from the true walls, once the path is aligned with the true one [m]."""
+    poses, (true, _) = result.trajectory.poses, poses_at(one.truth, result.trajectory.stamps)
+    aligned = transform_poses(align_se2(poses[:, :2], true[:, :2]), poses)
+    points, _ = end_points(one.log.records[::EVERY], aligned[::EVERY], range_max)
+    walls = shapely.MultiLineString(list(one.walls.reshape(-1, 2, 2)))
+    shapely.prepare(walls)
+    return float(shapely.distance(shapely.points(points), walls).mean())
+
+
+PARTS = {
+    "exact": (exact, DRIVE_COLUMNS),
+    "medium": (medium, DRIVE_COLUMNS),
+    "levels": (levels, DRIVE_COLUMNS),
+    "logs": (logs, (*recorded_logs.COLUMNS, RATIO)),
+}
+"""Tables and their columns."""
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,149 @@
+"""Judging maps of recorded logs, which have no truth: by relations, by what several passes saw, by another path."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from faults import doubtful_spans
+from scipy.spatial import cKDTree
+
+from slamgym.core.geometry import between, compose, unit_vectors
+from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
+from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations
+from slamgym.metrics import absolute_trajectory_error, relation_error
+from slamgym.slam.replay import ReplayResult, replay, settings_for
+
+REVISIT_GAP = 60
+"""Scans further apart than this belong to different passes."""
+REVISIT_RANGE = 20.0
+COLUMNS = (
+    "log", "mode", "relations [m]", "worst [m]", "revisits [m]", "rotation [deg]", "revisit [m]",
+    "worst revisit [m]", "disturbed revisit [m]", "from reference [m]", "doubts", "ms per scan",
+)  # fmt: skip
+
+
+def log_rows(folder: Path, modes: Mapping[str, Mapping[str, Any]], seeds: int) -> list[dict[str, Any]]:
+    """A row for each log and mode; the path of the last mode is the reference."""
+    rows = []
+    for path in sorted(folder.glob("*.log.gz")):
+        log, name = open_log(path), path.name.removesuffix(".log.gz")
+        relations_file = path.with_name(f"{name}.relations")
+        relations = read_relations(relations_file) if relations_file.exists() else None
+        results = {mode: runs(log, settings, seeds) for mode, settings in modes.items()}
+        reference = list(results.values())[-1][0].trajectory
+        for mode, some in results.items():
+            rows.append({"log": name, "mode": mode} | judged(log, some, seeds, relations, reference))
+    return rows
+
+
+def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> list[ReplayResult]:
+    """Runs with so many seeds, then with so many disturbed odometries less one."""
+    config = settings_for(log.geometry, settings)
+    replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
+    logs = [log] * seeds + [disturbed(log, seed) for seed in range(1, seeds)]
+    return [replay(one, config, np.random.default_rng(seed)) for seed, one in enumerate(logs)]
+
+
+def judged(
+    log: Log, results: Sequence[ReplayResult], seeds: int, relations: Relations | None, reference: Trajectory
+) -> dict[str, Any]:
+    """Figures of one mode's runs on a log; the disturbed ones count in their own columns alone."""
+    plain = results[:seeds]
+    row: dict[str, Any] = dict.fromkeys(COLUMNS[2:])
+    if relations is not None:
+        errors = [relation_error(result.moments, *relations) for result in plain]
+        means = [error.translation.mean for error in errors]
+        again = [relation_error(result.moments, *relations, revisits=True) for result in plain]
+        row["relations [m]"], row["worst [m]"] = rounded(means), round(max(means), 4)
+        row["revisits [m]"] = rounded([error.translation.mean for error in again])
+        row["rotation [deg]"] = round(float(np.degrees(np.mean([e.rotation.mean for e in errors]))), 2)
+    revisits = [revisit(log, result) for result in results]
+    paths = [absolute_trajectory_error(result.trajectory, reference) for result in plain]
+    return row | {
+        "revisit [m]": rounded(revisits[:seeds]),
+        "worst revisit [m]": round(max(revisits[:seeds]), 4),
+        "disturbed revisit [m]": rounded(revisits[seeds:]) if revisits[seeds:] else None,
+        "from reference [m]": rounded([path.translation.rmse for path in paths]),
+        "doubts": rounded([len(doubtful_spans(result.stats)) for result in plain]),
+        "ms per scan": round(float(np.median([r.stats.cpu_ms_per_processed_scan for r in plain])), 2),
+    }
+
+
+def rounded(values: Sequence[float]) -> float:
+    """Mean for a table."""
+    return round(float(np.mean(values)), 4)
+
+
+def revisit(log: Log, result: ReplayResult) -> float:
+    """Mean disagreement between passes [m]."""
+    return revisit_disagreement(
+        *end_points(log.records, result.trajectory.poses, REVISIT_RANGE), gap=REVISIT_GAP
+    )
+
+
+def revisit_disagreement(
+    points: FloatArray, owners: IntArray, *, gap: int, radius: float = 0.5, stride: int = 5
+) -> float:
+    """Mean distance from end points to the nearest end point that another pass saw [m]; nan if no place was seen twice.
+
+    Args:
+        points: End points of all scans in the map frame, shape (N, 2) [m].
+        owners: Index of each point's scan, shape (N,), ascending.
+        gap: Scans whose indices differ by at least this belong to different passes.
+        radius: Points with nothing of another pass within this distance were seen once only, or belong to
+            something that moved; they don't count [m].
+        stride: Measure every so many points.
+    """
+    num_scans = int(owners[-1]) + 1 if len(owners) else 0
+    block = max(1, gap // 4)
+    distances: list[FloatArray] = []
+    # Points of one block of scans are compared with all scans that are at least a gap away.
+    for first in range(0, num_scans, block):
+        own = (owners >= first) & (owners < first + block)
+        other: BoolArray = (owners <= first - gap) | (owners >= first + block - 1 + gap)
+        if own.any() and other.any():
+            found, _ = cKDTree(points[other]).query(points[own][::stride], distance_upper_bound=radius)
+            distances.append(np.asarray(found, dtype=np.float64)[np.isfinite(found)])
+    return float(np.concatenate(distances).mean()) if distances else math.nan
+
+
+def end_points(
+    records: Sequence[LogRecord], poses: FloatArray, range_max: float
+) -> tuple[FloatArray, IntArray]:
+    """End points of scans in the map frame.
+
+    Args:
+        records: The scans; at least one.
+        poses: Their robot poses, shape (scans, 3).
+        range_max: Longer returns are left out [m].
+
+    Returns:
+        Points (N, 2) [m] and the index of each point's scan (N,).
+    """
+    geometry = records[0].scan.geometry
+    ranges = np.array([record.scan.ranges for record in records], dtype=np.float64)
+    owners, beams = np.nonzero(np.isfinite(ranges) & (ranges < range_max))
+    rays = unit_vectors(geometry.angles + geometry.mount.theta)
+    seen = ranges[owners, beams][:, None] * rays[beams] + geometry.mount[:2]
+    ahead = unit_vectors(poses[owners, 2])
+    left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
+    return poses[owners, :2] + seen[:, [0]] * ahead + seen[:, [1]] * left, owners
+
+
+def disturbed(log: Log, seed: int) -> Log:
+    """The log with worse odometry: 2 % scale, 0.6 deg/m bias, 3 % and 1 deg/m noise (standard deviations)."""
+    rng = np.random.default_rng(seed)
+    scale, bias = 1.0 + 0.02 * rng.standard_normal(), 0.01 * rng.standard_normal()
+    pose = last = log.records[0].odometry
+    records: list[LogRecord] = []
+    for record in log:
+        step, last = between(last, record.odometry), record.odometry
+        length = float(np.hypot(step.x, step.y))
+        noise = length * np.array([0.03, 0.02, 0.02]) * rng.standard_normal(3)
+        turn = step.theta * (1.0 + 0.02 * rng.standard_normal()) + bias * length + noise[2]
+        pose = compose(pose, Pose2D(scale * step.x + noise[0], step.y + noise[1], turn))
+        records.append(LogRecord(record.stamp, pose, record.scan))
+    return replace(log, records=records, recorded_track=None)
