@@ -1,6 +1,6 @@
 """Simulated drives for judging mappers: scans, wheel readings and truth, kept on disk.
 
-The robot explores for seven minutes with a known pose, so the drive doesn't depend on a mapper, and every mapper is
+The robot explores with a known pose, so the drive doesn't depend on a mapper, and every mapper is
 fed the same one.
 """
 
@@ -27,14 +27,19 @@ DEMO_SEED, DEMO_PLANS = 1, 8
 """Those of ``make demo``."""
 FIRST_HOME = 1_000
 """Seed of the first generated home."""
+LARGE_OFFICES = (2, 0, 4)
+"""Seeds of offices with loops of 1,445, 2,728 and 4,364 m2 ..."""
+LARGE_AREA = (1_000.0, 5_000.0)
+"""... as they come of these limits [m2]."""
 
 
 class Conditions(NamedTuple):
-    """Errors of the wheels and of the laser, by their names, and the laser's range [m]."""
+    """Errors of wheels and laser by their names, the laser's range [m] and the longest time [min]."""
 
     odometry: str = "medium"
     laser: str = "default"
     range_max: float = 3.5
+    minutes: float = 7.0
 
     @property
     def usable_range(self) -> float:
@@ -47,7 +52,7 @@ class Conditions(NamedTuple):
         lidar = env.lidar if self.laser == "default" else lidar_level(self.laser)
         return EpisodeConfig(
             "nearest",
-            7.0,
+            self.minutes,
             env=dataclasses.replace(
                 env,
                 odometry=odometry_level(self.odometry),
@@ -69,6 +74,12 @@ class Drive:
 def generated_homes(count: int) -> Iterator[tuple[FloorPlan, int]]:
     """Generated homes, each with the seed of its drive."""
     return ((generate_plan(FIRST_HOME + k, PlanGeneratorConfig(kind="home")), k) for k in range(count))
+
+
+def large_offices() -> Iterator[tuple[FloorPlan, int]]:
+    """Generated offices, each with the seed of its drive."""
+    config = PlanGeneratorConfig(kind="office", office_area=LARGE_AREA, loops=1.0)
+    return ((generate_plan(seed, config), seed) for seed in LARGE_OFFICES)
 
 
 def demo_plans() -> Iterator[tuple[FloorPlan, int]]:

@@ -2,9 +2,11 @@
 
     python benchmarks/slam/mapping.py [--parts exact medium logs] [--modes ...] [--logs LOGS] [--homes 20] [--seeds 3]
 
-exact: exact laser, true odometry. medium: the default laser and odometry. levels: the other odometries, and a laser of
-12 m. The buildings are generated homes and the bundled plans of ``make demo``; every mode is fed the same drives, which
-are simulated once and kept in a cache. logs: recorded logs, as ``slamgym slam`` maps them.
+Parts: ``exact``: exact laser, true odometry. ``medium``: the default laser and odometry. ``levels``: other odometries,
+and a laser of 12 m. ``large``: offices of 1,400 to 4,400 m2, which take hours to simulate, so this part must be asked
+for. The other buildings are generated homes and the bundled plans of ``make demo``; every mode is fed the same drives,
+which are simulated once and kept in a cache. ``demo``: the maps of ``make demo`` themselves. ``logs``: recorded logs,
+as ``slamgym slam`` maps them. ``faults``: good drives and logs with faults put in (``faults.py``).
 
 *RMSE*: position of the final path against the truth, without alignment, with a 95 % bootstrap interval of the mean.
 *walls*: mean distance of the map's occupied cells from the true walls; cells alone cost a quarter of their size.
@@ -15,6 +17,7 @@ which shows what is broken where a log has no relations.
 """
 
 import argparse
+import itertools
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,8 +29,8 @@ import shapely
 
 from slamgym.core.geometry import transform_poses
 from slamgym.core.intervals import mean_interval
-from slamgym.core.types import FloatArray, Pose2D
-from slamgym.interop import Log, LogRecord
+from slamgym.core.types import FloatArray, Pose2D, Trajectory
+from slamgym.interop import Log, LogRecord, open_log
 from slamgym.metrics import (
     ObstacleDistance,
     absolute_trajectory_error,
@@ -41,9 +44,11 @@ from slamgym.slam.modes import MODES
 from slamgym.slam.replay import ReplayResult, replay
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+import demo_maps
 import recorded_logs
-from drives import Conditions, Drive, demo_plans, drive, generated_homes
-from faults import doubtful_spans
+from drives import Conditions, Drive, demo_plans, drive, generated_homes, large_offices
+from faults import COLUMNS as FAULT_COLUMNS
+from faults import doubtful_spans, fault_rows
 from recorded_logs import end_points
 from report import print_and_save
 
@@ -55,6 +60,14 @@ GMAPPING_SEARCH = "GMapping's search"
 GMAPPING_ON_LOGS = {
     "mode": "rbpf", "matcher": "hill_climbing", "odometry_weight": 0.0, "learn_odometry": False, "drawn_noise": 1.0,
 }  # fmt: skip
+LONG_RANGE = 12.0
+"""Range of a laser that sees across rooms [m]."""
+LARGE_MINUTES = 180.0
+"""Longest drive through a large office [min]."""
+FAULTY_HOMES = 4
+"""Number of homes into whose drives faults are put."""
+KNOWN_FAULT = "freiburg-079"
+"""Recorded log that has a fault of its own."""
 BY_ODOMETRY = ("dead_reckoning", "ground_truth")
 ALL_MODES = (*MODES, GMAPPING_SEARCH)
 RATIO = "/ GMapping's"
@@ -70,7 +83,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
+    parser.add_argument(
+        "--parts", nargs="+", choices=PARTS, default=[part for part in PARTS if part != "large"]
+    )
     parser.add_argument("--modes", nargs="+", choices=ALL_MODES, default=list(ALL_MODES))
     parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, some with NAME.relations")
     parser.add_argument("--homes", type=int, default=20)
@@ -97,7 +112,7 @@ def medium(arguments: argparse.Namespace) -> Rows:
 
 def levels(arguments: argparse.Namespace) -> Rows:
     """Drives with other odometries, and with a laser that sees across rooms."""
-    cases = [*(Conditions(level) for level in ("ideal", "low", "high")), Conditions(range_max=12.0)]
+    cases = [*(Conditions(level) for level in ("ideal", "low", "high")), Conditions(range_max=LONG_RANGE)]
     return [row for case in cases for row in drive_rows(arguments, case, "homes")]
 
 
@@ -115,10 +130,39 @@ def logs(arguments: argparse.Namespace) -> Rows:
     return [row for name in names for row in with_ratio([row for row in rows if row["log"] == name])]
 
 
+def demo(arguments: argparse.Namespace) -> Rows:
+    """Explorations of the bundled plans that drive by the mapper's own pose."""
+    return [
+        {"mode": mode} | demo_maps.demo_figures(settings_of(mode, Conditions()), arguments.seeds)
+        for mode in arguments.modes
+        if mode != "dead_reckoning"
+    ]
+
+
+def large(arguments: argparse.Namespace) -> Rows:
+    """Drives of hours through offices of 1,400 to 4,400 m2."""
+    return drive_rows(arguments, Conditions(minutes=LARGE_MINUTES), "large offices")
+
+
+def faults(arguments: argparse.Namespace) -> Rows:
+    """Faults in simulated drives, with a laser of either range, and in recorded logs."""
+    good: dict[str, tuple[Log, Trajectory | None]] = {}
+    for case in (Conditions(), Conditions(range_max=LONG_RANGE)):
+        for plan, seed in itertools.islice(generated_homes(arguments.homes), FAULTY_HOMES):
+            one = drive(plan, seed, case, arguments.cache)
+            good[f"{plan.id}, {case.range_max:g} m"] = one.log, one.truth
+    for path in sorted(arguments.logs.glob("*.log.gz")) if arguments.logs else ():
+        if not path.name.startswith(KNOWN_FAULT):
+            good[path.name] = open_log(path), None
+    modes = [mode for mode in arguments.modes if mode not in (*BY_ODOMETRY, GMAPPING_SEARCH)]
+    return fault_rows(good, modes)
+
+
 def drive_rows(arguments: argparse.Namespace, case: Conditions, buildings: str) -> Rows:
     """A row for each mode on the same drives."""
-    plans = demo_plans() if buildings == "demo plans" else generated_homes(arguments.homes)
-    drives = [drive(plan, seed, case, arguments.cache) for plan, seed in plans]
+    plans = {"demo plans": demo_plans(), "large offices": large_offices()}
+    chosen = plans.get(buildings, generated_homes(arguments.homes))
+    drives = [drive(plan, seed, case, arguments.cache) for plan, seed in chosen]
     laser = f"{case.laser} laser of {case.range_max:g} m"
     name = {"drives": f"{len(drives)} {buildings}, {case.odometry} odometry, {laser}"}
     return with_ratio([name | drive_row(drives, case, mode) for mode in arguments.modes])
@@ -132,9 +176,7 @@ def with_ratio(rows: Rows) -> Rows:
 
 def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str, Any]:
     """One mode on all drives of a case."""
-    config = SlamConfig.gmapping()
-    if mode != GMAPPING_SEARCH:
-        config = SlamConfig(mode=mode, max_usable_range=case.usable_range)  # type: ignore[arg-type]
+    config = settings_of(mode, case)
     results = [measure(one, config, seed) for seed, one in enumerate(drives)]
     errors = np.array([result.error for result in results])
     interval, nees = mean_interval(errors), np.concatenate([result.nees for result in results])
@@ -152,6 +194,13 @@ def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str,
         "doubts": round(float(np.mean([result.spans for result in results])), 1),
         "ms per scan": round(float(np.median([result.milliseconds for result in results])), 2),
     }
+
+
+def settings_of(mode: str, case: Conditions) -> SlamConfig:
+    """Settings of an environment's mapper."""
+    if mode == GMAPPING_SEARCH:
+        return SlamConfig.gmapping()
+    return SlamConfig(mode=mode, max_usable_range=case.usable_range)  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True)
@@ -210,6 +259,9 @@ PARTS = {
     "medium": (medium, DRIVE_COLUMNS),
     "levels": (levels, DRIVE_COLUMNS),
     "logs": (logs, (*recorded_logs.COLUMNS, RATIO)),
+    "demo": (demo, demo_maps.COLUMNS),
+    "faults": (faults, FAULT_COLUMNS),
+    "large": (large, DRIVE_COLUMNS),
 }
 """Tables and their columns."""
 

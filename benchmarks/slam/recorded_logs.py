@@ -19,6 +19,8 @@ from slamgym.slam.replay import ReplayResult, replay, settings_for
 REVISIT_GAP = 60
 """Scans further apart than this belong to different passes."""
 REVISIT_RANGE = 20.0
+MOST_SCANS, MOST_BLOCKS = 1_000, 60
+"""More scans than this are thinned out; each block of them takes a search tree of all others."""
 COLUMNS = (
     "log", "mode", "relations [m]", "worst [m]", "revisits [m]", "rotation [deg]", "revisit [m]",
     "worst revisit [m]", "disturbed revisit [m]", "from reference [m]", "doubts", "ms per scan",
@@ -79,9 +81,9 @@ def rounded(values: Sequence[float]) -> float:
 
 def revisit(log: Log, result: ReplayResult) -> float:
     """Mean disagreement between passes [m]."""
-    return revisit_disagreement(
-        *end_points(log.records, result.trajectory.poses, REVISIT_RANGE), gap=REVISIT_GAP
-    )
+    every = math.ceil(len(log) / MOST_SCANS)
+    points, owners = end_points(log.records[::every], result.trajectory.poses[::every], REVISIT_RANGE)
+    return revisit_disagreement(points, owners, gap=REVISIT_GAP // every)
 
 
 def revisit_disagreement(
@@ -98,7 +100,7 @@ def revisit_disagreement(
         stride: Measure every so many points.
     """
     num_scans = int(owners[-1]) + 1 if len(owners) else 0
-    block = max(1, gap // 4)
+    block = max(1, gap // 4, num_scans // MOST_BLOCKS)
     distances: list[FloatArray] = []
     # Points of one block of scans are compared with all scans that are at least a gap away.
     for first in range(0, num_scans, block):
