@@ -18,7 +18,7 @@ from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
 COLUMNS = (
-    "mode", "wall error of make demo [m]", "worst [m]", "explorations", "wall error [m]", "95 % low", "95 % high",
+    "mode", "wall error of make demo [m]", "worst [m]", "explorations", "wall error [m]", "95 %",
     "RMSE [m]",
 )  # fmt: skip
 
@@ -33,8 +33,7 @@ def demo_figures(config: SlamConfig, seeds: int) -> dict[str, Any]:
         "worst [m]": round(float(errors[:DEMO_PLANS].max()), 3),
         "explorations": len(errors),
         "wall error [m]": round(interval.value, 3),
-        "95 % low": round(interval.low, 3),
-        "95 % high": round(interval.high, 3),
+        "95 %": f"{interval.low:.3f}-{interval.high:.3f}",
         "RMSE [m]": round(float(np.mean([record.ate for record in records])), 3),
     }
 

@@ -72,8 +72,8 @@ BY_ODOMETRY = ("dead_reckoning", "ground_truth")
 ALL_MODES = (*MODES, GMAPPING_SEARCH)
 RATIO = "/ GMapping's"
 DRIVE_COLUMNS = (
-    "drives", "mode", "RMSE [m]", "95 % low", "95 % high", "median [m]", "worst [m]",
-    "walls [m]", "points [m]", "NEES", "median NEES", "doubts", "ms per scan", RATIO,
+    "drives", "mode", "RMSE [m]", "95 %", "median [m]", "worst [m]", "walls [m]", "points [m]", "NEES", "doubts",
+    "ms per scan", RATIO,
 )  # fmt: skip
 
 Rows = list[dict[str, Any]]
@@ -163,8 +163,7 @@ def drive_rows(arguments: argparse.Namespace, case: Conditions, buildings: str) 
     plans = {"demo plans": demo_plans(), "large offices": large_offices()}
     chosen = plans.get(buildings, generated_homes(arguments.homes))
     drives = [drive(plan, seed, case, arguments.cache) for plan, seed in chosen]
-    laser = f"{case.laser} laser of {case.range_max:g} m"
-    name = {"drives": f"{len(drives)} {buildings}, {case.odometry} odometry, {laser}"}
+    name = {"drives": f"{len(drives)} {buildings}: {case.odometry}, {case.laser} {case.range_max:g} m"}
     return with_ratio([name | drive_row(drives, case, mode) for mode in arguments.modes])
 
 
@@ -183,14 +182,12 @@ def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str,
     return {
         "mode": mode,
         "RMSE [m]": round(interval.value, 3),
-        "95 % low": round(interval.low, 3),
-        "95 % high": round(interval.high, 3),
+        "95 %": f"{interval.low:.3f}-{interval.high:.3f}",
         "median [m]": round(float(np.median(errors)), 3),
         "worst [m]": round(float(errors.max()), 3),
         "walls [m]": round(float(np.mean([result.walls for result in results])), 4),
         "points [m]": round(float(np.mean([result.points for result in results])), 4),
         "NEES": None if mode in BY_ODOMETRY else round(float(nees.mean()), 1),
-        "median NEES": None if mode in BY_ODOMETRY else round(float(np.median(nees)), 1),
         "doubts": round(float(np.mean([result.spans for result in results])), 1),
         "ms per scan": round(float(np.median([result.milliseconds for result in results])), 2),
     }

@@ -1,10 +1,11 @@
 """Judging maps of recorded logs, which have no truth: by relations, by what several passes saw, by another path."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from faults import doubtful_spans
@@ -35,25 +36,37 @@ def log_rows(folder: Path, modes: Mapping[str, Mapping[str, Any]], seeds: int) -
         relations_file = path.with_name(f"{name}.relations")
         relations = read_relations(relations_file) if relations_file.exists() else None
         results = {mode: runs(log, settings, seeds) for mode, settings in modes.items()}
-        reference = list(results.values())[-1][0].trajectory
+        reference = list(results.values())[-1].plain[0].trajectory
         for mode, some in results.items():
-            rows.append({"log": name, "mode": mode} | judged(log, some, seeds, relations, reference))
+            rows.append({"log": name, "mode": mode} | judged(log, some, relations, reference))
+            print(rows[-1], file=sys.stderr, flush=True)
     return rows
 
 
-def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> list[ReplayResult]:
-    """Runs with so many seeds, then with so many disturbed odometries less one."""
+class Runs(NamedTuple):
+    """Runs of one mode on a log."""
+
+    plain: list[ReplayResult]  # with several seeds; one where there is no chance in the mapper
+    disturbed: list[ReplayResult]  # with worse odometry
+
+
+def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> Runs:
+    """Runs with so many seeds, and with so many disturbed odometries less one."""
     config = settings_for(log.geometry, settings)
     replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
-    logs = [log] * seeds + [disturbed(log, seed) for seed in range(1, seeds)]
-    return [replay(one, config, np.random.default_rng(seed)) for seed, one in enumerate(logs)]
+    plain = [replay(log, config, np.random.default_rng(0))]
+    for seed in range(1, seeds):
+        other = replay(log, config, np.random.default_rng(seed))
+        if (other.trajectory.poses == plain[0].trajectory.poses).all():
+            break
+        plain.append(other)
+    worse = [disturbed(log, seed) for seed in range(1, seeds)]
+    return Runs(plain, [replay(one, config, np.random.default_rng(0)) for one in worse])
 
 
-def judged(
-    log: Log, results: Sequence[ReplayResult], seeds: int, relations: Relations | None, reference: Trajectory
-) -> dict[str, Any]:
-    """Figures of one mode's runs on a log; the disturbed ones count in their own columns alone."""
-    plain = results[:seeds]
+def judged(log: Log, some: Runs, relations: Relations | None, reference: Trajectory) -> dict[str, Any]:
+    """Figures of one mode's runs on a log."""
+    plain = some.plain
     row: dict[str, Any] = dict.fromkeys(COLUMNS[2:])
     if relations is not None:
         errors = [relation_error(result.moments, *relations) for result in plain]
@@ -62,12 +75,13 @@ def judged(
         row["relations [m]"], row["worst [m]"] = rounded(means), round(max(means), 4)
         row["revisits [m]"] = rounded([error.translation.mean for error in again])
         row["rotation [deg]"] = round(float(np.degrees(np.mean([e.rotation.mean for e in errors]))), 2)
-    revisits = [revisit(log, result) for result in results]
+    revisits = [revisit(log, result) for result in plain]
+    disturbed_revisits = [revisit(log, result) for result in some.disturbed]
     paths = [absolute_trajectory_error(result.trajectory, reference) for result in plain]
     return row | {
-        "revisit [m]": rounded(revisits[:seeds]),
-        "worst revisit [m]": round(max(revisits[:seeds]), 4),
-        "disturbed revisit [m]": rounded(revisits[seeds:]) if revisits[seeds:] else None,
+        "revisit [m]": rounded(revisits),
+        "worst revisit [m]": round(max(revisits), 4),
+        "disturbed revisit [m]": rounded(disturbed_revisits) if disturbed_revisits else None,
         "from reference [m]": rounded([path.translation.rmse for path in paths]),
         "doubts": rounded([len(doubtful_spans(result.stats)) for result in plain]),
         "ms per scan": round(float(np.median([r.stats.cpu_ms_per_processed_scan for r in plain])), 2),
