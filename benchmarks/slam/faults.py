@@ -20,7 +20,7 @@ from slamgym.slam.replay import replay, settings_for
 STRETCH_SECONDS, STRETCH_METRES, STRETCH_TURN = 10.0, 2.0, 0.5
 """A fault that lasts covers at least this much time, distance [m] and turning [rad], so that it does harm."""
 FOUND_SECONDS = 10.0
-"""A fault is found if a doubtful span begins at most so long after or before it [s]."""
+"""A fault is found if a doubtful span that the unbroken log hasn't begins at most so long after or before it [s]."""
 WRONG_METRES = 0.25
 """A path is wrong if its error exceeds that on the unbroken log by more than this [m]."""
 COLUMNS = (
@@ -180,18 +180,24 @@ def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, 
     def error_of(path: Trajectory) -> float:
         return absolute_trajectory_error(path, reference, align=truth is None).translation.rmse
 
-    path, spans = mapped(log)
+    path, usual = mapped(log)
     reference = path if truth is None else truth
     unbroken = error_of(path)
-    yield "none", Trial(unbroken, True, None, spans)
+    yield "none", Trial(unbroken, True, None, usual)
     where = stretch(log)
     for name, put_in in {**FAULTS, **FAULTS_EVERYWHERE}.items():
         path, spans = mapped(put_in(log, where if name in FAULTS else everything(log)))
         error = error_of(path)
-        delays = [span.begin - where.begin for span in spans]
+        new = [span for span in spans if not any(overlap(span, old) for old in usual)]
+        delays = [span.begin - where.begin for span in new]
         if name in FAULTS:
             delays = [delay for delay in delays if abs(delay) <= FOUND_SECONDS]
         yield name, Trial(error, error < unbroken + WRONG_METRES, min(delays, key=abs, default=None), spans)
+
+
+def overlap(a: Span, b: Span) -> bool:
+    """True if two spans share a moment."""
+    return a.begin <= b.end and b.begin <= a.end
 
 
 def fault_row(fault: str, mode: str, trials: Sequence[Trial]) -> dict[str, Any]:
