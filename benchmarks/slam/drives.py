@@ -104,8 +104,8 @@ def drive(plan: FloorPlan, seed: int, conditions: Conditions, cache: Path) -> Dr
     if not path.exists():
         _simulate(path, plan, seed, config)
     with np.load(path) as held:
-        *beams, x, y, theta = held["geometry"].tolist()
-        geometry = LaserGeometry(int(beams[0]), *beams[1:], Pose2D(x, y, theta))
+        beams, first, step, nearest, farthest, *mount = held["geometry"].tolist()
+        geometry = LaserGeometry(int(beams), first, step, nearest, farthest, Pose2D(*mount))
         stamps, ranges, odometry = held["stamps"], held["ranges"], held["odometry"]
         records = [
             LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, scan, geometry))

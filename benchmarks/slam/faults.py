@@ -217,12 +217,11 @@ def fault_row(fault: str, mode: str, trials: Sequence[Trial]) -> dict[str, Any]:
 
 
 def doubtful_spans(stats: SlamStats, gap: float = 5.0) -> list[Span]:
-    """Doubts of a mapper as spans: its own, or single scans [s] with those that follow within a gap [s]."""
+    """Doubts of a mapper as spans: single scans [s], with those that follow within a gap [s]."""
     spans: list[Span] = []
-    for doubt in stats.doubtful:
-        begin, end, kind = doubt if isinstance(doubt, tuple) else (doubt, doubt, "doubtful")
-        if spans and kind == "doubtful" == spans[-1].kind and begin - spans[-1].end < gap:
-            spans[-1] = Span(spans[-1].begin, end, kind)
+    for stamp in stats.doubtful:
+        if spans and stamp - spans[-1].end < gap:
+            spans[-1] = Span(spans[-1].begin, stamp, "doubtful")
         else:
-            spans.append(Span(begin, end, kind))
+            spans.append(Span(stamp, stamp, "doubtful"))
     return spans
