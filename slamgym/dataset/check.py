@@ -4,7 +4,6 @@ A fault is a sentence about one file. Checking continues after it, so that all f
 """
 
 import hashlib
-import json
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from slamgym.core.config import config_hash
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import byte_lines, read_bytes, sha256_of
@@ -219,7 +219,7 @@ def _read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str
 def _hash_of(settings: Mapping[str, Any]) -> str:
     """Hash that :func:`~slamgym.core.config.config_hash` gave when the ``config.json`` was written."""
     own = {name: value for name, value in settings.items() if name not in STAMPS}
-    return hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()[:12]
+    return config_hash(own)
 
 
 def _check_record(

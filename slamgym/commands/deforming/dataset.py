@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 import os
 import shutil
 from collections.abc import Iterable, Iterator
@@ -17,6 +15,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.cad import write_houseexpo
+from slamgym.core.config import config_hash
 from slamgym.core.documents import json_text
 from slamgym.core.errors import InputFileError
 from slamgym.core.progress import tell
@@ -47,7 +46,7 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
         if name not in ("out", "overwrite")
     }
     config = {"format_version": FORMAT_VERSION, "version": __version__, "deform": settings}
-    digest = hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+    digest = config_hash(config)
     plan_ids: list[str] = []
     with _new_folder(arguments) as root, open_dataset(root, config) as folder:
         if is_dataset(arguments.plan) and split_path(arguments.plan).is_file():
