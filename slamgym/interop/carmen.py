@@ -192,13 +192,13 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
     """Lines of a plain or compressed file; what is readable before a fault of compressed data is kept."""
     try:
         with open_expanded(path) as file:
-            rest = b""
+            lines = [b""]
             while chunk := file.read1():
-                *lines, rest = (rest + chunk).split(b"\n")
-                if len(rest) > MAX_LINE_BYTES:
+                lines = (lines[-1] + chunk).split(b"\n")
+                if max(len(lines[0]), len(lines[-1])) > MAX_LINE_BYTES:
                     raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
-                yield from lines
-            yield rest
+                yield from lines[:-1]
+            yield lines[-1]
     except DAMAGED as error:
         fault = "end early" if isinstance(error, EOFError) else "are damaged"
         warnings.add(f"compressed data that {fault}, the rest of which is lost", path)
