@@ -1,18 +1,15 @@
 """Maps of ``make demo``, whose explorer drives by the mapper's own pose."""
 
-import itertools
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
-from drives import DEMO_PLANS
+from drives import DEMO_PLANS, DEMO_SEED, demo_slots
 
 from slamgym.agents.registry import make_explorer
-from slamgym.cad import PlanGroup, open_plans
 from slamgym.core.intervals import mean_interval
 from slamgym.dataset import DatasetConfig, PairRecord
-from slamgym.dataset.generate.build import schedule_groups
 from slamgym.dataset.generate.exploration import ExplorationTask, run_exploration
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
@@ -24,8 +21,10 @@ COLUMNS = (
 
 
 def demo_figures(config: SlamConfig, seeds: int) -> dict[str, Any]:
-    """The explorations of ``make demo``, whose seed is 1, and as many with further seeds."""
-    records = [record for seed in range(1, seeds + 1) for record in demo_records(config, seed)]
+    """The explorations of ``make demo``, and as many with further seeds."""
+    records = [
+        record for seed in range(DEMO_SEED, DEMO_SEED + seeds) for record in demo_records(config, seed)
+    ]
     errors = np.array([record.map_error for record in records])
     interval = mean_interval(errors)
     return {
@@ -41,11 +40,10 @@ def demo_figures(config: SlamConfig, seeds: int) -> dict[str, Any]:
 def demo_records(slam: SlamConfig, seed: int) -> list[PairRecord]:
     """Pairs of ``slamgym generate --plans bundled --pairs 8``."""
     config = DatasetConfig(seed=seed, episode=EpisodeConfig(env=ExploreConfig(slam=slam)))
-    plans = open_plans("bundled")
     records = []
-    for slot in itertools.islice(schedule_groups([PlanGroup(plans.ids, 1.0)], seed), DEMO_PLANS):
+    for plan, slot in demo_slots(seed):
         with TemporaryDirectory() as folder:
             staged = Path(folder) / "pair"
-            run_exploration(ExplorationTask(slot, plans.load(slot.plan_id), staged, config, make_explorer))
+            run_exploration(ExplorationTask(slot, plan, staged, config, make_explorer))
             records.append(PairRecord.from_line((staged / "episode/episode.json").read_text()))
     return records

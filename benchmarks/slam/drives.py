@@ -18,6 +18,7 @@ from slamgym.cad import FloorPlan, PlanGeneratorConfig, PlanGroup, generate_plan
 from slamgym.core.config import config_hash
 from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.dataset.generate.build import schedule_groups
+from slamgym.dataset.record import Slot
 from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import Log, LogRecord
 from slamgym.sim import lidar_level, odometry_level
@@ -82,11 +83,16 @@ def large_offices() -> Iterator[tuple[FloorPlan, int]]:
     return ((generate_plan(seed, config), seed) for seed in LARGE_OFFICES)
 
 
+def demo_slots(seed: int) -> Iterator[tuple[FloorPlan, Slot]]:
+    """The bundled plans that ``make demo`` explores with a seed, each with its place in that dataset."""
+    plans = open_plans("bundled")
+    slots = schedule_groups([PlanGroup(plans.ids, 1.0)], seed)
+    return ((plans.load(slot.plan_id), slot) for slot in itertools.islice(slots, DEMO_PLANS))
+
+
 def demo_plans() -> Iterator[tuple[FloorPlan, int]]:
     """The bundled plans that ``make demo`` explores, each with the seed of its drive."""
-    plans = open_plans("bundled")
-    slots = schedule_groups([PlanGroup(plans.ids, 1.0)], DEMO_SEED)
-    return ((plans.load(slot.plan_id), slot.seed) for slot in itertools.islice(slots, DEMO_PLANS))
+    return ((plan, slot.seed) for plan, slot in demo_slots(DEMO_SEED))
 
 
 def drive(plan: FloorPlan, seed: int, conditions: Conditions, cache: Path) -> Drive:
@@ -126,5 +132,4 @@ def _simulate(path: Path, plan: FloorPlan, seed: int, config: EpisodeConfig) -> 
         truth=episode.truth.poses,
         walls=episode.plan.segments() - np.tile(episode.start[:2], 2),
         geometry=np.array([*beams, *mount]),
-        plan=plan.id,
     )

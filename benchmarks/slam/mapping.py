@@ -19,7 +19,7 @@ which shows what is broken where a log has no relations.
 import argparse
 import itertools
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from slamgym.cad import FloorPlan
 from slamgym.core.geometry import transform_poses
 from slamgym.core.intervals import mean_interval
 from slamgym.core.types import FloatArray, Pose2D, Trajectory
@@ -102,18 +103,25 @@ def main() -> None:
 def exact(arguments: argparse.Namespace) -> Rows:
     """Drives without any error but that of the mapper."""
     case = Conditions("ideal", "exact")
-    return [*drive_rows(arguments, case, "homes"), *drive_rows(arguments, case, "demo plans")]
+    return homes_and_demo_plans(arguments, case)
 
 
 def medium(arguments: argparse.Namespace) -> Rows:
     """Drives with the default errors."""
-    return [*drive_rows(arguments, Conditions(), "homes"), *drive_rows(arguments, Conditions(), "demo plans")]
+    return homes_and_demo_plans(arguments, Conditions())
+
+
+def homes_and_demo_plans(arguments: argparse.Namespace, case: Conditions) -> Rows:
+    """Drives through generated homes, and through the bundled plans of ``make demo``."""
+    homes = drive_rows(arguments, case, "homes", generated_homes(arguments.homes))
+    return [*homes, *drive_rows(arguments, case, "demo plans", demo_plans())]
 
 
 def levels(arguments: argparse.Namespace) -> Rows:
     """Drives with other odometries, and with a laser that sees across rooms."""
     cases = [*(Conditions(level) for level in ("ideal", "low", "high")), Conditions(range_max=LONG_RANGE)]
-    return [row for case in cases for row in drive_rows(arguments, case, "homes")]
+    homes = list(generated_homes(arguments.homes))
+    return [row for case in cases for row in drive_rows(arguments, case, "homes", homes)]
 
 
 def logs(arguments: argparse.Namespace) -> Rows:
@@ -141,7 +149,7 @@ def demo(arguments: argparse.Namespace) -> Rows:
 
 def large(arguments: argparse.Namespace) -> Rows:
     """Drives of hours through offices of 1,400 to 4,400 m2."""
-    return drive_rows(arguments, Conditions(minutes=LARGE_MINUTES), "large offices")
+    return drive_rows(arguments, Conditions(minutes=LARGE_MINUTES), "large offices", large_offices())
 
 
 def faults(arguments: argparse.Namespace) -> Rows:
@@ -158,12 +166,12 @@ def faults(arguments: argparse.Namespace) -> Rows:
     return fault_rows(good, modes)
 
 
-def drive_rows(arguments: argparse.Namespace, case: Conditions, buildings: str) -> Rows:
-    """A row for each mode on the same drives."""
-    plans = {"demo plans": demo_plans(), "large offices": large_offices()}
-    chosen = plans.get(buildings, generated_homes(arguments.homes))
-    drives = [drive(plan, seed, case, arguments.cache) for plan, seed in chosen]
-    name = {"drives": f"{len(drives)} {buildings}: {case.odometry}, {case.laser} {case.range_max:g} m"}
+def drive_rows(
+    arguments: argparse.Namespace, case: Conditions, kind: str, buildings: Iterable[tuple[FloorPlan, int]]
+) -> Rows:
+    """A row for each mode on the same drives through some buildings, each with the seed of its drive."""
+    drives = [drive(plan, seed, case, arguments.cache) for plan, seed in buildings]
+    name = {"drives": f"{len(drives)} {kind}: {case.odometry}, {case.laser} {case.range_max:g} m"}
     return with_ratio([name | drive_row(drives, case, mode) for mode in arguments.modes])
 
 

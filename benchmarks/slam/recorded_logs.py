@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from faults import doubtful_spans
+from faults import doubtful_spans, with_steps
 from scipy.spatial import cKDTree
 
-from slamgym.core.geometry import between, compose, unit_vectors
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
 from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations
 from slamgym.metrics import absolute_trajectory_error, relation_error
@@ -153,13 +153,12 @@ def disturbed(log: Log, seed: int) -> Log:
     """The log with worse odometry: 2 % scale, 0.6 deg/m bias, 3 % and 1 deg/m noise (standard deviations)."""
     rng = np.random.default_rng(seed)
     scale, bias = 1.0 + 0.02 * rng.standard_normal(), 0.01 * rng.standard_normal()
-    pose = last = log.records[0].odometry
-    records: list[LogRecord] = []
-    for record in log:
-        step, last = between(last, record.odometry), record.odometry
+
+    def changed(step: Pose2D, stamp: float) -> Pose2D:
+        del stamp
         length = float(np.hypot(step.x, step.y))
         noise = length * np.array([0.03, 0.02, 0.02]) * rng.standard_normal(3)
         turn = step.theta * (1.0 + 0.02 * rng.standard_normal()) + bias * length + noise[2]
-        pose = compose(pose, Pose2D(scale * step.x + noise[0], step.y + noise[1], turn))
-        records.append(LogRecord(record.stamp, pose, record.scan))
-    return replace(log, records=records, recorded_track=None)
+        return Pose2D(scale * step.x + noise[0], step.y + noise[1], turn)
+
+    return with_steps(log, changed)
