@@ -15,6 +15,9 @@ from pathlib import Path
 
 import numpy as np
 
+MAX_LOOPS, MAX_MEGABYTES = 100.0, 100.0
+"""Loops of a million additions, about 0.04 s each; the worst costs a quarter of them."""
+
 MEASURE = """
 import resource, sys, warnings
 import cv2, shapely

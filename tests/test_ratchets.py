@@ -28,9 +28,9 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2696, 0, 263, 70, 0),
     "core": (1756, 0, 0, 74, 0),
     "dataset": (3088, 20, 0, 89, 0),
-    "docs": (0, 0, 0, 0, 22864),
+    "docs": (0, 0, 0, 0, 22862),
     "docs/drawing": (0, 0, 0, 0, 4293),
-    "docs/notes": (0, 0, 0, 0, 4408),
+    "docs/notes": (0, 0, 0, 0, 4404),
     "docs/tutorials": (0, 0, 0, 0, 403),
     "drawing": (3033, 3, 0, 173, 0),
     "envs": (2586, 35, 0, 70, 0),
@@ -46,7 +46,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32845, 306, 263, 1489, 34320)
+TOTAL = (32845, 306, 263, 1489, 34314)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
