@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
 Choose = Callable[[dict[str, Any]], int]
-"""From an observation of ``slamgym/ExploreFrontiers-v1`` to an action."""
+"""From an observation of ``slamgym/ExploreFrontiers-v2`` to an action."""
 REFERENCE = "tour"
 LEVELS = {"time_95": "95 %", "time_99": "99 %", "time": "done"}
 

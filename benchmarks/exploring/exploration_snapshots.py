@@ -98,7 +98,11 @@ def _explore(plan: FloorPlan, config: ExploreConfig, name: str) -> Exploration:
         offer()
         seen = env.coverage.seen.copy()
         known = crop_known(loop.known_map(), loop.pose)
-        snapshots.append(Snapshot(loop.time, env.coverage.share, known, loop.pose, seen, loop.remains()))
+        remains = loop.remains()
+        remains = remains and dataclasses.replace(
+            remains, costmap=None
+        )  # which would take most of the memory
+        snapshots.append(Snapshot(loop.time, env.coverage.share, known, loop.pose, seen, remains))
 
     with mock.patch.object(loop, "_offer", recorded):
         curve = [(env.simulation.time, info["coverage"]) for info in episode_steps(env, explorer, reset)]

@@ -1,6 +1,6 @@
 """Whole explorations: CPU seconds of 7 minutes of robot time, and where they go.
 
-    python benchmarks/exploring/explorations.py [--plans json.tar.gz] [--explorations 10] [--minutes 7] [--particles 30]
+    python benchmarks/exploring/explorations.py [--plans json.tar.gz] [--explorations 10] [--minutes 7] [--mode rbpf]
 
 An exploration is what ``slamgym generate --plans-filter useful`` does for one pair, on one core: the environment with
 180 beams, the explorer, and writing images, maps, trajectories and the log. Explorers that are done early need less
@@ -35,13 +35,14 @@ from slamgym.envs import EpisodeConfig, ExploreConfig, ExploreEnv
 from slamgym.envs.warmup import warm_up
 from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig
+from slamgym.slam.config import Mode
 from slamgym.slam.mapper import Mapper
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import Yardsticks, print_and_save
 
 GOAL = 6.5
-"""CPU time of a 7-minute exploration with 30 particles and 180 beams, in Python loops of ten million additions."""
+"""CPU time of a 7-minute exploration with 180 beams, in Python loops of ten million additions."""
 
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "SLAM": [(Mapper, "update")],
@@ -68,8 +69,8 @@ class Arguments:
     """Number of explorations, each of another plan."""
     minutes: float = 7.0
     """Limit of robot time; the paper's 7."""
-    particles: int = 30
-    """Particles of the filter."""
+    mode: Mode = "pose_graph"
+    """SLAM mode."""
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them."""
     seed: int = 0
@@ -125,7 +126,7 @@ class Cost:
 def main() -> None:
     arguments = tyro.cli(Arguments)
     warm_up()
-    env = ExploreConfig(slam=replace(SlamConfig(), particles=arguments.particles))
+    env = ExploreConfig(slam=SlamConfig(mode=arguments.mode))
     config = DatasetConfig(arguments.seed, "useful", EpisodeConfig(minutes=arguments.minutes, env=env))
     plans = open_plans(arguments.plans)
     tasks = list(islice(explorations(plans, config), arguments.explorations))
@@ -161,7 +162,7 @@ def report(arguments: Arguments, profile: Profile, costs: list[Cost]) -> None:
     parts += [("other", total - sum(profile.seconds.values())), ("all", total)]
     rows = [[part, round(seconds * scale, 3), round(100.0 * seconds / total, 1)] for part, seconds in parts]
     title = (
-        f"{arguments.minutes:g} min of robot time, {arguments.particles} particles: {total * scale / loop:.2f} loops; "
+        f"{arguments.minutes:g} min of robot time, {arguments.mode}: {total * scale / loop:.2f} loops; "
         f"goal {GOAL:g} ({len(costs)} explorations of {Path(arguments.plans).name}, "
         f"{60.0 / (total * scale):.1f} per CPU minute)"
     )

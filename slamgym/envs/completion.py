@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from slamgym.core.jit import kernel
-from slamgym.core.types import FREE, UNKNOWN, ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import FREE, UNKNOWN, FloatArray, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs.config import ExploreConfig
 from slamgym.planning import (
     CostmapConfig,
@@ -16,36 +15,12 @@ from slamgym.planning import (
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.remaining import measure_remains
 
+_TRUSTED = 15
+"""A frontier is trusted for so many checks, half a minute: the map may be corrected, and no way lead there any more."""
+
 SMALLEST_FRONTIER = 0.35
 """Shorter frontiers don't keep an episode going [m]: half a frontier of Explore Lite's launch file is still worth a
 visit, the pinholes that noise causes in walls are not."""
-
-
-@kernel
-def open_cells_left(
-    cells: ByteArray, points: FloatArray, corner: tuple[float, float], resolution: float
-) -> int:
-    """Number of those points that lie on unknown cells next to free ones.
-
-    Args:
-        cells: ROS map values, shape (H, W); unknown beyond.
-        points: Shape (N, 2) [m].
-        corner: Where the map begins [m].
-        resolution: Cell size [m].
-    """
-    height, width = cells.shape
-    count = 0
-    for i in range(len(points)):
-        row = height - 1 - int(np.floor((points[i, 1] - corner[1]) / resolution))
-        col = int(np.floor((points[i, 0] - corner[0]) / resolution))
-        if 0 <= row < height and 0 <= col < width and cells[row, col] != UNKNOWN:
-            continue
-        for down, right in ((-1, 0), (1, 0), (0, -1), (0, 1)):
-            r, c = row + down, col + right
-            if 0 <= r < height and 0 <= c < width and cells[r, c] == FREE:
-                count += 1
-                break
-    return count
 
 
 class CompletionDetector:
@@ -70,7 +45,8 @@ class CompletionDetector:
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
         self._min_size = min_size
-        self._remembered: FloatArray | None = None  # cell centres (N, 2), map frame [m]
+        self._remembered: FloatArray = np.zeros((0, 2))  # centres of the frontier's cells, map frame [m]
+        self._trusted = 0  # for so many checks
 
     @classmethod
     def of(cls, config: ExploreConfig) -> "CompletionDetector":
@@ -86,9 +62,10 @@ class CompletionDetector:
             grid: The map.
             pose: The believed pose.
         """
-        if self._remembered is not None and self._is_still_there(grid, self._remembered):
+        self._trusted -= 1
+        if self._trusted > 0 and self._is_still_there(grid):
             return False
-        self._remembered = None
+        self._trusted = 0
         grid = free_body(_with_border(crop_known(grid, pose)), pose, self._radius)
         costmap = make_costmap(grid, self._costs)
         space = reachable_space(costmap, pose)
@@ -100,14 +77,17 @@ class CompletionDetector:
             remains = measure_remains(grid, pose, self._radius, self._range_max, offered)
             return is_kept(self._promise, remains)
         if frontiers:
-            self._remembered = grid.frame.to_points(*frontiers[-1].cells.T)
+            self._remembered, self._trusted = grid.frame.to_points(*frontiers[-1].cells.T), _TRUSTED
         return not frontiers
 
-    def _is_still_there(self, grid: OccupancyGrid, points: FloatArray) -> bool:
-        """True if enough of a frontier is still unknown next to free space."""
-        resolution, corner = grid.frame.resolution, (grid.frame.origin_x, grid.frame.origin_y)
-        left = open_cells_left(grid.cells, points, corner, resolution)
-        return bool(left * resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
+    def _is_still_there(self, grid: OccupancyGrid) -> bool:
+        """True if enough of the remembered frontier is still unknown next to free space."""
+        cells = np.pad(grid.cells, 2, constant_values=UNKNOWN)
+        places = np.column_stack(grid.frame.to_cell(*self._remembered.T)) + 2
+        row, col = np.clip(places, 1, np.array(cells.shape) - 2).T
+        beside = cells[row - 1, col], cells[row + 1, col], cells[row, col - 1], cells[row, col + 1]
+        left = np.count_nonzero((cells[row, col] == UNKNOWN) & (np.array(beside) == FREE).any(axis=0))
+        return bool(left * grid.frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(places))
 
 
 def _with_border(grid: OccupancyGrid) -> OccupancyGrid:

@@ -13,7 +13,7 @@ from gymnasium import spaces
 
 from slamgym.core.geometry import between
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Observation, Pose2D
-from slamgym.planning.costmap import Costmap
+from slamgym.planning.costmap import FARTHEST_WALL, Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
@@ -31,7 +31,6 @@ CROP_PX = 13
 CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
 
-_FARTHEST_WALL = 3.0  # [m]
 _LARGEST_EXPECTED = 100.0  # [m2]
 _TURN_WEIGHT = 0.2  # what a radian of turning before the first leg of a tour counts, as in the rule [m/rad]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
@@ -227,7 +226,7 @@ def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: in
 
 
 def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
-    """Distance of points (N, 2) from walls, at most ``_FARTHEST_WALL`` [m].
+    """Distance of points (N, 2) from walls, at most ``FARTHEST_WALL`` [m].
 
     A robot localises itself by walls in sight, so the share of the path far from them stands for the pose
     uncertainty that it would bring (Roy et al., "Coastal navigation", 1999).
@@ -235,7 +234,7 @@ def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
     frame = costmap.frame
     row, col = frame.to_cell(points[:, 0], points[:, 1])
     there = costmap.distance[np.clip(row, 0, frame.height_px - 1), np.clip(col, 0, frame.width_px - 1)]
-    return np.minimum(there * np.float32(frame.resolution), np.float32(_FARTHEST_WALL))
+    return np.minimum(there * np.float32(frame.resolution), np.float32(FARTHEST_WALL))
 
 
 def _outward(candidate: FrontierCandidate, costmap: Costmap, steps: int) -> float:

@@ -5,6 +5,7 @@ Costmaps for Context-Sensitive Navigation", IROS 2014; wiki.ros.org/costmap_2d, 
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
@@ -13,7 +14,7 @@ import numpy as np
 
 from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.errors import ConfigError
-from slamgym.core.geometry import compose
+from slamgym.core.geometry import compose, paste
 from slamgym.core.jit import kernel
 from slamgym.core.portable import exp
 from slamgym.core.types import (
@@ -25,7 +26,6 @@ from slamgym.core.types import (
     Float32Array,
     FloatArray,
     GridFrame,
-    Int32Array,
     IntArray,
     LaserGeometry,
     OccupancyGrid,
@@ -46,6 +46,8 @@ _APART = 0.15
 """Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
 _KEPT = 0.3
 """The last stretch of each beam clears nothing [m]: errors of the pose must not erase real walls."""
+FARTHEST_WALL = 3.0
+"""Distances from obstacles are right up to here, or as far as obstacles cost something, if that is farther [m]."""
 
 
 class CostmapConfig(Settings, section="costmap"):
@@ -72,8 +74,12 @@ class Costmap:
     """Costs of the known part of a map."""
 
     costs: ByteArray  # (H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown
-    distance: Float32Array  # (H, W) distance to the nearest occupied cell, between centres [cells]
+    distance: (
+        Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf where it is far
+    )
     frame: GridFrame
+    cells: ByteArray  # (H, W) the map that it was made of
+    config: CostmapConfig
 
     def cost_at(self, x: float, y: float) -> int:
         """Cost of the cell that holds a point [m]; unknown outside the map."""
@@ -150,39 +156,81 @@ def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArr
 
 
 def clear_seen(
-    grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry, longest: float = 2.5
+    grid: OccupancyGrid,
+    views: Sequence[tuple[Pose2D, Float32Array]],
+    geometry: LaserGeometry,
+    longest: float = 2.5,
 ) -> OccupancyGrid:
-    """Copy a map with walls taken out that a scan sees through, as costmap_2d's raytracing does.
+    """Copy a map with walls taken out that scans see through, as costmap_2d's raytracing does.
 
     Args:
         grid: The map.
-        pose: The robot, in the frame of the map.
-        ranges: Scan, shape (num_beams,) [m].
+        views: The robot, in the frame of the map, and the scan from there, shape (num_beams,) [m].
         geometry: The scanner.
         longest: Beams are cut off here [m].
     """
     frame, cells, size = grid.frame, grid.cells.copy(), grid.frame.resolution
-    sensor = compose(pose, geometry.mount)
-    col = (sensor.x - frame.origin_x) / size - 0.5
-    row = frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size
-    beams = sensor.theta, geometry.angle_min, geometry.angle_increment
-    _clear_beams(cells, row, col, beams, ranges / np.float32(size), longest / size, _KEPT / size)
+    for pose, ranges in views:
+        sensor = compose(pose, geometry.mount)
+        col = (sensor.x - frame.origin_x) / size - 0.5
+        row = frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size
+        beams = sensor.theta, geometry.angle_min, geometry.angle_increment
+        _clear_beams(cells, row, col, beams, ranges / np.float32(size), longest / size, _KEPT / size)
     return OccupancyGrid(cells, frame)
 
 
-def make_costmap(grid: OccupancyGrid, config: CostmapConfig | None = None) -> Costmap:
+def make_costmap(
+    grid: OccupancyGrid, config: CostmapConfig | None = None, before: Costmap | None = None
+) -> Costmap:
     """Inflate the obstacles of a map.
 
     A cell nearer than the inscribed radius to an occupied cell costs 253; farther off the cost is
     ``252 exp(-3 / m (d - inscribed_radius))``; unknown cells stay unknown.
 
     Args:
-        grid: The map; crop it first (:func:`crop_known`) where most of it is unknown.
+        grid: The map, which must not be written to afterwards; crop it first (:func:`crop_known`) where most of it is
+            unknown.
         config: Radii and decay.
+        before: A costmap of an older version of the map on the same lattice. Only what differs from it, and what lies
+            near that, is computed again; the result is the same, but for distances of unknown cells beyond its border.
     """
-    distance = _distance_to_occupied(grid.cells)
-    table = _cost_table(config or CostmapConfig(), grid.frame.resolution)
-    return Costmap(_cost_cells(grid.cells, distance, table), distance, grid.frame)
+    config, frame, cells = config or CostmapConfig(), grid.frame, grid.cells
+    costs, distance = np.full(frame.shape, NO_INFORMATION, np.uint8), np.full(frame.shape, np.inf, np.float32)
+    older = np.full(frame.shape, UNKNOWN, np.uint8)
+    if before is not None and (before.config, before.frame.resolution) == (config, frame.resolution):
+        top = round((before.frame.bounds[3] - frame.bounds[3]) / frame.resolution)
+        left = round((frame.origin_x - before.frame.origin_x) / frame.resolution)
+        below, right = (there - here for here, there in zip(frame.shape, before.frame.shape, strict=True))
+        if below <= top <= 0 and right <= left <= 0:  # else obstacles may have gone beyond the border
+            paste(older, before.cells, top, left)
+            paste(costs, before.costs, top, left)
+            paste(distance, before.distance, top, left)
+    table = _cost_table(config, frame.resolution)
+    reach = math.ceil(max(FARTHEST_WALL / frame.resolution - 1e-9, math.sqrt(len(table) - 2)))
+    row, end_row, col, end_col = _box(cells != older)
+    near, around = (
+        (slice(max(0, row - far), end_row + far), slice(max(0, col - far), end_col + far))
+        for far in (reach, 2 * reach)
+    )
+    inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(near, around, strict=True))
+    squared = _squared_distance(cells[around])[inside]
+    squared[squared > reach**2] = np.inf
+    distance[near] = np.sqrt(squared)
+    by_distance = table[np.minimum(squared, len(table) - 1).astype(np.int32)]
+    known = (cells[near] == FREE) | (cells[near] == OCCUPIED)
+    costs[near] = np.where(known, by_distance, NO_INFORMATION)
+    return Costmap(costs, distance, frame, cells, config)
+
+
+def _squared_distance(cells: ByteArray) -> Float32Array:
+    """Squared distance of each cell to the nearest occupied one, between centres, shape (H, W) [cells^2].
+
+    Rounded to what it must be, a whole number: the last bit of what OpenCV computes depends on the processor.
+    """
+    import cv2  # here, because help pages read the settings above
+
+    distance = cv2.distanceTransform((cells != OCCUPIED).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.rint(distance * distance)
 
 
 def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
@@ -190,11 +238,19 @@ def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
 
     Its columns come in eights where the map's do: where a box begins decides how places in it are rounded.
     """
-    import cv2  # here, because help pages read the settings above
+    if not cells.flags.c_contiguous or cells.shape[1] % 8:
+        return _box(cells != UNKNOWN)
+    row, end_row, col, end_col = _box(cells.view(np.uint64) != np.full(8, UNKNOWN, np.uint8).view(np.uint64))
+    return row, end_row, 8 * col, 8 * end_col
 
-    step = 8 if cells.flags.c_contiguous and cells.shape[1] % 8 == 0 else 1
-    col, row, width, height = cv2.boundingRect((cells != UNKNOWN).view(np.uint8))
-    return row, row + height, col // step * step, -(-(col + width) // step) * step
+
+def _box(mask: BoolArray) -> tuple[int, int, int, int]:
+    """The smallest box (first row, end row, first col, end col) that holds a mask; all 0 if it is empty."""
+    rows = np.flatnonzero(mask.any(axis=1))
+    if len(rows) == 0:
+        return 0, 0, 0, 0
+    cols = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
+    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
 
 
 @lru_cache(maxsize=16)
@@ -220,30 +276,6 @@ def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px:
             unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
             if squared <= core_px**2 or (unknown and squared <= radius_px**2):
                 cells[r, c] = FREE
-
-
-@kernel
-def _cost_cells(cells: ByteArray, distance_px: Float32Array, table: ByteArray) -> ByteArray:
-    """Costs, shape (H, W), from the distance to the nearest occupied cell.
-
-    Args:
-        cells: ROS map values, shape (H, W).
-        distance_px: Distance between centres of a cell and the nearest occupied one, shape (H, W) [cells].
-        table: Cost by squared distance [cells^2]; the last entry holds for all that is farther.
-    """
-    height, width = cells.shape
-    costs = np.empty((height, width), np.uint8)
-    limit = np.float32(len(table) - 1)
-    for row in range(height):
-        for col in range(width):
-            if cells[row, col] == OCCUPIED:
-                costs[row, col] = LETHAL_COST
-            elif cells[row, col] == FREE:
-                squared = distance_px[row, col] * distance_px[row, col] + np.float32(0.5)
-                costs[row, col] = table[int(squared)] if squared < limit else table[-1]
-            else:
-                costs[row, col] = NO_INFORMATION
-    return costs
 
 
 @kernel
@@ -309,81 +341,3 @@ def _stand_apart(
                     if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
                         is_apart[i] = False
     return is_apart
-
-
-@kernel
-def _distance_to_occupied(cells: ByteArray) -> Float32Array:
-    """Exact Euclidean distance of each cell to the nearest occupied one, shape (H, W) [cells]; 1e6 without any.
-
-    First the distance along the column, then, row by row, the lower envelope of the parabolas
-    ``(col - c)^2 + along_column[c]^2`` (Felzenszwalb and Huttenlocher 2012). Where two parabolas meet on a cell
-    either may be taken, so the rounding of their intersection does no harm.
-
-    Args:
-        cells: ROS map values, shape (H, W).
-    """
-    height, width = cells.shape
-    far = height + width
-    along_column = np.empty((height, width), np.int32)
-    for col in range(width):
-        along_column[0, col] = 0 if cells[0, col] == OCCUPIED else far
-    for row in range(1, height):
-        for col in range(width):
-            step = min(along_column[row - 1, col] + 1, far)
-            along_column[row, col] = 0 if cells[row, col] == OCCUPIED else step
-    for row in range(height - 2, -1, -1):
-        for col in range(width):
-            along_column[row, col] = min(along_column[row, col], along_column[row + 1, col] + 1)
-    distance = np.empty((height, width), np.float32)
-    apex, lift, first = np.empty((3, width), np.int32)
-    half_inverse = 0.5 / np.arange(0.0, width)
-    for row in range(height):
-        count = _lower_envelope(along_column[row], far, half_inverse, apex, lift, first)
-        end = width
-        for k in range(count - 1, -1, -1):
-            height_2 = lift[k] - apex[k] ** 2
-            for col in range(first[k], end):
-                distance[row, col] = np.sqrt(np.float32((col - apex[k]) ** 2 + height_2))
-            end = first[k]
-        if count == 0:
-            distance[row] = 1e6
-    return distance
-
-
-@kernel
-def _lower_envelope(
-    along_column: Int32Array,
-    far: int,
-    half_inverse: FloatArray,
-    apex: Int32Array,
-    lift: Int32Array,
-    first: Int32Array,
-) -> int:
-    """The parabolas of a row that are lowest somewhere, from left to right; returns their number.
-
-    Args:
-        along_column: Distance along the column, shape (W,) [cells]; ``far`` where it holds no occupied cell.
-        far: See above.
-        half_inverse: ``1 / (2 n)`` for each n, shape (W,).
-        apex: Receives the column of each parabola, shape (W,).
-        lift: Receives ``along_column^2 + apex^2``, shape (W,).
-        first: Receives the first column where it is the lowest, shape (W,).
-    """
-    count = 0
-    for col in range(len(along_column)):
-        if along_column[col] >= far:
-            continue
-        lifted = along_column[col] ** 2 + col**2
-        begin = 0
-        while count > 0:
-            top = np.uint64(count - 1)  # an unsigned index isn't asked whether it counts from the end
-            meeting = (lifted - lift[top]) * half_inverse[np.uint64(col - apex[top])]
-            begin = int(meeting) + 1 if meeting >= 0.0 else 0
-            if begin > first[top]:
-                break
-            count -= 1
-            begin = 0
-        if begin < len(along_column):
-            apex[count], lift[count], first[count] = col, lifted, begin
-            count += 1
-    return count

@@ -18,19 +18,19 @@ from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
-from slamgym.planning.frontier_candidates import FrontierCandidate, make_candidates
+from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
 from slamgym.planning.frontiers import Point
-from slamgym.planning.navigator import PLAN_TOLERANCE, Goal, GoalStatus, Navigator, NavigatorConfig
-from slamgym.planning.promise import Promise, is_kept
+from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.planning.promise import FAMILIAR_AREA, LARGEST_CALIBRATED, Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 from slamgym.planning.remaining import Remains, measure_remains
 
-_STOP = Twist2D(0.0, 0.0)
 _GROWTH = 0.5
 """Less than this is no growth of the map [m2]: noise opens pinholes for ever."""
 _BLACKLIST_DISTANCE = 0.25
 """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
-Lite."""
+Lite. A pose that moves so much farther than the robot drives was corrected, and the map with it: the blacklist, and all
+else that was noted by its place, is somewhere else now."""
 _STALL_TIME = 40.0
 """If the map hasn't grown for so long, choices are no longer reconsidered while driving [s]: a policy that
 changes its mind for ever would never arrive."""
@@ -130,19 +130,24 @@ class ExplorationLoop:
     def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig | None = None) -> None:
         self.context = context
         self.config = config or ExplorationLoopConfig()
-        self.navigator = Navigator(context, self.config.navigator)
-        self.candidates: list[FrontierCandidate] = []
         self.num_frontiers = 0
         self.finished = False
-        self.target: FrontierCandidate | None = None
         self._belief = _Belief()
-        self._choice = _Choice()
         self._growth = _Growth()
-        self._progress = _Progress()
-        self._blacklist: list[Point] = []
         self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
-        self._recovery = RecoveryBehaviours(self.navigator)
+        self._recovery = RecoveryBehaviours()
+        self._begin(_Choice())
+
+    def _begin(self, choice: _Choice) -> None:
+        """Begin without anything that is noted by its place on the map."""
+        self.navigator = Navigator(self.context, self.config.navigator)
+        self.candidates: list[FrontierCandidate] = []
+        self.target: FrontierCandidate | None = None
+        self._choice = choice
+        self._progress = _Progress()
+        self._blacklist: list[Point] = []
+        self._recovery.start(self.navigator)
 
     @property
     def pose(self) -> Pose2D:
@@ -174,9 +179,14 @@ class ExplorationLoop:
                 (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s].
         """
         belief = self._belief
-        belief.pose = Pose2D(*observation["pose"].tolist())
-        belief.time = float(observation["time"][0])
-        belief.scan = observation["scan"]
+        pose, time = Pose2D(*observation["pose"].tolist()), float(observation["time"][0])
+        driven = self.context.max_linear * max(time - belief.time, self.context.control_step)
+        is_corrected = math.dist(pose[:2], belief.pose[:2]) > driven + _BLACKLIST_DISTANCE
+        belief.pose, belief.time, belief.scan = pose, time, observation["scan"]
+        if is_corrected and belief.cells is not None and not self.finished:
+            # The last map that was published is still the old one.
+            self._begin(_Choice(is_stale=False, settles_at=self._next_map_at()))
+            self._growth.grown_to = 0.0  # corrected maps may be smaller
         self._recovery.note_time(belief.time)
         self._take_map(observation["map"])
         self._close_goal()
@@ -216,7 +226,7 @@ class ExplorationLoop:
         if self._recovery.is_turning:
             return self._recovery.turn(pose)
         if self.finished:
-            return _STOP
+            return STOP
         command = self.navigator.step(pose, scan, time)
         if self.target is None and self.navigator.status is GoalStatus.SUCCEEDED:
             # The robot looks at a closed room: what the scan sees through is no wall.
@@ -246,6 +256,10 @@ class ExplorationLoop:
             known = np.count_nonzero(costmap.costs != NO_INFORMATION)
             self._growth.note(float(known) * self.context.frame.resolution**2, self.time)
 
+    def _next_map_at(self) -> float:
+        """Time when the next map is surely there [s]."""
+        return self.time + self.context.map_update_interval + self.context.control_step
+
     def _close_goal(self) -> None:
         """Blacklist a frontier whose goal ended.
 
@@ -259,7 +273,7 @@ class ExplorationLoop:
         if self.navigator.reason == "stuck":
             self.navigator.block_ahead(self.pose, self.time)
         self._drop_target()
-        self._choice.settles_at = self.time + self.context.map_update_interval + self.context.control_step
+        self._choice.settles_at = self._next_map_at()
 
     def _wants_choice(self) -> bool:
         """True if the candidates have to be searched again."""
@@ -287,21 +301,22 @@ class ExplorationLoop:
         self.candidates, self.num_frontiers = [], 0
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is not None and space is not None and self._growth.futile < _FUTILE_GOALS:
-            size = self.config.min_frontier_size
-            if self.round:
-                size = min(size, self.config.last_frontier_size)
+            last = self.config.last_frontier_size if self.round else math.inf
+            size, split = min(self.config.min_frontier_size, last), self.config.split_extent
             keep = self.target.target if self.target else None
-            found = make_candidates(
-                costmap, space, self.pose, size, self.config.split_extent, PLAN_TOLERANCE, keep
-            )
-            found = [one for one in found if not self._is_blacklisted(one.frontier.centroid)]
+            found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
+            found = [one for one in found if not self._is_blacklisted(one[0].centroid)]
+            # A robot that sees no wall soon doesn't know where it is: in halls, such places come last.
+            if self.known_area > FAMILIAR_AREA:
+                found = [one for one in found if costmap.distance[one[1]] < np.inf] or found
             self.num_frontiers = len(found)
-            self.candidates = found[: self.config.max_candidates]
+            self.candidates = make_candidates(costmap, space, found, self.config.max_candidates, keep)
         if not self.candidates:
             self.target = None
             self.navigator.cancel()
             self._recover()
-        if self.config.promise is not None and not self.finished:
+        # Where nothing is promised, what remains need not be measured.
+        if self.config.promise is not None and not self.finished and self.known_area <= LARGEST_CALIBRATED:
             self.finished = is_kept(self.config.promise, self.remains())
 
     def known_map(self) -> OccupancyGrid:
@@ -327,7 +342,8 @@ class ExplorationLoop:
             return None
         radius, range_max = self.context.robot_radius, self.context.geometry.range_max
         offered = [candidate.frontier.middle for candidate in self.candidates]
-        return measure_remains(self.known_map(), self.pose, radius, range_max, offered, self.round)
+        before = self._remains[1] if self._remains else None
+        return measure_remains(self.known_map(), self.pose, radius, range_max, offered, self.round, before)
 
     def _drop_target(self) -> None:
         assert self.target is not None

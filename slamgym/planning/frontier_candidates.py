@@ -1,6 +1,7 @@
 """Frontiers as candidates for a choice: cut into handy parts, each with the path that leads to it."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -54,16 +55,15 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
     return joined, GridFrame(size, frame.origin_x, bottom, height, width)
 
 
-def make_candidates(
+def frontiers_in_reach(
     costmap: Costmap,
     reachable: Reachable,
     pose: Pose2D,
     min_size: float,
     split_extent: float,
     tolerance: float,
-    keep: Point | None = None,
-) -> list[FrontierCandidate]:
-    """Search the frontiers and the paths to them.
+) -> list[tuple[Frontier, tuple[int, int]]]:
+    """Search the frontiers, each with the cell (row, col) where its path ends.
 
     Args:
         costmap: The costmap.
@@ -72,34 +72,52 @@ def make_candidates(
         min_size: Frontiers shorter than this are left out [m].
         split_extent: A frontier that extends farther than this is cut into parts [m].
         tolerance: How far from a frontier its path may end [m].
+    """
+    found: list[tuple[Frontier, tuple[int, int]]] = []
+    for whole in find_frontiers(costmap, pose, min_size, reachable=reachable):
+        for one in split_frontier(whole, costmap.frame, pose, split_extent):
+            place = place_near(costmap, one.middle, tolerance, reachable)
+            place = place or place_near(costmap, one.nearest, tolerance, reachable)
+            found += [(one, place)] if place is not None else []
+    return found
+
+
+def make_candidates(
+    costmap: Costmap,
+    reachable: Reachable,
+    frontiers: Sequence[tuple[Frontier, tuple[int, int]]],
+    most: int,
+    keep: Point | None = None,
+) -> list[FrontierCandidate]:
+    """Search the paths to frontiers, no farther than to those with the cheapest paths.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+        frontiers: From :func:`frontiers_in_reach`.
+        most: So many candidates are made at most.
         keep: Where the robot is going [m]: a frontier that passes there keeps this place, so that a
             target drawn again from every map doesn't send the robot back and forth.
 
     Returns:
         The candidates that a path leads to, the cheapest path first.
     """
-    places: list[tuple[Frontier, tuple[int, int]]] = []
-    for whole in find_frontiers(costmap, pose, min_size, reachable=reachable):
-        for frontier in split_frontier(whole, costmap.frame, pose, split_extent):
-            place = place_near(costmap, frontier.middle, tolerance, reachable)
-            place = place or place_near(costmap, frontier.nearest, tolerance, reachable)
-            if place is not None:
-                places.append((frontier, place))
-    if not places:
+    if not frontiers:
         return []
     costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
     start = _coarse_cell(divmod(int(reachable.order[0]), costmap.frame.width_px), frame)
-    ends = np.array([_coarse_cell(place, frame) for _, place in places], dtype=np.int64)
-    distance, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR)
+    ends = np.array([_coarse_cell(place, frame) for _, place in frontiers], dtype=np.int64)
+    distance, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
     found = []
-    for (frontier, place), end in zip(places, ends.tolist(), strict=True):
+    for index in np.argsort(distance[ends], kind="stable")[:most].tolist():
+        (frontier, place), end = frontiers[index], int(ends[index])
         if math.isfinite(distance[end]):
             path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
             points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
             length = float(np.hypot(*(path[1:] - path[:-1]).T).sum())
             cost, target = float(distance[end]) * frame.resolution, _target(frontier, points, keep)
             found.append(FrontierCandidate(frontier, points, target, place, length, cost, path))
-    return sorted(found, key=lambda one: one.path_cost)
+    return found
 
 
 def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:

@@ -11,11 +11,11 @@ from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION
 
 Int16Array = NDArray[np.int16]
 
-UNKNOWN_CLASS = 0
 FREE_CLASS = 1
 OCCUPIED_CLASS = 2
 
-_CLASS_OF_COST = np.array([*[FREE_CLASS] * 254, OCCUPIED_CLASS, UNKNOWN_CLASS], np.uint8)
+# The unknown is of class 0.
+_CLASS_OF_COST = np.array([*[FREE_CLASS] * 254, OCCUPIED_CLASS, 0], np.uint8)
 
 
 def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
@@ -208,48 +208,24 @@ def cut_frontier_crop(
 
 
 @kernel
-def visible_unknown(costs: ByteArray, row: int, col: int, max_range: float) -> float:
-    """Unknown area in sight of a cell, by 72 rays that end at lethal cells [cells^2].
-
-    Its rays run clockwise and are added up in this order, on which the last bit of the sum depends.
-    """
-    step = 2.0 * np.pi / 72
-    area = 0.0
-    for i in range(72):
-        area = _add_unknown(costs, row, col, np.sin(i * step), np.cos(i * step), max_range, step, area)
-    return area
-
-
-@kernel
 def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> FloatArray:
     """Unknown area in sight of a cell in each direction, shape (72,) [cells^2].
 
-    Ray i points i * 5 degrees counter-clockwise from +x.
+    Ray i points i * 5 degrees clockwise from +x. It stands for its sector, so a cell at distance r counts r
+    times the angle between two rays. It ends at a lethal cell; beyond the costmap all is unknown.
     """
+    height, width = costs.shape
     step = 2.0 * np.pi / 72
     areas = np.zeros(72)
     for i in range(72):
-        areas[i] = _add_unknown(costs, row, col, -np.sin(i * step), np.cos(i * step), max_range, step, 0.0)
+        dr, dc = np.sin(i * step), np.cos(i * step)
+        for r in range(1, int(max_range) + 1):
+            rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
+            cost = NO_INFORMATION
+            if 0 <= rr < height and 0 <= cc < width:
+                cost = costs[rr, cc]
+            if cost == LETHAL_COST:
+                break
+            if cost == NO_INFORMATION:
+                areas[i] += r * step
     return areas
-
-
-@kernel
-def _add_unknown(
-    costs: ByteArray, row: int, col: int, dr: float, dc: float, max_range: float, step: float, area: float
-) -> float:
-    """An area with the unknown along a ray added to it [cells^2].
-
-    The ray stands for its sector, so a cell at distance r counts r times the angle between two rays. It ends at
-    a lethal cell; beyond the costmap all is unknown.
-    """
-    height, width = costs.shape
-    for r in range(1, int(max_range) + 1):
-        rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
-        cost = NO_INFORMATION
-        if 0 <= rr < height and 0 <= cc < width:
-            cost = costs[rr, cc]
-        if cost == LETHAL_COST:
-            break
-        if cost == NO_INFORMATION:
-            area += r * step
-    return area

@@ -9,7 +9,7 @@ import numpy as np
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, LaserGeometry, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
-from slamgym.planning.frontier_feature_kernels import unknown_by_ray, visible_unknown
+from slamgym.planning.frontier_feature_kernels import unknown_by_ray
 
 _BODY_SIDE = 0.3
 """Free cells this near to a place of the robot's centre count as reachable, too [m]: the strips along walls, where no
@@ -139,8 +139,8 @@ def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
     """
     frame = costmap.frame
     row, col = frame.to_cell(*point)
-    seen = visible_unknown(costmap.costs, int(row), int(col), range_max / frame.resolution)
-    return float(seen) * frame.resolution**2
+    seen = unknown_by_ray(costmap.costs, int(row), int(col), range_max / frame.resolution)
+    return float(seen.sum()) * frame.resolution**2
 
 
 def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserGeometry) -> float:

@@ -7,7 +7,12 @@ import numpy as np
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
 from slamgym.planning.frontiers import ANY, Point, Reachable, nearest_open_cell, reachable_space
-from slamgym.planning.grid_path_kernels import EVERYWHERE, search_path, shortcut, trace_path
+from slamgym.planning.grid_path_kernels import (
+    EVERYWHERE,
+    search_path,
+    shortcut,
+    trace_path,
+)
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -109,9 +114,8 @@ class CoarsePaths:
     def __init__(self, costmap: Costmap, reachable: Reachable) -> None:
         self._frame = costmap.frame
         rows, cols = np.divmod(reachable.order[: reachable.num_centre], costmap.frame.width_px)
-        self._costs = np.full(
-            [-(-size // SHRINK) for size in costmap.costs.shape], LETHAL_COST, dtype=np.uint8
-        )
+        shape = [-(-size // SHRINK) for size in costmap.costs.shape]
+        self._costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
         self._costs[rows // SHRINK, cols // SHRINK] = 0
         self._crossable = np.where(self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0))
         self.cell = SHRINK * costmap.frame.resolution

@@ -64,7 +64,13 @@ def _pop(heap: UInt64Array, size: Any) -> Any:
 
 @kernel
 def search_path(
-    costs: ByteArray, start: int, goal: int, wanted: IntArray, limit: int, factor: float
+    costs: ByteArray,
+    start: int,
+    goal: int,
+    wanted: IntArray,
+    limit: int,
+    factor: float,
+    enough: int = 1 << 62,
 ) -> tuple[Float32Array, Int32Array]:
     """A* from a cell to another, 8-connected; with ``goal`` -1 Dijkstra's search over what is reachable.
 
@@ -78,22 +84,25 @@ def search_path(
         wanted: Flat indices of the cells that Dijkstra's search may end with; of shape (0,) for all, as for A*.
         limit: Cells at or above this cost are not entered.
         factor: Weight of the costs.
+        enough: Dijkstra's search ends with so many of the wanted cells, the cheapest to get to.
 
     Returns:
         The cost from the start to each cell [cells], inf where the search didn't come, and the flat index of
-        each cell's predecessor, -1 where there is none, both of shape (H * W,). They are final for what is wanted.
+        each cell's predecessor, which only cells that it came to have, both of shape (H * W,). They are final for what
+        is wanted; others cost no less than these.
     """
     height, width = costs.shape
     flat = costs.reshape(-1)
     distance = np.full(height * width, np.float32(np.inf), np.float32)
-    parent = np.full(height * width, -1, np.int32)
+    parent = np.empty(height * width, np.int32)
     closed = flat >= limit  # entered no more: done with, or an obstacle
     closed[start] = False
     awaited = np.zeros(height * width, np.bool_)
     num_awaited = 0
-    for i in range(len(wanted)):
-        num_awaited += int(not awaited[wanted[i]])
-        awaited[wanted[i]] = True
+    for end in wanted:
+        num_awaited += int(not awaited[end])
+        awaited[end] = True
+    num_awaited = min(num_awaited, enough)
     steps = np.empty(256, np.float32)
     for cost in range(256):
         steps[cost] = 1.0 + factor * cost

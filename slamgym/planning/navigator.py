@@ -30,7 +30,7 @@ from slamgym.planning.grid_path import path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 from slamgym.planning.unmapped import MapCorrections
 
-_STOP = Twist2D(0.0, 0.0)
+STOP = Twist2D(0.0, 0.0)
 
 
 class GoalStatus(enum.Enum):
@@ -237,9 +237,9 @@ class Navigator:
             time: Now [s].
         """
         if not self.is_active or self.costmap is None:
-            return _STOP
+            return STOP
         command = self._drive(self.costmap, pose, self.follower.points(ranges), time)
-        return command if self.is_active else _STOP
+        return command if self.is_active else STOP
 
     def _drive(self, costmap: Costmap, pose: Pose2D, obstacles: FloatArray, time: float) -> Twist2D:
         """Velocity towards the goal, if it isn't given up meanwhile."""
@@ -265,7 +265,7 @@ class Navigator:
                 return turn
         if self.is_active:
             self.status = GoalStatus.SUCCEEDED
-        return _STOP
+        return STOP
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Plan again when the robot is off its path or the scan blocks it."""
@@ -300,11 +300,10 @@ class Navigator:
         """Costmap from the map, what the scan showed lately, and the robot's own body."""
         if self._grid is None:
             return
-        grid = self._grid
-        for place, ranges in self._views:
-            grid = clear_seen(grid, place, ranges, self.context.geometry)
+        grid = clear_seen(self._grid, self._views, self.context.geometry) if self._views else self._grid
         grid = free_body(self._corrections.mark(grid, time), pose, self.context.robot_radius)
-        self.costmap, self._searched_from = make_costmap(grid, _inflation(self.inscribed_radius)), pose
+        self.costmap = make_costmap(grid, _inflation(self.inscribed_radius), self.costmap)
+        self._searched_from = pose
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows near the robot for the costmap."""

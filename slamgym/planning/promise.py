@@ -20,14 +20,16 @@ from slamgym.core.portable import exp, product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.planning.frontier_feature_kernels import come_near
-from slamgym.planning.remaining import Remains
+from slamgym.planning.remaining import FRONTIER_FEATURES, Remains
 
 PRETRAINED_ESTIMATE = Path(__file__).parent / "pretrained" / "remaining.safetensors"
 """The estimate and its calibration that come with the package."""
 
 FAMILIAR_AREA = 100.0
 """Known floor counts up to that of a usual home [m2]: the limits are calibrated on homes, and in a larger building one
-door, which the estimate gives a few square metres, may hide a wing."""
+door, which the estimate gives a few square metres, may hide a wing. Beyond it no promise is kept while a frontier that
+the robot fits through is still on offer: on 20 homes and offices of 104 to 401 m2 that took 3 % more time and kept the
+one promise that was broken, by a door to 15 % of the floor."""
 
 LARGEST_CALIBRATED = 300.0
 """The limits are calibrated on plans of up to this area [m2]. In larger buildings nothing is promised and an
@@ -150,6 +152,9 @@ def pretrained_limit(promise: Promise) -> float:
 def is_kept(promise: Promise, remains: Remains | None) -> bool:
     """True if an exploration may stop on what a map shows; never beyond :data:`LARGEST_CALIBRATED`."""
     if remains is None or remains.known_area > LARGEST_CALIBRATED:
+        return False
+    way_on = [FRONTIER_FEATURES.index(name) for name in ("offered", "in_reach")]
+    if remains.known_area > FAMILIAR_AREA and remains.frontiers[:, way_on].all(axis=1).any():
         return False
     return pretrained_unseen_floor().share(remains) < pretrained_limit(promise)
 

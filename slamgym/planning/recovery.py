@@ -31,26 +31,27 @@ _SAME_PLACE = 0.7
 
 
 class RecoveryBehaviours:
-    """One exploration's recovery behaviours.
-
-    Args:
-        navigator: Navigation stack of the exploration.
+    """One exploration's recovery behaviours; :meth:`start` comes first.
 
     Attributes:
         round: 0 at first; counts the relaxed footprints tried.
         is_turning: True while a look around is in progress.
     """
 
-    def __init__(self, navigator: Navigator) -> None:
+    def __init__(self) -> None:
         self.round = 0
         self.is_turning = False
-        self._navigator = navigator
         self._began_at = math.inf
         self._has_looked_around = False
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
-        self._open_space: list[FloatArray] = []  # points, where a frontier was given up
         self._entered: list[Point] = []
+
+    def start(self, navigator: Navigator) -> None:
+        """Go on with a fresh navigation stack, as on a map that was corrected: what was tried counts as tried."""
+        self._navigator = navigator
+        self._open_space: list[FloatArray] = []  # points, where a frontier was given up
+        navigator.inscribed_radius *= (1.0, *RELAXED_FOOTPRINTS)[self.round]
 
     def note_time(self, time: float) -> None:
         """Note the time of a control step: the first one is the beginning."""

@@ -50,6 +50,7 @@ class Remains:
     whole: FloatArray  # (len(WHOLE_FEATURES),)
     known_area: float  # floor that the robot can get to and has seen [m2]
     points: tuple[FloatArray, ...] = ()  # centres of each frontier's cells, shape (M, 2) [m]
+    costmap: Costmap | None = None  # on which it was measured
 
 
 def measure_remains(
@@ -59,6 +60,7 @@ def measure_remains(
     range_max: float,
     offered: Sequence[Point] = (),
     attempts: int = 0,
+    before: Remains | None = None,
 ) -> Remains | None:
     """Measure what a map doesn't show yet; None where the robot finds no place for itself on it.
 
@@ -69,9 +71,10 @@ def measure_remains(
         range_max: The scanner's [m].
         offered: A point of each frontier that the exploration still means to visit [m].
         attempts: How many relaxed footprints the exploration has tried at its end.
+        before: What an older version of the map didn't show; saves time on large maps.
     """
     known = free_body(crop_known(grid, pose), pose, radius)
-    costmap = make_costmap(known, _narrow_config(_NARROW * radius))
+    costmap = make_costmap(known, _narrow_config(_NARROW * radius), before.costmap if before else None)
     space = reachable_space(costmap, pose)
     if space is None:
         return None
@@ -85,7 +88,7 @@ def measure_remains(
     )
     left_out = len(frontiers) - len(measured)
     whole = [known_area / 100.0, closed_area / 5.0, min(attempts, 2), len(frontiers) / 8.0, left_out / 8.0]
-    return Remains(rows, np.array(whole), known_area, points)
+    return Remains(rows, np.array(whole), known_area, points, costmap)
 
 
 @functools.cache

@@ -146,7 +146,7 @@ def test_a_scan_takes_out_the_wall_that_it_sees_through_and_keeps_the_one_it_end
     x, y = grid.frame.to_point(30, 10)
     laser = LaserGeometry(41, -0.2, 0.01, 0.12, 3.5)
     wall = (50 * RESOLUTION / np.cos(laser.angles)).astype(np.float32)
-    seen = clear_seen(grid, Pose2D(float(x), float(y), 0.0), wall, laser, longest=3.5).cells
+    seen = clear_seen(grid, [(Pose2D(float(x), float(y), 0.0), wall)], laser, longest=3.5).cells
     assert (seen[27:34, 30] == FREE).all()
     assert (seen[:10, 30] == OCCUPIED).all()
     assert (seen[:, 60] == OCCUPIED).all()
@@ -166,8 +166,33 @@ def test_distances_are_those_to_the_nearest_occupied_cell(seed, rows, cols, shar
     obstacles = np.argwhere(cells == OCCUPIED)
     distance = make_costmap(grid_of(cells)).distance
     if len(obstacles) == 0:
-        assert (distance == 1e6).all()
+        assert np.isinf(distance).all()
         return
     offsets = np.argwhere(np.full(cells.shape, True))[:, None] - obstacles[None]
     nearest = np.sqrt((offsets**2).sum(-1).min(1)).reshape(cells.shape)
     np.testing.assert_array_equal(distance, nearest.astype(np.float32))
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 10_000), edits=st.integers(0, 4), coastal=st.sampled_from([0.3, 1.5, np.inf]))
+def test_a_costmap_made_of_an_older_one_is_that_of_the_map_alone(seed, edits, coastal):
+    rng = np.random.default_rng(seed)
+    config = CostmapConfig(inflation_radius=0.4, coastal_distance=coastal)
+    world = random_cells(seed, (260, 300))
+    world[rng.random(world.shape) < 0.9] = FREE
+
+    def seen_through_a_window():
+        (top, bottom), (left, right) = (np.sort(rng.choice(size, 2, replace=False)) for size in world.shape)
+        part = world[top:bottom, left:right].copy()
+        y = (world.shape[0] - bottom) * RESOLUTION - 3.0
+        return OccupancyGrid(part, GridFrame(RESOLUTION, left * RESOLUTION + 7.0, y, *part.shape))
+
+    older = make_costmap(seen_through_a_window(), config)
+    for _ in range(edits):
+        row, col = (int(rng.integers(0, size)) for size in world.shape)
+        world[row : row + 9, col : col + 7] = random_cells(row, world[row : row + 9, col : col + 7].shape)
+    newer = seen_through_a_window()
+    expected, found = make_costmap(newer, config), make_costmap(newer, config, older)
+    np.testing.assert_array_equal(found.costs, expected.costs)
+    known = newer.cells != UNKNOWN
+    np.testing.assert_array_equal(found.distance[known], expected.distance[known])

@@ -7,9 +7,21 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
-from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap, reachable_space
+from slamgym.planning import (
+    CostmapConfig,
+    ExplorerContext,
+    GoalStatus,
+    find_frontiers,
+    make_costmap,
+    reachable_space,
+)
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.frontier_candidates import coarsen_costmap, make_candidates, split_frontier
+from slamgym.planning.frontier_candidates import (
+    coarsen_costmap,
+    frontiers_in_reach,
+    make_candidates,
+    split_frontier,
+)
 
 FRAME = GridFrame(0.05, -4.0, -4.0, 160, 160)
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -38,8 +50,8 @@ def planned(grid):
 
 def candidates_of(grid, **changes):
     costmap, space = planned(grid)
-    settings = {"min_size": 0.3, "split_extent": 3.0, "tolerance": 0.6} | changes
-    return make_candidates(costmap, space, HERE, **settings)
+    found = frontiers_in_reach(costmap, space, HERE, min_size=0.3, split_extent=3.0, tolerance=0.6)
+    return make_candidates(costmap, space, found, **{"most": 16} | changes)
 
 
 def test_candidates_are_the_openings_with_paths_to_them():
@@ -49,6 +61,17 @@ def test_candidates_are_the_openings_with_paths_to_them():
     assert east.frontier.middle == pytest.approx((2.05, 0.0), abs=0.15)
     assert east.path_length == pytest.approx(1.8, abs=0.3)  # to where the robot's centre can stand
     np.testing.assert_allclose(east.path[0], [0.0, 0.0], atol=0.1)
+
+
+def test_few_candidates_are_the_first_of_many():
+    grid = room(openings=[EAST, NORTH, (-2.2, -1.0, -1.9, 0.0), (0.0, -2.2, 1.0, -1.9)])
+    everything = candidates_of(grid)
+    assert len(everything) == 4
+    for most in range(1, 5):
+        few = candidates_of(grid, most=most)
+        assert [one.path_cost for one in few] == [one.path_cost for one in everything[:most]]
+        for one, other in zip(few, everything[:most], strict=True):
+            np.testing.assert_array_equal(one.path, other.path)
 
 
 def test_what_lies_behind_a_wall_is_no_candidate():
@@ -124,12 +147,51 @@ def test_a_choice_is_due_once_then_kept_until_the_horizon(loop):
     assert see(loop, grid, 6.0)
 
 
+@pytest.mark.parametrize(("half", "offered"), [(4.5, 2), (6.0, 1)])
+def test_in_a_hall_a_place_out_of_sight_of_walls_comes_last(half, offered):
+    frame = GridFrame(0.05, -7.0, -7.0, 280, 280)
+    x, y = frame.to_point(*np.indices(frame.shape))
+    far = np.maximum(np.abs(x), np.abs(y))
+    cells = np.where(far < half, FREE, UNKNOWN).astype(np.uint8)
+    cells[(far >= half) & (far < half + 0.1) & ~((x > 0.0) & (np.abs(y) < 0.6))] = OCCUPIED
+    cells[far < 0.6] = UNKNOWN  # nearer to the robot than the door to the east
+    loop = ExplorationLoop(ExplorerContext(frame, LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)))
+    here = Pose2D(0.0, 2.0, 0.0)
+    assert see(loop, OccupancyGrid(cells, frame), 0.0, here)
+    assert len(loop.candidates) == offered
+    assert max(one.target[0] for one in loop.candidates) == pytest.approx(half, abs=0.2)
+    cells = np.where(
+        (cells == UNKNOWN) & (far > 1.0) & (far < half + 0.1), OCCUPIED, cells
+    )  # the door is closed
+    see(loop, OccupancyGrid(cells, frame), 2.0, here)
+    assert [np.hypot(*one.target) < 1.0 for one in loop.candidates] == [True]
+
+
 def test_a_choice_is_due_as_soon_as_the_frontier_is_gone(loop):
     see(loop, room(openings=[EAST, NORTH]), 0.0)
     east = min(range(2), key=lambda i: abs(loop.candidates[i].frontier.middle[1]))
     loop.choose(east)
     assert see(loop, room(openings=[NORTH]), 2.0)
     assert len(loop.candidates) == 1
+
+
+def test_on_a_corrected_map_nothing_is_remembered_by_its_place_and_the_next_map_is_awaited(loop):
+    grid = room(openings=[EAST, NORTH])
+    see(loop, grid, 0.0)
+    loop.choose(0)
+    loop.navigator.status = GoalStatus.ABORTED
+    see(loop, grid, 0.2)
+    loop.choose(0)
+    assert len(loop.candidates) == 1  # the other is blacklisted
+    # Half a metre within a fifth of a second: the map is still the old one.
+    cells = loop.known_map().cells[np.newaxis].copy()
+    at = np.array((0.0, -0.5, 0.0), np.float32)
+    scan = np.full(180, 3.5, np.float32)
+    assert not loop.observe({"map": cells, "scan": scan, "pose": at, "time": np.array([0.4], np.float32)})
+    assert loop.target is None
+    assert loop.command() == (0.0, 0.0)
+    assert see(loop, grid, 2.0, Pose2D(0.0, -0.5, 0.0))
+    assert len(loop.candidates) == 2
 
 
 def test_a_stalled_exploration_keeps_its_choice(loop):

@@ -69,6 +69,18 @@ def test_an_open_door_counts_as_much_in_a_school_as_in_a_home():
     assert small > home == school
 
 
+def test_beyond_the_floor_of_a_home_a_way_on_is_taken_before_a_promise_is_kept():
+    opened = remains_of(room(door=1.0), offered=[(3.05, 0.0)])
+    loose = Promise(0.5, None, 0.5)
+    assert is_kept(loose, replace(opened, known_area=FAMILIAR_AREA))
+    larger = replace(opened, known_area=FAMILIAR_AREA + 1.0)
+    assert not is_kept(loose, larger)
+    for name in ("offered", "in_reach"):
+        frontiers = opened.frontiers.copy()
+        frontiers[:, FRONTIER_FEATURES.index(name)] = 0.0
+        assert is_kept(loose, replace(larger, frontiers=frontiers))
+
+
 def test_nothing_is_promised_in_buildings_larger_than_the_calibrated_ones():
     closed = remains_of(room())
     assert is_kept(EASY, replace(closed, known_area=LARGEST_CALIBRATED))
