@@ -15,6 +15,7 @@ from slamgym.interop import Log
 from slamgym.interop.records import interpolated
 from slamgym.metrics import absolute_trajectory_error, relative_poses
 from slamgym.slam.mapper import SlamStats
+from slamgym.slam.odometry_check import check_odometry
 from slamgym.slam.replay import replay, settings_for
 
 STRETCH_SECONDS, STRETCH_METRES, STRETCH_TURN = 10.0, 2.0, 0.5
@@ -174,7 +175,7 @@ def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, 
     config = settings_for(log.geometry, {"mode": mode})
 
     def mapped(broken: Log) -> tuple[Trajectory, list[Span]]:
-        result = replay(broken, config, np.random.default_rng(0))
+        result = replay(check_odometry(broken), config, np.random.default_rng(0))
         return result.trajectory, doubtful_spans(result.stats)
 
     def error_of(path: Trajectory) -> float:
@@ -216,12 +217,6 @@ def fault_row(fault: str, mode: str, trials: Sequence[Trial]) -> dict[str, Any]:
     }
 
 
-def doubtful_spans(stats: SlamStats, gap: float = 5.0) -> list[Span]:
-    """Doubts of a mapper as spans: single scans [s], with those that follow within a gap [s]."""
-    spans: list[Span] = []
-    for stamp in stats.doubtful:
-        if spans and stamp - spans[-1].end < gap:
-            spans[-1] = Span(spans[-1].begin, stamp, "doubtful")
-        else:
-            spans.append(Span(stamp, stamp, "doubtful"))
-    return spans
+def doubtful_spans(stats: SlamStats) -> list[Span]:
+    """Doubts of a mapper."""
+    return [Span(*span) for span in stats.spans()]

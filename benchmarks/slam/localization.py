@@ -2,7 +2,7 @@
 
     python benchmarks/slam/localization.py [--homes 20] [--log intel.log.gz]
 
-Each home is explored once by the particle filter, which gives its map. Then the robot starts somewhere else, with new
+Each home is explored once with mode ``pose_graph``, which gives its map. Then the robot starts somewhere else, with new
 errors of wheels and laser, drives for three minutes, and must find itself on that map or on the true one, knowing
 nothing of its start. *Right* is a pose within 0.5 m and 17 degrees of where the map says the place is: a map that SLAM
 made is distorted, so there the reference is the true pose moved by the mapping drive's own error nearby. *Right within
@@ -79,23 +79,23 @@ def main() -> None:
     last: tuple[OccupancyGrid, Episode] | None = None
     for seed in range(arguments.homes):
         plan = generate_plan(FIRST_HOME + seed, PlanGeneratorConfig(kind="home"))
-        first = explore(plan, seed, "rbpf")
+        first = explore(plan, seed, "pose_graph")
         second, third = (explore(plan, 1000 * k + seed, "ground_truth", 3.0) for k in (1, 2))
         drive = placed(second, first.start)
         true = plan.raster(0.05, offset=(first.start.x, first.start.y), outside=UNKNOWN)
-        add(cases, "true map", on_map(drive, true, seed, None))
-        add(cases, "map of rbpf", on_map(drive, first.slam_map, seed, first))
+        add(cases, "true map", on_map(drive, true, None))
+        add(cases, "map of the graph", on_map(drive, first.slam_map, first))
         carried = joined(drive, placed(third, first.start))
-        add(cases, "map of rbpf, carried off after 90 s", on_map(carried, first.slam_map, seed, first))
-        furnished = explore(plan, seed, "rbpf", furniture=0.3)
+        add(cases, "map of the graph, carried off after 90 s", on_map(carried, first.slam_map, first))
+        furnished = explore(plan, seed, "pose_graph", furniture=0.3)
         moved = explore(plan, 3000 + seed, "ground_truth", 3.0, furniture=0.3)
         add(
             cases,
-            "map of rbpf, all furniture moved",
-            on_map(placed(moved, furnished.start), furnished.slam_map, seed, furnished),
+            "map of the graph, all furniture moved",
+            on_map(placed(moved, furnished.start), furnished.slam_map, furnished),
         )
         if last is not None:
-            add(cases, "another building", on_map(drive, last[0], seed, None, elsewhere=True))
+            add(cases, "another building", on_map(drive, last[0], None, elsewhere=True))
         last = first.slam_map, first
         print(seed, {name: f"{outcomes[-1].seconds:.0f} s" for name, outcomes in cases.items()}, flush=True)
     rows = [row(name, outcomes) for name, outcomes in cases.items()]
@@ -144,20 +144,17 @@ def joined(first: Drive, second: Drive) -> Drive:
     return Drive(Log("carried", records, first.log.geometry), Trajectory(stamps, poses), end.stamp + 0.1)
 
 
-def on_map(
-    drive: Drive, grid: OccupancyGrid, seed: int, mapping: Episode | None, elsewhere: bool = False
-) -> Outcome:
+def on_map(drive: Drive, grid: OccupancyGrid, mapping: Episode | None, elsewhere: bool = False) -> Outcome:
     """Localise a drive.
 
     Args:
         drive: The log and the truth.
         grid: The map.
-        seed: Of the particles.
         mapping: The drive that made the map; None for a map without errors.
         elsewhere: Whether the map is of another building, so that nothing is right.
     """
     begin = time.process_time()
-    result = localize_log(drive.log, grid, HERE, LocalizationConfig(), np.random.default_rng(seed))
+    result = localize_log(drive.log, grid, HERE, LocalizationConfig())
     ms = 1e3 * (time.process_time() - begin) / len(result.beliefs)
     stamps = np.array([belief.stamp for belief in result.beliefs])
     truth, _ = poses_at(drive.truth, stamps)
@@ -225,7 +222,7 @@ def recorded(path: Path) -> Outcome:
     mapped, whole = (replay(part, config, np.random.default_rng(0)) for part in (parts[0], log))
     # The whole path has the same first half but for closures that came later: its map frame is the same.
     truth = Trajectory(whole.trajectory.stamps[half:], whole.trajectory.poses[half:])
-    return on_map(Drive(parts[1], truth), mapped.grid, 0, None)
+    return on_map(Drive(parts[1], truth), mapped.grid, None)
 
 
 def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:

@@ -57,10 +57,8 @@ INSTANTS = 10
 """Number of instants of a drive at which NEES is taken."""
 EVERY = 10
 """Of so many scans the end points of one are measured."""
-GMAPPING_SEARCH = "GMapping's search"
-GMAPPING_ON_LOGS = {
-    "mode": "rbpf", "matcher": "hill_climbing", "odometry_weight": 0.0, "learn_odometry": False, "drawn_noise": 1.0,
-}  # fmt: skip
+GMAPPING = "rbpf"
+"""The mode that times are compared with."""
 LONG_RANGE = 12.0
 """Range of a laser that sees across rooms [m]."""
 LARGE_MINUTES = 180.0
@@ -70,7 +68,6 @@ FAULTY_HOMES = 4
 KNOWN_FAULT = "freiburg-079"
 """Recorded log that has a fault of its own."""
 BY_ODOMETRY = ("dead_reckoning", "ground_truth")
-ALL_MODES = (*MODES, GMAPPING_SEARCH)
 RATIO = "/ GMapping's"
 DRIVE_COLUMNS = (
     "drives", "mode", "RMSE [m]", "95 %", "median [m]", "worst [m]", "walls [m]", "points [m]", "NEES", "doubts",
@@ -87,7 +84,7 @@ def main() -> None:
     parser.add_argument(
         "--parts", nargs="+", choices=PARTS, default=[part for part in PARTS if part != "large"]
     )
-    parser.add_argument("--modes", nargs="+", choices=ALL_MODES, default=list(ALL_MODES))
+    parser.add_argument("--modes", nargs="+", choices=MODES, default=list(MODES))
     parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, some with NAME.relations")
     parser.add_argument("--homes", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3, help="runs of each log")
@@ -128,11 +125,7 @@ def logs(arguments: argparse.Namespace) -> Rows:
     """Recorded logs; without ``--logs`` there are none."""
     if arguments.logs is None:
         return []
-    modes = {
-        mode: GMAPPING_ON_LOGS if mode == GMAPPING_SEARCH else {"mode": mode}
-        for mode in arguments.modes
-        if mode not in BY_ODOMETRY
-    }
+    modes = {mode: {"mode": mode} for mode in arguments.modes if mode not in BY_ODOMETRY}
     rows = recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
     names = dict.fromkeys(row["log"] for row in rows)
     return [row for name in names for row in with_ratio([row for row in rows if row["log"] == name])]
@@ -162,7 +155,7 @@ def faults(arguments: argparse.Namespace) -> Rows:
     for path in sorted(arguments.logs.glob("*.log.gz")) if arguments.logs else ():
         if not path.name.startswith(KNOWN_FAULT):
             good[path.name] = open_log(path), None
-    modes = [mode for mode in arguments.modes if mode not in (*BY_ODOMETRY, GMAPPING_SEARCH)]
+    modes = [mode for mode in arguments.modes if mode not in (*BY_ODOMETRY, GMAPPING)]
     return fault_rows(good, modes)
 
 
@@ -176,8 +169,8 @@ def drive_rows(
 
 
 def with_ratio(rows: Rows) -> Rows:
-    """The rows of one case with their times divided by that of GMapping's search."""
-    whole = {row["mode"]: row["ms per scan"] for row in rows}.get(GMAPPING_SEARCH)
+    """The rows of one case with their times divided by that of GMapping's filter."""
+    whole = {row["mode"]: row["ms per scan"] for row in rows}.get(GMAPPING)
     return [row | {RATIO: whole and round(row["ms per scan"] / whole, 3)} for row in rows]
 
 
@@ -203,8 +196,6 @@ def drive_row(drives: Sequence[Drive], case: Conditions, mode: str) -> dict[str,
 
 def settings_of(mode: str, case: Conditions) -> SlamConfig:
     """Settings of an environment's mapper."""
-    if mode == GMAPPING_SEARCH:
-        return SlamConfig.gmapping()
     return SlamConfig(mode=mode, max_usable_range=case.usable_range)  # type: ignore[arg-type]
 
 

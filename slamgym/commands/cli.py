@@ -97,9 +97,8 @@ class Group:
             return self.default.run(name, argv)
         if argv[0] not in self.commands:
             typed = f"{name} {argv[0]}".removeprefix("slamgym ")
-            raise SlamgymError(
-                f"unknown command {typed!r}; {suggest(argv[0], self.commands)} ({name} --help lists them all)"
-            )
+            nearest = suggest(argv[0], self.commands)
+            raise SlamgymError(f"unknown command {typed!r}; {nearest} ({name} --help lists them all)")
         return self.commands[argv[0]].run(f"{name} {argv[0]}", argv[1:])
 
     def usage(self, name: str) -> str:
@@ -135,9 +134,7 @@ GROUPS = {
 """Commands under one name, by what the user types for them."""
 COMMANDS = {
     "plans list": Command("plans:list_command", "print id, area, rooms and size of every usable plan"),
-    "plans check": Command(
-        "plans:check_command", "which plans can be explored, and what is wrong with others"
-    ),
+    "plans check": Command("plans:check_command", "which plans can be explored, what is wrong with others"),
     "plans draw": Command("plans:draw_command", "draw plans on one picture"),
     "plans write": Command("plans:write_command", "write usable plans as HouseExpo files"),
     "plans fetch": Command("plans:fetch_command", "download a public archive of floor plans"),
@@ -168,17 +165,11 @@ COMMANDS = {
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
     "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
     "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),
-    "gan evaluate": Command(
-        "gan.main:evaluate_command", "measure translators on held-out pairs", TRANSLATING
-    ),
-    "gan publish": Command(
-        "gan.main:publish_command", "put a run's weights among the pretrained ones", TRANSLATING
-    ),
+    "gan evaluate": Command("gan.main:evaluate_command", "measure translators on test pairs", TRANSLATING),
+    "gan publish": Command("gan.main:publish_command", "put weights among the pretrained ones", TRANSLATING),
     "cad draw": Command("cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"),
     "cad compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
-    "reproduce": Command(
-        "reproduce.main:main", "the paper's experiments, from plans to a report", TRANSLATING
-    ),
+    "reproduce": Command("reproduce.main:main", "the paper's experiments, plans to report", TRANSLATING),
     "warmup": Command("doctor:warmup", "compile the numeric kernels, once after an installation"),
     "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
     "completion": Command("completion:main", "a script by which a shell completes commands and options"),

@@ -1,4 +1,4 @@
-"""``slamgym doctor`` and ``warmup``: what is installed, what works, and compiling the numeric kernels."""
+"""``slamgym doctor`` and ``warmup``: the installation, what works of it, and compiling the numeric kernels."""
 
 from __future__ import annotations
 
@@ -14,7 +14,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
 
+import tyro
+
 from slamgym import __version__
+from slamgym.commands.log_input import LogReading
 from slamgym.core.config import Arguments
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import tell
@@ -26,21 +29,28 @@ _FAILURES = (SlamgymError, ImportError, OSError, RuntimeError, ValueError, subpr
 """Errors of a damaged installation."""
 
 
+PartState = Literal["ok", "missing", "broken"]
+
+
 class Finding(NamedTuple):
     """One line of the report."""
 
     what: str
-    state: Literal["ok", "missing", "broken"]
+    state: PartState
     """``missing``: an option that isn't installed; ``broken``: something that every user needs."""
     found: str
     fix: str = ""
 
 
-class DoctorArguments(Arguments):
-    """Say what is installed, what works, and the fix for what doesn't.
+class DoctorArguments(LogReading):
+    """Say what is installed, what works, and the fix for what doesn't; or, of a log, what it holds and what is wrong.
 
-    The exit status is 1 if something is broken that every command needs; extras may be missing.
+    The exit status is 1 if something is broken that every command needs (extras may be missing), or something is wrong
+    with the log.
     """
+
+    log: tyro.conf.Positional[Path | None] = None
+    """A recorded log, as for `slamgym slam`; without one the installation is looked at."""
 
 
 class WarmupArguments(Arguments):
@@ -61,8 +71,12 @@ def warmup(arguments: WarmupArguments) -> None:
     tell(f"the kernels are compiled: {kernel_cache(cast_sweep)} and the folders beside it")
 
 
-def main(arguments: DoctorArguments) -> int:  # noqa: ARG001 - it takes none
+def main(arguments: DoctorArguments) -> int:
     """Run ``slamgym doctor``; returns the exit code."""
+    if arguments.log is not None:
+        from slamgym.commands.log_facts import show_facts
+
+        return show_facts(arguments.log, arguments)
     states = []
     for finding in findings():
         states.append(finding.state)
@@ -119,9 +133,7 @@ def _version(package: str) -> str:
         return ""
 
 
-def _try(
-    what: str, check: Callable[[], str], fix: str, otherwise: Literal["missing", "broken"] = "broken"
-) -> Finding:
+def _try(what: str, check: Callable[[], str], fix: str, otherwise: PartState = "broken") -> Finding:
     """Run a check; an error is a finding, too."""
     try:
         return Finding(what, "ok", check())

@@ -1,12 +1,9 @@
 """``slamgym export-log``: a log in the form that other SLAM programs replay."""
 
-from pathlib import Path
 from typing import Literal
 
-import tyro
-
-from slamgym.commands.frame import Extra, Out, read_log, require
-from slamgym.core.config import Arguments, NonNegative
+from slamgym.commands.frame import Extra, Out, require
+from slamgym.commands.log_input import LogAndOut, LogReading, read_log
 from slamgym.core.errors import InputFileError
 from slamgym.core.progress import counted, tell
 from slamgym.core.types import Trajectory
@@ -18,11 +15,8 @@ SIMULATED_CLOCK = 1e8
 """Logs that begin before have no date [s]."""
 
 
-class ExportArguments(Arguments):
+class ExportArguments(LogReading, LogAndOut):
     """Write an episode (or any other log) as a CARMEN log or as a rosbag2."""
-
-    log: tyro.conf.Positional[Path]
-    """Folder of an episode that `slamgym generate` wrote, a CARMEN log or a ROS bag."""
 
     out: Out
     """The file (CARMEN; compressed if it ends in .gz) or folder (rosbag2) to write."""
@@ -41,10 +35,6 @@ class ExportArguments(Arguments):
     """rosbag2: also publish map -> odom as the episode's own SLAM estimated it, to look at the run without a SLAM
     program, which would publish that transform itself."""
 
-    first_stamp: NonNegative = FIRST_STAMP
-    """rosbag2: time of the first scan of a log whose clock starts near zero [s since 1970]; logs with stamps of their
-    own keep them."""
-
     overwrite: bool = False
     """CARMEN: replace an existing file."""
 
@@ -57,7 +47,7 @@ def main(arguments: ExportArguments) -> None:
 
     if arguments.format == "rosbag2":
         require(Extra("ros", ("rosbags",)), "--format rosbag2")
-    log = read_log(arguments.log)
+    log = read_log(arguments.log, arguments)
     if arguments.format == "carmen":
         if arguments.out.exists() and not arguments.overwrite:
             raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
@@ -71,7 +61,7 @@ def main(arguments: ExportArguments) -> None:
             log.geometry,
             grid=read_ros_map(own_map) if own_map.is_file() else None,
             tracks=BagTracks(_track(arguments, "truth"), _track(arguments, "estimate", arguments.localised)),
-            first_stamp=arguments.first_stamp if undated else None,
+            first_stamp=FIRST_STAMP if undated else None,
             storage=arguments.storage,
         )
     tell(f"{arguments.out}: {counted(len(log), 'scan')} over {log.duration:.1f} s")

@@ -1,4 +1,4 @@
-"""Shared by the commands: -o/--out, extras, reading logs, a folder of results with a summary, tables."""
+"""Shared by the commands: -o/--out, extras, a folder of results with a summary, tables."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import importlib.util
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import tyro
 
@@ -15,11 +15,8 @@ from slamgym.core.config import suggest
 from slamgym.core.documents import YAML_SUFFIXES, json_text
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
 from slamgym.core.files import storage_errors, write_text
-from slamgym.core.progress import say, tell
+from slamgym.core.progress import tell
 from slamgym.core.text import printable
-
-if TYPE_CHECKING:
-    from slamgym.interop.records import Log
 
 Out = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 MaybeOut = Annotated[Path | None, tyro.conf.arg(aliases=["-o"])]
@@ -74,20 +71,6 @@ def require_folder(out: Path) -> None:
     """
     if out.exists() and not out.is_dir():
         raise InputFileError(out, "is a file; name a folder for the results")
-
-
-def read_log(path: Path, scan_topic: str | None = None, odometry_topic: str | None = None) -> Log:
-    """A recorded log; what is doubtful about it is said.
-
-    Raises:
-        InputFileError: If it can't be read.
-    """
-    from slamgym.interop.logs import open_log
-
-    log = open_log(path, scan_topic=scan_topic, odometry_topic=odometry_topic)
-    for sentence in log.warnings.sentences():
-        say(f"slamgym: warning: {sentence}")
-    return log
 
 
 def begin_results(folder: Path) -> None:

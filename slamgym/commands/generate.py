@@ -127,9 +127,8 @@ def _report(report: BuildReport) -> None:
         say(f"Nothing to do: {report.root} holds {counted(report.pairs, 'pair')} already.")
     if report.rejected:
         kinds = ", ".join(f"{count} {kind}" for kind, count in sorted(report.rejected.items()))
-        say(
-            f"Skipped {counted(sum(report.rejected.values()), 'plan')} ({kinds}); {layout.rejected} says why."
-        )
+        skipped = counted(sum(report.rejected.values()), "plan")
+        say(f"Skipped {skipped} ({kinds}); {layout.rejected} says why.")
     tell(*describe_pairs(report.root).splitlines())
     if report.pairs > 0:
         path = write_contact_sheet(report.root, _SHEET_PAIRS)

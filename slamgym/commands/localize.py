@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, read_log, require_folder
+from slamgym.commands.frame import Out, begin_results, end_results, require_folder
+from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive, to_dict
-from slamgym.core.errors import ConfigError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
 from slamgym.core.progress import counted
 from slamgym.core.types import Pose2D
@@ -28,15 +29,14 @@ if TYPE_CHECKING:
     from slamgym.slam.localization.logs import LocalizationResult
 
 
-class LocalizeArguments(Arguments):
-    """Find a robot on a finished map by a recorded log."""
-
+class _Map(Arguments):
     map: tyro.conf.Positional[Path]
     """A ROS map (.yaml, or its image), the folder of a run of `slamgym slam`, Valetudo's .json or .png, or a
     bare image with --resolution."""
 
-    log: tyro.conf.Positional[Path]
-    """CARMEN log, ROS bag or episode, as for `slamgym slam`."""
+
+class LocalizeArguments(LogReading, LogAndOut, _Map):
+    """Find a robot on a finished map by a recorded log."""
 
     out: Out
     """Folder for trajectory.tum, localization.jsonl, localization.png and summary.json."""
@@ -47,17 +47,8 @@ class LocalizeArguments(Arguments):
     resolution: Positive | None = None
     """Cell size of a map that has no yaml file [m]; its lower left corner is then at (0, 0)."""
 
-    seed: int = 0
-    """The same seed gives the same result."""
-
-    scan_topic: str | None = None
-    """ROS bags: the LaserScan topic."""
-
-    odometry_topic: str | None = None
-    """ROS bags: the Odometry topic."""
-
     settings: AllSettings = SettingsOptions()
-    """Localisation, e.g. ``--set sigma_hit=0.1``."""
+    """Localisation, e.g. ``--set confirm_distance=5``."""
 
 
 def main(arguments: LocalizeArguments) -> None:
@@ -71,9 +62,10 @@ def main(arguments: LocalizeArguments) -> None:
         raise ConfigError("--initial-pose must be three finite numbers: x, y, yaw")
     initial = None if arguments.initial_pose is None else Pose2D(*arguments.initial_pose)
     known = read_map(arguments.map, arguments.resolution)
-    log = read_log(arguments.log, arguments.scan_topic, arguments.odometry_topic)
-    rng = np.random.default_rng(arguments.seed)
-    result = localize_log(log, known.grid, known.placement, config, rng, initial)
+    log = checked_log(arguments.log, arguments)
+    if not log.has_odometry:
+        raise InputFileError(arguments.log, "has no odometry to use, by which the robot is followed")
+    result = localize_log(log, known.grid, known.placement, config, initial)
     summary = _summary(arguments, log, config, result)
     _write(arguments, known, result)
     end_results(arguments.out, summary, _report(arguments.out, summary))
@@ -88,7 +80,6 @@ def _summary(
     return {
         "map": str(arguments.map),
         "log": str(arguments.log),
-        "seed": arguments.seed,
         "scans": len(log),
         "processed_scans": len(result.beliefs),
         "localised_after_s": None if first is None else first.stamp - log.records[0].stamp,
@@ -101,7 +92,7 @@ def _summary(
         "searches": result.searches,
         "cpu_seconds": result.cpu_seconds,
         "cpu_ms_per_processed_scan": 1e3 * result.cpu_seconds / len(result.beliefs),
-        "warnings": dict(sorted(log.warnings.counts.items())),
+        **faults_of(log),
         "config": to_dict(config),
     }
 
@@ -138,10 +129,7 @@ def _line(belief: Belief) -> str:
         "pose": _rounded(belief.pose),
         "covariance": _rounded(belief.covariance[np.triu_indices(3)], 9),
         "fit": round(belief.fit, 3),
-        "particles": belief.particles,
-        "hypotheses": [
-            [*_rounded(pose), round(weight, 4)] for pose, weight in belief.hypotheses[:MOST_SHOWN]
-        ],
+        "hypotheses": [[*_rounded(pose), round(share, 4)] for pose, share in belief.hypotheses[:MOST_SHOWN]],
     }
     return json.dumps(row) + "\n"
 
@@ -151,18 +139,15 @@ def _rounded(values: Any, digits: int = 6) -> list[float]:
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
-    states = ", ".join(
-        f"{100.0 * n / summary['processed_scans']:.0f} % {s}" for s, n in summary["states"].items()
-    )
+    shares = ((count / summary["processed_scans"], state) for state, count in summary["states"].items())
+    states = ", ".join(f"{100.0 * share:.0f} % {state}" for share, state in shares)
     yield f"{summary['log']} on {summary['map']}: {counted(summary['scans'], 'scan')}: {states}"
     if summary["localised_after_s"] is not None:
         yield f"  localised {summary['localised_after_s']:.0f} s after the start of the log"
-    elif "ambiguous" in summary["states"]:
-        yield "  NOT LOCALISED: places that look alike were never told apart (hypotheses in localization.jsonl)"
     else:
         yield (
-            "  NOT LOCALISED: no place on the map explained enough of the scans without a rival; the log may be of "
-            f"another building (mean share explained {summary['mean_fit']:.2f})"
+            "  NOT LOCALISED: no place on the map explained enough of the scans without a rival that looks alike; the "
+            f"log may be of another building (mean share explained {summary['mean_fit']:.2f})"
         )
     if summary["final_state"] != "localised":
         yield f"  at the end: {summary['final_state']}"

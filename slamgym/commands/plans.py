@@ -97,11 +97,11 @@ def fetch_command(arguments: FetchPlans) -> None:
     console = Console(stderr=True)
     with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
         task = progress.add_task(path.name, total=None)
-        count = fetch_houseexpo(
-            path,
-            arguments.url,
-            lambda done, total: progress.update(task, completed=done, total=total or None),
-        )
+
+        def show(done: int, total: int) -> None:
+            progress.update(task, completed=done, total=total or None)
+
+        count = fetch_houseexpo(path, arguments.url, show)
     tell(f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}")
 
 

@@ -17,6 +17,7 @@ from slamgym.core.limits import shown
 from slamgym.core.names import is_own_explorer
 
 _T = TypeVar("_T")
+_Words = tuple[tuple[str, ...], ...]
 CLEARED = object()
 """Value of an option that sets a setting to None."""
 _STAMPS = ("version", "format_version", "plans")
@@ -28,9 +29,7 @@ class SettingsOptions(Arguments):
 
     config: Path | None = None
     """Settings from a JSON file: what --save-config or an earlier run wrote."""
-    set: Annotated[
-        tuple[tuple[str, ...], ...], tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME=VALUE")
-    ] = ()
+    set: Annotated[_Words, tyro.conf.UseAppendAction, tyro.conf.arg(metavar="NAME=VALUE")] = ()
     """Any setting by its name or the end of it, as in ``lidar.range_max=8``; ``odometry`` and ``lidar`` also take an
     error level, as in ``odometry=high``. --save-config shows them all."""
     save_config: Path | None = None
@@ -89,15 +88,11 @@ def settings_from_file(path: Path, default: _T) -> _T:
         config = from_dict(type(default), _merged(default, known, given))
     except ConfigError as error:
         version = content.get("version", __version__)
-        older = (
-            "" if version == __version__ else f" (slamgym {shown(version)} wrote it, this is {__version__})"
-        )
-        raise InputFileError(path, f"{error}{older}") from None
+        older = f" (slamgym {shown(version)} wrote it, this is {__version__})"
+        raise InputFileError(path, f"{error}{older if version != __version__ else ''}") from None
     for name, value in _strings(to_dict(config)):
         if name.startswith("explorer") and is_own_explorer(value):
-            raise InputFileError(
-                path, f"{shown(value)} is code of your own; name it by an option, not in a file"
-            )
+            raise InputFileError(path, f"{shown(value)} is code of your own; name it by an option")
     return config
 
 

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, read_log, require_folder
+from slamgym.commands.frame import Out, begin_results, end_results, require_folder
+from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions, given
-from slamgym.core.config import Arguments, Count, to_dict
+from slamgym.core.config import Count, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, show_progress
 from slamgym.slam.config import Mode, SlamConfig
@@ -27,22 +30,18 @@ if TYPE_CHECKING:
     from slamgym.viz.films import ShowPicture
 
 
-class SlamArguments(Arguments):
+class SlamArguments(LogReading, LogAndOut):
     """Make a map from a recorded log."""
-
-    log: tyro.conf.Positional[Path]
-    """CARMEN log (.log, .clf, also .gz), ROS bag (.bag, .mcap, .db3 or a rosbag2 folder), or the folder of an
-    episode that `slamgym generate` wrote."""
 
     out: Out
     """Folder for map.pgm, map.yaml, map.png, trajectory.tum, trajectory_doubt.csv and summary.json."""
 
     mode: Mode | None = None
-    """pose_graph, the default: one path, whose loops are closed; rbpf: GMapping's particle filter; scan_matching,
-    dead_reckoning: what these would be without."""
+    """pose_graph, the default: one path, whose loops are closed; rbpf: GMapping's particle filter; dead_reckoning: what
+    these would be without."""
 
     particles: Count | None = None
-    """Number of particles (rbpf); 30 by default."""
+    """Number of particles (rbpf); 30 by default; 1 is scan matching."""
 
     seed: int = 0
     """The same seed gives the same map."""
@@ -59,14 +58,8 @@ class SlamArguments(Arguments):
     video: Path | None = None
     """Write a film of the map growing: a name that ends in .mp4 or .gif."""
 
-    scan_topic: str | None = None
-    """ROS bags: the LaserScan topic. By default /scan or the one with most messages."""
-
-    odometry_topic: str | None = None
-    """ROS bags: the Odometry topic. By default /odom or the one with most messages, else tf."""
-
     settings: AllSettings = SettingsOptions()
-    """The mapper: resolution, max_usable_range, linear_update, matcher and all else."""
+    """The mapper: resolution, max_usable_range, linear_update, sigma and all else."""
 
 
 MAX_FRAMES, MAX_PATHS = 600, 30
@@ -84,7 +77,7 @@ def main(arguments: SlamArguments) -> None:
 
     require_folder(arguments.out)
     relations = read_relations(arguments.relations) if arguments.relations is not None else None
-    log = read_log(arguments.log, arguments.scan_topic, arguments.odometry_topic)
+    log = checked_log(arguments.log, arguments)
     truth = read_truth(arguments.log)
     older = _older_map(arguments)
     config = _config(arguments, log, older)
@@ -97,7 +90,7 @@ def main(arguments: SlamArguments) -> None:
         **_errors_of_relations(result, relations),
         **_errors_of_truth(result, truth),
         **result.extra,
-        "warnings": dict(sorted(log.warnings.counts.items())),
+        **faults_of(log),
         "config": to_dict(config),
         "n_eff": [round(value, 3) for value in result.stats.n_eff],
     }
@@ -174,7 +167,7 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper], N
         paths = [mapper.trajectory().poses]
         if isinstance(mapper, ParticleFilter):
             paths += mapper.particle_paths(MAX_PATHS)
-        caption = f"scan {index + 1} of {total}   N_eff {mapper.n_eff:.1f}"
+        caption = f"scan {index + 1} of {total}"
         picture = view.draw(mapper.occupancy_grid(), paths, caption)
         for screen in screens:
             for _ in range(40 if last else 1):
@@ -185,7 +178,8 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper], N
 
 def _facts(log: Log, result: ReplayResult) -> dict[str, Any]:
     """Scans, costs, and how sure the mapper is."""
-    stats, frame = result.stats, result.grid.frame
+    stats, frame, start = result.stats, result.grid.frame, log.records[0].stamp
+    way = np.hypot(*np.diff(result.trajectory.poses[:, :2], axis=0).T)
     return {
         "scans": len(log),
         "processed_scans": stats.processed,
@@ -201,7 +195,11 @@ def _facts(log: Log, result: ReplayResult) -> dict[str, Any]:
         "refused_matches": stats.refused_matches,
         "recovered_matches": stats.recovered_matches,
         "doubtful_scans": len(stats.doubtful),
-        "doubtful_stamps": [round(stamp, 6) for stamp in stats.doubtful],
+        "doubtful_share_of_path": float(way[result.doubtful[1:]].sum() / max(way.sum(), 1e-9)),
+        "doubts": [
+            {"kind": kind, "begin_s": round(begin - start, 3), "end_s": round(end - start, 3)}
+            for begin, end, kind in stats.spans()
+        ],
     }
 
 
@@ -268,8 +266,17 @@ def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     write_tum(folder / "trajectory.tum", path)
     write_doubt(folder / "trajectory_doubt.csv", path.stamps, result.doubtful, result.covariances)
     caption = f"{arguments.log.name}   {mode}   {path.length:.0f} m"
-    doubtful = path.poses[np.isin(path.stamps, result.stats.doubtful)]
-    write_picture(folder / "map.png", draw_map(result.grid, path.poses, caption, doubtful))
+    write_picture(folder / "map.png", draw_map(result.grid, path.poses, caption, result.doubtful))
+
+
+def _verdict(summary: dict[str, Any]) -> str:
+    """The stretches in doubt, as many as a line holds; summary.json has all."""
+    found = []
+    for kind, spans in itertools.groupby(summary["doubts"], lambda span: span["kind"]):
+        times = ", ".join(f"{span['begin_s']:.0f}-{span['end_s']:.0f} s" for span in spans)
+        found.append(f"{kind} {times}")
+    share = f" ({100.0 * summary['doubtful_share_of_path']:.0f} % of the path, orange in map.png)"
+    return shorten("; ".join(found), 100, placeholder=" ...") + share if found else "sure"
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
@@ -282,11 +289,8 @@ def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
         f"{summary['cpu_seconds']:.1f} CPU s, {summary['cpu_ms_per_processed_scan']:.2f} ms each; "
         f"{counted(summary['resamplings'], 'resampling')}; maps {summary['map_memory_bytes'] / 1e6:.0f} MB"
     )
-    if summary["doubtful_scans"]:
-        yield (
-            f"  scans that fit poorly whatever was tried: {summary['doubtful_scans']}; the path may be wrong there "
-            "(red crosses in map.png, doubtful_stamps in summary.json, trajectory_doubt.csv)"
-        )
+    if summary["doubts"] or summary["config"]["mode"] == "pose_graph":
+        yield f"  map: {_verdict(summary)}"
     if "loop_closures" in summary:
         yield f"  loop closures: {summary['loop_closures']}"
     for name, moments in _RELATIONS.items():

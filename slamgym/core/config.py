@@ -133,7 +133,9 @@ class _Field(NamedTuple):
         """The sentence about a value that doesn't fit what the field declares."""
         choices = [str(choice) for choice in _choices(self.hint)]
         close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
-        advice = f"; did you mean {close[0]!r}?" if close else ""
+        # A text in ``Annotated`` says what became of a former value.
+        notes = [note for note in getattr(self.hint, "__metadata__", ()) if isinstance(note, str)]
+        advice = f"; did you mean {close[0]!r}?" if close else "".join(f"; {note}" for note in notes)
         return ConfigError(f"{name}{fault.place} must be {fault.must_be}, not {shown(fault.value)}{advice}")
 
     def read(self, value: Any, name: str) -> Any:

@@ -99,11 +99,10 @@ IFC_SECONDS = Limit(
     "SLAMGYM_MAX_IFC_SECONDS", 300, "seconds", "reading an IFC model, in a process of its own"
 )
 SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
-JUMP = Limit("SLAMGYM_MAX_JUMP", 100, "metres between the odometry of two scans", "a log")
 
 LIMITS = (
     FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DRAWING_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS,
-    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, IFC_SECONDS, SCANS, JUMP,
+    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, IFC_SECONDS, SCANS,
 )  # fmt: skip
 """All of them, in the order of the documentation."""
 

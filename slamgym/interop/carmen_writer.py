@@ -1,5 +1,6 @@
 """CARMEN logs, written; see :mod:`slamgym.interop.carmen` for the format."""
 
+import functools
 import gzip
 import math
 from collections.abc import Iterable
@@ -45,23 +46,18 @@ def write_carmen(
         f"PARAM robot_front_laser_max {limit:.6g} 0 host 0",
         f"PARAM robot_frontlaser_offset {geometry.mount.x:.6g} 0 host 0",
     ]
-    texts = _RangeText(limit)
+    before, between, after = "FLASER", "", ""
+    if message == "ROBOTLASER1":
+        view = geometry.angle_increment * (geometry.num_beams - 1)
+        beams = f"{geometry.angle_min:.9f} {view:.9f} {geometry.angle_increment:.9f}"
+        before, between, after = f"ROBOTLASER1 0 {beams} {limit:.6g} 0.01 0", "0 ", "0 0 0 0 0 "
     for record in records:
         stamp = f"{record.stamp:.6f}"
         odometry = _format_pose(record.odometry)
         laser = _format_pose(compose(record.odometry, geometry.mount))
-        ranges = texts.line(record.scan.ranges)
+        ranges = f"{len(record.scan.ranges)} {_format_ranges(record.scan.ranges, limit)}"
         lines.append(f"ODOM {odometry} 0 0 0 {stamp} host {stamp}")
-        if message == "FLASER":
-            lines.append(f"FLASER {len(record.scan.ranges)} {ranges} {laser} {odometry} {stamp} host {stamp}")
-        else:
-            beams = (
-                f"{geometry.angle_min:.9f} {geometry.angle_increment * (geometry.num_beams - 1):.9f} "
-                f"{geometry.angle_increment:.9f} {limit:.6g} 0.01 0 {len(record.scan.ranges)}"
-            )
-            lines.append(
-                f"ROBOTLASER1 0 {beams} {ranges} 0 {laser} {odometry} 0 0 0 0 0 {stamp} host {stamp}"
-            )
+        lines.append(f"{before} {ranges} {between}{laser} {odometry} {after}{stamp} host {stamp}")
     content = ("\n".join(lines) + "\n").encode()
     # mtime=0: the same log gives the same bytes.
     compressed = Path(path).suffix == ".gz"
@@ -77,30 +73,19 @@ def _format_pose(pose: Pose2D) -> str:
     return f"{pose.x:.6f} {pose.y:.6f} {pose.theta:.6f}"
 
 
-class _RangeText(dict[int, str]):
-    """Ranges as text by their millimetres, formatted once each: formatting took most of the writing.
+def _format_ranges(ranges: Float32Array, limit: float) -> str:
+    """The ranges of a scan, separated by blanks; no return becomes ``limit`` [m]."""
+    exact = np.asarray(ranges, dtype=np.float64)
+    # A float32 times 1000 is exact in a float64, so this rounds as the format does.
+    millimetres = np.rint(1000.0 * np.clip(exact, 0.0, limit))
+    # A return just inside the limit must not be rounded up to it: that would mean no return.
+    millimetres[exact > limit - 0.001] = round(1000.0 * limit - 1.0)
+    millimetres[~(exact < limit)] = round(1000.0 * limit)
+    millimetres[~(exact > 0.0)] = 0.0
+    return " ".join(map(_metres, millimetres.astype(np.int64).tolist()))
 
-    Args:
-        limit: What no return becomes [m].
-    """
 
-    _JUST_INSIDE, _NO_RETURN = -1, -2
-
-    def __init__(self, limit: float) -> None:
-        self._limit = limit
-        # A return just inside the limit must not be rounded up to it: that would mean no return.
-        super().__init__({self._JUST_INSIDE: f"{limit - 0.001:.3f}", self._NO_RETURN: f"{limit:.3f}"})
-
-    def __missing__(self, millimetres: int) -> str:
-        text = self[millimetres] = f"{millimetres / 1000.0:.3f}"
-        return text
-
-    def line(self, ranges: Float32Array) -> str:
-        """The ranges of a scan, separated by blanks."""
-        exact = np.asarray(ranges, dtype=np.float64)
-        # A float32 times 1000 is exact in a float64, so this rounds as the format does.
-        millimetres = np.rint(1000.0 * np.clip(exact, 0.0, self._limit))
-        millimetres[exact > self._limit - 0.001] = self._JUST_INSIDE
-        millimetres[~(exact < self._limit)] = self._NO_RETURN
-        millimetres[~(exact > 0.0)] = 0.0
-        return " ".join(map(self.__getitem__, millimetres.astype(np.int64).tolist()))
+@functools.lru_cache(maxsize=1 << 17)
+def _metres(millimetres: int) -> str:
+    """The text of a range, formatted once: formatting took most of the writing."""
+    return f"{millimetres / 1000.0:.3f}"

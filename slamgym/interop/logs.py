@@ -9,22 +9,23 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.carmen import read_carmen
+from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
-from slamgym.interop.rosbag import read_rosbag
+from slamgym.interop.rosbag import NO_ODOMETRY, BagChoices, read_rosbag
 from slamgym.interop.tum import read_tum, rows_of_eight
 
 EPISODE_LOGS = ("scans.log", "scans.log.gz")
 BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 
 
-def open_log(path: Path | str, *, scan_topic: str | None = None, odometry_topic: str | None = None) -> Log:
+def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # noqa: B008 - it can't change
     """Read a log.
 
     Args:
         path: A CARMEN log (``.gz`` or plain), a ROS bag (``.bag``, ``.mcap``, ``.db3`` or a rosbag2 folder),
             or the folder of an episode that ``slamgym generate`` has written.
-        scan_topic: Scan topic of a bag; see :func:`slamgym.interop.rosbag.read_rosbag`.
-        odometry_topic: Odometry topic of a bag.
+        choices: What to read of a bag; see :func:`slamgym.interop.rosbag.read_rosbag`. Of other logs the largest range,
+            the offset and no odometry can be chosen.
 
     Raises:
         InputFileError: If the log can't be read or holds no usable scan.
@@ -35,10 +36,11 @@ def open_log(path: Path | str, *, scan_topic: str | None = None, odometry_topic:
         raise InputFileError(path, "doesn't exist")
     text = episode_log(path) if path.is_dir() else path
     if text is not None and text.suffix.lower() not in BAG_SUFFIXES:
-        return read_carmen(text)
+        log = retimed(read_carmen(text, choices.range_max), choices.time_offset)
+        return without_odometry(log) if choices.odometry_topic == NO_ODOMETRY else log
     if (path / "manifest.jsonl").exists():
         raise InputFileError(path, "is a dataset; name one of the folders in its 'episodes'")
-    return read_rosbag(path, scan_topic=scan_topic, odometry_topic=odometry_topic)
+    return read_rosbag(path, choices)
 
 
 def episode_log(folder: Path) -> Path | None:

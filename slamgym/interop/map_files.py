@@ -99,13 +99,9 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
         for suffix in YAML_SUFFIXES:
             if path.with_suffix(suffix).exists():
                 return _read_ros(path.with_suffix(suffix))
-        raise InputFileError(
-            path, "is a picture without a yaml beside it; give the metres per pixel, e.g. --resolution 0.05"
-        )
+        raise InputFileError(path, "is a picture without a yaml; give its metres per pixel by --resolution")
     if not (math.isfinite(resolution) and MIN_RESOLUTION <= resolution <= MAX_RESOLUTION):
-        raise InputFileError(
-            path, f"its resolution is given as {resolution}; it must be metres per pixel, above 0"
-        )
+        raise InputFileError(path, f"its resolution is {resolution}; it must be metres per pixel, above 0")
     return RobotMap(read_bare_map(path, resolution))
 
 

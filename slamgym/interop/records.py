@@ -1,29 +1,36 @@
 """Contents of a recorded log, independent of its file format."""
 
 import bisect
-import itertools
-import math
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.limits import JUMP
 from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 
-MAX_BEAMS = 100_000
 MAX_ABS_COORDINATE = 1e6
 """A pose or a range further away is a broken number [m]."""
-MAX_ANGLE = 7.0
-"""A beam that starts beyond this is a broken number [rad]; a full turn is 6.28."""
-MAX_ANGLE_STEP = 1.0
-"""Beams further apart than this are a broken number [rad]."""
 MAX_STAMP = 1e12
 """A stamp beyond this is a broken number [s]; today's are below 2e9."""
+
+
+class BrokenMessageError(ValueError):
+    """A message that can't be used; the text says what kind of fault it has."""
+
+
+def check_beams(start: float, step: float, count: float, what: str) -> None:
+    """Refuse a fan of beams that no laser has, by its first angle and step [rad].
+
+    Raises:
+        BrokenMessageError: Named by ``what``. Beams begin within a turn, and lie between 1e-6 and 1 rad apart.
+    """
+    if not (abs(start) <= 7.0 and 1e-6 <= abs(step) <= 1.0):  # false for nan
+        raise BrokenMessageError(f"{what} impossible beam angles")
+    if not 1 <= count <= 100_000:
+        raise BrokenMessageError(f"{what} an impossible number of readings")
 
 
 class LogRecord(NamedTuple):
@@ -48,9 +55,20 @@ class LogWarnings:
 
     def sentences(self) -> list[str]:
         """One line per kind of fault, for the user."""
-        return [
-            f"{count} x {kind} (first: {self.first[kind]})" for kind, count in sorted(self.counts.items())
-        ]
+        kinds = sorted(self.counts.items())
+        return [f"{count} x {kind} (first: {self.first[kind]})" for kind, count in kinds]
+
+
+class LogFinding(NamedTuple):
+    """A fault of a log that bears on its map, and what was done about it."""
+
+    kind: str
+    """One or two words, for scripts."""
+    sentence: str
+    """For the user; it names the option that changes it."""
+
+    def __str__(self) -> str:
+        return f"{self.kind}: {self.sentence}"
 
 
 class OdometryTrack(NamedTuple):
@@ -79,6 +97,15 @@ class Log:
     """Errors in the file; the faulty messages were left out."""
     recorded_track: OdometryTrack | None = None
     """Separate odometry between the scans, if the log has it."""
+    findings: Sequence[LogFinding] = ()
+    """Faults of the log as a whole, in the order in which they were found."""
+    has_odometry: bool = True
+    """False where there is none, or one that lies throughout: all odometry poses are the same then, and only the scans
+    tell how the robot moved."""
+    distrusted: Sequence[tuple[float, float]] = ()
+    """Stretches of time [s] over which the scans contradict the odometry; in order, apart from each other."""
+    sources: Mapping[str, str] = field(default_factory=dict)
+    """Topics and frames that a bag was read from, by their role."""
 
     @property
     def track(self) -> OdometryTrack:
@@ -88,6 +115,10 @@ class Log:
         stamps = np.array([record.stamp for record in self.records], dtype=np.float64)
         poses = np.array([record.odometry for record in self.records], dtype=np.float64).reshape(-1, 3)
         return OdometryTrack(stamps, poses, np.arange(len(stamps)))
+
+    def noting(self, kind: str, sentence: str) -> "Log":
+        """The log with another finding."""
+        return replace(self, findings=(*self.findings, LogFinding(kind, sentence)))
 
     def __iter__(self) -> Iterator[LogRecord]:
         return iter(self.records)
@@ -101,44 +132,18 @@ class Log:
         return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
 
 
-def usable_scans(
-    stamps: Sequence[float], poses: Sequence[Pose2D], places: Sequence[str], warnings: LogWarnings
-) -> list[int]:
-    """Indices of the scans whose time runs forwards and whose odometry follows from the one before.
-
-    A single scan far away from those around it has a broken pose and is left out. Where the odometry stays away
-    (the robot was carried, its odometry reset, or two logs were joined), no map can come of both parts.
+def usable_scans(stamps: Sequence[float], places: Sequence[str], warnings: LogWarnings) -> list[int]:
+    """Indices of the scans whose time runs forwards.
 
     Args:
         stamps: In the order of the file [s].
-        poses: Odometry.
         places: Where each scan stands in the file.
         warnings: Collects what is left out.
-
-    Raises:
-        InputFileError: If the odometry jumps and stays away; it names the place.
     """
     ordered = longest_ordered(stamps)
     for index in sorted({*range(len(stamps))} - {*ordered}):
         warnings.add("scan left out because time goes backwards", places[index])
-    kept: list[int] = []
-    for index, after in itertools.zip_longest(ordered, ordered[1:]):
-        if not kept or _distance(poses[kept[-1]], poses[index]) <= JUMP.value:
-            kept.append(index)
-        elif after is not None and _distance(poses[kept[-1]], poses[after]) > JUMP.value:
-            away = _distance(poses[kept[-1]], poses[index])
-            raise InputFileError(
-                places[index],
-                f"the odometry jumps {away:,.0f} m from the scan before; cut the log there and replay the parts one "
-                f"by one (or raise {JUMP.variable}, now {JUMP.value} m)",
-            )
-        else:
-            warnings.add("scan left out because its odometry is far from its neighbours'", places[index])
-    return kept
-
-
-def _distance(a: Pose2D, b: Pose2D) -> float:
-    return math.hypot(a.x - b.x, a.y - b.y)
+    return ordered
 
 
 def interpolated(track: Trajectory, stamps: FloatArray) -> FloatArray:
@@ -149,6 +154,11 @@ def interpolated(track: Trajectory, stamps: FloatArray) -> FloatArray:
     return poses
 
 
+class _Chain(NamedTuple):
+    place: int
+    before: "_Chain | None"
+
+
 def longest_ordered(stamps: Sequence[float]) -> list[int]:
     """Indices of a longest subsequence of ``stamps`` that doesn't decrease.
 
@@ -156,20 +166,14 @@ def longest_ordered(stamps: Sequence[float]) -> list[int]:
     lie: one that is far ahead costs one message, not all that follow it. (Fredman 1975: patience sorting.)
     """
     tails: list[float] = []  # the smallest last stamp of a subsequence of each length
-    tail_index: list[int] = []
-    previous: list[int] = []
+    chains: list[_Chain] = []  # its indices, the last one first
     for index, stamp in enumerate(stamps):
         length = bisect.bisect_right(tails, stamp)
-        previous.append(tail_index[length - 1] if length else -1)
-        if length == len(tails):
-            tails.append(stamp)
-            tail_index.append(index)
-        else:
-            tails[length] = stamp
-            tail_index[length] = index
+        chains[length : length + 1] = [_Chain(index, chains[length - 1] if length else None)]
+        tails[length : length + 1] = [stamp]
     ordered: list[int] = []
-    index = tail_index[-1] if tail_index else -1
-    while index >= 0:
-        ordered.append(index)
-        index = previous[index]
+    chain = chains[-1] if chains else None
+    while chain is not None:
+        ordered.append(chain.place)
+        chain = chain.before
     return ordered[::-1]

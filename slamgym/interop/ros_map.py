@@ -83,19 +83,24 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
     description = destination.with_name(destination.name + ".yaml")
     rows, cols = grid.cells.shape
     write_bytes(image, b"P5\n%d %d\n255\n" % (cols, rows) + np.ascontiguousarray(grid.cells).tobytes())
-    frame = grid.frame
+    resolution, *origin = map(float, grid.frame[:3])
+    values = {
+        "image": image.name,
+        "mode": "trinary",
+        "resolution": resolution,
+        "origin": [*(round(value, DIGITS) for value in origin), 0.0],
+        "negate": 0,
+        "occupied_thresh": OCCUPIED_THRESHOLD,
+        "free_thresh": FREE_THRESHOLD,
+    }
     # The yaml goes last: where it exists, the image is complete.
-    write_text(
-        description,
-        # A name may need quotes, or an escape for what is no UTF-8.
-        f"{yaml.safe_dump({'image': image.name}, allow_unicode=True, width=math.inf)}"
-        "mode: trinary\n"
-        f"resolution: {float(frame.resolution)!r}\n"
-        f"origin: [{round(float(frame.origin_x), DIGITS)!r}, {round(float(frame.origin_y), DIGITS)!r}, 0.0]\n"
-        "negate: 0\n"
-        f"occupied_thresh: {OCCUPIED_THRESHOLD}\n"
-        f"free_thresh: {FREE_THRESHOLD}\n",
-    )
+    style: dict[str, Any] = {
+        "allow_unicode": True,
+        "width": math.inf,
+        "sort_keys": False,
+        "default_flow_style": None,
+    }
+    write_text(description, yaml.safe_dump(values, **style))
     return description
 
 
@@ -116,9 +121,7 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     """
     grid, placement = read_turned_map(path)
     if placement.theta != 0.0:
-        raise InputFileError(
-            path, f"the map is rotated by {placement.theta} rad; rotate the image and set the yaw to 0"
-        )
+        raise InputFileError(path, f"is rotated by {placement.theta}; turn the image and set the yaw to 0")
     return grid
 
 
@@ -139,9 +142,7 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     description = _read_description(path)
     occupied, free = description.occupied_thresh, description.free_thresh
     if not free <= occupied:
-        raise InputFileError(
-            path, f"'free_thresh' is {free:g}, above 'occupied_thresh', {occupied:g}; swap them"
-        )
+        raise InputFileError(path, f"'free_thresh' is {free:g}, above 'occupied_thresh'; swap them")
     negated, mode = description.negate in ("1", "true"), description.mode
     pixels = _read_pixels(path.parent / description.image)
     if mode == "raw" and (negated or pixels.dtype != np.uint8):
@@ -156,11 +157,10 @@ def read_turned_map(path: Path | str) -> TurnedMap:
         cells = classify_greys(255 - grey if negated else grey, occupied, free)
     cells[transparent] = UNKNOWN
     resolution, (x, y, yaw) = description.resolution, description.origin
+    corner, placement = (x, y), Pose2D(0.0, 0.0, 0.0)
     if abs(yaw) >= 1e-3:
-        grid = OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape))
-        return TurnedMap(grid, Pose2D(x, y, wrap_angle(yaw)))
-    frame = GridFrame(resolution, x, y, *grey.shape)
-    return TurnedMap(OccupancyGrid(cells, frame), Pose2D(0.0, 0.0, 0.0))
+        corner, placement = (0.0, 0.0), Pose2D(x, y, wrap_angle(yaw))
+    return TurnedMap(OccupancyGrid(cells, GridFrame(resolution, *corner, *grey.shape)), placement)
 
 
 def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
@@ -180,9 +180,7 @@ def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
     grey, transparent = grey_picture(_read_pixels(path))
     common = np.sort(np.bincount(grey.ravel(), minlength=256))[-3:].sum() / grey.size
     if common < COMMON_GREYS_SHARE:
-        raise InputFileError(
-            path, f"is no map: its three commonest greys cover {100 * common:.0f} % of it; leave it out"
-        )
+        raise InputFileError(path, f"is no map: its three commonest greys cover {common:.0%} of it")
     cells = classify_greys(grey)
     cells[transparent] = UNKNOWN
     return OccupancyGrid(cells, GridFrame(resolution, 0.0, 0.0, *grey.shape))

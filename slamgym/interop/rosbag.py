@@ -1,33 +1,42 @@
 """ROS bags (rosbag1; rosbag2 in sqlite3 and MCAP) as logs, through the ``rosbags`` library.
 
 A scan is taken from ``sensor_msgs/LaserScan``; the odometry at its moment is interpolated from
-``nav_msgs/Odometry`` or, without such a topic, from the transform of the robot's base in the odometry frame.
-The laser's mount is the transform from the base to the scan's frame.
+``nav_msgs/Odometry`` or, without such a topic, from the transform of the robot's base in the odometry frame; without
+either the log has its scans alone. The laser's mount is the transform from the base to the scan's frame.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
-from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import (
+    Float32Array,
+    FloatArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Trajectory,
+)
+from slamgym.interop.odometry import merged_track, without_jumps
+from slamgym.interop.ranges import range_limit
 from slamgym.interop.records import (
     MAX_ABS_COORDINATE,
-    MAX_ANGLE,
-    MAX_ANGLE_STEP,
-    MAX_BEAMS,
+    BrokenMessageError,
     Log,
+    LogFinding,
     LogRecord,
     LogWarnings,
-    interpolated,
+    OdometryTrack,
+    check_beams,
     longest_ordered,
     usable_scans,
 )
+from slamgym.interop.transforms import TransformTree, clean_frame, planar, rigid_transform
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
@@ -37,102 +46,42 @@ USUAL_ODOMETRY_TOPICS = ("/odom", "/odometry", "/wheel/odometry")
 
 ODOMETRY_GAP = 0.5
 """A scan further from the nearest odometry message than this is left out [s]."""
-
-FINEST_ANGLE_STEP = 1e-6
-"""Beams closer together than this are a broken number [rad]."""
-ODOMETRY_FRAME = "odom"
-"""With tf alone: the frame in which the robot's base moves smoothly."""
+NO_ODOMETRY = "none"
+"""Given as the odometry's topic: only the scans are read."""
 
 
-def clean_frame(name: str) -> str:
-    """A frame's name without the leading slash that ROS 1 allowed."""
-    return name.lstrip("/")
+class BagChoices(NamedTuple):
+    """Parts of a bag that are read; None leaves the choice to the reader."""
 
-
-def rigid_transform(translation: FloatArray, quaternion: FloatArray) -> FloatArray:
-    """Return the 4 x 4 matrix of a translation [m] and a quaternion (x, y, z, w).
-
-    Raises:
-        ValueError: If a value is no number, absurdly large, or the quaternion is zero.
-    """
-    is_bounded = (np.abs([*translation, *quaternion]) < MAX_ABS_COORDINATE).all()  # false for nan
-    if not is_bounded or np.linalg.norm(quaternion) <= 1e-6:
-        raise ValueError("transform with broken numbers")
-    matrix = np.eye(4)
-    matrix[:3, :3] = Rotation.from_quat(quaternion).as_matrix()
-    matrix[:3, 3] = translation
-    return matrix
-
-
-def planar(matrix: FloatArray) -> Pose2D:
-    """Position and heading of a transform, seen from above."""
-    return Pose2D(float(matrix[0, 3]), float(matrix[1, 3]), float(np.arctan2(matrix[1, 0], matrix[0, 0])))
-
-
-class TransformTree:
-    """Edges from child frames to their parents, with their history.
-
-    Convention: the transform of an edge expresses points of the child frame in the parent frame.
-    """
-
-    def __init__(self) -> None:
-        self._parents: dict[str, str] = {}
-        self._latest: dict[str, FloatArray] = {}
-        self._history: dict[str, list[tuple[float, Pose2D]]] = defaultdict(list)
-
-    def add(self, parent: str, child: str, stamp: float, matrix: FloatArray, *, static: bool) -> None:
-        """Take one published transform."""
-        parent, child = clean_frame(parent), clean_frame(child)
-        self._parents[child] = parent
-        self._latest[child] = matrix
-        if not static:
-            self._history[child].append((stamp, planar(matrix)))
-
-    def moving(self) -> dict[str, str]:
-        """Frames that move, each with the frame that it moves in."""
-        return {child: self._parents[child] for child, history in self._history.items() if len(history) > 1}
-
-    def motion(self, parent: str) -> tuple[str, Trajectory]:
-        """The frame with the longest history of those that move in ``parent``, and its planar poses, by time."""
-        children = [child for child, above in self.moving().items() if above == parent]
-        child = max(children, key=lambda one: len(self._history[one]))
-        stamps, poses = zip(*sorted(self._history[child], key=lambda entry: entry[0]), strict=True)
-        return child, Trajectory(np.array(stamps), np.array(poses))
-
-    def lookup(self, frame: str, ancestor: str) -> FloatArray | None:
-        """The latest transform of ``frame`` in ``ancestor``, or in a frame above which both hang; 4 x 4.
-
-        None where the tree doesn't connect the two.
-        """
-        up, up_ancestor = self._chain(clean_frame(frame)), self._chain(clean_frame(ancestor))
-        for name, matrix in up.items():
-            if name in up_ancestor:
-                return np.linalg.inv(up_ancestor[name]) @ matrix
-        return None
-
-    def _chain(self, frame: str) -> dict[str, FloatArray]:
-        """Each frame above ``frame`` (itself included) and the transform of ``frame`` in it."""
-        matrix = np.eye(4)
-        chain = {frame: matrix}
-        while frame in self._parents and self._parents[frame] not in chain:
-            matrix = self._latest[frame] @ matrix
-            frame = self._parents[frame]
-            chain[frame] = matrix
-        return chain
+    scan_topic: str | None = None
+    odometry_topic: str | None = None
+    odometry_frame: str | None = None
+    range_max: float | None = None  # [m]
+    time_offset: float = 0.0  # by which the odometry's stamps are late [s]
 
 
 @dataclass
 class _Contents:
     """The messages of a bag that matter."""
 
+    path: Path
+    choices: BagChoices
     scans: list[tuple[float, Any]] = field(default_factory=list)
     odometry: list[tuple[float, Pose2D]] = field(default_factory=list)
     base_frame: str = ""
     transforms: TransformTree = field(default_factory=TransformTree)
+    sources: dict[str, str] = field(default_factory=dict)
+    findings: list[LogFinding] = field(default_factory=list)
+    warnings: LogWarnings = field(default_factory=LogWarnings)
 
+    @property
+    def laser_frame(self) -> str:
+        """Frame of the scans."""
+        return clean_frame(self.scans[0][1].header.frame_id)
 
-class _ImpossibleScanError(ValueError):
-    """A scan that can be decoded but not used; the text says why."""
+    def find(self, kind: str, sentence: str) -> None:
+        """Add a finding."""
+        self.findings.append(LogFinding(kind, sentence))
 
 
 def import_rosbags() -> Any:
@@ -148,77 +97,76 @@ def import_rosbags() -> Any:
     return rosbags
 
 
-def read_rosbag(path: Path | str, *, scan_topic: str | None = None, odometry_topic: str | None = None) -> Log:
+def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # noqa: B008 - it can't change
     """Read the scans and the odometry of a bag.
 
     Args:
         path: A ``.bag`` file, a rosbag2 folder, or a single ``.mcap`` or ``.db3`` file.
-        scan_topic: The LaserScan topic; by default ``/scan`` or a usual name, else the one with most
-            messages.
-        odometry_topic: The Odometry topic; by default ``/odom`` or a usual name, else the one with most
-            messages, else tf.
+        choices: What to read. By default the scan topic is ``/scan`` or a usual name, else the one with most
+            messages; the odometry topic likewise, in the scan topic's namespace; without odometry messages the motion
+            in the frame ``odom`` is taken, or in the only other one that the laser moves in.
 
     Raises:
-        InputFileError: If the bag can't be read, or lacks scans or odometry, or the topic named.
+        InputFileError: If the bag can't be read, lacks scans or what ``choices`` names, or leaves the choice of the
+            odometry frame open.
         ConfigError: If ``rosbags`` isn't installed.
     """
     path = Path(path)
     if not path.exists():
         raise InputFileError(path, "doesn't exist")
-    warnings = LogWarnings()
-    contents = _read_contents(path, scan_topic, odometry_topic, warnings)
-    odometry, base_frame = _odometry(path, contents)
-    mount, flipped = _mount(path, contents, base_frame, warnings)
+    contents = _Contents(path, choices)
+    _read_contents(contents)
+    odometry, base_frame = _odometry(contents)
+    mount, flipped = _mount(contents, base_frame)
     geometry = _geometry(contents, mount, flipped)
     stamps = np.array([stamp for stamp, _ in contents.scans])
-    poses = [Pose2D(*pose) for pose in interpolated(odometry, stamps).tolist()]
-    records: list[LogRecord] = []
-    for index, (stamp, message) in enumerate(contents.scans):
-        if float(np.min(np.abs(odometry.stamps - stamp))) > ODOMETRY_GAP:
-            warnings.add("scan left out because no odometry is near in time", f"{path} scan {index + 1}")
-        else:
-            scan = LaserScan(stamp, _ranges(message, geometry, flipped), geometry)
-            records.append(LogRecord(stamp, poses[index], scan))
-    if not records:
-        raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
-    places = [f"{path} at {record.stamp:.3f} s" for record in records]
-    kept = usable_scans([record.stamp for record in records], [r.odometry for r in records], places, warnings)
-    return Log(str(path), [records[index] for index in kept], geometry, warnings)
+    places, warnings = [f"{path} at {stamp:.3f} s" for stamp in stamps.tolist()], contents.warnings
+    kept = np.array(usable_scans(stamps.tolist(), places, warnings))
+    if odometry is not None:
+        far = _away(odometry.stamps, stamps[kept]) > ODOMETRY_GAP
+        if far.mean() > 0.5:
+            late = f"{odometry.stamps[0] - stamps[0]:.1f}"
+            what = f"the clocks of odometry and scans differ by {late} s or so: the laser alone is used"
+            contents.find("odometry", f"{what} (--time-offset {late} sets the odometry back)")
+            odometry, far = None, np.zeros(len(kept), dtype=bool)
+        for index in kept[far].tolist():
+            warnings.add("scan left out because no odometry is near in time", places[index])
+        kept = kept[~far]
+    track = OdometryTrack(stamps[kept], np.zeros((len(kept), 3)), np.arange(len(kept)))
+    if odometry is not None:
+        track = merged_track(odometry, stamps[kept])
+    records = []
+    for index, pose in zip(kept.tolist(), track.poses[track.scans].tolist(), strict=True):
+        stamp, message = contents.scans[index]
+        scan = LaserScan(stamp, _ranges(message, geometry, flipped), geometry)
+        records.append(LogRecord(stamp, Pose2D(*pose), scan))
+    found, sources = contents.findings, contents.sources
+    return Log(str(path), records, geometry, warnings, track, found, odometry is not None, sources=sources)
 
 
-def _read_contents(
-    path: Path, scan_topic: str | None, odometry_topic: str | None, warnings: LogWarnings
-) -> _Contents:
-    rosbags = import_rosbags()
-    contents = _Contents()
+def _away(times: FloatArray, stamps: FloatArray) -> FloatArray:
+    """How far each stamp lies from the nearest of some ordered times."""
+    after = np.searchsorted(times, stamps)
+    neighbours = times[np.clip([after - 1, after], 0, len(times) - 1)]
+    return np.asarray(np.abs(neighbours - stamps).min(axis=0), dtype=np.float64)
+
+
+def _read_contents(contents: _Contents) -> None:
+    rosbags, path, warnings = import_rosbags(), contents.path, contents.warnings
     try:
         # ROS 2 bags before Iron carry no message definitions; those of Humble serve all that is read here.
         typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
         with rosbags.highlevel.AnyReader([_bag_path(path)], default_typestore=typestore) as reader:
-            counts = Counter[tuple[str, str]]()
-            for connection in reader.connections:
-                counts[connection.msgtype, connection.topic] += connection.msgcount
-            scan = _choose_topic(path, counts, SCAN_TYPE, scan_topic, USUAL_SCAN_TOPICS)
-            odometry = _choose_topic(path, counts, ODOMETRY_TYPE, odometry_topic, USUAL_ODOMETRY_TOPICS)
-            if scan is None:
-                topics = ", ".join(sorted({topic for _, topic in counts})) or "none"
-                raise InputFileError(path, f"holds no LaserScan message (topics: {topics})")
-            wanted = [
-                connection
-                for connection in reader.connections
-                if connection.topic in (scan, odometry) or connection.msgtype in TRANSFORM_TYPES
-            ]
+            topics = _choose_topics(contents, reader)
+            wanted = [c for c in reader.connections if c.topic in topics or c.msgtype in TRANSFORM_TYPES]
             for connection, stamp_ns, raw in reader.messages(connections=wanted):
                 try:
-                    message = reader.deserialize(raw, connection.msgtype)
-                    _take(contents, connection, message, stamp_ns)
-                except InputFileError:
-                    raise
-                except _ImpossibleScanError as error:
-                    warnings.add(str(error), f"{path} at {stamp_ns} ns")
-                except Exception:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
+                    _take(contents, connection, reader.deserialize(raw, connection.msgtype), stamp_ns)
+                except Exception as error:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
                     fault = f"message on {connection.topic} that can't be decoded"
-                    warnings.add(fault, f"{path} at {stamp_ns} ns")
+                    known = isinstance(error, BrokenMessageError)
+                    warnings.add(str(error) if known else fault, f"{path} at {stamp_ns} ns")
+                SCANS.check(connection.topic, len(contents.scans))
     except InputFileError:
         raise
     except Exception as error:  # on a damaged file the library may raise any exception
@@ -228,63 +176,76 @@ def _read_contents(
         warnings.add("damage in the bag, the rest of which is lost", path)
     if not contents.scans:
         raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
-    return contents
 
 
 def _bag_path(path: Path) -> Path:
     """The path as the library wants it: a folder without metadata stands for the one storage file in it."""
-    if path.is_dir() and not (path / "metadata.yaml").exists():
-        storage = sorted([*path.glob("*.mcap"), *path.glob("*.db3"), *path.glob("*.bag")])
-        if not storage:
-            raise InputFileError(path, "is a folder without a ROS bag (metadata.yaml, .mcap, .db3 or .bag)")
-        if len(storage) > 1:
-            raise InputFileError(path, "holds several bag files but no metadata.yaml; name one of the files")
-        return storage[0]
-    return path
+    if not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    storage = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3", ".bag")]
+    if len(storage) != 1:
+        found = f"is a folder without a ROS bag's metadata.yaml, and with {len(storage)} bags; name a bag"
+        raise InputFileError(path, found)
+    return storage[0]
 
 
-def _choose_topic(
-    path: Path, counts: Counter[tuple[str, str]], kind: str, wanted: str | None, usual: tuple[str, ...]
-) -> str | None:
-    topics = {topic: count for (msgtype, topic), count in counts.items() if msgtype == kind and count > 0}
-    if wanted is not None:
-        if wanted not in topics:
-            known = ", ".join(sorted(topics)) or "none"
-            raise InputFileError(path, f"holds no {kind} on the topic {wanted!r} (such topics: {known})")
-        return wanted
+def _choose_topics(contents: _Contents, reader: Any) -> set[str]:
+    """The topics of the scans and of the odometry, if there is one to read; what is left out becomes a finding."""
+    kinds: dict[str, Counter[str]] = {SCAN_TYPE: Counter(), ODOMETRY_TYPE: Counter()}
+    for connection in reader.connections:
+        if connection.msgtype in kinds and connection.msgcount:
+            kinds[connection.msgtype][connection.topic] += connection.msgcount
+    choices, scans = contents.choices, kinds[SCAN_TYPE]
+    scan = _choose_topic(contents.path, scans, choices.scan_topic, USUAL_SCAN_TOPICS)
+    if scan is None:
+        topics = ", ".join(sorted(reader.topics)) or "none"
+        raise InputFileError(contents.path, f"holds no LaserScan message (topics: {topics})")
+    contents.sources["scan topic"] = scan
+    if len(scans) > 1 and choices.scan_topic is None:
+        others = ", ".join(sorted(scans.keys() - {scan}))
+        contents.find("lasers", f"of several lasers {scan} is used, not {others} (--scan-topic chooses)")
+    if choices.odometry_topic == NO_ODOMETRY or choices.odometry_frame is not None:
+        return {scan}
+    usual = (f"{scan.rpartition('/')[0]}/odom", *USUAL_ODOMETRY_TOPICS)
+    odometry = _choose_topic(contents.path, kinds[ODOMETRY_TYPE], choices.odometry_topic, usual)
+    if odometry is None:
+        return {scan}
+    contents.sources["odometry from"] = odometry
+    return {scan, odometry}
+
+
+def _choose_topic(path: Path, topics: Counter[str], wanted: str | None, usual: tuple[str, ...]) -> str | None:
+    """The wanted topic, else a usual one, else that with most messages."""
+    if wanted is not None and wanted not in topics:
+        known = ", ".join(sorted(topics)) or "none"
+        raise InputFileError(path, f"holds no such message on the topic {wanted!r} (such topics: {known})")
     most = max(topics, key=lambda topic: (topics[topic], topic), default=None)
-    return next((name for name in usual if name in topics), most)
+    return wanted or next((name for name in usual if name in topics), most)
 
 
 def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
+    topic = connection.topic
     if connection.msgtype == SCAN_TYPE:
-        _check_scan(message)
+        what = "scan left out because of"
+        check_beams(float(message.angle_min), float(message.angle_increment), len(message.ranges), what)
+        if not abs(float(message.range_min)) <= MAX_ABS_COORDINATE:  # false for nan
+            raise BrokenMessageError(f"{what} impossible range limits")
         contents.scans.append((_stamp(message.header, stamp_ns), message))
-        SCANS.check(connection.topic, len(contents.scans))
     elif connection.msgtype == ODOMETRY_TYPE:
         pose = message.pose.pose
-        place = planar(_matrix(pose.position, pose.orientation))
+        place = planar(_matrix(pose.position, pose.orientation, f"pose on {topic}"))
         contents.odometry.append((_stamp(message.header, stamp_ns), place))
         contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
-    elif connection.msgtype in TRANSFORM_TYPES:
-        static = connection.topic.endswith("tf_static")
+    else:
         for entry in message.transforms:
-            header, matrix = entry.header, _matrix(entry.transform.translation, entry.transform.rotation)
-            stamp = _stamp(header, stamp_ns)
-            contents.transforms.add(header.frame_id, entry.child_frame_id, stamp, matrix, static=static)
-
-
-def _check_scan(message: Any) -> None:
-    """Refuse a scan whose numbers can't be those of a laser; ROS itself checks none of them."""
-    angle_min, step = float(message.angle_min), float(message.angle_increment)
-    range_min, range_max = float(message.range_min), float(message.range_max)
-    # A comparison with nan is False.
-    if not (abs(angle_min) <= MAX_ANGLE and FINEST_ANGLE_STEP <= abs(step) <= MAX_ANGLE_STEP):
-        raise _ImpossibleScanError("scan left out because of impossible beam angles")
-    if not (abs(range_min) <= MAX_ABS_COORDINATE and abs(range_max) <= MAX_ABS_COORDINATE):
-        raise _ImpossibleScanError("scan left out because of impossible range limits")
-    if not 1 <= len(message.ranges) <= MAX_BEAMS:
-        raise _ImpossibleScanError("scan left out because of an impossible number of readings")
+            parent, child, stamp = entry.header.frame_id, entry.child_frame_id, _stamp(entry.header, stamp_ns)
+            try:
+                what = f"transform from {parent} to {child}"
+                matrix = _matrix(entry.transform.translation, entry.transform.rotation, what)
+            except BrokenMessageError as error:
+                contents.warnings.add(str(error), f"{stamp:.3f} s")
+                continue
+            contents.transforms.add(parent, child, stamp, matrix, static=topic.endswith("tf_static"))
 
 
 def _stamp(header: Any, stamp_ns: int) -> float:
@@ -293,78 +254,94 @@ def _stamp(header: Any, stamp_ns: int) -> float:
     return float(stamp) if stamp > 0.0 else stamp_ns * 1e-9
 
 
-def _matrix(position: Any, orientation: Any) -> FloatArray:
+def _matrix(position: Any, orientation: Any, what: str) -> FloatArray:
     place, turn = (position.x, position.y, position.z), [getattr(orientation, axis) for axis in "xyzw"]
-    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64))
+    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what)
 
 
-def _odometry(path: Path, contents: _Contents) -> tuple[Trajectory, str]:
-    """The base's motion in the odometry frame, and the name of the base's frame."""
+def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
+    """The base's motion in the odometry frame, None where there is none to use, and the name of the base's frame."""
+    tree, sources = contents.transforms, contents.sources
     if contents.odometry:
         ordered = longest_ordered([stamp for stamp, _ in contents.odometry])
         stamps, poses = zip(*(contents.odometry[index] for index in ordered), strict=True)
-        return Trajectory(np.array(stamps), np.array(poses)), contents.base_frame
-    parents = contents.transforms.moving().values()
-    if ODOMETRY_FRAME not in parents:
-        moving = ", ".join(sorted(set(parents))) or "none"
-        raise InputFileError(
-            path,
-            f"holds neither Odometry messages nor a frame that moves in {ODOMETRY_FRAME!r} (frames with moving "
-            f"children: {moving})",
-        )
-    base, motion = contents.transforms.motion(ODOMETRY_FRAME)
-    return motion, base
+        base, motion = contents.base_frame, Trajectory(np.array(stamps), np.array(poses))
+    else:
+        frame = _odometry_frame(contents)
+        if frame is None:
+            sources["odometry from"] = "none"
+            return None, tree.base_of(contents.laser_frame)
+        base, motion = tree.motion(frame)
+        sources["odometry from"] = f"tf, {base} in {frame}"
+    joined, findings = without_jumps(motion)
+    contents.findings += findings
+    seconds = max(float(motion.stamps[-1] - motion.stamps[0]), 1e-9)
+    sources["odometry from"] += f", {(len(motion) - 1) / seconds:.1f} Hz"
+    return Trajectory(motion.stamps - contents.choices.time_offset, joined), base
 
 
-def _mount(path: Path, contents: _Contents, base_frame: str, warnings: LogWarnings) -> tuple[Pose2D, bool]:
+def _odometry_frame(contents: _Contents) -> str | None:
+    """The frame of tf that the laser moves in; None, and a finding, without one."""
+    choices, tree = contents.choices, contents.transforms
+    if choices.odometry_topic == NO_ODOMETRY:
+        return None
+    frames = tree.odometry_frames(contents.laser_frame)
+    if choices.odometry_frame is not None:
+        frames, wanted = sorted({*tree.moving().values()}), clean_frame(choices.odometry_frame)
+        if wanted in frames:
+            return wanted
+        fault = f"holds no frame that moves in {wanted!r} (--odometry-frame may be: {', '.join(frames) or 'none'})"
+        raise InputFileError(contents.path, fault)
+    if len(frames) > 1:
+        found = f"holds no usable Odometry message and several frames that the laser may move in: {', '.join(frames)}"
+        raise InputFileError(contents.path, f"{found}; choose by --odometry-frame")
+    if frames:
+        return frames[0]
+    faults = [f"{count} x {kind}" for kind, count in contents.warnings.counts.items() if "quaternion" in kind]
+    reason = "; ".join(faults[:2]) or "no Odometry messages, and the laser moves in no frame of tf"
+    choose = "the laser alone is used (--odometry-topic, --odometry-frame choose)"
+    contents.find("odometry", f"there is none ({reason}): {choose}")
+    return None
+
+
+def _mount(contents: _Contents, base_frame: str) -> tuple[Pose2D, bool]:
     """The laser in the base's frame, and true if it hangs upside down."""
-    laser_frame, base_frame = clean_frame(contents.scans[0][1].header.frame_id), base_frame or "base_link"
+    laser_frame, base_frame = contents.laser_frame, base_frame or "base_link"
+    contents.sources["laser"] = f"{laser_frame} on {base_frame}"
     matrix = contents.transforms.lookup(laser_frame, base_frame)
     if matrix is None:
         fault = f"missing transform from {base_frame!r} to {laser_frame!r}; the mount is taken as 0"
-        warnings.add(fault, path)
+        contents.warnings.add(fault, contents.path)
         return Pose2D(0.0, 0.0, 0.0), False
     return planar(matrix), bool(matrix[2, 2] < 0.0)
 
 
 def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometry:
-    """The geometry of the most frequent kind of scan."""
-    usual = Counter(_kind(message) for _, message in contents.scans).most_common(1)[0][0]
-    message = next(message for _, message in contents.scans if _kind(message) == usual)
-    ranges, angle_min, increment = _fan(message, flipped)
-    range_min, range_max = max(float(message.range_min), 0.0), float(message.range_max)
-    return LaserGeometry(len(ranges), angle_min, increment, range_min, range_max, mount)
+    """The geometry of the first scan with the most frequent number of beams."""
+    messages = [message for _, message in contents.scans]
+    usual = Counter(len(message.ranges) for message in messages).most_common(1)[0][0]
+    message = next(message for message in messages if len(message.ranges) == usual)
+    first, step = _fan(message, flipped)
+    every = [message.ranges for message in messages]
+    limit, findings = range_limit(every, float(message.range_max), contents.choices.range_max)
+    contents.findings += findings
+    angle_min = min(first, first + (usual - 1) * step)
+    return LaserGeometry(usual, angle_min, abs(step), max(float(message.range_min), 0.0), limit, mount)
 
 
-def _fan(message: Any, flipped: bool) -> tuple[Float32Array, float, float]:
-    """Ranges, first angle and step of a scan, counter-clockwise seen from above."""
-    ranges = np.array(message.ranges, dtype=np.float32)
-    angle_min, increment = float(message.angle_min), float(message.angle_increment)
-    if flipped:
-        angle_min, increment = -angle_min, -increment
-    if increment < 0.0:  # stored clockwise: counted from the other end
-        ranges, angle_min, increment = ranges[::-1], angle_min + (len(ranges) - 1) * increment, -increment
-    return ranges, angle_min, increment
-
-
-def _kind(message: Any) -> tuple[float, ...]:
-    """Parts that must agree between scans; the angles are float32 in the message."""
-    digits = {"angle_min": 5, "angle_increment": 7, "range_min": 5, "range_max": 5}
-    return len(message.ranges), *(round(float(getattr(message, name)), digits[name]) for name in digits)
+def _fan(message: Any, flipped: bool) -> tuple[float, float]:
+    """First angle and step of a scan seen from above; below 0, it is stored clockwise."""
+    sign = -1.0 if flipped else 1.0
+    return sign * float(message.angle_min), sign * float(message.angle_increment)
 
 
 def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
-    """Ranges on the log's geometry; a scan with other angles (rotating scanners vary) is resampled."""
-    ranges, angle_min, increment = _fan(message, flipped)
-    same_angles = (
-        abs(angle_min - geometry.angle_min) + abs(increment - geometry.angle_increment) * len(ranges) < 0.005
-    )
-    if len(ranges) != geometry.num_beams or not same_angles:
-        beam = np.rint((geometry.angles - angle_min) / increment).astype(np.int64)
-        inside = (beam >= 0) & (beam < len(ranges))
-        ranges = np.where(inside, ranges[np.clip(beam, 0, len(ranges) - 1)], np.float32(np.nan))
-    ranges = np.ascontiguousarray(ranges, dtype=np.float32)
-    ranges[ranges < 0.0] = np.nan
+    """Ranges at the angles of the log's geometry, as those of rotating scanners vary."""
+    first, step = _fan(message, flipped)
+    stored = np.array(message.ranges, dtype=np.float32)
+    beam = np.rint((geometry.angles - first) / step).astype(np.int64)
+    inside = (beam >= 0) & (beam < len(stored))
+    ranges = np.where(inside, stored[beam.clip(0, len(stored) - 1)], np.float32(np.nan))
     ranges[ranges >= geometry.range_max] = np.inf
     # Some drivers report 0 for "nothing came back" and for errors alike: neither space nor wall is known.
     ranges[ranges < max(geometry.range_min, 1e-6)] = np.nan

@@ -1,6 +1,7 @@
 """Logs as rosbag2, for replay in ROS 2.
 
 ``/scan``, ``/odom``, ``/tf``, ``/tf_static`` and ``/clock``; where they are known ``/map`` and ``/ground_truth``.
+Frames are called as on a TurtleBot3.
 """
 
 import math
@@ -19,9 +20,6 @@ from slamgym.core.types import FREE, OCCUPIED, FloatArray, LaserGeometry, Occupa
 from slamgym.interop.records import LogRecord, interpolated
 from slamgym.interop.rosbag import import_rosbags
 
-ODOMETRY_FRAME, BASE_FRAME, LASER_FRAME, MAP_FRAME = "odom", "base_footprint", "base_scan", "map"
-"""Frame names of a TurtleBot3."""
-
 TOPICS = {
     "/scan": "sensor_msgs/msg/LaserScan",
     "/odom": "nav_msgs/msg/Odometry",
@@ -31,12 +29,8 @@ TOPICS = {
     "/clock": "rosgraph_msgs/msg/Clock",
     "/map": "nav_msgs/msg/OccupancyGrid",
 }
-LATCHED = ("/tf_static", "/map")
-"""Topics whose last message also reaches who subscribes later (transient local)."""
-
 Storage = Literal["sqlite3", "mcap"]
-_UNOBSERVED = 1e12
-POSE_VARIANCES = (1e-5, 1e-5, _UNOBSERVED, _UNOBSERVED, _UNOBSERVED, 1e-3)
+POSE_VARIANCES = (1e-5, 1e-5, 1e12, 1e12, 1e12, 1e-3)
 """x, y, z [m2], roll, pitch, yaw [rad2] of odometry: the defaults of gazebo_ros_diff_drive. Filters refuse zeros."""
 
 
@@ -50,16 +44,13 @@ class BagTracks(NamedTuple):
     which publishes that transform itself."""
 
 
-NO_TRACKS = BagTracks()
-
-
 def write_rosbag2(
     path: Path | str,
     records: Sequence[LogRecord],
     geometry: LaserGeometry,
     *,
     grid: OccupancyGrid | None = None,
-    tracks: BagTracks = NO_TRACKS,
+    tracks: BagTracks = BagTracks(),  # noqa: B008 - it can't change
     first_stamp: float | None = None,
     storage: Storage = "sqlite3",
 ) -> None:
@@ -91,43 +82,42 @@ def write_rosbag2(
         rosbags.rosbag2.Writer(part, version=8, storage_plugin=plugin) as writer,
     ):
         bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
-        bag.write_transform("/tf_static", records[0].stamp, (BASE_FRAME, LASER_FRAME), geometry.mount)
+        bag.write_transform("/tf_static", records[0].stamp, ("base_footprint", "base_scan"), geometry.mount)
         if grid is not None:
             bag.write_map(records[0].stamp, grid)
         _write_records(bag, records, geometry, tracks)
 
 
 def _write_records(
-    bag: "_Bag", records: Sequence[LogRecord], geometry: LaserGeometry, tracks: BagTracks
+    bag: "_Bag", records: Sequence[LogRecord], laser: LaserGeometry, tracks: BagTracks
 ) -> None:
     """Write what changes from scan to scan."""
     stamps = np.array([record.stamp for record in records])
     twists = _twists(stamps, np.array([record.odometry for record in records]))
-    true_poses, estimates = (
-        None if track is None else interpolated(track, stamps) for track in (tracks.truth, tracks.estimate)
-    )
+    at_scans = (None if track is None else interpolated(track, stamps) for track in tracks)
+    true_poses, estimates = at_scans
     true_twists = _twists(stamps, true_poses) if true_poses is not None else twists
-    laser = {
-        "angle_min": geometry.angle_min,
-        "angle_max": geometry.angle_min + geometry.angle_increment * (geometry.num_beams - 1),
-        "angle_increment": geometry.angle_increment,
+    settings = {
+        "angle_min": laser.angle_min,
+        "angle_max": laser.angle_min + laser.angle_increment * (laser.num_beams - 1),
+        "angle_increment": laser.angle_increment,
         "scan_time": float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0,
-        "range_min": geometry.range_min,
-        "range_max": geometry.range_max,
+        "range_min": laser.range_min,
+        "range_max": laser.range_max,
         "intensities": np.zeros(0, dtype=np.float32),
     }
     for i, record in enumerate(records):
         stamp, pose = record.stamp, record.odometry
         bag.write("/clock", stamp, clock=bag.time(stamp))  # for nodes with use_sim_time
-        bag.write_transform("/tf", stamp, (ODOMETRY_FRAME, BASE_FRAME), pose)
+        bag.write_transform("/tf", stamp, ("odom", "base_footprint"), pose)
         if estimates is not None:
             map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
-            bag.write_transform("/tf", stamp, (MAP_FRAME, ODOMETRY_FRAME), map_to_odom)
-        bag.write_odometry("/odom", stamp, ODOMETRY_FRAME, pose, twists[i])
+            bag.write_transform("/tf", stamp, ("map", "odom"), map_to_odom)
+        bag.write_odometry("/odom", stamp, "odom", pose, twists[i])
         if true_poses is not None:
-            bag.write_odometry("/ground_truth", stamp, MAP_FRAME, Pose2D(*true_poses[i]), true_twists[i])
+            bag.write_odometry("/ground_truth", stamp, "map", Pose2D(*true_poses[i]), true_twists[i])
         ranges = np.asarray(record.scan.ranges, dtype=np.float32)  # no return is +inf (REP 117)
-        bag.write("/scan", stamp, header=bag.header(stamp, LASER_FRAME), ranges=ranges, **laser)
+        bag.write("/scan", stamp, header=bag.header(stamp, "base_scan"), ranges=ranges, **settings)
 
 
 def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
@@ -188,10 +178,10 @@ class _Bag:
         """Write a message; a field that isn't given is zero."""
         kind = TOPICS[topic]
         if topic not in self._connections:
-            qos = [_latched_qos()] if topic in LATCHED else []
-            self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=self._typestore, offered_qos_profiles=qos
-            )
+            # Their last message also reaches who subscribes later.
+            qos = [_latched_qos()] if topic in ("/tf_static", "/map") else []
+            types = {"typestore": self._typestore, "offered_qos_profiles": qos}
+            self._connections[topic] = self._writer.add_connection(topic, kind, **types)
         content = self._typestore.serialize_cdr(self._message(kind, fields), kind)
         self._writer.write(self._connections[topic], self._nanoseconds(stamp), content)
 
@@ -219,13 +209,9 @@ class _Bag:
 
     def write_transform(self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D) -> None:
         """Write the pose of a frame, the second, in its parent."""
-        place, rotation = _pose(pose).values()
-        transform = {"translation": place, "rotation": rotation}
-        stamped = {
-            "child_frame_id": frames[1],
-            "transform": transform,
-            "header": self.header(stamp, frames[0]),
-        }
+        transform = dict(zip(("translation", "rotation"), _pose(pose).values(), strict=True))
+        header = self.header(stamp, frames[0])
+        stamped = {"child_frame_id": frames[1], "transform": transform, "header": header}
         self.write(topic, stamp, transforms=[stamped])
 
     def write_odometry(self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray) -> None:
@@ -233,7 +219,7 @@ class _Bag:
         covariance = np.diag(POSE_VARIANCES).ravel()
         speeds = {"linear": {"x": float(twist[0])}, "angular": {"z": float(twist[1])}}
         self.write(
-            topic, stamp, header=self.header(stamp, frame), child_frame_id=BASE_FRAME,
+            topic, stamp, header=self.header(stamp, frame), child_frame_id="base_footprint",
             pose={"pose": _pose(pose), "covariance": covariance},
             twist={"twist": speeds, "covariance": covariance},
         )  # fmt: skip
@@ -246,7 +232,7 @@ class _Bag:
         resolution, x, y, rows, cols = grid.frame
         info = {"resolution": resolution, "width": cols, "height": rows, "origin": _pose(Pose2D(x, y, 0.0))}
         info["map_load_time"] = self.time(stamp)
-        self.write("/map", stamp, header=self.header(stamp, MAP_FRAME), info=info, data=data[::-1].ravel())
+        self.write("/map", stamp, header=self.header(stamp, "map"), info=info, data=data[::-1].ravel())
 
 
 def _pose(pose: Pose2D) -> dict[str, dict[str, float]]:

@@ -74,9 +74,7 @@ def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[
     ENTRIES.check(where, len(entries))
     layers = [layer for layer in (_layer(entry, where) for entry in entries) if len(layer.runs)]
     if not layers:
-        raise InputFileError(
-            where, "has no pixels of floor, rooms or walls; let the robot map its home first"
-        )
+        raise InputFileError(where, "has no pixels of floor, rooms or walls; let the robot map first")
     runs = np.vstack([layer.runs for layer in layers])
     left, top = runs[:, :2].min(axis=0).tolist()
     cols, rows = int(runs[:, [0, 2]].sum(axis=1).max()) - left, int(runs[:, 1].max()) + 1 - top

@@ -121,7 +121,7 @@ class SensingConfig(Settings, section="sensing"):
 
     lidar: LidarConfig = field(default_factory=LidarConfig)
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
-    slam: SlamConfig = field(default_factory=SlamConfig)
+    slam: SlamConfig = field(default_factory=lambda: SlamConfig(mode="pose_graph"))
     """Rules that turn hits and visits into cells."""
 
 
@@ -242,21 +242,19 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
 def _matching_of(sensing: SensingConfig, odometry: OdometryConfig) -> MatchingConfig:
     """The matcher that stands for a mapper whose robot has such wheels."""
     slam, fitted = sensing.slam, MatchingConfig()
-    if slam.matcher == "coarse_to_fine":
+    motion = slam.motion
+    if slam.mode != "rbpf":
         fitted = MatchingConfig(
             gain=0.9, prior=26.0, lag=0.04, wander=0.0, scatter=0.02, thin_wall=0.1, least_beams=10
         )
+        # What it takes the noise for, at steps of a decimetre and a decirad.
+        slips = (odometry.slip_distance, odometry.slip_drift, 0.0, odometry.slip_turn)
+        motion = MotionNoise(*(slip / math.sqrt(0.1) for slip in slips))
     elif Lidar(sensing.lidar).depends_on_place:
         fitted = MatchingConfig(wander=0.0, scatter=0.17)
-    motion, drawn = slam.motion, slam.drawn_noise
-    if slam.learn_odometry:
-        # What it takes the noise for, at steps of a decimetre and a decirad.
-        root, drawn = math.sqrt(0.1), 1.0
-        slips = (odometry.slip_distance, odometry.slip_drift, 0.0, odometry.slip_turn)
-        motion = MotionNoise(*(slip / root for slip in slips))
     return dataclasses.replace(
         fitted,
-        noise=0.0 if slam.mode == "scan_matching" else fitted.noise * drawn,
+        noise=0.0 if slam.particles == 1 else fitted.noise,
         motion=motion,
         least_beams=round(0.6 * slam.minimum_score) or fitted.least_beams,
         usable_range=slam.max_usable_range,

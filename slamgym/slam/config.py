@@ -5,7 +5,10 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Share, Within
 
-Mode = Literal["rbpf", "pose_graph", "scan_matching", "dead_reckoning", "map", "ground_truth"]
+Mode = Annotated[
+    Literal["rbpf", "pose_graph", "dead_reckoning", "map", "ground_truth"],
+    "scan matching is 'rbpf' with slam.particles 1",
+]
 
 
 SEES_ACROSS_ROOMS = 10.0
@@ -55,19 +58,14 @@ class PoseGraphConfig(
         "trusted_window": 0.6,
         "agreeing": 2,
         "robust_width": 8.0,
+        "local_nodes": 30,
+        "final_passes": 0,
     },
 ):
     """When loops are sought. The defaults serve indoor scanners of 3 to 80 m range."""
 
-    local_nodes: Count = 30
-    """A new scan is matched with this many nodes before it."""
-
-    loop_length: float = 5.0
+    loop_length: NonNegative = 5.0
     """Only nodes that lie further back than this along the graph make a loop [m]."""
-
-    final_passes: int = 0
-    """Number of final passes that match all nodes with their neighbours once more: good for scanners that see across
-    rooms (see :meth:`slamgym.slam.SlamConfig.for_log`)."""
 
 
 class LocalizationConfig(
@@ -94,28 +92,21 @@ class LocalizationConfig(
         "claim_fit": 0.75,
         "fit_distance": 0.2,
         "certain_weight": 0.95,
+        "max_particles": 2000,
+        "sigma_hit": 0.08,
     },
 ):
     """Settings for localising a robot on a map, named after AMCL's parameters where it has them.
 
-    The sensor model is the likelihood field of Thrun, Burgard and Fox (*Probabilistic Robotics*, 2005, Table 6.3),
-    the filter their Monte Carlo localisation (Tables 8.2 and 8.3), the number of particles KLD-sampling's (Table
-    8.4; Fox 2003). Several hypotheses are kept apart, each with its own particles (Vermaak, Doucet and Perez
-    2003), so that chance kills none of them.
+    Each of several hypotheses is a Kalman filter (multi-hypothesis tracking; Jensfelt and Kristensen 2001), weighed
+    by the likelihood field of Thrun, Burgard and Fox (*Probabilistic Robotics*, 2005, Table 6.3) along its rays.
     """
 
     start: Literal["global", "known"] = "global"
     """``global``: nothing is known of the start; ``known``: the start is the initial pose, as in AMCL."""
 
     max_beams: Count = 60
-    """Beams of a scan that weigh the particles (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
-
-    sigma_hit: Positive = 0.08
-    """Spread of end points round the mapped surface [m] (``laser_sigma_hit``; 0.2 in AMCL): the error of a TurtleBot3's
-    laser and that of a map with 5 cm cells."""
-
-    max_particles: Count = 2000
-    """Most particles of all hypotheses together, but for the least of each (``max_particles``)."""
+    """Beams of a scan that weigh a hypothesis (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
 
     initial_spread: Positive = 0.5
     """Standard deviation of a known start [m] (``initial_cov_xx`` is its square) ..."""
@@ -141,23 +132,26 @@ class SlamConfig(
         "angular_step": 0.05,
         "likelihood_sigma": 0.075,
         "likelihood_gain": 3.0,
+        "matcher": "hill_climbing",
+        "odometry_weight": 0.0,
+        "drawn_noise": 1.0,
+        "learn_odometry": False,
     },
 ):
     """Settings for making the map.
 
-    The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``),
-    except for the number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand
-    (the launch file says 100 and 50), and for ``odometry_weight`` and ``drawn_noise``, which GMapping doesn't
-    have.
+    The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``), except for the
+    number of particles and the minimum score, where GMapping's own defaults of 30 and 0 stand (the launch file says 100
+    and 50), the usable range and the meaning of no return.
     """
 
-    mode: Mode = "rbpf"
-    """``rbpf``: particle filter as GMapping; ``pose_graph``: closes loops globally; ``scan_matching``: one
-    particle, no motion noise; ``dead_reckoning``: believes the odometry; ``map``: finds itself on a finished map
+    mode: Mode = "pose_graph"
+    """``pose_graph``: closes loops globally; ``rbpf``: GMapping's particle filter; ``dead_reckoning``: believes the
+    odometry; ``map``: finds itself on a finished map
     (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
     particles: Count = 30
-    """Number of particles (``particles``)."""
+    """Number of particles (``particles``). A single one draws no noise: with 1, ``rbpf`` is scan matching."""
 
     resolution: Positive = 0.05
     """Cell size of the maps [m] (``delta``)."""
@@ -167,15 +161,11 @@ class SlamConfig(
     (``maxUrange``, 3.0 in the launch file). A little less than the scanner's own limit, where noise decides whether
     a beam returns."""
 
-    matcher: Literal["coarse_to_fine", "hill_climbing"] = "coarse_to_fine"
-    """``coarse_to_fine``: ICP from the predicted pose, first on a part of the beams, with a short climb where
-    it fits poorly; ``hill_climbing``: GMapping's own search, ten times slower and less accurate."""
-
     sigma: Positive = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
 
     iterations: CountOrZero = 5
-    """Number of times that GMapping's search halves its steps (``iterations``); ``hill_climbing`` only."""
+    """Number of times that GMapping's search halves its steps (``iterations``)."""
 
     beam_skip: CountOrZero = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
@@ -186,20 +176,6 @@ class SlamConfig(
 
     motion: MotionNoise = field(default_factory=MotionNoise)
     """Noise of the motion model."""
-
-    odometry_weight: NonNegative = 0.1
-    """Pull of the predicted pose on the match: a pose n standard deviations of the motion model away from it
-    costs n^2 / 2 times this many beams of score. It keeps a scan from sliding along a corridor. 0 is
-    GMapping."""
-
-    drawn_noise: NonNegative = 0.3
-    """Share of the motion noise that is drawn for each particle; the pull of the predicted pose counts with
-    all of it. The launch values of the noise are several times a wheel robot's real error, so that drawing
-    all of it scatters particles that see little. GMapping's: 1."""
-
-    learn_odometry: bool = True
-    """True if systematic and random errors of the odometry are learned from the matches
-    (:class:`slamgym.slam.odometry_calibration.OdometryCalibration`); else ``motion`` stands, as in GMapping."""
 
     linear_update: float = 1.0
     """A scan is processed after this distance [m] (``linearUpdate``) ..."""
@@ -250,21 +226,12 @@ class SlamConfig(
 
     @staticmethod
     def gmapping(particles: int = 30) -> "SlamConfig":
-        """GMapping's own search and weights, for comparison: nothing of what this package adds."""
-        return SlamConfig(
-            particles=particles,
-            matcher="hill_climbing",
-            minimum_score=50.0,
-            odometry_weight=0.0,
-            drawn_noise=1.0,
-            max_usable_range=3.0,
-            learn_odometry=False,
-            no_return="ignore",
-        )
+        """The launch file's settings with so many particles, also where the defaults differ from it."""
+        return SlamConfig("rbpf", particles, minimum_score=50.0, max_usable_range=3.0, no_return="ignore")
 
     @staticmethod
     def for_log(max_range: float, num_beams: int) -> "SlamConfig":
-        """Settings for a recorded log: with any scanner, a scan is processed every 0.1 m and 0.1 rad.
+        """Settings for a recorded log: with any scanner, a scan is processed every 0.1 m, 0.1 rad and 1 s.
 
         Args:
             max_range: Largest range the scanner reports [m].
@@ -277,8 +244,7 @@ class SlamConfig(
             beam_skip=num_beams // MANY_BEAMS,
             linear_update=0.1,
             angular_update=0.1,
-            temporal_update=None,
+            # Odometry that stands still while the robot drives is found by its scans.
+            temporal_update=1.0,
             no_return="ignore" if sees_across_rooms else "clear",
-            # Short scans of bare walls overlap too little: matching them once more makes the path worse.
-            pose_graph=PoseGraphConfig(final_passes=2 if sees_across_rooms else 0),
         )

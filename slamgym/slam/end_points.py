@@ -2,6 +2,8 @@
 
 import math
 
+import numpy as np
+
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray
 from slamgym.slam.hit_count_kernels import BeamTable
@@ -14,27 +16,24 @@ they lie on a line this thin [m]."""
 
 
 @kernel
-def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float, out: FloatArray) -> int:
-    """End points of the beams that can be matched, in the robot frame.
+def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float) -> FloatArray:
+    """End points (n, 2) of the beams that can be matched, in the robot frame [m].
 
     Args:
         ranges: (num_beams,) [m]; infinite and nan beams are left out.
         beams: The scanner.
-        longest: Largest range taken [m].
-        out: (num_beams, 2) receives the points [m].
-
-    Returns:
-        The number of points.
+        longest: Largest range taken, if it is usable [m].
     """
     beams = BeamTable(*beams)
-    n = 0
+    points, n = np.empty((len(ranges), 2)), 0
     for i in range(len(ranges)):
         r = ranges[i]
-        if r >= beams.range_min and r <= longest:
-            out[n, 0] = beams.mount[0] + r * beams.directions[i, 0]
-            out[n, 1] = beams.mount[1] + r * beams.directions[i, 1]
+        # A beam of the scanner's whole range met nothing.
+        if r >= beams.range_min and r <= min(longest, beams.usable) and r < beams.range_max:
+            points[n, 0] = beams.mount[0] + r * beams.directions[i, 0]
+            points[n, 1] = beams.mount[1] + r * beams.directions[i, 1]
             n += 1
-    return n
+    return points[:n]
 
 
 @kernel

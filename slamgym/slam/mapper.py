@@ -5,7 +5,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,14 @@ from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.motion_model import OdometryGate, update_thresholds
 
 
+class DoubtSpan(NamedTuple):
+    """A stretch of time in which the path may be wrong."""
+
+    begin: float  # [s]
+    end: float  # [s]
+    kind: str  # "doubtful", or "broken" where the map contradicts itself
+
+
 @dataclass
 class SlamStats:
     """Statistics of the mapper so far."""
@@ -44,7 +52,10 @@ class SlamStats:
     """Scans that fitted poorly where odometry led, and were found by a wider search."""
 
     doubtful: list[float] = field(default_factory=list)
-    """Times of the scans that fitted poorly in every attempt [s]: the path may be wrong there."""
+    """Times of the scans that are in doubt [s]: the path may be wrong there."""
+
+    broken: list[float] = field(default_factory=list)
+    """Those among them at which the map contradicts itself [s]."""
 
     last_stamp: float = -math.inf
     """Time of the last processed scan [s]."""
@@ -65,6 +76,18 @@ class SlamStats:
     def is_doubtful(self) -> bool:
         """True if the last processed scan is in doubt, and with it the pose."""
         return bool(self.doubtful) and self.doubtful[-1] == self.last_stamp
+
+    def spans(self, gap: float = 5.0) -> list[DoubtSpan]:
+        """The doubtful and broken scans as stretches, in which they follow each other within a gap [s]."""
+        spans: list[DoubtSpan] = []
+        broken = set(self.broken)
+        for stamp in self.doubtful:
+            kind = "broken" if stamp in broken else "doubtful"
+            if spans and spans[-1].kind == kind and stamp - spans[-1].end < gap:
+                spans[-1] = spans[-1]._replace(end=stamp)
+            else:
+                spans.append(DoubtSpan(stamp, stamp, kind))
+        return spans
 
     @property
     def cpu_ms_per_processed_scan(self) -> float:
@@ -108,11 +131,6 @@ class Mapper(ABC):
     def covariance(self) -> FloatArray:
         """Covariance (3, 3) of x, y [m] and theta [rad] at the last processed scan; zero if not known."""
         return np.zeros((3, 3))
-
-    @property
-    def n_eff(self) -> float:
-        """Effective sample size at the last processed scan, before resampling; 1 of a single path."""
-        return 1.0
 
     @property
     def stats(self) -> SlamStats:

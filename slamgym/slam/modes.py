@@ -15,7 +15,6 @@ from slamgym.slam.particle_filter import ParticleFilter
 MODES: dict[str, Callable[..., Mapper]] = {
     "rbpf": ParticleFilter,
     "pose_graph": PoseGraphMapper,
-    "scan_matching": ParticleFilter,
     "dead_reckoning": PoseTracker,
     "ground_truth": PoseTracker,
 }

@@ -126,9 +126,7 @@ def noise_array(noise: MotionNoise) -> FloatArray:
 
 
 @kernel
-def sample_motion(
-    poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray
-) -> tuple[float, float]:
+def sample_motion(poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray) -> None:
     """Move each particle by the odometry increments since the last processed scan, with its own noise.
 
     GMapping adds noise at every scan, also at those it doesn't process; so the spread depends on the scan
@@ -139,19 +137,13 @@ def sample_motion(
         increments: (steps, 3) motion between scans in the robot frame.
         normals: (steps, particles, 3) standard normal draws.
         noise: (4,) srr, srt, str, stt.
-
-    Returns:
-        Variance of the position (its larger axis) [m^2] and of the heading [rad^2] that the noise adds up to.
     """
-    variance, turn_variance = 0.0, 0.0
     srr, srt, str_, stt = noise[0], noise[1], noise[2], noise[3]
     for k in range(len(increments)):
         dx, dy, turn = increments[k, 0], increments[k, 1], increments[k, 2]
         sigma_x = srr * abs(dx) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dy)
         sigma_y = srr * abs(dy) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dx)
         sigma_turn = stt * abs(turn) + srt * math.hypot(dx, dy)
-        variance += max(sigma_x, sigma_y) ** 2
-        turn_variance += sigma_turn**2
         for p in range(len(poses)):
             noisy_x = dx + sigma_x * normals[k, p, 0]
             noisy_y = dy + sigma_y * normals[k, p, 1]
@@ -159,4 +151,3 @@ def sample_motion(
             poses[p, 0] += cos * noisy_x - sin * noisy_y
             poses[p, 1] += sin * noisy_x + cos * noisy_y
             poses[p, 2] += turn + sigma_turn * normals[k, p, 2]
-    return variance, turn_variance

@@ -22,6 +22,7 @@ from slamgym.core.types import (
 )
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.laser_odometry import with_laser_odometry
 from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
 from slamgym.slam.motion_model import poses_between
@@ -42,7 +43,7 @@ class ReplayResult:
     moments: Trajectory
     """The same for every moment of which the log holds the odometry, in the order of time."""
     doubtful: BoolArray
-    """True where the last processed scan before each scan fits poorly, shape (N,): the pose may be wrong there."""
+    """True where the last processed scan before each scan is in doubt, shape (N,): the pose may be wrong there."""
     covariances: FloatArray
     """Covariances of the scans' poses by the mapper at the time, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats
@@ -95,13 +96,14 @@ def replay(
         The map, the trajectories and the counters. The map frame has its origin at the first scan's pose and
         the axes of the odometry frame; that of an older map stays as it is.
     """
+    log = with_laser_odometry(log)
     start = Pose2D(0.0, 0.0, log.records[0].odometry.theta) if older is None else older.start
     mapper = make_mapper(config, log.geometry, start, rng)
     if older is not None:
         mapper.know(older.grid)
     begin = time.perf_counter()
     processed: list[int] = []
-    doubtful = np.zeros(len(log), dtype=bool)
+    last = np.zeros(len(log))
     covariances = np.zeros((len(log), 3, 3))
     for index, record in enumerate(log):
         is_processed = mapper.update(record.odometry, record.scan)
@@ -110,7 +112,7 @@ def replay(
             covariances[index] = mapper.covariance
         elif index > 0:
             covariances[index] = covariances[index - 1]
-        doubtful[index] = mapper.stats.is_doubtful
+        last[index] = mapper.stats.last_stamp
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
     mapper.finish()
@@ -127,7 +129,7 @@ def replay(
         processed=path,
         trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
         moments=Trajectory(track.stamps[in_time], poses[in_time]),
-        doubtful=doubtful,
+        doubtful=np.isin(last, mapper.stats.doubtful),
         covariances=covariances,
         stats=mapper.stats,
         wall_seconds=time.perf_counter() - begin,

@@ -54,7 +54,6 @@ class SceneFigures(NamedTuple):
     coverage: float  # share
     path_length: float  # [m]
     pose_error: float  # [m]
-    n_eff: float
     contacts: int
 
 
@@ -257,7 +256,6 @@ def _draw_figures(picture: ByteArray, scene: Scene) -> None:
         "coverage": f"{100.0 * figures.coverage:.1f} %",
         "path": f"{figures.path_length:.1f} m",
         "pose error": f"{100.0 * figures.pose_error:.1f} cm",
-        "N_eff": f"{figures.n_eff:.1f}",
         "contacts": f"{figures.contacts}",
         "plan": plan_id if len(plan_id) <= 15 else plan_id[:13] + "..",
     }

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.geometry import compose, inverse, paste, transform_poses
-from slamgym.core.types import ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
 from slamgym.viz.canvas import (
     PAPER,
     SHIFT,
@@ -34,12 +34,12 @@ PAGE_MARGIN_PX = 36
 FOOTER_PX = 64
 VIEW_WIDTH, VIEW_HEIGHT = 1024, 768
 """Size of the pictures of a growing map [px]; even, as video encoders want it."""
-DOUBTFUL: Colour = (220, 30, 30)
+UNSURE: Colour = (245, 159, 0)
 STATE_COLOURS: dict[str, Colour] = {
     "searching": (134, 142, 150),
-    "ambiguous": (245, 159, 0),
+    "ambiguous": UNSURE,
     "localised": PATH_START,
-    "lost": DOUBTFUL,
+    "lost": (220, 30, 30),
 }
 LEGEND = "blue localised, grey searching, orange ambiguous, red lost; arrows: the end"
 ARROW = 0.6
@@ -48,7 +48,7 @@ ARROW_COLOUR: Colour = (47, 158, 68)
 
 
 def draw_map(
-    grid: OccupancyGrid, path: FloatArray, caption: str = "", doubtful: FloatArray | None = None
+    grid: OccupancyGrid, path: FloatArray, caption: str = "", doubtful: BoolArray | None = None
 ) -> ByteArray:
     """Draw a map with the path travelled.
 
@@ -56,18 +56,20 @@ def draw_map(
         grid: The map.
         path: Poses or points in the map frame, shape (N, 2) or (N, 3); blue at the start, red at the end.
         caption: One line below the map.
-        doubtful: Poses (D, 3) at which the path may be wrong; each gets a red cross.
+        doubtful: True where the path may be wrong, shape (N,); it is orange and wide there.
 
     Returns:
         RGB, shape (height, width, 3).
     """
     picture, factor = map_picture(grid)
-    cols = picture.shape[1]
-    _draw_gradient_path(picture, frame_pixels(path, grid.frame, factor), max(1, round(cols / 800)))
-    if doubtful is not None:
-        for col, row in frame_pixels(doubtful, grid.frame, factor):
-            place, size = (round(float(col)), round(float(row))), max(6, cols // 120)
-            cv2.drawMarker(picture, place, DOUBTFUL, cv2.MARKER_TILTED_CROSS, size, 2, cv2.LINE_AA)
+    pixels, thickness = frame_pixels(path, grid.frame, factor), max(1, round(picture.shape[1] / 800))
+    for run in np.split(
+        np.arange(len(path)), [] if doubtful is None else np.flatnonzero(np.diff(doubtful)) + 1
+    ):
+        if doubtful is not None and doubtful[run[0]]:
+            fixed = fixed_point(pixels[run])
+            cv2.polylines(picture, [fixed], False, UNSURE, 4 * thickness, cv2.LINE_AA, SHIFT)
+    _draw_gradient_path(picture, pixels, thickness)
     return page_of(picture, grid.frame.resolution / factor, caption)
 
 

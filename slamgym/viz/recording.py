@@ -106,7 +106,7 @@ class Recording:
         if deliberation is not self._deliberation:
             self._deliberation = deliberation
             self._deliberate(deliberation)
-        for name in ("coverage", "pose_error", "n_eff"):
+        for name in ("coverage", "pose_error"):
             self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
 
     def _deliberate(self, deliberation: Deliberation) -> None:

@@ -4,10 +4,12 @@ import shutil
 import subprocess
 
 import pytest
+from drawn_drives import FLAT, drive
 
 from slamgym.commands import cli, doctor
 from slamgym.commands.completion import completion_script
 from slamgym.commands.doctor import findings
+from slamgym.interop import write_carmen
 
 
 @pytest.fixture(scope="module")
@@ -49,6 +51,21 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     assert found["films (ffmpeg)"][1:3] == ("missing", "no ffmpeg at all")
     assert cli.main(["doctor"]) == 1
     assert "         fix: pip install 'slamgym[ros]'\n" in capsys.readouterr().out
+
+
+def test_a_log_is_described_with_what_is_wrong(tmp_path, capsys):
+    log, _ = drive(FLAT, [(1, 1), (2.5, 2.3), (4, 2.3), (7, 1), (5, 1)])
+    write_carmen(tmp_path / "good.log", log.records, log.geometry)
+    assert cli.main(["doctor", str(tmp_path / "good.log")]) == 0
+    shown = capsys.readouterr().out
+    assert "180, from -180.0 to 178.0 degrees" in shown
+    assert "nothing is wrong" in shown
+    assert "odometry / laser" in shown
+    still = [record._replace(odometry=log.records[0].odometry) for record in log]
+    write_carmen(tmp_path / "still.log", still, log.geometry)
+    assert cli.main(["doctor", str(tmp_path / "still.log")]) == 1
+    assert "odometry: the odometry measures no turns and no distances" in capsys.readouterr().out
+    assert cli.main(["doctor", str(tmp_path / "still.log"), "--odometry-topic", "none"]) == 0
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")

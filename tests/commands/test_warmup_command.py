@@ -72,7 +72,7 @@ def compiled():
     kernels = [one for one in gc.get_objects() if type(one) is Kernel and "dispatcher" in vars(one)]
     return {{(str(one), *map(str, signature)) for one in kernels for signature in one.dispatcher.overloads}}
 
-for name in ("rbpf", "drive", "navigate", "decide"):
+for name in ("pose_graph", "drive", "navigate", "decide"):
     KERNEL_PARTS[name][0]()
 before = compiled()
 line = "generate --pairs 2 --minutes 3 --engine in_process -o {tmp_path}"

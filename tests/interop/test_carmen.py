@@ -151,21 +151,15 @@ class TestFaults:
         assert [r.stamp for r in log] == [1, 2, 3, 4, 5]
         assert log.warnings.counts["scan left out because time goes backwards"] == 1
 
-    def test_a_pose_far_from_its_neighbours_costs_one_scan(self, tmp_path):
-        poses = [(0.0, 0.0, 0.0), (5000.0, 0.0, 0.0), (0.1, 0.0, 0.0), (0.2, 0.0, 0.0)]
-        log = read_lines(tmp_path, *(flaser(pose=pose, stamp=1.0 + i) for i, pose in enumerate(poses)))
-        assert [record.odometry.x for record in log] == [0.0, 0.1, 0.2]
-        assert log.warnings.counts["scan left out because its odometry is far from its neighbours'"] == 1
-        assert "a.log:2" in log.warnings.sentences()[0]
-
-    def test_odometry_that_jumps_and_stays_away_is_refused_with_the_line(self, tmp_path, monkeypatch):
-        lines = [flaser(pose=(x, 0.0, 0.0), stamp=1.0 + i) for i, x in enumerate([0.0, 0.1, 5000.0, 5000.1])]
-        with pytest.raises(
-            InputFileError, match=r"a\.log:3: the odometry jumps 5,000 m from the scan before; cut"
-        ):
-            read_lines(tmp_path, *lines)
-        monkeypatch.setenv("SLAMGYM_MAX_JUMP", "6000")
-        assert len(read_lines(tmp_path, *lines)) == 4
+    def test_jumps_of_the_odometry_are_left_out_by_speed(self, tmp_path):
+        driven = [0.0, 0.1, 5000.0, 5000.1, 0.3, 60.3]
+        stamps = [1.0, 2.0, 3.0, 4.0, 5.0, 65.0]
+        lines = [flaser(pose=(x, 0.0, 0.0), stamp=stamp) for x, stamp in zip(driven, stamps, strict=True)]
+        log = read_lines(tmp_path, *lines)
+        # 60 m in a minute are driven, 5 km in a second are not.
+        assert [record.odometry.x for record in log] == pytest.approx([0.0, 0.1, 0.1, 0.2, 0.2, 60.2])
+        assert [finding.kind for finding in log.findings] == ["jump"]
+        assert "in 2 places; by 4999.9 m" in log.findings[0].sentence
 
     def test_a_scan_with_other_beams_is_left_out(self, tmp_path):
         log = read_lines(tmp_path, flaser(), flaser([1.0]), flaser(stamp=2))

@@ -1,15 +1,14 @@
-"""Faults that ``benchmarks/slam/mapping.py`` puts into logs, and its reading of a mapper's doubts."""
+"""Faults that ``benchmarks/slam/mapping.py`` puts into logs."""
 
 import dataclasses
 
 import numpy as np
 import pytest
-from faults import FAULTS, FAULTS_EVERYWHERE, Span, doubtful_spans, everything, jumped, late, scaled, stretch
+from faults import FAULTS, FAULTS_EVERYWHERE, Span, everything, jumped, late, scaled, stretch
 
 from slamgym.core.geometry import between, compose
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.interop import Log, LogRecord
-from slamgym.slam.mapper import SlamStats
 
 GEOMETRY = LaserGeometry(1, 0.0, 0.1, 0.1, 8.0)
 STEP = Pose2D(0.1, 0.0, 0.05)
@@ -76,8 +75,3 @@ def test_the_stretch_of_a_fault_is_inside_and_harmful(log):
 def test_a_robot_at_rest_has_no_harmful_stretch(log):
     rest = dataclasses.replace(log, records=[r._replace(odometry=STEP) for r in log.records])
     assert stretch(rest) == everything(rest)
-
-
-def test_doubtful_scans_that_follow_each_other_are_one_span():
-    stats = SlamStats(doubtful=[1.0, 2.0, 6.5, 20.0])
-    assert doubtful_spans(stats) == [Span(1.0, 6.5, "doubtful"), Span(20.0, 20.0, "doubtful")]

@@ -1,24 +1,30 @@
-"""Loops: who is a candidate, which closures agree, and what closing them does to the error."""
+"""Loops: which closures agree, and that a place which looks like another is not tied to it."""
+
+from typing import NamedTuple
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from slamgym.metrics import relative_poses
+from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import PoseGraphConfig
-from slamgym.slam.graph.loop_closure import (
-    GROUP_SEPARATION,
-    LOOP_RADIUS,
-    Closure,
-    agree,
-    find_candidates,
-    graph_distances,
+from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.closures import LoopCloser, agree
+from slamgym.slam.graph.relative import (
+    DAMPING,
+    MATCH_FLOOR,
+    WEAK,
+    Match,
+    moved_by,
+    relative_covariance,
+    seen_from,
+    step_covariance,
+    turned_matrix,
+    weigh_match,
 )
-from slamgym.slam.graph.solver import Edges, chi_squared, optimise
-
-CONFIG = PoseGraphConfig(local_nodes=10)
-SIGMA = np.array([0.02, 0.02, 0.01])
+from slamgym.slam.graph.submaps import Submap, sides_of
 
 
 def two_rounds(number=60, radius=4.0):
@@ -28,62 +34,15 @@ def two_rounds(number=60, radius=4.0):
     return np.column_stack([radius * np.cos(angle), radius * np.sin(angle), heading])
 
 
-def chain(steps, start):
-    """Poses from relative motions, one after the other."""
-    poses = [start]
-    for dx, dy, turn in steps:
-        x, y, theta = poses[-1]
-        cos, sin = np.cos(theta), np.sin(theta)
-        poses.append(np.array([x + cos * dx - sin * dy, y + sin * dx + cos * dy, theta + turn]))
-    return np.array(poses)
-
-
-@settings(max_examples=30)
-@given(st.integers(0, 2**32 - 1))
-def test_distances_in_the_graph_are_those_of_all_ways_tried(seed):
-    rng = np.random.default_rng(seed)
-    nodes, edges = 7, 12
-    first, second = rng.integers(0, nodes, (2, edges))
-    key = first * nodes + second
-    unique = (first != second) & (np.unique(key, return_index=True)[1][:, None] == np.arange(edges)).any(
-        axis=0
-    )
-    first, second = first[unique], second[unique]
-    lengths = rng.uniform(0.1, 2.0, len(first))
-    shortest = np.where(np.eye(nodes) > 0, 0.0, np.inf)
-    for a, b, length in zip(first, second, lengths, strict=True):
-        shortest[a, b] = shortest[b, a] = min(shortest[a, b], length)
-    for via in range(nodes):  # Floyd and Warshall
-        shortest = np.minimum(shortest, shortest[:, via : via + 1] + shortest[via : via + 1])
-    for node in range(nodes):
-        assert graph_distances(first, second, lengths, nodes, node) == pytest.approx(shortest[node])
-
-
-@given(st.integers(30, 59), st.integers(1, 4))
-def test_candidates_are_near_old_and_apart(node, most):
-    poses = two_rounds()
-    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-    distances = np.abs(driven - driven[node])
-    found = find_candidates(poses, node, distances, CONFIG, most)
-    assert len(found) <= most
-    assert found
-    assert found[0].node == node - 30  # the same place, one round earlier
-    for k, candidate in enumerate(found):
-        away = np.hypot(*(poses[candidate.node] - poses[node])[:2])
-        assert away < LOOP_RADIUS + candidate.window
-        assert distances[candidate.node] > CONFIG.loop_length
-        assert abs(candidate.node - node) > CONFIG.local_nodes
-        assert all(abs(candidate.node - other.node) >= GROUP_SEPARATION for other in found[:k])
-
-
 def closure(poses, old, new, error=(0.0, 0.0, 0.0)):
     measured = relative_poses(poses[[old]], poses[[new]])[0] + np.array(error)
-    return Closure(old, new, measured, np.eye(3))
+    return Match(old, new, measured, np.eye(3))
 
 
-@given(
-    st.integers(0, 26), st.integers(0, 26), st.integers(0, 3), st.floats(-np.pi, np.pi), st.floats(4.0, 20.0)
-)
+places = st.integers(0, 26)
+
+
+@given(places, places, st.integers(0, 3), st.floats(-np.pi, np.pi), st.floats(4.0, 20.0))
 def test_true_closures_agree_wherever_drift_has_put_them_and_a_false_one_does_not(
     i, j, further, direction, size
 ):
@@ -99,22 +58,99 @@ def test_true_closures_agree_wherever_drift_has_put_them_and_a_false_one_does_no
     assert not agree(a, closure(poses, j, j + 30, (0.0, 0.0, 2.5)), poses)
 
 
-@settings(max_examples=15)
-@given(st.integers(0, 2**32 - 1))
-def test_closing_a_noisy_loop_brings_its_end_home(seed):
-    truth, rng = two_rounds(), np.random.default_rng(seed)
-    n = len(truth)
-    driven = relative_poses(truth[:-1], truth[1:]) + SIGMA * rng.standard_normal((n - 1, 3))
-    start = chain(driven, truth[0])
-    old, new = np.arange(0, 30, 3), np.arange(0, 30, 3) + 30
-    seen = relative_poses(truth[old], truth[new]) + 0.5 * SIGMA * rng.standard_normal((len(old), 3))
-    first, second = np.concatenate([np.arange(n - 1), old]), np.concatenate([np.arange(1, n), new])
-    information = np.tile(np.diag(1.0 / SIGMA**2), (len(first), 1, 1))
-    edges = Edges(first, second, np.vstack([driven, seen]), information, np.arange(len(first)) >= n - 1)
-    found = optimise(start, edges, 1e6, 30)
-    # Of the dead reckoning only the loops are wrong; the solution shares their error out.
-    assert chi_squared(found, edges).sum() < chi_squared(start, edges).sum()
-    assert chi_squared(found, edges).sum() < 3.0 * len(first) * 1.5
-    apart = np.hypot(*(found[new] - found[old])[:, :2].T)
-    assert apart.max() < 0.15
-    assert tuple(found[0]) == tuple(start[0])
+numbers = st.tuples(*[st.floats(-3.0, 3.0)] * 3)
+
+
+@given(numbers, numbers)
+def test_what_is_seen_from_a_pose_lies_there_again(frame, pose):
+    frame, pose = np.array(frame), np.array(pose)
+    assert moved_by(frame, seen_from(frame, pose)) == pytest.approx(pose)
+    # Two poses that are known relative to each other, and no better than one place with the other.
+    cov, motion = np.diag([0.1, 0.2, 0.05]), pose[:2] - frame[:2]
+    lever = np.array([[1.0, 0.0, -motion[1]], [0.0, 1.0, motion[0]], [0.0, 0.0, 1.0]])
+    rigid = relative_covariance(frame, pose, np.array([cov, lever @ cov @ lever.T, cov @ lever.T]))
+    assert rigid == pytest.approx(np.zeros((3, 3)), abs=1e-9)
+
+
+@given(st.integers(0, 1000), st.floats(-3.0, 3.0), st.integers(1, 4))
+def test_what_a_submap_binds_is_weighed_as_by_numpy(seed, heading, count):
+    rows = np.random.default_rng(seed).normal(0.0, 100.0, (6, 4))
+    sums, own = rows.T @ rows, np.eye(3)
+    shift, information = weigh_match(sums, heading, count)
+    known = sums[:3, :3]
+    assert shift == pytest.approx(np.linalg.solve(known + DAMPING * own, sums[:3, 3]), rel=1e-6, abs=1e-9)
+    spread, axes = np.linalg.eigh(known)
+    weaker = axes @ np.diag(spread**2 / (spread + WEAK)) @ axes.T
+    covariance = np.linalg.inv(turned_matrix(weaker, -heading) + own)
+    expected = np.linalg.inv(covariance + count * np.diag(np.square(MATCH_FLOOR)))
+    assert information == pytest.approx(expected, rel=1e-5, abs=1e-3)
+
+
+NICHE, TWIN = [-0.6, 0.4, 1.5], [1.9, 2.9, 4.0]
+"""Places of pairs of pillars [m]."""
+
+
+class Path(NamedTuple):
+    """Of a graph, what a loop closer asks."""
+
+    poses: np.ndarray
+    driven: np.ndarray
+    way = 99.0
+    optimised = 1
+
+    def relative_covariance(self, old: int) -> np.ndarray:
+        return np.diag([0.16, 0.16, 0.0025])
+
+    def is_tied(self, old: int) -> bool:
+        return False
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+
+def draw(submap: Submap, pose: np.ndarray, x: float, pillars: list[float]) -> None:
+    """Draw at a pose what is seen at ``x`` in a corridor with a pair of pillars at each of these distances."""
+    sides = [(p, side, p + 0.2, side * 0.6) for p in pillars for side in (-1, 1)]
+    segments = np.array([(-30, -1, 30, -1), (-30, 1, 30, 1), *sides], dtype=np.float64)
+    ranges, angles = np.empty(181), np.radians(np.arange(-90, 91))
+    cast_rays(x, 0.0, 0.0, angles[0], np.pi / 180, segments, 3.0, ranges)
+    seen = np.isfinite(ranges)
+    points = ranges[seen, None] * np.column_stack([np.cos(angles), np.sin(angles)])[seen]
+    submap.add(pose, points, sides_of(points, np.zeros(2)))
+
+
+def closed(pillars: list[float], driven: float) -> list[Match]:
+    """Closures that are found when the robot, back at the place it began at, believes to be 0.9 m further."""
+    xs = np.arange(-1.0, 4.01, 0.25)
+    old, new = Submap(0, 12.0), Submap(len(xs), 12.0)
+    for x in xs:
+        draw(old, np.array([x - xs[0], 0.0, 0.0]), x, pillars)
+    draw(new, np.zeros(3), 0.0, NICHE)
+    poses = np.array([(x, 0.0, 0.0) for x in [*xs, 0.9]])
+    path, submaps = Path(poses, np.array([*xs + 1.0, driven])), [old, new]
+
+    def choose(numbers: list[int]) -> Chosen:
+        chosen = [submaps[number] for number in numbers]
+        return Chosen(chosen, poses[[submap.first for submap in chosen]])
+
+    return LoopCloser(PoseGraphConfig()).close(path, submaps, choose)
+
+
+def test_a_place_seen_again_closes_a_loop():
+    (match,) = closed(NICHE, driven=40.0)
+    assert (match.old, match.new) == (0, 21)
+    assert match.measured == pytest.approx([1.0, 0.0, 0.0], abs=0.02)
+
+
+def test_of_two_places_that_fit_alike_none_is_taken():
+    assert closed([*NICHE, *TWIN], driven=40.0) == []
+
+
+def test_a_place_left_a_moment_ago_is_not_seen_again():
+    assert closed(NICHE, driven=4.9) == []
+
+
+def test_a_heading_error_moves_what_lies_ahead_sideways():
+    covariance = step_covariance(np.array([2.0, 0.0]), np.diag([0.0, 0.0, 0.01]), np.zeros((3, 3)))
+    assert covariance[1, 1] == pytest.approx(0.04)
+    assert covariance[0, 0] == pytest.approx(0.0)

@@ -7,7 +7,7 @@ from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop import Log, LogRecord
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam import SlamConfig
+from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.replay import replay
 
@@ -78,9 +78,9 @@ def test_two_rounds_of_a_corridor_are_closed(drive, closed):
     dead = absolute_trajectory_error(run(log, mode="dead_reckoning").trajectory, truth).translation.rmse
     result = closed
     error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
-    assert result.extra["loop_closures"] > 20
-    # Along the bare stretches only odometry measures the distance, 3 % long; niches and closures hold the rest.
-    assert error < 0.1
+    # Once a search has closed the loop, the scans are aligned with the old submaps as they are with the new ones.
+    assert result.extra["loop_closures"] > 0
+    assert error < 0.02
     assert dead > 1.0
 
 
@@ -102,6 +102,31 @@ def test_equal_logs_give_equal_maps(drive):
     assert (a.grid.cells == b.grid.cells).all()
 
 
+def test_a_mapper_tells_its_path_its_uncertainty_and_its_memory(drive):
+    log, truth = drive
+    config = SlamConfig.for_log(8.05, GEOMETRY.num_beams)
+    mapper = make_mapper(config, GEOMETRY, Pose2D(*truth.poses[0]), np.random.default_rng(0))
+    sizes, spreads = [], []
+    for record in log.records[:90]:
+        if mapper.update(record.odometry, record.scan):
+            sizes.append(mapper.stats.memory_bytes)
+            spreads.append(np.trace(mapper.covariance[:2, :2]))
+            assert np.linalg.eigvalsh(mapper.covariance).min() > -1e-12
+            assert mapper.trajectory().poses[-1] == pytest.approx(mapper.pose)
+    path = mapper.trajectory()
+    assert len(path) == mapper.stats.processed == len(sizes)
+    assert (np.diff(path.stamps) > 0.0).all()
+    assert sizes[-1] > 1.5 * sizes[0]
+    assert spreads[0] == 0.0
+    assert spreads[-1] > spreads[len(spreads) // 3] > 0.0
+    # It says of itself how far off it is, to within a few of its deviations.
+    error = np.hypot(*(path.poses[-1] - truth.poses[89])[:2])
+    assert error < 5.0 * np.sqrt(spreads[-1])
+    mapper.finish()
+    assert len(mapper.trajectory()) == len(path)
+    assert mapper.pose == pytest.approx(mapper.trajectory().poses[-1])
+
+
 def test_the_map_follows_the_corrected_path(closed):
     grid = closed.grid
     width, height = np.array(grid.cells.shape[::-1]) * grid.frame.resolution
@@ -120,8 +145,8 @@ def test_scans_that_see_nothing_leave_the_odometry_standing():
 
 
 def test_settings_that_make_no_sense_are_refused():
-    with pytest.raises(ConfigError, match="local_nodes"):
-        PoseGraphConfig(local_nodes=0)
+    with pytest.raises(ConfigError, match="loop_length"):
+        PoseGraphConfig(loop_length=-1.0)
 
 
 def lying(log: Log, kind: str) -> Log:
@@ -134,6 +159,8 @@ def lying(log: Log, kind: str) -> Log:
             moved = Pose2D(1.5 * moved.x, 1.5 * moved.y, 1.5 * moved.theta)
         if k == 70 and kind == "slip":
             moved = Pose2D(moved.x, moved.y, moved.theta + np.radians(30.0))
+        if k == 70 and kind == "reset":
+            moved = compose(moved, Pose2D(4.0, -4.0, 0.0))
         odometry = compose(odometry, moved)
         if kind == "lost" and 70 <= k < 75:
             continue
@@ -141,8 +168,9 @@ def lying(log: Log, kind: str) -> Log:
     return Log(f"drive, {kind}", records, log.geometry)
 
 
-@pytest.mark.parametrize("kind", ["scale", "slip", "lost"])
+@pytest.mark.parametrize("kind", ["scale", "slip", "lost", "reset"])
 def test_odometry_that_lies_for_a_while_is_survived(drive, kind: str):
     log, truth = drive
     result = run(lying(log, kind), mode="pose_graph")
-    assert absolute_trajectory_error(result.trajectory, truth).translation.rmse < 0.2
+    assert absolute_trajectory_error(result.trajectory, truth).translation.rmse < 0.03
+    assert result.stats.spans() == []

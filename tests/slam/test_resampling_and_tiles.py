@@ -7,8 +7,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from slamgym.slam.hill_climbing import MAX_MEANS, empty_means, exp_of_minus, forget, score
-from slamgym.slam.near_surfaces import BLOCK_POINTS, NOTHING, SQUARE, average_means, copy_cells, empty_block
+from slamgym.slam.hill_climbing import exp_of_minus, nearest_square, score
 from slamgym.slam.particles import (
     ParticleMaps,
     effective_sample_size,
@@ -83,19 +82,6 @@ class DenseMaps:
         return min((float((m[0] - u) ** 2 + (m[1] - v) ** 2) for m in means), default=-1.0)
 
 
-def squares(maps, particle, place, points):
-    """Squared distance of each of the points (2, n) to the nearest mean of a map [cells^2]."""
-    cells = maps.pool.cells.view(np.uint64)[..., 0]
-    found = []
-    for begin in range(0, points.shape[1], BLOCK_POINTS):
-        block, part = empty_block(), points[:, begin : begin + BLOCK_POINTS]
-        block.rows[: 2 * BLOCK_POINTS].reshape(2, BLOCK_POINTS)[:, : part.shape[1]] = part
-        copy_cells(cells, maps.tables[particle], *place, block, part.shape[1])
-        average_means(block, part.shape[1])
-        found += block.rows[int(SQUARE) :][: part.shape[1]].tolist()
-    return found
-
-
 @given(st.integers(0, 2**32 - 1))
 @settings(max_examples=25)
 def test_shared_tiles_behave_as_copied_maps(seed):
@@ -117,38 +103,26 @@ def test_shared_tiles_behave_as_copied_maps(seed):
     for particle in range(particles):
         for cell in list(dense.maps[particle])[:20]:
             u, v = cell[0] + rng.random(), cell[1] + rng.random()
-            point = np.array([[u], [v]]) - origin[:, None] / resolution
-            found = squares(shared, particle, (0.0, 0.0), point)[0]
+            place = np.array([u, v]) - origin / resolution
+            found = nearest_square(shared.pool.cells, shared.tables[particle], *place)
             expected = dense.nearest(particle, u, v)
             # Means are kept in 16 bits: a few hundred-thousandths of a cell.
             assert math.isclose(math.sqrt(found), math.sqrt(expected), abs_tol=1e-3)
 
 
-def test_a_score_from_remembered_means_is_that_of_the_tiles():
+def test_a_score_is_given_up_only_where_it_cannot_win():
     rng = np.random.default_rng(3)
-    maps = ParticleMaps(2, 0.05, 100.0)
-    poses = np.zeros((2, 3))
-    maps.cover(poses, 8.0)
-    for _ in range(6):
-        poses[:, :2] = rng.normal(0.0, 0.3, (2, 2))
-        maps.register(poses, rng.uniform(-6.0, 6.0, (400, 2)))
-    near = empty_means()
-    for round_ in range(40):  # more cells than are remembered, and cells that share a slot
-        particle = round_ % 2
-        forget(near)
-        near.state[1] = MAX_MEANS - 500 if round_ == 7 else 0
+    maps, pose = ParticleMaps(1, 0.05, 100.0), np.zeros((1, 3))
+    maps.cover(pose, 8.0)
+    maps.register(pose, rng.uniform(-6.0, 6.0, (2000, 2)))
+    cells, table = maps.pool.cells, maps.tables[0]
+    for _ in range(10):
         points = rng.uniform(-140.0, 140.0, (2, 300))
         u, v = -maps.origin / 0.05 + rng.normal(0.0, 3.0, 2)
-        expected = 0.0
-        for found in squares(maps, particle, (u, v), points):
-            expected += exp_of_minus(0.05 * found) if found < NOTHING else 0.0
-        for _ in range(2):
-            value = score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, -1.0)
-            assert math.isclose(value, expected, abs_tol=1e-9)
-        assert (
-            score(maps.pool.cells, maps.tables[particle], near, points, u, v, 0.05, expected + 1.0)
-            <= expected + 1.0
-        )
+        squares = [nearest_square(cells, table, u + x, v + y) for x, y in points.T]
+        expected = sum(exp_of_minus(0.05 * square) for square in squares if square < math.inf)
+        assert math.isclose(score(cells, table, points, u, v, 0.05, -1.0), expected, abs_tol=1e-9)
+        assert score(cells, table, points, u, v, 0.05, expected + 1.0) <= expected + 1.0
 
 
 def cells_of(maps, particle):

@@ -1,16 +1,20 @@
+"""Scans aligned with the graph's submaps, searched in a window, and matched with the particle filter's maps."""
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.branch_and_bound import block_score
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.graph.matching import align_node, score_levels, search, search_window
-from slamgym.slam.graph.surface_map import SURFACE_SIGMA, make_local_map, solve_symmetric
+from slamgym.slam.graph.alignment import FACES, Chosen, solve_symmetric
+from slamgym.slam.graph.matching import SearchWindow, score_levels, search_window
+from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, sides_of
+from slamgym.slam.hill_climbing import match_particles
 from slamgym.slam.particle_filter import match_settings
 from slamgym.slam.particles import ParticleMaps
-from slamgym.slam.scan_match import align_freely, match_particles
 
 ROOM = np.array(
     [(-4, -3, 5, -3), (5, -3, 5, 2), (5, 2, 1, 2), (1, 2, 1, 4), (1, 4, -4, 4), (-4, 4, -4, -3),
@@ -18,6 +22,7 @@ ROOM = np.array(
 )  # fmt: skip
 CORRIDOR = np.array([(-100, -1, 100, -1), (-100, 1, 100, 1)], dtype=np.float64)
 BEAMS = 181
+UNKNOWN_PLACE = np.zeros((3, 3))
 
 
 def scan_points(pose, segments=ROOM, range_max=20.0):
@@ -29,71 +34,102 @@ def scan_points(pose, segments=ROOM, range_max=20.0):
     return ranges[hit, None] * np.column_stack([np.cos(angles), np.sin(angles)])[hit]
 
 
-def local_map(poses, segments=ROOM):
-    scans = [scan_points(pose, segments) for pose in poses]
-    points, counts = np.zeros((len(scans), BEAMS, 2)), np.array([len(scan) for scan in scans])
-    for k, scan in enumerate(scans):
-        points[k, : len(scan)] = scan
-    return make_local_map(points, counts, np.arange(len(scans)), np.array(poses), np.zeros(3), 12.0)
+# --- the graph's submaps
 
 
-KNOWN = [(-1.0, 0.0, 0.0), (-0.5, 0.2, 1.5), (0.0, 0.0, 3.0), (0.3, -0.3, -1.5)]
+def with_sides(points):
+    return points, sides_of(points, np.zeros(2))
+
+
+def submap(poses, segments=ROOM):
+    """A submap of exact scans; its frame is the map's."""
+    drawn = Submap(0, 15.0)
+    for pose in poses:
+        drawn.add(np.array(pose), *with_sides(scan_points(pose, segments)))
+    return drawn
+
+
+def alone(drawn):
+    return Chosen([drawn], np.zeros((1, 3)))
+
+
+def align(drawn, points, start, known=UNKNOWN_PLACE):
+    """Pose, normal matrix and fit."""
+    start = np.array(start)
+    pose, bound, fit = alone(drawn).align(*with_sides(points), start, start, known)
+    return pose, bound.sums[0, :3, :3], fit
+
+
+ROUND = [(-1.0 + 0.1 * k, 0.02 * k, 0.4 * k) for k in range(16)]
+
+
+@pytest.fixture(scope="module")
+def room():
+    return submap(ROUND)
 
 
 @settings(max_examples=25)
-@given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.35, 0.35))
-def test_search_and_alignment_find_the_pose_to_a_centimetre(dx, dy, turn):
-    room = local_map(KNOWN)
+@given(st.floats(-0.06, 0.06), st.floats(-0.06, 0.06), st.floats(-0.05, 0.05))
+def test_an_exact_scan_is_aligned_to_two_millimetres(room, dx, dy, turn):
     truth = np.array([0.1, 0.2, 0.4])
-    points = scan_points(truth)
-    start, score = search(room, points, truth + np.array([dx, dy, turn]), 1.0, 0.4, 0.3)
-    assert score > 0.6
-    match = align_node(room, points, start, start, np.zeros((3, 3)))
-    assert match.fit > 0.8
-    assert np.abs(match.pose - truth)[:2].max() < 0.01
-    assert abs(match.pose[2] - truth[2]) < 0.005
+    pose, _, fit = align(room, scan_points(truth), truth + np.array([dx, dy, turn]))
+    assert fit > 0.9
+    assert np.hypot(*(pose - truth)[:2]) < 0.002
+    assert abs(pose[2] - truth[2]) < 0.001
 
 
-def test_a_place_outside_the_window_is_not_found():
-    room = local_map(KNOWN)
-    _, score = search(room, scan_points((0.1, 0.2, 0.4)), np.array([4.0, 0.2, 2.0]), 0.3, 0.1, 0.7)
-    assert score <= 0.7
+def test_closing_a_submap_frees_memory_and_changes_no_alignment():
+    drawn, points = submap(ROUND), scan_points((0.1, 0.2, 0.4))
+    before, size = align(drawn, points, (0.12, 0.18, 0.41)), drawn.num_bytes
+    drawn.close()
+    assert drawn.num_bytes < 0.5 * size
+    after = align(drawn, points, (0.12, 0.18, 0.41))
+    assert after[0] == pytest.approx(before[0], abs=1e-9)
+    assert after[2] == pytest.approx(before[2])
+    # Its scans can still be moved: it is drawn again.
+    drawn.clear()
+    for pose in ROUND:
+        drawn.add(np.array(pose), *with_sides(scan_points(pose)))
+    assert align(drawn, points, (0.12, 0.18, 0.41))[0] == pytest.approx(before[0], abs=5e-4)
 
 
-def test_a_corridor_leaves_the_scan_free_to_slide():
-    corridor = local_map([(0.0, 0.0, 0.0), (0.5, 0.0, 0.0)], CORRIDOR)
-    here = np.array([0.2, 0.05, 0.0])
-    match = align_node(corridor, scan_points(here, CORRIDOR), here, here, np.zeros((3, 3)))
-    assert abs(match.pose[1] - 0.05) < 0.01
-    along, across = match.information[0, 0], match.information[1, 1]
-    assert across > 50.0 * along
+def test_the_two_faces_of_a_thin_wall_stay_apart():
+    faces, drawn = np.array([(1.02, -0.7, 1.02, 0.7), (1.08, -0.7, 1.08, 0.7)]), submap([])
+    for side, heading in ((-1, 0.0), (1, np.pi)):
+        for away in (1.0, 1.2, 1.4):
+            pose = (1.05 + side * away, 0.0, heading)
+            drawn.add(np.array(pose), *with_sides(scan_points(pose, faces)))
+    points, sides = drawn.lines()
+    assert points[sides[:, 0] < 0.0, 0] == pytest.approx(1.02, abs=1e-6)
+    assert points[sides[:, 0] > 0.0, 0] == pytest.approx(1.08, abs=1e-6)
+    assert (sides[:, 0] < 0.0).sum() == (sides[:, 0] > 0.0).sum() > 10
+    pose, _, _ = align(drawn, scan_points((0.2, 0.0, 0.0), faces), (0.23, 0.0, 0.01))
+    assert pose[[0, 2]] == pytest.approx([0.2, 0.0], abs=1e-3)
 
 
-def test_branch_and_bound_finds_what_brute_force_finds():
-    rng = np.random.default_rng(0)
-    for _ in range(5):
-        index = np.where(rng.random((40, 50)) < 0.05, 1, -1).astype(np.int32)
-        points = rng.uniform(-1.5, 1.5, (25, 2))
-        centre, angles = np.array([2.5, 2.0, 0.3]), np.array([-0.2, 0.0, 0.2])
-        levels = score_levels(index, 4)
-        pose = np.empty(3)
-        grid, away = (0.0, 0.0), np.array([2.4, 2.2, 0.3])
-        found = search_window(levels, grid, points, centre, 7, angles, 0.0, np.zeros(3), pose)
-        elsewhere = search_window(levels, grid, points, centre, 7, angles, 0.0, away, pose)
-        assert np.hypot(*(pose - away)[:2]) >= 0.3
-        best = best_elsewhere = 0
-        for angle in angles:
-            c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)
-            u = np.floor((2.5 + c * points[:, 0] - s * points[:, 1]) / 0.1).astype(np.int32)
-            v = np.floor((2.0 + s * points[:, 0] + c * points[:, 1]) / 0.1).astype(np.int32)
-            for du in range(-7, 8):
-                for dv in range(-7, 8):
-                    score = block_score(levels[0], 1, u, v, du, dv)
-                    best = max(best, score)
-                    if np.hypot(2.5 + 0.1 * du - 2.4, 2.0 + 0.1 * dv - 2.2) >= 0.3:
-                        best_elsewhere = max(best_elsewhere, score)
-        assert found == pytest.approx(best / (255 * 25))
-        assert elsewhere == pytest.approx(best_elsewhere / (255 * 25))
+def test_the_back_of_a_wall_is_another_wall():
+    front = np.array([(2.03, -3.0, 2.03, 3.0)])
+    drawn = submap([(0.0, 0.1 * k, 0.0) for k in range(4)], front)
+    points, sides = with_sides(scan_points((0.0, 0.0, 0.0), front))
+    for centre, is_found in ((np.array([0.1, 0.1, 0.05]), True), (np.array([3.9, 0.1, np.pi - 0.05]), False)):
+        _, score = SearchWindow(alone(drawn), centre, 0.5, 0.2, 4.0).search(points, sides, 0.1)
+        placed = alone(drawn).align(points, sides, centre, centre, UNKNOWN_PLACE)
+        assert (score > 0.8 and placed.fit > 0.9) if is_found else (score <= 0.1 and placed.fit == 0.0)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 2])
+def test_nothing_binds_along_a_bare_corridor(angle):
+    cos, sin = np.cos(angle), np.sin(angle)
+    turned = CORRIDOR.reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]])
+    walls, along, across = turned.reshape(-1, 4), np.array([cos, sin]), np.array([-sin, cos])
+    drawn = submap([(*(s * along), angle) for s in (0.0, 0.1, 0.2)], walls)
+    truth = np.array([*(0.1 * along + 0.05 * across), angle])
+    start = truth + np.array([*(0.03 * along + 0.04 * across), 0.01])
+    pose, normal, fit = align(drawn, scan_points(truth, walls), start)
+    assert fit > 0.8
+    assert (pose - truth)[:2] @ across == pytest.approx(0.0, abs=0.001)
+    assert (pose - truth)[:2] @ along == pytest.approx(0.03, abs=0.005)
+    assert along @ normal[:2, :2] @ along < 0.01 * (across @ normal[:2, :2] @ across)
 
 
 @given(st.lists(st.floats(-2.0, 2.0), min_size=9, max_size=9), st.tuples(*[st.floats(-50.0, 50.0)] * 3))
@@ -104,30 +140,78 @@ def test_the_small_solver_agrees_with_numpy(entries, right):
     assert solve_symmetric(matrix, *right) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
-@given(st.floats(0.05, 0.95), st.sampled_from([0, 1, 2, 3]))
-def test_a_wall_binds_across_and_not_along_whichever_way_it_runs(offset, quarter):
-    angle = quarter * np.pi / 2
-    cos, sin = np.cos(angle), np.sin(angle)
-    wall = np.column_stack([np.linspace(-1.0, 1.0, 80), np.full(80, 1.0 + 0.1 * offset)])
-    points = wall @ np.array([[cos, sin], [-sin, cos]])
-    local = make_local_map(points[None], np.array([80]), np.array([0]), np.zeros((1, 3)), np.zeros(3), 3.0)
-    normal, along = np.array([-sin, cos]), np.array([cos, sin])
-    across = 1.0 / SURFACE_SIGMA**2
-    for xx, xy, yy in local.infos:
-        info = np.array([[xx, xy], [xy, yy]])
-        assert normal @ info @ normal == pytest.approx(across, rel=1e-6)
-        assert abs(along @ info @ along) < 1e-6 * across
-    # Moved off the wall, a scan comes back to it; along it nothing pulls.
-    start = np.array([*(0.04 * normal + 0.03 * along), 0.0])
-    found = align_node(local, points, start, start, np.zeros((3, 3))).pose
-    assert found[:2] @ normal == pytest.approx(0.0, abs=1e-3)
-    assert found[:2] @ along == pytest.approx(0.03, abs=1e-3)
+def test_an_older_map_is_seen_from_its_free_side():
+    cells = np.full((60, 80), UNKNOWN, np.uint8)
+    cells[10:50, 10:70], cells[12:48, 12:68] = OCCUPIED, FREE
+    grid = OccupancyGrid(cells, GridFrame(0.05, -2.0, -1.5, *cells.shape))
+    points, sides = known_surfaces(grid)
+    assert len(points) == 2 * (36 + 56)
+    assert (sides[:, :2] * points).sum(axis=1).max() < 0.0  # to the middle, where it is free
+    inner = np.array(
+        [(-1.4, -0.9, 1.4, -0.9), (1.4, -0.9, 1.4, 0.9), (1.4, 0.9, -1.4, 0.9), (-1.4, 0.9, -1.4, -0.9)]
+    )
+    start = np.array([0.2, 0.1, 0.3])
+    older = Chosen([known_submap((points, sides), start)], start[None])
+    # Cells are marked in their middle, half of them behind the face.
+    pose, _, fit = older.align(*with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE)
+    assert fit > 0.4
+    assert pose == pytest.approx(start, abs=0.03)
+
+
+# --- the search
+
+
+@settings(max_examples=25)
+@given(st.floats(-0.8, 0.8), st.floats(-0.8, 0.8), st.floats(-0.35, 0.35))
+def test_a_search_finds_the_place_to_within_what_an_alignment_does(room, dx, dy, turn):
+    truth, centre = np.array([0.1, 0.2, 0.4]), np.array([0.1 + dx, 0.2 + dy, 0.4 + turn])
+    points, sides = with_sides(scan_points(truth))
+    window = SearchWindow(alone(room), centre, 1.0, 0.4, 12.0)
+    found, score = window.search(points, sides, 0.3)
+    assert score > 0.6
+    assert align(room, points, found)[0] == pytest.approx(truth, abs=0.003)
+    # Of what lies elsewhere, nothing fits as well; and beyond the window nothing is found.
+    elsewhere, worse = window.search(points, sides, 0.1, found)
+    assert worse < score - 0.1
+    assert np.hypot(*(elsewhere - found)[:2]) >= 0.3 or worse == 0.1
+    far = np.array([4.0, 0.2, 2.0])
+    narrow = SearchWindow(alone(room), far, 0.3, 0.1, 12.0)
+    assert narrow.search(points, sides, 0.7)[1] == pytest.approx(0.7, abs=0.01)
+
+
+def test_branch_and_bound_finds_what_brute_force_finds():
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        cells = (rng.random((FACES, 40, 50)) < 0.05).astype(np.uint8)
+        points, towards = rng.uniform(-1.5, 1.5, (25, 2)), rng.uniform(-np.pi, np.pi, 25)
+        sides = np.column_stack([np.cos(towards), np.sin(towards), np.ones(25)])
+        centre, angles = np.array([2.5, 2.0, 0.3]), np.array([-0.2, 0.0, 0.2])
+        levels, corner, pose = score_levels(cells, 4), np.zeros(2), np.empty(3)
+        width = levels.shape[2] // FACES
+        away, everywhere = np.array([2.4, 2.2, 0.3]), np.zeros(3)
+        scan = levels, corner, points, sides, width, centre, 7, angles, 0.0
+        found = search_window(*scan, everywhere, pose)
+        elsewhere = search_window(*scan, away, pose)
+        assert np.hypot(*(pose - away)[:2]) >= 0.3
+        best = best_elsewhere = 0
+        for angle in angles:
+            c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)
+            u = np.floor((2.5 + c * points[:, 0] - s * points[:, 1]) / SUBMAP_CELL).astype(np.int32)
+            v = np.floor((2.0 + s * points[:, 0] + c * points[:, 1]) / SUBMAP_CELL).astype(np.int32)
+            quarter = np.round((towards + 0.3 + angle) / (np.pi / 2)).astype(np.int32) % FACES
+            u += quarter * width
+            for du, dv in np.ndindex(15, 15):
+                score = block_score(levels[0], 1, u, v, du - 7, dv - 7)
+                best = max(best, score)
+                if np.hypot(0.1 + 0.1 * (du - 7), 0.1 * (dv - 7) - 0.2) >= 0.3:
+                    best_elsewhere = max(best_elsewhere, score)
+        assert found == pytest.approx(best / (255 * 25))
+        assert elsewhere == pytest.approx(best_elsewhere / (255 * 25))
 
 
 # --- the particle filter's matcher
 
 SEEN_FROM = [(0.0, 0.0, 0.0), (0.0, 0.0, 2.0), (0.0, 0.0, 4.0), (-1.0, 0.5, 1.0), (0.5, -1.0, -1.0)]
-MATCHERS = {"coarse_to_fine": SlamConfig(), "hill_climbing": SlamConfig.gmapping()}
 
 
 def particle_map(shift=(0.0, 0.0), segments=ROOM):
@@ -140,18 +224,10 @@ def particle_map(shift=(0.0, 0.0), segments=ROOM):
     return maps
 
 
-def matched(maps, predicted, points, config=MATCHERS["coarse_to_fine"], deviations=(0.1, 0.05)):
-    """Pose and log-likelihood of a scan, predicted with these standard deviations [m], [rad]."""
+def matched(maps, predicted, points, config=None):
+    """Pose and log-likelihood of a scan that is predicted at a pose."""
     poses, likelihoods = np.array([predicted], dtype=np.float64), np.zeros(1)
-    match_particles(
-        maps.tile_maps,
-        poses,
-        points,
-        deviations[0] ** 2,
-        deviations[1] ** 2,
-        match_settings(config),
-        likelihoods,
-    )
+    match_particles(maps.tile_maps, poses, points, match_settings(config or SlamConfig()), likelihoods)
     return poses[0], likelihoods[0]
 
 
@@ -163,18 +239,16 @@ def known_room():
 small = st.floats(-0.07, 0.07)
 
 
-@pytest.mark.parametrize("matcher", MATCHERS)
 @settings(max_examples=30)
 @given(dx=small, dy=small, turn=st.floats(-0.04, 0.04))
-def test_a_scan_comes_back_from_where_odometry_has_put_it(known_room, matcher, dx, dy, turn):
+def test_a_scan_comes_back_from_where_odometry_has_put_it(known_room, dx, dy, turn):
     truth = np.array([0.1, -0.15, 0.5])
     points = scan_points(truth)
-    found, likelihood = matched(known_room, truth + np.array((dx, dy, turn)), points, MATCHERS[matcher])
-    # GMapping's climb is drawn to where more beams end on known walls.
-    precision = 0.004 if matcher == "coarse_to_fine" else 0.05
-    assert np.hypot(*(found - truth)[:2]) < precision
-    assert abs(found[2] - truth[2]) < precision
-    _, at_truth = matched(known_room, truth, points, MATCHERS[matcher])
+    found, likelihood = matched(known_room, truth + np.array((dx, dy, turn)), points)
+    # The climb is drawn to where more beams end on known walls.
+    assert np.hypot(*(found - truth)[:2]) < 0.05
+    assert abs(found[2] - truth[2]) < 0.05
+    _, at_truth = matched(known_room, truth, points)
     assert likelihood > at_truth - 0.1
 
 
@@ -185,8 +259,9 @@ def test_where_the_map_lies_does_not_matter(known_room, cols, rows):
     start, points = np.array([0.13, -0.1, 0.52]), scan_points((0.1, -0.15, 0.5))
     here, likelihood = matched(known_room, start, points)
     there, moved_likelihood = matched(particle_map(shift[:2]), start + shift, points)
-    assert there - shift == pytest.approx(here, abs=1e-3)
-    assert moved_likelihood == pytest.approx(likelihood, rel=0.02)
+    # A point on the border of two cells has other neighbours in each.
+    assert there - shift == pytest.approx(here, abs=5e-3)
+    assert moved_likelihood == pytest.approx(likelihood, rel=0.1)
 
 
 def test_where_nothing_is_mapped_the_prediction_stands():
@@ -198,23 +273,10 @@ def test_where_nothing_is_mapped_the_prediction_stands():
     assert likelihood == pytest.approx(len(points) * match_settings(SlamConfig()).miss)
 
 
-def test_along_a_corridor_odometry_decides():
-    corridor = particle_map(segments=CORRIDOR)
-    truth = np.array([0.2, 0.05, 0.0])
-    found, _ = matched(corridor, truth + np.array((0.1, 0.04, 0.02)), scan_points(truth, CORRIDOR))
-    assert abs(found[1] - truth[1]) < 0.01
-    assert abs(found[2] - truth[2]) < 0.005
-    assert found[0] == pytest.approx(0.3, abs=0.03)
-
-
-def test_what_points_bind_has_the_unit_of_their_noise(known_room):
-    rng, sigma, truth = np.random.default_rng(0), 0.01, np.array([0.1, 0.2, 0.4])
-    points, found, binding = scan_points(truth), [], np.empty(10)
-    for _ in range(200):
-        noisy = points + sigma * rng.standard_normal(points.shape)
-        align_freely(known_room.tile_maps, 0, truth, noisy, match_settings(SlamConfig()), binding)
-        found.append(binding[:3].copy())
-    uu, uv, vv, ut, vt, tt = binding[4:]
-    covariance = sigma**2 * np.linalg.inv(np.array([[uu, uv, ut], [uv, vv, vt], [ut, vt, tt]]))
-    ratio = np.std(found, axis=0) / np.sqrt(np.diag(covariance))
-    assert ratio == pytest.approx(np.ones(3), rel=0.4)
+def test_a_match_below_the_minimum_score_is_refused(known_room):
+    start, points = (0.13, -0.1, 0.52), scan_points((0.1, -0.15, 0.5))
+    moved, likelihood = matched(known_room, start, points, SlamConfig(minimum_score=50.0))
+    kept, unmoved_likelihood = matched(known_room, start, points, SlamConfig(minimum_score=BEAMS + 1.0))
+    assert tuple(moved) != start
+    assert tuple(kept) == start
+    assert unmoved_likelihood < likelihood

@@ -84,10 +84,8 @@ def main(arguments: EvaluateArguments) -> None:
     if evaluation.skipped:
         say(f"skipped {counted(len(evaluation.skipped), 'plan')}, the first: {evaluation.skipped[0].reason}")
     if evaluation.failed:
-        say(
-            f"{counted(len(evaluation.failed), 'exploration')} crashed, hung or failed; "
-            f"{arguments.out / 'failed.jsonl'} says which"
-        )
+        failed = counted(len(evaluation.failed), "exploration")
+        say(f"{failed} crashed, hung or failed; {arguments.out / 'failed.jsonl'} says which")
     sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
     if is_installed("matplotlib"):  # which the extra agents brings
         from slamgym.agents.evaluation.report import draw_coverage
@@ -119,10 +117,8 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     options["oracle"] = arguments.oracle or None
     if arguments.split == "all":
         options["split"] = CLEARED
-    if arguments.promise is not None:
-        options["trial.promise"] = (
-            CLEARED if arguments.promise == "none" else Promise.parse(arguments.promise)
-        )
+    if (promise := arguments.promise) is not None:
+        options["trial.promise"] = CLEARED if promise == "none" else Promise.parse(promise)
     config = arguments.settings.configured(EvaluationConfig(tuple(EXPLORERS)), options)
     _reference(arguments.against, config)
     return config
@@ -147,9 +143,7 @@ def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str
         return None
     names = [name.strip() for name in arguments.film.split(",")]
     if len(names) != 2 or names[0] == names[1] or any(name not in config.explorers for name in names):
-        raise ConfigError(
-            f"--film {arguments.film} must name two of the explorers {', '.join(config.explorers)}, with a comma"
-        )
+        raise ConfigError(f"--film must name two of {','.join(config.explorers)} with a comma")
     return names[0], names[1]
 
 

@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
 
 OFFLINE = Extra("offline", ("minari", "pyarrow"))
-ENVIRONMENT = "slamgym/ExploreFrontiers-v1"
+ENVIRONMENT = "slamgym/ExploreFrontiers-v2"
 _ID = re.compile(r"(\w[\w-]*/)*\w[\w-]*-v\d+")
-LOCALIZATION = {"slam": "rbpf", "ground_truth": "ground_truth"}
+LOCALIZATION = {"slam": "pose_graph", "ground_truth": "ground_truth"}
 
 
 class RecordArguments(Arguments):
-    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v1.
+    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v2.
 
     `minari.load_dataset(ID)` reads it, and so do the libraries for offline reinforcement learning. The same seed gives
     the same episodes.
@@ -43,7 +43,7 @@ class RecordArguments(Arguments):
     random_share: Share = 0.1
     """So many choices are drawn at random instead, so that the data hold other choices, too."""
     localization: Literal["slam", "ground_truth"] = "slam"
-    """``slam`` maps with the particle filter; ``ground_truth`` is faster."""
+    """``slam`` maps with the pose graph; ``ground_truth`` is faster."""
     seed: CountOrZero = 0
     """Decides plans, starts, noise and random choices."""
 
@@ -85,9 +85,8 @@ def main(arguments: RecordArguments) -> None:
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
-    tell(
-        f"{arguments.minari}: {counted(dataset.total_episodes, 'episode')}, {counted(dataset.total_steps, 'step')}"
-    )
+    episodes_of, steps = counted(dataset.total_episodes, "episode"), counted(dataset.total_steps, "step")
+    tell(f"{arguments.minari}: {episodes_of}, {steps}")
 
 
 def _record_episode(

@@ -96,9 +96,8 @@ def _report(found: PlanComparison, folder: Path) -> None:
         share = found.registration.explained
         tell(f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes")
         if found.changes:
-            tell(
-                f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4} {'with drift':>10}  of, note"
-            )
+            columns = f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4}"
+            tell(f"{columns} {'with drift':>10}  of, note")
         for change in found.changes:
             x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
             by, error, raw = (

@@ -67,11 +67,9 @@ def main(arguments: CadArguments, typed: str) -> int:
     for path in arguments.maps:
         require_input(path, "a map's yaml, a picture of a map or a folder")
     what = "maps of Valetudo and no pictures of maps"
-    maps = [
-        one
-        for path in arguments.maps
-        for one in (maps_in(path, _may_be_map, what) if path.is_dir() else [path])
-    ]
+    maps: list[Path] = []
+    for path in arguments.maps:
+        maps += maps_in(path, _may_be_map, what) if path.is_dir() else [path]
     if not maps:
         raise ConfigError("no map is named; give a map's yaml, a picture of a map or a folder")
     named = dict(zip(distinct_names(maps), maps, strict=True))
@@ -177,6 +175,4 @@ def _spare_files(path: Path, stem: Path, suffixes: list[str]) -> None:
         spare_inputs(sources, stem.with_name(f"{stem.name}.{suffix}"))
     older = stem.with_name(f"{stem.name}.json")
     if older.is_file() and json.dumps(str(path)).encode() not in read_bytes(older):
-        raise InputFileError(
-            older, f"is no drawing of {path} and would lose its company; name another --out, or remove it"
-        )
+        raise InputFileError(older, f"is no drawing of {path}; name another --out, or remove it")

@@ -108,9 +108,8 @@ def _print(root: Path, report: CleanReport) -> None:
     from slamgym.dataset.curate.verdicts import VERDICTS_FILE
 
     total = len(report.verdicts)
-    lines = [
-        f"{root}: {counted(total, 'map')}, {report.kept} kept ({100.0 * report.kept / max(total, 1):.1f} %)"
-    ]
+    share = 100.0 * report.kept / max(total, 1)
+    lines = [f"{root}: {counted(total, 'map')}, {report.kept} kept ({share:.1f} %)"]
     for reason, count in report.reasons().items():
         lines.append(f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}"))
     if score := report.agreement:
@@ -120,9 +119,7 @@ def _print(root: Path, report: CleanReport) -> None:
             f"{counted(score.count, 'map')}{ranking}; {100.0 * score.band_share:.1f} % are doubtful to it"
         )
     if report.undecided:
-        lines.append(
-            f"  doubtful maps that no person has seen: {report.undecided}; slamgym dataset review {root}"
-        )
+        lines.append(f"  doubtful maps unseen by people: {report.undecided}; slamgym dataset review {root}")
     lines.append(f"verdicts: {root / VERDICTS_FILE}")
     tell(*lines)
 
@@ -149,16 +146,14 @@ def review(arguments: ReviewArguments) -> None:
     """Run ``slamgym dataset review``."""
     from slamgym.dataset.curate.map_items import open_items
     from slamgym.dataset.curate.review import choose_entries, make_review_page, stored_decisions
-    from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
+    from slamgym.dataset.curate.verdicts import read_verdicts
 
     root = arguments.dataset
     items = open_items(root)
     verdicts = read_verdicts(root)
     missing = sum(item.name not in verdicts for item in items)
     if missing:
-        say(
-            f"{counted(missing, 'map')} came after {root / VERDICTS_FILE}; run `slamgym dataset clean {root}` for them."
-        )
+        say(f"{counted(missing, 'map')} came after the verdicts; run `slamgym dataset clean {root}`.")
     entries = choose_entries(items, verdicts, arguments.which)
     if not entries:
         tell(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.")
@@ -189,9 +184,7 @@ def _band(root: Path) -> tuple[float, float]:
         summary = read_json(path)
         low, high = (float(value) for value in summary["settings"]["band"])
     except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputFileError(
-            path, f"is malformed ({error}); run `slamgym dataset clean {root}` again"
-        ) from error
+        raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset clean` again") from error
     return low, high
 
 

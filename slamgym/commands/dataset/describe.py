@@ -59,9 +59,8 @@ def _print(statistics: DatasetStatistics) -> None:
     for name, groups in statistics.by_condition.items():
         rows += [[], *([f"{name}: {label}", *_cells(group)] for label, group in groups.items())]
     total, pairs = sum(statistics.bytes.values()), max(statistics.whole.pairs, 1)
-    largest = ", ".join(
-        f"{name} {size / pairs / 1e3:.0f} kB" for name, size in list(statistics.bytes.items())[:4]
-    )
+    sizes = list(statistics.bytes.items())[:4]
+    largest = ", ".join(f"{name} {size / pairs / 1e3:.0f} kB" for name, size in sizes)
     below = [f"{total / 1e9:.2f} GB, {total / pairs / 1e3:.0f} kB a pair ({largest})"]
     for title, counts in (
         ("ended by", statistics.endings),

@@ -120,7 +120,5 @@ def _is_missing(test: str, package: str, called: str, extra: str, report: Realis
     """True if the package isn't installed, which the report then says."""
     if is_installed(package):
         return False
-    report.left_out.append(
-        f"{test}: left out, {called} isn't installed; get it with: pip install 'slamgym[{extra}]'"
-    )
+    report.left_out.append(f"{test}: left out, {called} isn't installed; pip install 'slamgym[{extra}]'")
     return True

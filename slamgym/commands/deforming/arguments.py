@@ -112,9 +112,8 @@ class DeformArguments(Arguments):
                 )
         if is_dataset(self.plan):
             for name in filter(self._is_given, _NOT_OF_DATASETS):
-                raise ConfigError(
-                    f"--{name.replace('_', '-')} has no effect on a dataset, whose pairs have their own; leave it out"
-                )
+                option = f"--{name.replace('_', '-')}"
+                raise ConfigError(f"{option} has no effect on a dataset, whose pairs have it; leave it out")
         if self.calibration is not None and self.conversion != "two_phase":
             raise ConfigError("--calibration measures the two phases; add --conversion two_phase")
 

@@ -85,10 +85,8 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
         if found == arguments.plans:
             return
     if not found:
-        raise ConfigError(
-            f"none of the {len(source)} plans of {arguments.plan} can be used; "
-            "give other plans or another --plans-filter"
-        )
+        what = f"none of the {len(source)} plans of {arguments.plan} can be used"
+        raise ConfigError(f"{what}; give other plans or another --plans-filter")
 
 
 def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:

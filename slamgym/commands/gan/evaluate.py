@@ -158,10 +158,8 @@ def _compare_realism(
 
 
 def _map_set(name: str, maps: GeneratedMaps, pairs: PairSet) -> MapSet:
-    measured = [
-        measure_map(pairs.names[i], pairs.plan_ids[i], cells, pairs.scale(i)) for i, cells in maps.items()
-    ]
-    return MapSet(name, measured)
+    ids, names = pairs.plan_ids, pairs.names
+    return MapSet(name, [measure_map(names[i], ids[i], cells, pairs.scale(i)) for i, cells in maps.items()])
 
 
 def _write(

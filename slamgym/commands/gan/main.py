@@ -37,13 +37,12 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     from slamgym.gan.training.train import RunOptions, train_translator
 
     keep_freed_memory()
-    if arguments.compute.threads > 0:
-        torch.set_num_threads(arguments.compute.threads)
+    wanted = arguments.compute
+    if wanted.threads > 0:
+        torch.set_num_threads(wanted.threads)
     config = training_config(arguments)
-    options = RunOptions(
-        compile=arguments.compute.compile, checkpoint_minutes=arguments.checkpoint_minutes, command=typed
-    )
-    compute = choose_compute(arguments.compute.device, arguments.compute.precision)
+    options = RunOptions(arguments.checkpoint_minutes, compile=wanted.compile, command=typed)
+    compute = choose_compute(wanted.device, wanted.precision)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
     tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
     if report.figures:

@@ -49,9 +49,8 @@ def run_translation(arguments: TranslateArguments) -> None:
 
 
 def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslator) -> None:
-    maps = maps_in(
-        arguments.input, lambda path: path.suffix.lower() in SUFFIXES, f"images ({', '.join(SUFFIXES)})"
-    )
+    what = f"images ({', '.join(SUFFIXES)})"
+    maps = maps_in(arguments.input, lambda path: path.suffix.lower() in SUFFIXES, what)
     require_folder(arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     refused = 0

@@ -46,7 +46,7 @@ def main(arguments: ReproduceArguments) -> None:
         scale["plans"] = arguments.plans
     elif scale["plans"] != "bundled" and not Path(scale["plans"]).exists():
         raise ConfigError(
-            f"there is no {scale['plans']} here; get it by `slamgym plans fetch houseexpo`, or name --plans"
+            f"there is no {scale['plans']} here; run `slamgym plans fetch houseexpo`, or name --plans"
         )
     workers = arguments.workers or available_cores()
     run = Reproduction(arguments.out, scale, arguments.train, arguments.seed, workers)

@@ -111,9 +111,8 @@ class Reproduction:
 
 def _run_command(step: str, argv: list[str]) -> str:
     """Run a command in a separate process; what it says on standard error goes to the terminal."""
-    done = subprocess.run(
-        [sys.executable, "-m", "slamgym", *argv], stdout=subprocess.PIPE, text=True, check=False
-    )
+    whole = [sys.executable, "-m", "slamgym", *argv]
+    done = subprocess.run(whole, stdout=subprocess.PIPE, text=True, check=False)
     if done.returncode != 0:
         raise SlamgymError(
             f"the step {step!r} failed: {shlex.join(['slamgym', *argv])} ended with status {done.returncode}; put it "

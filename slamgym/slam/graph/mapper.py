@@ -1,371 +1,342 @@
-"""Graph-based SLAM: the mode that closes loops globally, which GMapping can't.
+"""Graph SLAM: scans aligned with submaps, and least squares over all of them.
 
-Every processed scan is a node. It is matched with the scans before it, which gives an edge to its
-predecessor; when the robot may have come back to a place, it is searched for among the old scans there, which
-gives a loop closure. Least squares over all edges corrects the whole path at once, and the map is redrawn.
+Every processed scan is a node. It is aligned with the submaps that it overlaps: the newest two, and older ones whose
+place is known to within what an alignment finds. Each alignment is an edge of the graph, so is the odometry, and the
+wheels' systematic errors are unknowns. When the robot may have come back to a place whose relative pose is uncertain,
+the surfaces of the newest submaps are searched there. Least squares corrects the whole path at once; submaps are drawn
+again where their scans moved, and so is the map.
 """
 
+import math
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.geometry import compose, wrap_angle
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D
+from slamgym.core.jit import plain
+from slamgym.core.portable import inverted
+from slamgym.core.types import (
+    FloatArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.end_points import farthest
-from slamgym.slam.graph.loop_closure import (
-    LOOP_EDGE_LENGTH,
-    Closure,
-    LoopCandidate,
-    agree,
-    find_candidates,
-    graph_distances,
-)
-from slamgym.slam.graph.matching import NodeMatch, align_node, search
-from slamgym.slam.graph.solver import Edges, chi_squared, optimise, turned_covariance
-from slamgym.slam.graph.surface_map import make_local_map
-from slamgym.slam.graph.wheels import WheelTurns
-from slamgym.slam.motion_model import poses_between
-from slamgym.slam.particle_filter import FEW_POINTS, MATCH_MARGIN, ParticleFilter
-from slamgym.slam.uncertainty import ODOMETRY_FLOOR
+from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.graph.alignment import ALIGN_WIDTH, MOST_SUBMAPS, POINT_SHARE, Chosen, Placed
+from slamgym.slam.graph.closures import LoopCloser
+from slamgym.slam.graph.consistency import Consistency
+from slamgym.slam.graph.matching import SearchWindow
+from slamgym.slam.graph.pose_graph import PoseGraph
+from slamgym.slam.graph.relative import Match, match_with, moved_by, seen_from, turned_matrix
+from slamgym.slam.graph.submaps import Submap, known_submap, known_surfaces, sides_of
+from slamgym.slam.graph.wheels import WheelStep
+from slamgym.slam.mapper import Mapper
 
 MATCH_RANGE = 25.0
-"""Longer returns are not matched with local maps, but drawn [m]."""
-LOOP_INTERVAL = 2
-"""A loop is sought at every so many nodes."""
-LOOP_FIT, FINAL_FIT = 0.7, 0.5
-"""A loop closure needs this share of fitting points, and the second at the end, when the places are known."""
-TRUSTED_WINDOW, AGREEING = 0.6, 2
-"""Within this uncertainty one match is enough; beyond it, a closure waits for so many others that agree [m]."""
-ROBUST_WIDTH = 8.0
-"""Chi-squared beyond which a loop closure loses its pull (dynamic covariance scaling)."""
-EXPECTED_CHI2, AGREEING_CHI2 = 12.0, 25.0
-"""A closure may disagree so much with the path and its uncertainty: one alone, and one of several that agree."""
-CLOSURE_FLOOR = (0.05, 0.05, 0.03)
-"""Tolerated difference between a closure and the path [m], [m], [rad]: not each slip of a wheel is noticed."""
-AGREEING_METRES = 2.0
-"""Closures that agree were found over so much driving: seen from one spot, a like room agrees with itself [m]."""
-AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
-"""A search that leads further than this must find no other place whose score is so near [m]."""
-WIDE_WINDOW = (0.3, 0.15)
-"""Least half width of the search for a scan that fits poorly [m], [rad]."""
-BETTER_SHARE = 0.1
-"""A search's result counts if the share of points that fit is larger by this than where the path says."""
-MATCH_FLOOR = (0.01, 0.01, 0.003)
-"""Nor is a match as an edge of the graph [m], [m], [rad]."""
-NEIGHBOURS = 8
-"""A loop is sought in the scans up to so many nodes before and after the candidate."""
-URGENT_CHI2 = 20.0
-"""A closure that disagrees more than this makes the graph be optimised at once ..."""
-OPTIMISE_INTERVAL = 60
-"""... the others wait for so many nodes."""
-FALSE_CHI2 = 60.0
-"""Closures that disagree more than this with the optimised graph are taken out at the end."""
-FINAL_WINDOW = (0.4, 0.08)
-"""Search window of the first final pass [m], [rad]."""
-SHORT_RANGE = 5.0
-"""A laser that sees this far finds old walls with nearly every scan: its matches hardly drift, and the turns by
-odometry would only add their errors [m]."""
-MOST_CANDIDATES = 2
-"""Places that are compared with each scan."""
+"""Longer returns are not matched, but drawn [m]."""
+SUBMAP_METRES, SUBMAP_RADIANS, SUBMAP_SCANS = 2.0, 1.5, 8
+"""A submap spans so much driving or turning, and at least so many scans."""
+FEW_POINTS = 20
+"""A scan with fewer points says nothing of its place: it is neither searched nor in doubt ..."""
+LEAST_POINTS = 5
+"""... and with fewer than these not even aligned."""
+OVERLAP, OVERLAP_STRIDE, MOST_TRIED = 0.3, 4, 8
+"""An old submap is matched with if this share of every so many points is near its surfaces; so many are looked at."""
+GOOD_FIT, POOR_FIT = 0.8, 0.5
+"""An alignment of a smaller share of fitting points is compared with a search where the odometry may err, and one of
+less than the second with a search where it lies."""
+POINT_NATS = 0.5 * POINT_SHARE * ALIGN_WIDTH**2
+"""Log-likelihood of a point that fits over one that doesn't ..."""
+LIE_NATS = 9.2
+"""... which must make up for that of the odometry, or of its lying, once in 10,000 scans ..."""
+SUSPICION = 60.0
+"""What several scans in a row must have against the odometry: one alone may see a new wall next to an old one."""
+SEARCH_NATS = (2.0, 9.0)
+"""... and for the number of places that were searched, by narrow and wide window."""
+LEAST_SCORE = 0.3
+"""Score of a search below which nothing was found."""
+DEVIATIONS, LEAST_WINDOW, LARGEST_WINDOW = 6.0, (0.1, 0.05), (1.0, 0.6)
+"""Window of a search about the place by odometry, in deviations of it, and its bounds [m], [rad]."""
+OPTIMISE_INTERVAL, OPTIMISE_SHARE = 10, 0.005
+"""The graph is optimised after so many nodes, or such a share of all: the time for a scan stays bounded."""
+STALE_METRES = 0.004
+"""A submap is drawn again once one of its scans has moved so far [m], half a radian counting as a metre."""
+REDRAWN_METRES = 0.005
+"""The same for the map."""
 
 
-class PoseGraphMapper(ParticleFilter):
-    """Mode ``pose_graph``: a filter of one particle whose path and map are corrected by loop closures.
-
-    See :class:`slamgym.slam.mapper.Mapper` for the methods.
-    """
+class PoseGraphMapper(Mapper):
+    """Mode ``pose_graph``; see :class:`slamgym.slam.mapper.Mapper` for the methods."""
 
     def __init__(
         self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
     ) -> None:
-        super().__init__(config, geometry, initial_pose, rng)
-        self._settings = config.pose_graph
-        # Pose, end points and their number, and which processed scan each node is.
-        self._nodes = Columns(
-            {"counts": np.int64, "steps": np.int64}, poses=(3,), points=(geometry.num_beams, 2), counts=(), steps=()
+        del rng  # nothing is random here
+        super().__init__(config, geometry)
+        self._start = np.array(initial_pose, dtype=np.float64)
+        beams = geometry.num_beams
+        self._scans = Columns(
+            {"counts": np.int64, "ranges": np.float32},
+            stamps=(), counts=(), points=(beams, 2), sides=(beams, 3), ranges=(beams,),
         )  # fmt: skip
-        self._steps: list[Closure] = []  # edges between successive nodes
-        self._wheels = WheelTurns()
-        self._closures: list[Closure] = []
-        self._pending: list[Closure] = []
-        self._rejected = 0
-        self._last_optimised = 0
-        self._stale = False
+        self._reach = min(self._beams.usable, MATCH_RANGE) + SUBMAP_METRES + 1.0
+        self._submaps: list[Submap] = []
+        self._graph = PoseGraph()
+        self._loops = LoopCloser(config.pose_graph)
+        self._consistency = Consistency(geometry)
+        self._drawn_poses = np.zeros((0, 3))
+        self._suspicion = 0.0  # against the odometry, of the scans since one fitted well
 
-    def _num_bytes(self) -> int:
-        return super()._num_bytes() + self._nodes.num_bytes
+    # --- what others ask ---
+
+    @property
+    def pose(self) -> Pose2D:
+        """The newest node's pose, moved on by the odometry since."""
+        newest = self._graph.poses[-1] if len(self._graph) else self._start
+        return compose(Pose2D(*newest.tolist()), self._gate.since_processed)
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (3, 3) of the newest node relative to the first."""
+        return self._graph.covariance
+
+    def trajectory(self) -> Trajectory:
+        """The path, as corrected until now."""
+        return Trajectory(self._scans["stamps"].copy(), self._graph.poses.copy())
 
     def report(self) -> dict[str, Any]:
         """Entries that this mode adds to a summary."""
-        return {"loop_closures": len(self._closures), "loop_closures_rejected": self._rejected}
+        return {"loop_closures": self._loops.closed, "loop_closures_rejected": self._loops.rejected}
+
+    def _num_bytes(self) -> int:
+        submaps = sum(submap.num_bytes for submap in self._submaps)
+        return self._scans.num_bytes + self._graph.num_bytes + submaps
 
     def finish(self) -> None:
-        """Match all nodes with their neighbours once more, now that their places are known, and optimise."""
+        """Optimise once more, and judge the whole map."""
         begin = time.process_time()
-        self._optimise()
-        for final in range(self._settings.final_passes):
-            # The first pass still searches; after it the scans lie so close that alignment alone finds them.
-            window = FINAL_WINDOW if final == 0 else (0.0, 0.0)
-            self._closures = []
-            driven = np.concatenate([[0.0], np.cumsum(_lengths(self._places))])
-            for node in range(len(self._nodes)):
-                for candidate in self._candidates(node, np.abs(driven - driven[node])):
-                    closure = self._close(node, LoopCandidate(candidate.node, *window), FINAL_FIT)
-                    if closure is not None:
-                        self._closures.append(closure)
-            self._stale = True
-            self._optimise(iterations=15, tolerance=1e-4)
-            self._drop_false_closures()
+        if len(self._graph) > 1:
+            self._optimise(15)
+            self._judge(range(len(self._submaps)))
         self._grid = None
         self._stats.cpu_seconds += time.process_time() - begin
 
-    @property
-    def _places(self) -> FloatArray:
-        """Poses of the nodes (N, 3); they may be written to."""
-        return self._nodes["poses"]
-
-    def _seen_from(self, node: int, pose: FloatArray) -> FloatArray:
-        """A pose (3,) in the frame of a node."""
-        return relative_poses(self._places[[node]], pose[None])[0]
-
     # --- one scan ---
 
-    def _predict(self, increments: FloatArray) -> tuple[float, float]:
-        self._wheels.move(increments)
-        return super()._predict(increments)
+    def _process(self, scan: LaserScan) -> None:
+        increments = self._gate.take(scan.stamp)
+        step = self._graph.wheels.step(increments)
+        points = usable_end_points(scan.ranges, plain(self._beams), MATCH_RANGE)
+        sides = sides_of(points, np.array(self._beams.mount[:2]))
+        if len(self._graph) == 0:
+            self._begin(step, points, sides)
+        elif len(points) < LEAST_POINTS:
+            self._graph.append(self._predicted(step), step, self._information(step))
+        else:
+            self._place(step, points, sides)
+        self._remember(scan, step, points, sides)
+        if self._loops.is_due(self._graph):
+            closures = self._loops.close(self._graph, self._submaps, self._choose)
+            for closure in closures:
+                self._graph.tie(closure)
+            if closures:
+                self._optimise(4, is_closing=True)
+        interval = max(OPTIMISE_INTERVAL, OPTIMISE_SHARE * len(self._graph))
+        if len(self._graph) - self._graph.optimised >= interval:
+            self._optimise(2)
 
-    def _resettle(
-        self, increments: FloatArray, predicted: FloatArray, points: FloatArray, share: float
-    ) -> float:
-        """Search a wide window round the prediction for a scan that fits poorly where it was matched.
+    def _begin(self, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
+        """Make the first node, on an older map if there is one."""
+        if self._known is not None:
+            surfaces, unknown = known_surfaces(self._known), np.zeros((3, 3))
+            older = Chosen([known_submap(surfaces, self._start)], self._start[None])
+            self._start = older.align(points, sides, self._start, self._start, unknown).pose
+            self._submaps.append(known_submap(surfaces, self._start))
+        self._submaps.append(Submap(0, self._reach))
+        self._graph.append(self._start, step, np.zeros((3, 3)))
 
-        Odometry may have lied: wheels that slip, a robot that was lifted, lost messages. Then its learned errors say
-        nothing, and the window is that of GMapping's generous motion noise.
-        """
-        if len(self._nodes) == 0:
-            return share
-        distance = float(np.hypot(increments[:, 0], increments[:, 1]).sum())
-        turn = float(np.abs(increments[:, 2]).sum())
-        srr, srt, str_, stt = self._noise
-        sigma, sigma_turn = srr * distance + str_ * turn, srt * distance + stt * turn
-        window = (WIDE_WINDOW[0] + 2.0 * sigma, WIDE_WINDOW[1] + 2.0 * sigma_turn)
-        last = len(self._nodes) - 1
-        members = np.arange(max(0, last + 1 - self._settings.local_nodes), last + 1)
-        guess = self._seen_from(last, predicted)
-        prior = np.diag(1.0 / np.square([sigma + 0.05, sigma + 0.05, sigma_turn + 0.02]))
-        match = self._match(points, last, members, guess, prior, *window, least=0.3)
-        if match is None:
-            return share
-        placed = np.array(compose(Pose2D(*self._places[last]), Pose2D(*match.pose)))
-        free = self._align_freely(placed, points)
-        if free[3] / len(points) < share + BETTER_SHARE:
-            return share
-        self._poses[0] = free[:3]
-        self._stats.recovered_matches += 1
-        return float(free[3] / len(points))
+    def _predicted(self, step: WheelStep) -> FloatArray:
+        return moved_by(self._graph.poses[-1], self._graph.wheels.expected(step))
 
-    def _add_node(self, scan: LaserScan, pose: FloatArray) -> None:
-        """Make the scan just processed a node, bound to the one before by matching and by odometry."""
-        node = len(self._nodes)
-        if node > 0:
-            variances = self._uncertainty.variances
-            information = np.diag(1.0 / (variances[[0, 0, 1]] + np.square(ODOMETRY_FLOOR)))
-            if self._match_covariance is not None:
-                covariance = turned_covariance(self._match_covariance, -float(self._places[-1, 2]))
-                information = information + np.linalg.inv(covariance + np.diag(np.square(MATCH_FLOOR)))
-            self._steps.append(Closure(node - 1, node, self._seen_from(node - 1, pose), information))
-        self._wheels.append()
-        points = self._usable_points(scan.ranges, MATCH_RANGE)
-        self._nodes.append(poses=pose, counts=len(points), steps=len(self._tree) - 1)
-        self._nodes["points"][-1, : len(points)] = points
-        self._uncertainty.append(pose, self._match_covariance)
-        if node % LOOP_INTERVAL == 0:
-            self._close_loops(node)
-        if self._stale and node - self._last_optimised > OPTIMISE_INTERVAL:
-            self._optimise()
+    def _information(self, step: WheelStep) -> FloatArray:
+        """Information (3, 3) of the predicted pose, in the map frame."""
+        return turned_matrix(self._graph.wheels.information(step), float(self._graph.poses[-1, 2]))
 
-    def _match(
-        self,
-        points: FloatArray,
-        reference: int,
-        members: IntArray,
-        guess: FloatArray,
-        prior_info: FloatArray,
-        window: float,
-        turn: float,
-        least: float,
-    ) -> NodeMatch | None:
-        """Search a scan's end points in a local map of ``members``, in the frame of ``reference``.
+    def _place(self, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
+        """Find where a scan was taken, and make it a node with its edges."""
+        predicted, known = self._predicted(step), self._information(step)
+        newest = list(range(max(0, len(self._submaps) - 2), len(self._submaps)))
+        old = list(range(newest[0]))
+        numbers = newest + self._overlapping(predicted, points, sides, old, MOST_SUBMAPS - len(newest))
+        chosen = self._choose(numbers)
+        placed = chosen.align(points, sides, predicted, predicted, known)
+        if len(points) >= FEW_POINTS:
+            placed = self._second_opinion(chosen, points, sides, predicted, known, placed)
+        matches = self._matches(len(self._graph), numbers, placed)
+        information = known
+        for match in matches:
+            information = information + turned_matrix(
+                match.information, float(self._graph.poses[match.old, 2])
+            )
+        self._graph.append(placed.pose, step, information)
+        for match in matches:
+            self._graph.tie(match, is_sure=match.old >= self._submaps[newest[0]].first)
 
-        A window of zero skips the search: the scan is aligned from the guess. So it is where the search finds
-        nothing that fits clearly better. None if two places fit alike.
-        """
-        if len(points) < FEW_POINTS:
-            return None
-        poses = self._places
-        relative = relative_poses(np.broadcast_to(poses[reference], (len(members), 3)), poses[members])
-        radius = float(np.hypot(points[:, 0], points[:, 1]).max()) + window
-        local = make_local_map(self._nodes["points"], self._nodes["counts"], members, relative, guess, radius)
-        near = align_node(local, points, guess, guess, prior_info)
-        if window == 0.0:
-            return near
-        start, score = search(local, points, guess, window, turn, least)
-        if score <= least:
-            return near
-        far = align_node(local, points, start, guess, prior_info)
-        if far.fit < near.fit + BETTER_SHARE:
-            return near
-        if np.hypot(*(start - guess)[:2]) > AMBIGUOUS_METRES:
-            nearly = score - AMBIGUOUS_SCORE
-            _, second = search(local, points, guess, window, turn, nearly, start)
-            if second > nearly:
-                return None
-        return far
-
-    # --- loops ---
-
-    def _candidates(self, node: int, distances: FloatArray) -> list[LoopCandidate]:
-        return find_candidates(self._places, node, distances, self._settings, MOST_CANDIDATES)
-
-    def _close_loops(self, node: int) -> None:
-        """Look for places seen before, in windows as large as the drift may be by now."""
-        for candidate in self._candidates(node, self._distances(node)):
-            closure = self._close(node, candidate, LOOP_FIT)
-            if closure is None:
-                continue
-            chi2 = self._disagreement(closure)
-            if chi2 > AGREEING_CHI2:
-                self._rejected += 1
-                continue
-            if candidate.window <= TRUSTED_WINDOW and chi2 < EXPECTED_CHI2:
-                self._accept([closure])
-                continue
-            allies = [other for other in self._pending if agree(closure, other, self._places)]
-            self._pending.append(closure)
-            if len(allies) >= AGREEING and self._driven_since(allies) >= AGREEING_METRES:
-                self._accept([closure, *allies])
-                self._pending.clear()
-
-    def _ties(self) -> Iterator[tuple[int, int, FloatArray]]:
-        """The closures with their covariances in the map frame."""
-        for closure in self._closures:
-            covariance = np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(MATCH_FLOOR))
-            yield closure.old, closure.new, turned_covariance(covariance, float(self._places[closure.old, 2]))
-
-    def _driven_since(self, closures: list[Closure]) -> float:
-        """Distance that the robot drove since the first of some closures was found [m]."""
-        first = min(closure.new for closure in closures)
-        return float(_lengths(self._places[first:]).sum())
-
-    def _disagreement(self, closure: Closure) -> float:
-        """Chi-squared of a closure with the newest node, given how far off the path may be."""
-        error = closure.measured - self._seen_from(closure.old, self._places[closure.new])
-        error[2] = wrap_angle(error[2])
-        between = self._uncertainty.between(closure.old, closure.new)
-        covariance = turned_covariance(between, -float(self._places[closure.old, 2]))
-        covariance += np.linalg.inv(closure.information + np.eye(3)) + np.diag(np.square(CLOSURE_FLOOR))
-        return float(error @ np.linalg.solve(covariance, error))
-
-    def _close(self, node: int, candidate: LoopCandidate, least_fit: float) -> Closure | None:
-        old = candidate.node
-        low, high = max(0, old - NEIGHBOURS), min(len(self._nodes), old + NEIGHBOURS + 1)
-        members = np.arange(low, high)
-        members = members[np.abs(members - node) > self._settings.local_nodes]
-        guess = self._seen_from(old, self._places[node])
-        points = self._nodes["points"][node, : self._nodes["counts"][node]]
-        least = least_fit - 0.15  # the search's score is a little lower than the fit after alignment
-        match = self._match(points, old, members, guess, np.zeros((3, 3)), *candidate[1:], least)
-        if match is None or match.fit < least_fit:
-            return None
-        return Closure(old, node, match.pose, match.information)
-
-    def _accept(self, closures: list[Closure]) -> None:
-        self._closures += closures
-        self._stale = True
-        self._uncertainty.follow(self._places, self._ties())
-        urgent = chi_squared(self._places, _edges([], closures)) > URGENT_CHI2
-        if urgent.any() and len(self._nodes) - self._last_optimised > 5:
-            self._optimise()
-
-    def _distances(self, node: int) -> FloatArray:
-        """Length of the shortest path to every node along successive nodes and closed loops [m]."""
-        steps = _lengths(self._places) + 1e-3
-        first = np.arange(len(steps))
-        ends = np.array([closure[:2] for closure in self._closures], dtype=np.int64).reshape(-1, 2)
-        first, second = np.vstack([np.column_stack([first, first + 1]), ends]).T
-        lengths = np.concatenate([steps, np.full(len(ends), LOOP_EDGE_LENGTH)])
-        return graph_distances(first, second, lengths, len(self._nodes), node)
-
-    def _optimise(self, iterations: int = 10, tolerance: float = 1e-3) -> None:
-        self._last_optimised = len(self._nodes)
-        if not self._stale:
-            return
-        self._stale = False
-        edges = _edges([*self._steps, *self._wheel_edges()], self._closures)
-        poses = self._places
-        width = float(chi_squared(poses, edges)[edges.robust].max(initial=0.0))
-        # Graduated: what may pull shrinks from "anything" to the robust width, so that a large true
-        # correction isn't taken for a false one.
-        while width > ROBUST_WIDTH:
-            poses = optimise(poses, edges, width, 8, 1e-3)
-            width = min(width * 0.1, float(chi_squared(poses, edges)[edges.robust].max(initial=0.0)))
-        self._relocate(optimise(poses, edges, ROBUST_WIDTH, iterations, tolerance))
-
-    def _wheel_edges(self) -> list[Closure]:
-        """Turns between nodes by the odometry as the whole path shows it; none where they'd be no help."""
-        if self._calibration is None or self._beams.usable >= SHORT_RANGE or not self._steps:
+    def _overlapping(
+        self, pose: FloatArray, points: FloatArray, sides: FloatArray, numbers: list[int], most: int
+    ) -> list[int]:
+        """Those of some submaps whose surfaces a scan at a pose sees, the best first."""
+        if not numbers:
             return []
-        matched = np.array([edge.measured[2] for edge in self._steps])
-        variances = np.linalg.inv(np.array([edge.information for edge in self._steps]))[:, 2, 2]
-        turns, information = self._wheels.between(self._places, matched, variances)
-        return [
-            Closure(node, node + 1, np.array([0.0, 0.0, turn]), np.diag([0.0, 0.0, known]))
-            for node, (turn, known) in enumerate(zip(turns.tolist(), information.tolist(), strict=True))
+        submaps = [self._submaps[number] for number in numbers]
+        frames = self._graph.poses[[submap.first for submap in submaps]]
+        centres = np.array([submap.centre for submap in submaps])
+        cos, sin = np.cos(frames[:, 2]), np.sin(frames[:, 2])
+        x = frames[:, 0] + cos * centres[:, 0] - sin * centres[:, 1]
+        y = frames[:, 1] + sin * centres[:, 0] + cos * centres[:, 1]
+        middle = moved_by(pose, np.array([*points.mean(axis=0), 0.0]))
+        away = np.hypot(x - middle[0], y - middle[1])
+        near = np.argsort(away, kind="stable")[:MOST_TRIED]
+        known = [
+            numbers[index]
+            for index in near
+            if away[index] < self._reach and self._graph.is_tied(submaps[index].first)
         ]
+        found: list[tuple[float, int]] = []
+        for begin in range(0, len(known), MOST_SUBMAPS):
+            some = known[begin : begin + MOST_SUBMAPS]
+            shares = self._choose(some).hits(points, sides, pose, OVERLAP_STRIDE).tolist()
+            found += [(-share, number) for share, number in zip(shares, some, strict=True) if share > OVERLAP]
+        return [number for _, number in sorted(found)[:most]]
 
-    def _drop_false_closures(self) -> None:
-        chi2 = chi_squared(self._places, _edges([], self._closures))
-        kept = [closure for closure, value in zip(self._closures, chi2, strict=True) if value < FALSE_CHI2]
-        self._rejected += len(self._closures) - len(kept)
-        self._closures = kept
+    def _choose(self, numbers: list[int]) -> Chosen:
+        """Submaps as they are now: drawn again where their scans have moved."""
+        for number in numbers:
+            submap = self._submaps[number]
+            if submap.checked < self._graph.optimisations and not submap.is_older_map:
+                submap.checked = self._graph.optimisations
+                self._draw_again(submap)
+        poses = self._graph.poses
+        submaps = [self._submaps[number] for number in numbers]
+        return Chosen(submaps, poses[[submap.first for submap in submaps]])
 
-    # --- path and map ---
+    def _draw_again(self, submap: Submap) -> None:
+        """Draw a submap again if its scans have moved in its frame."""
+        first, count = submap.first, len(submap.poses)
+        poses = self._graph.poses[first : first + count]
+        now = relative_poses(np.broadcast_to(poses[0], poses.shape), poses)
+        if float((np.abs(now - np.array(submap.poses)) * (1.0, 1.0, 2.0)).sum(axis=1).max()) < STALE_METRES:
+            return
+        submap.clear()
+        for node, pose in enumerate(now, first):
+            submap.add(pose, *self._scan(node))
 
-    def _relocate(self, poses: FloatArray) -> None:
-        """Move the nodes to ``poses``, the scans between them along, and make the map again from there."""
-        old = self._tree.poses_along(np.zeros(len(self._tree), dtype=np.int64))
-        self._places[:] = poses
-        self._uncertainty.follow(self._places, self._ties())
-        corrected = poses_between(poses, self._nodes["steps"], old)
-        self._tree["poses"][:, 0] = corrected
-        self._poses[0] = corrected[-1]
-        self._new_particle_maps()
-        for step, ranges in enumerate(self._tree["ranges"]):
-            points = self._usable_points(ranges)
-            self._maps.cover(corrected[step : step + 1], farthest(points) + MATCH_MARGIN)
-            self._maps.register(corrected[step : step + 1], points)
-        self._new_map()
-        self._lineage = np.zeros(0, dtype=np.int64)
-        self._drawn_poses = np.zeros((0, 3))
-        self._grid = None
+    def _scan(self, node: int) -> tuple[FloatArray, FloatArray]:
+        count = self._scans["counts"][node]
+        return self._scans["points"][node, :count], self._scans["sides"][node, :count]
+
+    def _second_opinion(
+        self,
+        chosen: Chosen,
+        points: FloatArray,
+        sides: FloatArray,
+        predicted: FloatArray,
+        known: FloatArray,
+        placed: Placed,
+    ) -> Placed:
+        """Search round the predicted pose for a place that explains a scan better than where it was aligned."""
+        if placed.fit >= GOOD_FIT:
+            self._suspicion = 0.0
+        covariance = inverted(known)
+        spreads = math.sqrt(max(covariance[0, 0], covariance[1, 1])), math.sqrt(covariance[2, 2])
+        reach = float(np.hypot(points[:, 0], points[:, 1]).max())
+        last = self._graph.poses[-1]
+        for centre, is_wide in ((predicted, False), (predicted, True), (last, True)):
+            if placed.fit >= (POOR_FIT if is_wide else GOOD_FIT):
+                break
+            window, turn = (
+                most if is_wide else min(max(DEVIATIONS * spread, fine), most)
+                for spread, fine, most in zip(spreads, LEAST_WINDOW, LARGEST_WINDOW, strict=True)
+            )
+            start, score = centre, 1.0
+            if (window, turn) != LEAST_WINDOW:  # else an alignment finds it by itself
+                start, score = SearchWindow(chosen, centre, window, turn, reach).search(
+                    points, sides, LEAST_SCORE
+                )
+            if score <= LEAST_SCORE:
+                continue
+            far = chosen.align(points, sides, start, predicted, 0.0 * known)
+            x, y, angle = np.abs(far.pose - centre)
+            strays = max(x, y) > window + LEAST_WINDOW[0] or abs(wrap_angle(angle)) > turn + LEAST_WINDOW[1]
+            gain = (far.fit - placed.fit) * len(points) * POINT_NATS - SEARCH_NATS[is_wide]
+            self._suspicion += max(gain, 0.0)
+            lie = LIE_NATS if is_wide else max(LIE_NATS, SUSPICION - self._suspicion)
+            if not strays and gain > min(_half_chi2(far.pose, predicted, known), lie):
+                placed = far
+                self._stats.recovered_matches += 1
+        return placed
+
+    def _matches(self, node: int, numbers: list[int], placed: Placed) -> list[Match]:
+        """What each submap says of a node's place."""
+        matches = []
+        for index, number in enumerate(numbers):
+            if placed.bound.hits[index] < 2 * LEAST_POINTS:
+                continue
+            old = self._submaps[number].first
+            matches.append(
+                match_with(self._graph.poses, old, node, placed.pose, placed.bound.sums[index], len(numbers))
+            )
+        return matches
+
+    def _remember(self, scan: LaserScan, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
+        """Keep the newest node's scan, and draw it into the newest submap."""
+        node, count = len(self._graph) - 1, len(points)
+        submap = self._submaps[-1]
+        submap.size += float(np.hypot(step.moved[0], step.moved[1])) / SUBMAP_METRES
+        submap.size += abs(float(step.moved[2])) / SUBMAP_RADIANS
+        if submap.size > 1.0 and len(submap.poses) >= SUBMAP_SCANS:
+            submap.close()
+            self._judge([len(self._submaps) - 1])
+            submap = Submap(node, self._reach)
+            self._submaps.append(submap)
+        if self._stats.doubtful[-1:] == [self._stats.last_stamp]:
+            self._stats.doubtful.append(scan.stamp)  # until this submap is judged, too
+        submap.add(seen_from(self._graph.poses[submap.first], self._graph.poses[node]), points, sides)
+        self._scans.append(stamps=scan.stamp, counts=count, ranges=scan.ranges)
+        self._scans["points"][-1, :count], self._scans["sides"][-1, :count] = points, sides
+
+    def _judge(self, numbers: Iterable[int]) -> None:
+        """Say which scans are in doubt, after some submaps were held against those before."""
+        for number in numbers:
+            self._consistency.judge(number, self._submaps, self._graph, self._scans["ranges"])
+        self._stats.doubtful, self._stats.broken = self._consistency.stamps(self._scans["stamps"])
+
+    # --- the whole path ---
+
+    def _optimise(self, iterations: int, is_closing: bool = False) -> None:
+        anchors = sorted({submap.first for submap in self._submaps})
+        self._graph.optimise(anchors, iterations, is_closing)
+
+    def _draw_path(self) -> None:
+        """Draw the scans that are new, and again those that have moved."""
+        poses, drawn, ranges = self._graph.poses, len(self._drawn_poses), self._scans["ranges"]
+        away = np.abs(poses[:drawn] - self._drawn_poses)
+        moved = np.flatnonzero((away * (1.0, 1.0, 2.0)).sum(axis=1) > REDRAWN_METRES)
+        self._map.draw(self._drawn_poses[moved], ranges[moved], sign=-1)
+        again = np.concatenate([moved, np.arange(drawn, len(poses))])
+        self._map.draw(poses[again], ranges[again])
+        self._drawn_poses = np.concatenate([self._drawn_poses, poses[drawn:]])
+        self._drawn_poses[moved] = poses[moved]
 
 
-def _lengths(poses: FloatArray) -> FloatArray:
-    """Distances between successive poses (N, 3), (N - 1,) [m]."""
-    return np.asarray(np.hypot(*np.diff(poses[:, :2], axis=0).T), dtype=np.float64)
-
-
-def _edges(steps: list[Closure], closures: list[Closure]) -> Edges:
-    together = [*steps, *closures]
-    return Edges(
-        first=np.array([edge.old for edge in together], dtype=np.int64),
-        second=np.array([edge.new for edge in together], dtype=np.int64),
-        measured=np.array([edge.measured for edge in together], dtype=np.float64).reshape(-1, 3),
-        information=np.array([edge.information for edge in together], dtype=np.float64).reshape(-1, 3, 3),
-        robust=np.arange(len(together)) >= len(steps),
-    )
+def _half_chi2(pose: FloatArray, expected: FloatArray, known: FloatArray) -> float:
+    """Half of the squared Mahalanobis distance of a pose from the expected one."""
+    away = pose - expected
+    away[2] = wrap_angle(float(away[2]))
+    return 0.5 * float(((known * away).sum(axis=1) * away).sum())

@@ -1,27 +1,22 @@
 """Recorded logs on a finished map: localised, or going on with it."""
 
-import dataclasses
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.geometry import between, compose, inverse
-from slamgym.core.types import OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.geometry import compose, inverse
+from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import LocalizationConfig, SlamConfig
-from slamgym.slam.graph.solver import turned_covariance
+from slamgym.slam.graph.relative import turned_matrix
 from slamgym.slam.localization.hypothesis import Belief
 from slamgym.slam.localization.localizer import MapLocalizer
-from slamgym.slam.motion_model import poses_between
 from slamgym.slam.replay import OlderMap, OnScan, ReplayResult, replay
 
-KNOWN_SPREAD, KNOWN_TURN = 0.1, 0.05
-"""Spread round the place at which the robot was sure of itself, when it is followed back from there [m], [rad]."""
-SURE_DISTANCE, SURE_FIT = 4.0, 0.7
-"""Before an old map is drawn on, the robot must have driven so far with one place certain [m], and so much of its scans
-must be explained: a mistake would spoil the map."""
+SURE_DISTANCE = 4.0
+"""Before an old map is drawn on, a place must have led for so long [m]: a mistake would spoil the map."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +38,6 @@ def localize_log(
     grid: OccupancyGrid,
     placement: Pose2D,
     config: LocalizationConfig,
-    rng: np.random.Generator,
     initial_pose: Pose2D | None = None,
 ) -> LocalizationResult:
     """Localise every scan of a log.
@@ -53,57 +47,42 @@ def localize_log(
         grid: The map.
         placement: Of the grid's frame in the map's, for a map that is turned; else zero.
         config: Settings.
-        rng: Source of all randomness.
         initial_pose: Where the robot starts in the map's frame, if that is known.
     """
     start = None if initial_pose is None else compose(inverse(placement), initial_pose)
-    localizer = _localizer(log, grid, config, rng, start)
+    localizer = _localizer(log, grid, config, start)
     beliefs: list[Belief] = []
     processed: list[int] = []
+    path: list[list[float]] = []
     for index, record in enumerate(log):
         if localizer.update(record.odometry, record.scan):
             beliefs.append(_placed(localizer.belief, placement))
             processed.append(index)
-    trajectory = _trajectory(log, beliefs, processed)
-    return LocalizationResult(beliefs, processed, trajectory, localizer.searches, localizer.stats.cpu_seconds)
+        if localizer.belief.state == "localised":
+            path.append([record.stamp, *compose(placement, localizer.pose)])
+    stamps, poses = np.hsplit(np.array(path).reshape(-1, 4), [1])
+    searches, cpu_seconds = localizer.report()["searches"], localizer.stats.cpu_seconds
+    return LocalizationResult(beliefs, processed, Trajectory(stamps[:, 0], poses), searches, cpu_seconds)
 
 
 def _localizer(
-    log: Log,
-    grid: OccupancyGrid,
-    config: LocalizationConfig,
-    rng: np.random.Generator,
-    start: Pose2D | None = None,
+    log: Log, grid: OccupancyGrid, config: LocalizationConfig, start: Pose2D | None = None
 ) -> MapLocalizer:
     """A localizer for a log, from a known start or none."""
-    config = dataclasses.replace(config, start="global" if start is None else "known")
+    config = replace(config, start="global" if start is None else "known")
     mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
-    mapping = dataclasses.replace(mapping, localization=config)
-    return MapLocalizer(mapping, log.geometry, start or Pose2D(0.0, 0.0, 0.0), rng, grid)
+    mapping = replace(mapping, localization=config)
+    unused = np.random.default_rng(0)
+    return MapLocalizer(mapping, log.geometry, start or Pose2D(0.0, 0.0, 0.0), unused, grid)
 
 
 def _placed(belief: Belief, placement: Pose2D) -> Belief:
     """A belief in the frame of a map that is turned."""
-    if placement == Pose2D(0.0, 0.0, 0.0):
-        return belief
     return belief._replace(
         pose=compose(placement, belief.pose),
-        covariance=turned_covariance(belief.covariance, placement.theta),
+        covariance=turned_matrix(belief.covariance, placement.theta),
         hypotheses=tuple((compose(placement, pose), weight) for pose, weight in belief.hypotheses),
     )
-
-
-def _trajectory(log: Log, beliefs: Sequence[Belief], processed: Sequence[int]) -> Trajectory:
-    """Poses of the scans between successive localised ones, by odometry fitted to both."""
-    stamps, odometry, _ = dataclasses.replace(log, recorded_track=None).track
-    poses = np.array([belief.pose for belief in beliefs], dtype=np.float64).reshape(-1, 3)
-    known = np.array([belief.state == "localised" for belief in beliefs], dtype=bool)
-    if not known.any():
-        return Trajectory(np.zeros(0), np.zeros((0, 3)))
-    filled = poses_between(poses, np.array(processed), odometry)
-    after = np.searchsorted(processed, np.arange(len(stamps)), side="right") - 1
-    inside = known[np.maximum(after, 0)] & (after >= 0)
-    return Trajectory(stamps[inside], filled[inside])
 
 
 def continue_map(
@@ -127,25 +106,25 @@ def continue_map(
         raise ConfigError(
             f"--resolution is {config.resolution} m, but the map to continue has cells of {step} m; leave it out"
         )
-    start = first_pose(log, grid, config.localization, rng)
+    start = first_pose(log, grid, config.localization)
     # Maps of others may lie between the cells of our lattice: mapping is done on it, and what comes out moved back.
-    columns, rows = round(grid.frame.origin_x / step), round(grid.frame.origin_y / step)
-    away_x, away_y = grid.frame.origin_x - columns * step, grid.frame.origin_y - rows * step
-    frame = grid.frame._replace(origin_x=columns * step, origin_y=rows * step)
-    shifted = Pose2D(start.x - away_x, start.y - away_y, start.theta)
-    older = OlderMap(OccupancyGrid(grid.cells, frame), shifted)
+    corner = np.array([grid.frame.origin_x, grid.frame.origin_y, 0.0])
+    away = corner - step * np.round(corner / step)
+    older = OlderMap(_moved(grid, -away), Pose2D(*(np.array(start) - away).tolist()))
     result = replay(log, config, rng, on_scan, older)
-    new, away = result.grid.frame, np.array([away_x, away_y, 0.0])
-    kept = new._replace(origin_x=new.origin_x + away_x, origin_y=new.origin_y + away_y)
     paths = result.processed, result.trajectory, result.moments
     processed, trajectory, moments = (Trajectory(path.stamps, path.poses + away) for path in paths)
-    moved = OccupancyGrid(result.grid.cells, kept)
-    return dataclasses.replace(
-        result, grid=moved, processed=processed, trajectory=trajectory, moments=moments
-    )
+    moved = _moved(result.grid, away)
+    return replace(result, grid=moved, processed=processed, trajectory=trajectory, moments=moments)
 
 
-def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: np.random.Generator) -> Pose2D:
+def _moved(grid: OccupancyGrid, by: FloatArray) -> OccupancyGrid:
+    frame = grid.frame
+    origin_x, origin_y = frame.origin_x + float(by[0]), frame.origin_y + float(by[1])
+    return OccupancyGrid(grid.cells, frame._replace(origin_x=origin_x, origin_y=origin_y))
+
+
+def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig) -> Pose2D:
     """Find where on a map the first scan of a log was taken.
 
     The log is followed until the robot is sure of itself, and from there back to its beginning.
@@ -153,26 +132,17 @@ def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig, rng: n
     Raises:
         SlamgymError: If it never is.
     """
-    strict = dataclasses.replace(
-        config,
-        confirm_distance=max(config.confirm_distance, SURE_DISTANCE),
-        minimum_fit=max(config.minimum_fit, SURE_FIT),
-    )
-    ahead = _localizer(log, grid, strict, rng)
+    strict = replace(config, confirm_distance=max(config.confirm_distance, SURE_DISTANCE))
+    ahead = _localizer(log, grid, strict)
     processed = (i for i, record in enumerate(log.records) if ahead.update(record.odometry, record.scan))
     found = next((index for index in processed if ahead.belief.state == "localised"), None)
     if found is None:
         raise SlamgymError(
             f"{log.source}: never finds itself on the map to continue (at the end: {ahead.belief.state}, "
-            f"{ahead.belief.fit:.0%} of the beams explained); drive at least {SURE_DISTANCE:g} m in the "
+            f"{ahead.belief.fit:.0%} of the beams explained); drive at least {strict.confirm_distance:g} m in the "
             "mapped part of the same building, or map the log anew without --continue"
         )
-    near = dataclasses.replace(config, initial_spread=KNOWN_SPREAD, initial_turn=KNOWN_TURN)
-    back = _localizer(log, grid, near, rng, ahead.pose)
-    place, pose = found, ahead.pose
-    for earlier in range(found, -1, -1):
-        record = log.records[earlier]
+    back = _localizer(log, grid, config, ahead.pose)
+    for record in log.records[found::-1]:
         back.update(record.odometry, record.scan)
-        if back.belief.state == "localised":
-            place, pose = earlier, back.pose
-    return compose(pose, between(log.records[place].odometry, log.records[0].odometry))
+    return back.pose

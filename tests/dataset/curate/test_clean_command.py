@@ -24,7 +24,7 @@ from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import write_ros_map
 from slamgym.slam import SlamConfig
 
-QUICK = EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(particles=4)))
+QUICK = EpisodeConfig(minutes=0.2, env=ExploreConfig(slam=SlamConfig(mode="ground_truth")))
 
 
 class Plans:

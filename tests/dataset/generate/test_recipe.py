@@ -224,7 +224,7 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
     applied = apply_conditions(EpisodeConfig(), drawn[0])
     assert applied.env.lidar.surfaces.mirrors == drawn[0]["lidar.surfaces.mirrors"]
     assert len({draw["turn_deg"] for draw in drawn}) > 100
-    assert 0.3 < sum("slam.matcher" in draw for draw in drawn) / 200 < 0.7
+    assert 0.3 < sum(draw["slam.mode"] == "rbpf" for draw in drawn) / 200 < 0.7
 
 
 def test_an_exploration_by_the_real_recipe_is_the_same_again():

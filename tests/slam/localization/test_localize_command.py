@@ -46,7 +46,7 @@ def test_a_log_is_localised_and_all_files_are_written(folder, tmp_path, capsys):
     assert summary["final_pose"][:2] == pytest.approx([4.7, 3.6], abs=0.15)
     lines = [json.loads(line) for line in (tmp_path / "localization.jsonl").read_text().splitlines()]
     assert len(lines) == summary["processed_scans"]
-    assert {"stamp", "state", "pose", "covariance", "fit", "particles", "hypotheses"} == set(lines[0])
+    assert {"stamp", "state", "pose", "covariance", "fit", "hypotheses"} == set(lines[0])
     assert sum(line["state"] == "localised" for line in lines) == summary["states"]["localised"]
     assert 0 < len(read_tum(tmp_path / "trajectory.tum")) < summary["scans"]
     assert cv2.imread(str(tmp_path / "localization.png")).shape[0] > 300
@@ -121,3 +121,8 @@ def test_junk_for_a_map_is_one_clear_error(folder, tmp_path, junk):
                     "0.05",
                 ]
             )
+
+
+def test_a_log_without_odometry_is_one_sentence(folder, tmp_path):
+    with pytest.raises(SlamgymError, match=r"log\.log.*no odometry to use"):
+        run(folder, tmp_path, "--odometry-topic", "none")

@@ -1,0 +1,266 @@
+"""Symmetric sparse systems of 3 x 3 blocks, factorised in the same order of operations on every processor.
+
+An up-looking L D L^T (Davis 2005, *Algorithm 849*) in plain loops. Nodes between two anchors are eliminated first, in
+the order of time: each has few neighbours. The anchors follow by minimum degree, the wheels' errors last.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix, identity
+from scipy.sparse.linalg import splu
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import BoolArray, FloatArray, IntArray
+
+
+class Factor(NamedTuple):
+    """L D L^T in an order of elimination; ``M`` blocks."""
+
+    places: IntArray  # (M,) place of each block in the order
+    starts: IntArray  # (M + 1,) begin of each column of L
+    rows: IntArray  # (nonzeros,)
+    lower: FloatArray  # (nonzeros, 3, 3)
+    inverse: FloatArray  # (M, 3, 3) inverses of D
+
+    def solve(self, right: FloatArray) -> FloatArray:
+        """Solve for right-hand sides (M, 3, K)."""
+        x = np.empty_like(right)
+        x[self.places] = right
+        substitute(self.starts, self.rows, self.lower, self.inverse, x, 0, 0)
+        return x[self.places]
+
+    def covariances(self, block: int, own_only: bool = False) -> FloatArray:
+        """Covariances (M, 3, 3) of every block with one of them, or (3, 3) of that one."""
+        x, place = np.zeros((len(self.places), 3, 3)), int(self.places[block])
+        x[place] = np.eye(3)
+        substitute(self.starts, self.rows, self.lower, self.inverse, x, place, place if own_only else 0)
+        return x[place] if own_only else x[self.places]
+
+
+class BlockLayout(NamedTuple):
+    """Upper triangle by columns, in the order of elimination; its entries are sums of blocks."""
+
+    places: IntArray  # (M,) place of each block of the diagonal in the order
+    starts: IntArray  # (M + 1,) begin of each column
+    rows: IntArray  # (nonzeros,)
+    slots: IntArray  # (blocks,) entry of each block: those off the diagonal, then those on it
+    is_turned: BoolArray  # (blocks,) true if it is transposed there
+
+    def factorise(self, blocks: FloatArray) -> Factor:
+        """Factorise the matrix whose entries are the sums of blocks (blocks, 3, 3)."""
+        entries = np.zeros((len(self.rows), 3, 3))
+        add_blocks(entries, self.slots, self.is_turned, blocks)
+        size = len(self.places)
+        parents, counts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+        find_pattern(self.starts, self.rows, parents, counts)
+        starts = np.concatenate([[0], np.cumsum(counts)])
+        lower, inverse = np.empty((starts[-1], 3, 3)), np.empty((size, 3, 3))
+        rows = np.empty(starts[-1], dtype=np.int64)
+        fill_factor(self.starts, self.rows, entries, parents, starts, rows, lower, inverse)
+        return Factor(self.places, starts, rows, lower, inverse)
+
+
+def make_layout(places: IntArray, first: IntArray, second: IntArray) -> BlockLayout:
+    """Lay out blocks off the diagonal between ``first`` (B,) and ``second`` (B,), and one on it for each place (M,)."""
+    size = len(places)
+    rows, cols = np.append(places[first], places), np.append(places[second], places)
+    keys, slots = np.unique(np.maximum(rows, cols) * size + np.minimum(rows, cols), return_inverse=True)
+    starts = np.searchsorted(keys // size, np.arange(size + 1))
+    return BlockLayout(places, starts, keys % size, slots, rows > cols)
+
+
+def rank_anchors(first: IntArray, second: IntArray, anchors: BoolArray) -> IntArray:
+    """Rank the anchors (A,) for elimination by minimum degree, once the nodes between them are eliminated in time.
+
+    Args:
+        first: (E,) nodes tied to ...
+        second: (E,) ... these: one of them is an anchor, or they follow each other.
+        anchors: (N,) true for nodes with many edges.
+    """
+    count, number = int(anchors.sum()), np.cumsum(anchors) - 1
+    anchor, other = np.where(anchors[first], (first, second), (second, first))
+    anchor, other = anchor[anchors[anchor]], other[anchors[anchor]]
+    # A run of nodes between two anchors is eliminated one after the other: all that they saw become neighbours.
+    run: IntArray = np.cumsum(anchors) - anchors
+    own = np.arange(count)
+    sees = np.concatenate([run[other], own, own + 1]), np.concatenate([number[anchor], own, own])
+    seen = csr_matrix((np.ones(len(sees[0])), sees), shape=(count + 1, count))
+    # Only the order is taken, which depends on the pattern alone.
+    pattern = (seen.T * seen + count * len(sees[0]) * identity(count)).tocsc()
+    ranked = splu(pattern, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    return np.asarray(ranked.perm_c, dtype=np.int64)
+
+
+def elimination_order(anchors: BoolArray, ranks: IntArray) -> IntArray:
+    """Place of each node, and of one more block after them, in the order of elimination, (N + 1,).
+
+    Args:
+        anchors: (N,) true for nodes that are eliminated after the others ...
+        ranks: (A,) ... in this order; those without a rank come last.
+    """
+    places, count = np.arange(len(anchors) + 1), int(anchors.sum())
+    places[:-1] -= np.cumsum(anchors)
+    places[:-1][anchors] = len(anchors) - count + np.append(ranks, np.arange(len(ranks), count))
+    return places
+
+
+@kernel
+def add_blocks(entries: FloatArray, slots: IntArray, is_turned: BoolArray, blocks: FloatArray) -> None:
+    """Add blocks (B, 3, 3) to their entries."""
+    for i in range(len(slots)):
+        entry = entries[slots[i]]
+        for row in range(3):
+            for col in range(3):
+                entry[row, col] += blocks[i, col, row] if is_turned[i] else blocks[i, row, col]
+
+
+@kernel
+def find_pattern(starts: IntArray, rows: IntArray, parents: IntArray, counts: IntArray) -> None:
+    """Find the elimination tree and the entries below the diagonal in each column of L.
+
+    Args:
+        starts: (M + 1,) begin of each column of the upper triangle.
+        rows: (nonzeros,)
+        parents: (M,) receives the parent of each column, -1 for none.
+        counts: (M,) receives the number of its entries.
+    """
+    flags = np.empty(len(parents), dtype=np.int64)
+    for col in range(len(parents)):
+        parents[col], flags[col], counts[col] = -1, col, 0
+        for entry in range(starts[col], starts[col + 1]):
+            row = rows[entry]
+            while row < col and flags[row] != col:
+                if parents[row] == -1:
+                    parents[row] = col
+                counts[row] += 1
+                flags[row] = col
+                row = parents[row]
+
+
+@kernel
+def add_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Add a^T b to ``out``, all (3, 3)."""
+    for row in range(3):
+        for col in range(3):
+            for i in range(3):
+                out[row, col] += a[i, row] * b[i, col]
+
+
+@kernel
+def subtract_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
+    """Subtract a b from ``out`` (3, K), a (3, 3), b (3, K)."""
+    for row in range(3):
+        for col in range(out.shape[1]):
+            out[row, col] -= a[row, 0] * b[0, col] + a[row, 1] * b[1, col] + a[row, 2] * b[2, col]
+
+
+@kernel
+def fill_factor(
+    starts: IntArray,
+    rows: IntArray,
+    entries: FloatArray,
+    parents: IntArray,
+    lower_starts: IntArray,
+    lower_rows: IntArray,
+    lower: FloatArray,
+    inverse: FloatArray,
+) -> None:
+    """Factorise a symmetric positive matrix of 3 x 3 blocks.
+
+    Args:
+        starts: (M + 1,) begin of each column of the upper triangle.
+        rows: (nonzeros,)
+        entries: (nonzeros, 3, 3)
+        parents: From :func:`find_pattern`.
+        lower_starts: (M + 1,) begin of each column of L.
+        lower_rows: (nonzeros of L,) receives the rows.
+        lower: (nonzeros of L, 3, 3) receives the entries.
+        inverse: (M, 3, 3) receives the inverse blocks of D.
+    """
+    size = len(parents)
+    work = np.zeros((size, 3, 3))
+    path, flags = np.empty(size, dtype=np.int64), np.full(size, -1)
+    filled = np.zeros(size, dtype=np.int64)
+    column = np.empty((3, 3))
+    for col in range(size):
+        top = size
+        flags[col] = col
+        for entry in range(starts[col], starts[col + 1]):
+            row = rows[entry]
+            work[row] += entries[entry]
+            length = 0
+            while flags[row] != col:
+                path[length] = row
+                length += 1
+                flags[row] = col
+                row = parents[row]
+            while length > 0:
+                top -= 1
+                length -= 1
+                path[top] = path[length]
+        pivot = work[col].copy()
+        work[col] = 0.0
+        for at in range(top, size):
+            row = path[at]
+            column[:] = work[row]
+            work[row] = 0.0
+            end = lower_starts[row] + filled[row]
+            for entry in range(lower_starts[row], end):
+                target = work[lower_rows[entry]]
+                subtract_product(lower[entry], column, target)
+            lower[end] = 0.0
+            add_product(column, inverse[row], lower[end])
+            subtract_product(lower[end], column, pivot)
+            lower_rows[end] = col
+            filled[row] += 1
+        _invert(pivot, inverse[col])
+
+
+@kernel
+def _invert(a: FloatArray, out: FloatArray) -> None:
+    """Invert a symmetric matrix (3, 3)."""
+    xx, xy, xt = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2], 0.0
+    xt = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
+    determinant = a[0, 0] * xx + a[0, 1] * xy + a[0, 2] * xt
+    yy, yt, tt = (
+        a[0, 0] * a[2, 2] - a[0, 2] ** 2,
+        a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2],
+        a[0, 0] * a[1, 1] - a[0, 1] ** 2,
+    )
+    out[0, 0], out[0, 1], out[0, 2] = xx / determinant, xy / determinant, xt / determinant
+    out[1, 0], out[1, 1], out[1, 2] = out[0, 1], yy / determinant, yt / determinant
+    out[2, 0], out[2, 1], out[2, 2] = out[0, 2], out[1, 2], tt / determinant
+
+
+@kernel
+def substitute(
+    starts: IntArray,
+    rows: IntArray,
+    lower: FloatArray,
+    inverse: FloatArray,
+    x: FloatArray,
+    begin: int,
+    end: int,
+) -> None:
+    """Solve L D L^T x = x in place.
+
+    Args:
+        starts: (M + 1,) begin of each column of L.
+        rows: (nonzeros,)
+        lower: (nonzeros, 3, 3)
+        inverse: (M, 3, 3) inverses of D.
+        x: (M, 3, K) zero before ``begin``.
+        begin: First row of the right-hand side that isn't zero.
+        end: The solution is found from this row on.
+    """
+    scaled = np.empty(x.shape[1:])
+    for col in range(begin, len(x)):
+        for entry in range(starts[col], starts[col + 1]):
+            subtract_product(lower[entry], x[col], x[rows[entry]])
+    for col in range(len(x) - 1, end - 1, -1):
+        scaled[:] = 0.0
+        subtract_product(inverse[col], x[col], scaled)
+        x[col] = -scaled
+        for entry in range(starts[col], starts[col + 1]):
+            subtract_product(lower[entry].T, x[rows[entry]], x[col])

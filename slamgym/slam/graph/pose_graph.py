@@ -1,0 +1,201 @@
+"""The graph: nodes along the path, what the odometry and the laser measured between them, and how well it is known."""
+
+import numpy as np
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import dijkstra
+
+from slamgym.core.jit import plain
+from slamgym.core.portable import inverted
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.slam.columns import Columns
+from slamgym.slam.graph.factor import Factor, elimination_order, rank_anchors
+from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance
+from slamgym.slam.graph.solver import Edges, edge_errors, optimise
+from slamgym.slam.graph.wheels import WheelCalibration, WheelStep
+
+TIE_LENGTH = 0.1
+"""Length of a match with an old submap in the graph [m]: the uncertainty that remains after it."""
+RECENT_NODES = 40
+"""Matches with submaps that are no older, in nodes, are part of the way, not a short cut."""
+DRIFT, DRIFT_TURN = 0.006, 0.0005
+"""Systematic errors of matching, which the graph doesn't know: of position [m/m] and heading [rad/m] on the way."""
+TIED, TIED_TURN = 0.08, 0.06
+"""What an alignment finds [m], [rad]."""
+ROBUST_WIDTH = 10.0
+"""Chi-squared beyond which a match that may be false loses its pull (dynamic covariance scaling)."""
+ODOMETRY_WIDTH = 100.0
+"""The same of the odometry: it may lie for a few steps."""
+RANKED_GROWTH = 1.2
+"""The order of elimination is sought again when there are so many times more submaps."""
+GRADUATION = (1000.0, 100.0, 10.0)
+"""After a closure the width shrinks by these factors: a large true correction isn't taken for a false one."""
+
+
+class PoseGraph:
+    """Nodes and edges, the wheels' errors, and the latest factor of the normal equations."""
+
+    def __init__(self) -> None:
+        self.wheels = WheelCalibration()
+        self._nodes = Columns(poses=(3,), moved=(3,), design=(3, 3), slips=(2,), driven=())
+        self._matches = Columns(
+            {"old": np.int64, "new": np.int64}, old=(), new=(), measured=(3,), information=(3, 3), width=()
+        )
+        self.optimisations = 0
+        """How often the graph was optimised."""
+        self._ranks = np.zeros(0, dtype=np.int64)  # of the anchors in the order of elimination
+        self._factor: Factor | None = None
+        self._with_newest = np.zeros((0, 3, 3))  # covariances of all nodes with the newest one of the factor
+        self._distances = np.zeros(0)  # from that node
+        self._relative: dict[int, FloatArray] = {}  # its covariances seen from old nodes
+        self._added = np.zeros((3, 3))  # covariance of the motion since that node
+
+    def __len__(self) -> int:
+        return len(self._nodes)
+
+    @property
+    def poses(self) -> FloatArray:
+        """Poses of the nodes (N, 3)."""
+        return np.asarray(self._nodes["poses"])
+
+    @property
+    def driven(self) -> FloatArray:
+        """Way to each node (N,) [m]."""
+        return np.asarray(self._nodes["driven"])
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory."""
+        return self._nodes.num_bytes + self._matches.num_bytes
+
+    @property
+    def optimised(self) -> int:
+        """Number of nodes when the graph was last optimised."""
+        return len(self._with_newest) - 1 if self._factor is not None else 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance (3, 3) of the newest pose relative to the first."""
+        if self._factor is None:
+            return self._added.copy()
+        node = self.optimised - 1
+        motion = self.poses[-1, :2] - self.poses[node, :2]
+        drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[0]
+        return step_covariance(motion, self._with_newest[node] + np.diag(np.square(drift)), self._added)
+
+    def append(self, pose: FloatArray, step: WheelStep, information: FloatArray) -> None:
+        """Add a node.
+
+        Args:
+            pose: (3,).
+            step: Odometry since the last node; of the first one, no motion.
+            information: (3, 3) of the pose seen from the last node, in the map frame.
+        """
+        driven = 0.0
+        if len(self):
+            driven = float(self.driven[-1] + np.hypot(*(pose - self.poses[-1])[:2]))
+            self._added = self._added + inverted(information)
+        self._nodes.append(poses=pose, moved=step.moved, design=step.design, slips=step.slips, driven=driven)
+
+    def tie(self, match: Match, is_sure: bool = False) -> None:
+        """Add what the laser measured between two nodes."""
+        self._matches.append(
+            old=match.old, new=match.new, measured=match.measured, information=match.information,
+            width=np.inf if is_sure else ROBUST_WIDTH,
+        )  # fmt: skip
+
+    def optimise(self, anchors: list[int], iterations: int, is_closing: bool = False) -> None:
+        """Move the nodes to where they agree best with all that was measured.
+
+        Args:
+            anchors: Nodes with many edges: the submaps'.
+            iterations: Most steps.
+            is_closing: True if matches may disagree much with the path as it is.
+        """
+        edges, is_anchor = self._edges(), np.zeros(len(self), dtype=bool)
+        is_anchor[anchors] = True
+        poses, wheels, prior = self.poses.copy(), self.wheels.systematic, self.wheels.prior
+        if is_closing or len(anchors) > RANKED_GROWTH * len(self._ranks):
+            self._ranks = rank_anchors(edges.first, edges.second, is_anchor)
+        places = elimination_order(is_anchor, self._ranks)
+        for factor in GRADUATION if is_closing else ():
+            wide = edges._replace(width=edges.width * factor)
+            poses, wheels, _ = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
+        poses, wheels, self._factor = optimise(poses, wheels, edges, places, prior, iterations)
+        self._nodes["poses"][:] = poses
+        self.optimisations += 1
+        steps = len(self) - 1
+        covariance = self._factor.covariances(len(self), own_only=True)
+        # Where the laser said nothing, nothing is left of the odometry's edge.
+        seen = np.isin(np.arange(len(self)), self._matches["new"])
+        seen = seen[1:] & (seen[:-1] | (np.arange(steps) == 0))
+        errors = np.empty((steps, 3))
+        edge_errors(poses, wheels, plain(edges), errors)
+        self.wheels.learn(wheels, covariance, errors, self._nodes["slips"][1:], seen)
+        self._with_newest = self._factor.covariances(len(self) - 1)
+        lengths = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        self._distances = graph_distances(lengths, self._matches["old"], self._matches["new"], len(self) - 1)
+        self._relative, self._added = {}, np.zeros((3, 3))
+
+    def is_tied(self, old: int) -> bool:
+        """True if the place of an old node, seen from the newest, is known to within what an alignment finds."""
+        covariance = self.relative_covariance(old)
+        return bool(max(covariance[0, 0], covariance[1, 1]) < TIED**2 and covariance[2, 2] < TIED_TURN**2)
+
+    def relative_covariance(self, old: int) -> FloatArray:
+        """Covariance (3, 3) of the newest node of the last optimisation seen from an old one, drift included."""
+        if self._factor is None or old >= self.optimised:
+            return np.zeros((3, 3))
+        if old not in self._relative:
+            newest = self.optimised - 1
+            of_old = self._factor.covariances(old, own_only=True)
+            joint = np.stack([of_old, self._with_newest[newest], self._with_newest[old]])
+            known = relative_covariance(self.poses[old], self.poses[newest], joint)
+            drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[old]
+            self._relative[old] = known + np.diag(np.square(drift))
+        return self._relative[old]
+
+    def deviation(self, old: int, new: int) -> float:
+        """Standard deviation of a node's place seen from an older one, in the worse direction [m]; 0 if not known."""
+        if self._factor is None or new >= self.optimised:
+            return 0.0
+        with_new, of_old = self._factor.covariances(new), self._factor.covariances(old, own_only=True)
+        joint = np.stack([of_old, with_new[new], with_new[old]])
+        known = relative_covariance(self.poses[old], self.poses[new], joint)
+        return float(np.sqrt(max(known[0, 0], known[1, 1], 0.0)))  # rounding may leave it below zero
+
+    def _edges(self) -> Edges:
+        """The odometry's edges, in the order of the path, and the laser's."""
+        steps, matches = np.arange(len(self) - 1), self._matches
+        variances = self.wheels.variances(self._nodes["slips"][1:])
+        information = np.zeros((len(steps), 3, 3))
+        information[:, range(3), range(3)] = 1.0 / variances[:, [0, 0, 1]]
+        return Edges(
+            first=np.concatenate([steps, matches["old"]]),
+            second=np.concatenate([steps + 1, matches["new"]]),
+            measured=np.concatenate([self._nodes["moved"][1:], matches["measured"]]),
+            information=np.concatenate([information, matches["information"]]),
+            design=np.concatenate([self._nodes["design"][1:], np.zeros((len(matches), 3, 3))]),
+            width=np.concatenate([np.full(len(steps), ODOMETRY_WIDTH), matches["width"]]),
+        )
+
+
+def graph_distances(lengths: FloatArray, first: IntArray, second: IntArray, node: int) -> FloatArray:
+    """Length of the shortest way from a node to every node, along the path and through matches with old submaps.
+
+    Args:
+        lengths: (N - 1,) distances between successive nodes [m].
+        first: (E,) nodes that were matched ...
+        second: (E,) ... with these.
+        node: Where the ways begin.
+
+    Returns:
+        (N,) [m].
+    """
+    num = len(lengths) + 1
+    far = second - first > RECENT_NODES
+    steps = np.arange(num - 1)
+    key = np.unique(first[far] * num + second[far])
+    rows, cols = np.concatenate([steps, key // num]), np.concatenate([steps + 1, key % num])
+    weights = np.concatenate([lengths + 1e-3, np.full(len(key), TIE_LENGTH)])
+    graph = csr_matrix((weights, (rows, cols)), shape=(num, num))
+    return np.asarray(dijkstra(graph, directed=False, indices=np.array([node]))[0], dtype=np.float64)

@@ -1,0 +1,145 @@
+"""Poses (3,), x, y, theta [m, m, rad], seen from others, and what is measured between two nodes."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.jit import kernel
+from slamgym.core.portable import inverted
+from slamgym.core.types import FloatArray
+
+MATCH_FLOOR = (0.01, 0.01, 0.003)
+"""Errors of a match that its points don't show [m], [m], [rad]: those of the map that it was matched with."""
+DAMPING = 10.0
+"""Information below which a direction of a match counts as unknown [1/m^2], [1/rad^2]."""
+WEAK = 15_000.0
+"""Information of a direction that counts half [1/m^2], [1/rad^2]: that of eight points."""
+
+
+class Match(NamedTuple):
+    """A relative pose that the laser measured between two nodes."""
+
+    old: int
+    new: int
+    measured: FloatArray  # (3,) pose of the new node seen from the old one
+    information: FloatArray  # (3, 3) in the frame of the old one
+
+
+def match_with(
+    poses: FloatArray, old: int, node: int, pose: FloatArray, sums: FloatArray, count: int
+) -> Match:
+    """What a submap says of a scan's place.
+
+    Args:
+        poses: (N, 3) of the nodes.
+        old: The submap's node.
+        node: The scan's.
+        pose: (3,) of the scan.
+        sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.Binding`.
+        count: Submaps that the scan was aligned with: their errors are one scan's.
+    """
+    shift, information = weigh_match(sums, float(poses[old, 2]), count)
+    return Match(old, node, seen_from(poses[old], pose - shift), information)
+
+
+@kernel
+def weigh_match(sums: FloatArray, heading: float, count: int) -> tuple[FloatArray, FloatArray]:
+    """Weigh what a submap binds (4, 4); see :func:`match_with`.
+
+    Returns:
+        The motion (3,) from where the submap alone would have put the scan to where all together have, in the map
+        frame, and the information (3, 3) in the frame of the submap's node, which has a heading [rad].
+    """
+    own, shift = np.eye(3), np.zeros(3)
+    information = sums[:3, :3].copy()
+    step = inverted(information + DAMPING * own)
+    for row in range(3):
+        for col in range(3):
+            shift[row] += step[row, col] * sums[col, 3]
+    # A few points in a direction are as well pulled by a door frame that is not theirs.
+    information += WEAK * (WEAK * inverted(information + WEAK * own) - own)
+    covariance = inverted(turned_matrix(information, -heading) + own)
+    for axis in range(3):
+        covariance[axis, axis] += count * MATCH_FLOOR[axis] ** 2
+    return shift, inverted(covariance)
+
+
+def seen_from(frame: FloatArray, pose: FloatArray) -> FloatArray:
+    """A pose (3,) in the frame of another."""
+    cos, sin = math.cos(frame[2]), math.sin(frame[2])
+    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
+    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, float(wrap_angle(pose[2] - frame[2]))])
+
+
+def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
+    """A pose (3,) given in the frame of another."""
+    cos, sin = math.cos(frame[2]), math.sin(frame[2])
+    x, y, turn = motion
+    return np.array(
+        [frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y, float(wrap_angle(frame[2] + turn))]
+    )
+
+
+@kernel
+def sandwich(jacobian: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
+    """Add J M J^T to ``out``, all (3, 3)."""
+    for row in range(3):
+        for col in range(3):
+            for i in range(3):
+                for j in range(3):
+                    out[row, col] += jacobian[row, i] * matrix[i, j] * jacobian[col, j]
+
+
+@kernel
+def turned_matrix(matrix: FloatArray, angle: float) -> FloatArray:
+    """A covariance or information (3, 3) of a pose, in axes that are turned by ``-angle``."""
+    cos, sin = math.cos(angle), math.sin(angle)
+    rotation, out = np.eye(3), np.zeros((3, 3))
+    rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cos, -sin, sin, cos
+    sandwich(rotation, matrix, out)
+    return out
+
+
+@kernel
+def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -> FloatArray:
+    """Covariance after a step, all in the map frame.
+
+    Args:
+        motion: (2,) translation of the step [m].
+        before: (3, 3) covariance at its start.
+        added: (3, 3) covariance of the step itself.
+    """
+    lever, out = np.eye(3), added.copy()
+    lever[0, 2], lever[1, 2] = -motion[1], motion[0]
+    sandwich(lever, before, out)
+    return out
+
+
+@kernel
+def relative_covariance(old: FloatArray, new: FloatArray, joint: FloatArray) -> FloatArray:
+    """Covariance (3, 3) of a new node seen from an old one.
+
+    Args:
+        old: (3,) pose.
+        new: (3,) pose.
+        joint: (3, 3, 3) covariances: of the old one, of the new one, and of the old with the new.
+    """
+    cos, sin = math.cos(old[2]), math.sin(old[2])
+    dx, dy = new[0] - old[0], new[1] - old[1]
+    by_old, by_new = np.zeros((3, 3)), np.eye(3)
+    by_new[0, 0], by_new[0, 1], by_new[1, 0], by_new[1, 1] = cos, sin, -sin, cos
+    by_old[:, :2] = -by_new[:, :2]
+    by_old[0, 2], by_old[1, 2], by_old[2, 2] = cos * dy - sin * dx, -cos * dx - sin * dy, -1.0
+    out = np.zeros((3, 3))
+    sandwich(by_old, joint[0], out)
+    sandwich(by_new, joint[1], out)
+    for row in range(3):
+        for col in range(3):
+            for i in range(3):
+                for j in range(3):
+                    mixed = by_old[row, i] * joint[2, i, j] * by_new[col, j]
+                    out[row, col] += mixed
+                    out[col, row] += mixed
+    return out

@@ -1,0 +1,281 @@
+"""Submaps: the surfaces that a few successive scans saw.
+
+A submap is a grid of square cells in the frame of its first scan. Each cell holds up to two pieces of surface, one for
+each side that it was seen from, so that the two faces of a thin wall stay apart. A piece is the straight line through
+the end points of its 3 x 3 cells (5 x 5 where there are few), as in the normal-distributions transform (Biber and
+Strasser, IROS 2003). Where no line fits, nothing is claimed.
+
+Conventions: poses are (x, y, theta) [m, m, rad]. Grids have row 0 at the bottom. The *sides* (n, 3) of end points are
+unit vectors to the side that they were seen from, and 1 where that is the surface's normal, 0 where the scan shows no
+straight surface and it is the direction to the laser.
+"""
+
+import math
+
+import numpy as np
+
+from slamgym.core.jit import kernel
+from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid
+from slamgym.slam.end_points import surface_normals
+from slamgym.slam.graph.relative import seen_from
+
+SUBMAP_CELL = 0.1
+"""Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
+VACANT = -1
+ENOUGH = 4.0
+"""Points that a line needs."""
+FLATNESS = 0.35**2
+"""A line's variance across is below this share of that along. Two walls that meet have 0.5^2."""
+LEAST_LENGTH = 0.02
+"""A line is at least so long (standard deviation) [m]."""
+STALE, NO_LINE, LINE = -1.0, 0.0, 1.0
+PIECE = np.dtype([
+    *((name, np.float64) for name in ("count", "x", "y", "xx", "xy", "yy", "side_x", "side_y")),
+    *((name, np.float64) for name in ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance")),
+    ("state", np.float64),
+])  # fmt: skip
+"""Sums over a piece's points, from the grid's corner, and over their sides; then the piece's own mean, the mean of the
+line through it and its surroundings, the line's normal, and the mean's variance across it."""
+
+
+class Submap:
+    """Surfaces in the frame of a node.
+
+    Args:
+        first: The node, the first of those whose scans make the submap.
+        reach: Points lie no further than this from the node [m].
+    """
+
+    def __init__(self, first: int, reach: float) -> None:
+        half = math.ceil(reach / SUBMAP_CELL) + 3
+        self.first, self.size = first, 0.0
+        self.corner = np.array([-half * SUBMAP_CELL, -half * SUBMAP_CELL])
+        self.grid = np.full((2 * half, 2 * half, 2), VACANT, dtype=np.int32)
+        self.pieces = np.zeros(256, dtype=PIECE)
+        self.poses: list[FloatArray] = []
+        """Poses (3,) of the scans in the submap's frame, as they were drawn."""
+        self.centre = np.zeros(2)
+        """Mean of the surfaces in the submap's frame, once it is closed [m]."""
+        self.is_older_map = False
+        """True if it is a finished map, which is never drawn again."""
+        self.checked = 0
+        """Number of optimisations of the graph after which it was last compared with the path."""
+        self._used = 0
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory."""
+        return self.grid.nbytes + self.pieces.nbytes
+
+    def add(self, pose: FloatArray, points: FloatArray, sides: FloatArray) -> None:
+        """Draw a scan.
+
+        Args:
+            pose: (3,) of the robot in the submap's frame.
+            points: (n, 2) end points in the robot frame [m].
+            sides: (n, 3) their sides in the robot frame.
+        """
+        if self._used + len(points) > len(self.pieces):
+            more = np.zeros(len(self.pieces) + len(points), dtype=PIECE)
+            self.pieces = np.concatenate([self.pieces, more])
+        self.poses.append(pose)
+        self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, points, sides)
+
+    def clear(self) -> None:
+        """Forget the scans."""
+        self.grid[:] = VACANT
+        self.poses, self._used = [], 0
+
+    def close(self) -> None:
+        """Free the memory round the surfaces: no more scans will be added."""
+        rows, cols = (np.flatnonzero((self.grid[..., 0] != VACANT).any(axis=axis)) for axis in (1, 0))
+        if len(rows) == 0:
+            return
+        # A border lets the scans move a little when the path is corrected.
+        top, left = max(rows[0] - 5, 0), max(cols[0] - 5, 0)
+        self.grid = self.grid[top : rows[-1] + 6, left : cols[-1] + 6].copy()
+        self.pieces = self.pieces[: self._used].copy()
+        shift = np.array([left, top]) * SUBMAP_CELL
+        self.corner = self.corner + shift
+        move_corner(self.pieces, shift)
+        sums = np.array([self.pieces["x"].sum(), self.pieces["y"].sum()])
+        self.centre = sums / self.pieces["count"].sum() + self.corner
+
+    def is_near(self, place: FloatArray, distance: float) -> bool:
+        """Return True if a place (2 or more,) in the submap's frame is no further from the grid than so much [m]."""
+        low, high = self.corner, self.corner + SUBMAP_CELL * np.array(self.grid.shape[1::-1])
+        return bool((low - distance < place[:2]).all() and (place[:2] < high + distance).all())
+
+    @property
+    def means(self) -> tuple[FloatArray, FloatArray]:
+        """Means of all pieces (n, 2) in the submap's frame [m], and vectors (n, 2) to the side they were seen from."""
+        pieces = self.pieces[: self._used]
+        means = np.column_stack([pieces["own_x"], pieces["own_y"]]) + self.corner
+        return means, np.column_stack([pieces["side_x"], pieces["side_y"]])
+
+    def lines(self) -> tuple[FloatArray, FloatArray]:
+        """Means (n, 2) of the pieces with a line in the submap's frame [m], and their sides (n, 3)."""
+        kept = self.pieces[: self._used]["state"] == LINE
+        pieces, (means, sides) = self.pieces[: self._used][kept], self.means
+        normals = np.column_stack([pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))])
+        behind = (normals[:, :2] * sides[kept]).sum(axis=1) < 0.0
+        normals[behind, :2] *= -1.0
+        return means[kept], normals
+
+
+@kernel
+def move_corner(pieces: np.ndarray, shift: FloatArray) -> None:
+    """Make pieces relative to another corner of the grid, ``shift`` (2,) [m] from the old one."""
+    a, b = shift[0], shift[1]
+    for i in range(len(pieces)):
+        p = pieces[i]
+        p.xx += p.count * a * a - 2.0 * a * p.x
+        p.xy += p.count * a * b - a * p.y - b * p.x
+        p.yy += p.count * b * b - 2.0 * b * p.y
+        p.x -= p.count * a
+        p.y -= p.count * b
+        p.own_x -= a
+        p.own_y -= b
+        p.mean_x -= a
+        p.mean_y -= b
+
+
+@kernel
+def add_scan(
+    grid: np.ndarray,
+    pieces: np.ndarray,
+    used: int,
+    corner: FloatArray,
+    pose: FloatArray,
+    points: FloatArray,
+    sides: FloatArray,
+) -> int:
+    """Put a scan's end points into cells and fit the lines round them again; see :class:`Submap`.
+
+    Returns:
+        The number of pieces, ``used`` before.
+    """
+    rows, cols = grid.shape[0], grid.shape[1]
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    touched = np.empty(len(points), dtype=np.int32)
+    count = 0
+    for i in range(len(points)):
+        x = pose[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]
+        y = pose[1] + sin * points[i, 0] + cos * points[i, 1] - corner[1]
+        col, row = math.floor(x / SUBMAP_CELL), math.floor(y / SUBMAP_CELL)
+        if row < 0 or col < 0 or row >= rows or col >= cols:
+            continue
+        side_x = cos * sides[i, 0] - sin * sides[i, 1]
+        side_y = sin * sides[i, 0] + cos * sides[i, 1]
+        face, number = 0, grid[row, col, 0]
+        if number != VACANT and pieces[number].side_x * side_x + pieces[number].side_y * side_y < 0.0:
+            face, number = 1, grid[row, col, 1]
+        if number == VACANT:
+            number = used
+            used += 1
+            grid[row, col, face] = number
+            p = pieces[number]
+            p.count = p.x = p.y = p.xx = p.xy = p.yy = p.side_x = p.side_y = 0.0
+        p = pieces[number]
+        p.count += 1.0
+        p.x += x
+        p.y += y
+        p.xx += x * x
+        p.xy += x * y
+        p.yy += y * y
+        p.side_x += side_x
+        p.side_y += side_y
+        touched[count] = row * cols + col
+        count += 1
+    for is_marking in (True, False):
+        for k in range(count):
+            row, col = touched[k] // cols, touched[k] % cols
+            for near_row in range(max(row - 1, 0), min(row + 2, rows)):
+                for near_col in range(max(col - 1, 0), min(col + 2, cols)):
+                    for face in range(2):
+                        number = grid[near_row, near_col, face]
+                        if number == VACANT:
+                            continue
+                        if is_marking:
+                            pieces[number].state = STALE
+                        elif pieces[number].state == STALE:
+                            _fit_line(grid, pieces, number, near_row, near_col)
+    return used
+
+
+@kernel
+def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: int) -> None:
+    """Fit a line to the points round a piece that were seen from the same side."""
+    own = pieces[number]
+    own.own_x, own.own_y = own.x / own.count, own.y / own.count
+    own.state = NO_LINE
+    for ring in range(1, 3):
+        n = sx = sy = sxx = sxy = syy = 0.0
+        for near_row in range(max(row - ring, 0), min(row + ring + 1, grid.shape[0])):
+            for near_col in range(max(col - ring, 0), min(col + ring + 1, grid.shape[1])):
+                for face in range(2):
+                    near = grid[near_row, near_col, face]
+                    if near == VACANT:
+                        continue
+                    p = pieces[near]
+                    if p.side_x * own.side_x + p.side_y * own.side_y < 0.0:
+                        continue
+                    n += p.count
+                    sx += p.x
+                    sy += p.y
+                    sxx += p.xx
+                    sxy += p.xy
+                    syy += p.yy
+        if n < ENOUGH:
+            continue
+        mean_x, mean_y = sx / n, sy / n
+        var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
+        cov = sxy / n - mean_x * mean_y
+        middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
+        root = math.sqrt(half * half + cov * cov)
+        wide, narrow = middle + root, max(middle - root, 0.0)
+        if wide >= LEAST_LENGTH * LEAST_LENGTH and narrow < FLATNESS * wide:
+            along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
+            own.mean_x, own.mean_y = mean_x, mean_y
+            own.normal_x, own.normal_y = -math.sin(along), math.cos(along)
+            own.variance, own.state = narrow / n, LINE
+            return
+
+
+def sides_of(points: FloatArray, mount: FloatArray) -> FloatArray:
+    """Sides (n, 3) of end points (n, 2) in the order of the beams, seen from the laser (2,)."""
+    sides = np.zeros((len(points), 3))
+    sides[:, :2] = mount - points
+    sides[:, :2] /= np.hypot(sides[:, 0], sides[:, 1])[:, None] + 1e-9
+    normals = np.empty((len(points), 2))
+    surface_normals(np.ascontiguousarray(points), normals)
+    # The side of a surface is told by its normal: past a thin wall's end both faces are seen from the same direction.
+    normals[(sides[:, :2] * normals).sum(axis=1) < 0.0] *= -1.0
+    shown = normals.any(axis=1)
+    sides[shown, :2], sides[shown, 2] = normals[shown], 1.0
+    return sides
+
+
+def known_surfaces(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
+    """Occupied cells next to free ones, (n, 2) [m], and their sides (n, 3)."""
+    cells, frame = grid.cells[::-1], grid.frame
+    occupied, free = cells == OCCUPIED, np.pad(cells == FREE, 1)
+    points, sides = [], []
+    for row, col in ((0, 1), (1, 0), (0, -1), (-1, 0)):
+        height, width = occupied.shape
+        beside = free[1 + row : 1 + row + height, 1 + col : 1 + col + width]
+        indices = np.argwhere(occupied & beside)[:, ::-1]
+        points.append((indices + 0.5) * frame.resolution + (frame.origin_x, frame.origin_y))
+        sides.append(np.tile(np.array([col, row, 1.0]), (len(indices), 1)))
+    return np.concatenate(points), np.concatenate(sides)
+
+
+def known_submap(surfaces: tuple[FloatArray, FloatArray], start: FloatArray) -> Submap:
+    """A submap of an older map's surfaces, in the frame of the first node, whose pose (3,) in that map is given."""
+    points, sides = surfaces
+    reach = float(np.hypot(points[:, 0] - start[0], points[:, 1] - start[1]).max(initial=0.0)) + 1.0
+    submap = Submap(0, reach)
+    submap.add(seen_from(start, np.zeros(3)), points, sides)
+    submap.close()
+    submap.is_older_map = True
+    return submap

@@ -1,0 +1,147 @@
+"""A finished map as localisation sees it: surfaces to align with, and what the map says of each beam of a scan.
+
+Convention: grids of this module have row 0 at the bottom, as in :mod:`slamgym.slam.hit_count_kernels`.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.errors import SlamgymError
+from slamgym.core.jit import kernel
+from slamgym.core.types import FREE, UNKNOWN, BoolArray, Float32Array, FloatArray, OccupancyGrid
+from slamgym.slam.branch_and_bound import HIT, maxima
+from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.submaps import SUBMAP_CELL, known_submap, known_surfaces
+from slamgym.slam.hit_count_kernels import BeamTable
+
+MISS_NATS = 0.126
+"""Evidence against a pose of a beam that the map doesn't explain: AMCL's beam model, taken to the power of 0.03, as
+neighbouring beams and successive scans err together (Thrun et al. 2005, section 6.3.4)."""
+FIT_DISTANCE = 0.2
+"""An end point that lies so near to a surface is explained; its squared distance speaks against the pose, as a Gaussian
+of 8 cm does [m]."""
+LEAST_KNOWN = 0.2
+"""If fewer of the beams end where the map is known, nothing can be said of the fit."""
+SEARCH_SIGMA = 0.12
+"""Spread of the score round surfaces: wider than a cell, so that no place falls between cells [m]."""
+LEVELS = 5
+"""The largest blocks of a search have sides of 16 cells."""
+TRACE_MARGIN, TRACE_SHARE = 0.3, 0.9
+"""A ray is followed up to so far before its end [m], as surfaces there are the one that it met; without return over
+this share of the usable range."""
+
+
+class SurfaceField(NamedTuple):
+    """Distances to a map's surfaces."""
+
+    distance: Float32Array  # (rows, cols) from the cell's centre to the nearest surface's [m]
+    is_unknown: BoolArray  # (rows, cols)
+    corner: FloatArray  # (2,) the lower left one [m]
+    cell: float  # size of a cell [m]
+
+
+class KnownMap:
+    """A finished map.
+
+    Raises:
+        SlamgymError: If the map has no wall beside free floor.
+    """
+
+    def __init__(self, grid: OccupancyGrid) -> None:
+        from scipy.ndimage import distance_transform_edt
+
+        frame, cells = grid.frame, grid.cells[::-1]
+        is_free, corner = cells == FREE, np.array([frame.origin_x, frame.origin_y])
+        points, sides = known_surfaces(grid)
+        if len(points) == 0:
+            raise SlamgymError(
+                "the map has no wall beside free floor: nothing can be localised on it; check its thresholds"
+            )
+        middle = np.array([*points.mean(axis=0), 0.0])
+        self.surfaces = Chosen([known_submap((points, sides), middle)], middle[None])
+        """What scans are aligned with."""
+        cols, rows = ((points - corner) / frame.resolution).astype(np.int64).T
+        is_surface = np.zeros(cells.shape, dtype=bool)
+        is_surface[rows, cols] = True
+        distance = (distance_transform_edt(~is_surface) * frame.resolution).astype(np.float32)
+        self.field = SurfaceField(distance, cells == UNKNOWN, corner, float(frame.resolution))
+        """What scans are explained by."""
+        ratio = SUBMAP_CELL / frame.resolution
+        sampled = np.ix_(*(np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape))
+        score = HIT * np.exp(-0.5 * np.square(distance[sampled] / SEARCH_SIGMA))
+        self.levels = maxima(np.rint(score).astype(np.uint8), LEVELS)
+        """Maxima of the score of a point in cells (rows, cols) of ``SUBMAP_CELL`` from the same corner ..."""
+        self.floors = maxima(is_free[sampled].astype(np.uint8), LEVELS)
+        """... and of where a robot may stand."""
+
+
+@kernel
+def _is_clear(field: SurfaceField, x: float, y: float, across: float, up: float, length: float) -> bool:
+    """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
+    driven = 0.0
+    while driven < length:
+        away = _distance_at(field, x + driven * across, y + driven * up)[0]
+        if away < 0.5 * field.cell:
+            return False
+        driven += max(away - field.cell, 0.5 * field.cell)
+    return True
+
+
+@kernel
+def _distance_at(field: SurfaceField, x: float, y: float) -> tuple[float, bool]:
+    """Distance from a point to the nearest surface [m], infinite outside the map, and True if it is unknown there."""
+    col = math.floor((x - field.corner[0]) / field.cell)
+    row = math.floor((y - field.corner[1]) / field.cell)
+    rows, cols = field.distance.shape
+    if row < 0 or col < 0 or row >= rows or col >= cols:
+        return math.inf, True
+    return float(field.distance[row, col]), bool(field.is_unknown[row, col])
+
+
+@kernel
+def explain_scan(
+    field: SurfaceField, pose: FloatArray, ranges: Float32Array, beams: BeamTable, step: int, excuses: bool
+) -> tuple[float, float]:
+    """Measure how well a map explains a scan from a pose.
+
+    Args:
+        field: The map.
+        pose: (3,) the robot [m, m, rad].
+        ranges: (num_beams,) [m].
+        beams: The scanner.
+        step: Every so many beams are looked at.
+        excuses: True if what lies where the map knows nothing speaks neither for nor against the pose.
+
+    Returns:
+        Evidence against the pose in nats. And the share of the beams that end near a surface with none in between, of
+        those that return, or should, where the map is known; negative if too few of them end there.
+    """
+    field, beams = SurfaceField(*field), BeamTable(*beams)
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
+    y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
+    explained, missed, unknown, near = 0, 0, 0, 0.0
+    for i in range(0, len(ranges), step):
+        r = ranges[i]
+        across = cos * beams.directions[i, 0] - sin * beams.directions[i, 1]
+        up = sin * beams.directions[i, 0] + cos * beams.directions[i, 1]
+        if r > beams.usable or r >= beams.range_max:
+            # Something should have returned it.
+            if beams.no_return_clears and not _is_clear(
+                field, x0, y0, across, up, TRACE_SHARE * beams.usable
+            ):
+                missed += 1
+        elif r >= beams.range_min:
+            away, is_unknown = _distance_at(field, x0 + r * across, y0 + r * up)
+            is_clear = _is_clear(field, x0, y0, across, up, r - TRACE_MARGIN)
+            if is_clear and away <= FIT_DISTANCE:
+                explained += 1
+                near += (away / FIT_DISTANCE) ** 2
+            elif is_clear and is_unknown and excuses:
+                unknown += 1
+            else:
+                missed += 1
+    known = explained + missed
+    return MISS_NATS * (missed + near), explained / known if known > LEAST_KNOWN * (known + unknown) else -1.0

@@ -1,0 +1,149 @@
+"""Where else the robot may be: the latest scans, searched for on the whole map now and then."""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from slamgym.core.jit import plain
+from slamgym.core.types import Float32Array, FloatArray
+from slamgym.slam.graph.relative import moved_by, seen_from
+from slamgym.slam.graph.submaps import SUBMAP_CELL
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.localization.global_search import MOST_HYPOTHESES, find_places, is_same
+from slamgym.slam.localization.hypothesis import Hypothesis
+from slamgym.slam.localization.known_map import KnownMap, explain_scan
+
+NEGLIGIBLE = 15.0
+"""A hypothesis so much below the best one in log-weight is given up."""
+MOST_SCANS_COUNTED = 10
+"""Scans of the memory that count in the comparison of a new place with those followed."""
+SEARCH_METRES, CHECK_METRES = 2.0, 5.0
+"""A search is repeated after so much driving while the robot isn't localised, and while it is, to see whether another
+place explains more [m]."""
+JUMP_COST = 10.0
+"""Log-weight that a new place begins behind the one that is followed: robots are seldom carried off."""
+MOST_PROOF = 5.0
+"""No place has to lead for more times the usual distance."""
+MEMORY_METRES = 3.0
+"""A search takes the scans of the last metres together, a view that fewer places share than a single scan."""
+CLOUD_POINTS = 150
+SEED_SPREAD = 0.1, 0.1, 0.05
+"""Spread of a place that a search has found [m], [m], [rad]."""
+
+
+class Seeker:
+    """Remembers the latest scans, and searches for them.
+
+    Args:
+        known: The map.
+        beams: The scanner.
+        max_beams: Beams of a scan that are looked at.
+    """
+
+    def __init__(self, known: KnownMap, beams: BeamTable, max_beams: int) -> None:
+        self._known, self._beams = known, plain(beams)
+        self._step = max(1, len(beams.directions) // max_beams)
+        self._pose = np.zeros(3)  # by odometry
+        self._way = 0.0  # driven in all
+        # The latest: those two, ranges (num_beams,), and end points with sides (n, 5) in the robot frame.
+        self._scans: list[tuple[float, FloatArray, Float32Array, FloatArray]] = []
+        self._searched = -math.inf  # way at the last search
+        self.searches = 0
+        """Searches so far."""
+
+    def append(self, motion: FloatArray, driven: float, ranges: Float32Array, cloud: FloatArray) -> None:
+        """Take a scan.
+
+        Args:
+            motion: (3,) since the one before, in its frame.
+            driven: Its length [m].
+            ranges: (num_beams,) [m].
+            cloud: (n, 5) end points in the robot frame [m], and their :func:`slamgym.slam.graph.submaps.sides_of`.
+        """
+        self._pose = moved_by(self._pose, motion)
+        self._way += driven
+        self._scans.append((self._way, self._pose, ranges.copy(), cloud))
+        while self._way - self._scans[0][0] > MEMORY_METRES:
+            del self._scans[0]
+
+    def forget(self) -> None:
+        """Search anew from here on: where the robot was carried off, older scans show another place."""
+        self._scans, self._searched = [], -math.inf
+
+    def evidence(self, pose: FloatArray, ranges: Float32Array, excuses: bool) -> tuple[float, float]:
+        """Evidence of a scan against a pose (3,), and its fit; see :func:`explain_scan`."""
+        return explain_scan(plain(self._known.field), pose, ranges, self._beams, self._step, excuses)
+
+    def find(self, hypotheses: Sequence[Hypothesis], is_localised: bool) -> list[Hypothesis]:
+        """Search the whole map for the latest scans, if that is due.
+
+        Args:
+            hypotheses: What is followed already, the best first.
+            is_localised: True if the robot was sure of its place at the last scan.
+
+        Returns:
+            More places. Each begins with the weight that the scans give it relative to the best hypothesis, less what
+            it costs to have been missed so far: nothing where that one may lie as well.
+        """
+        if self._way - self._searched < (CHECK_METRES if is_localised else SEARCH_METRES):
+            return []
+        self.searches += 1
+        self._searched = self._way
+        points, sides = self._cloud()
+        rivals = np.array([hypothesis.pose for hypothesis in hypotheses[1:]]).reshape(-1, 3)
+        found = []
+        for place in find_places(self._known, points):
+            pose = self._known.surfaces.align(points, sides, place, place, np.zeros((3, 3))).pose
+            if not is_same(rivals, pose).any():
+                found.append(Hypothesis.around(pose, SEED_SPREAD))
+                if hypotheses:
+                    self._compare(found[-1], hypotheses[0])
+        return found
+
+    def _compare(self, new: Hypothesis, best: Hypothesis) -> None:
+        """Give a new place its weight, and what it must prove."""
+        against = self._remembered(new.pose, False) - self._remembered(best.pose, best.was_sure)
+        jump = min(best.half_chi2(new.pose), JUMP_COST)
+        new.log_weight = best.log_weight - max(against, 0.0) - (jump if best.was_sure else 0.0)
+        new.proof = min(2.0 * best.proof, MOST_PROOF) if best.was_sure else best.proof
+        if jump < JUMP_COST:
+            new.inherit(best)
+
+    def _cloud(self) -> tuple[FloatArray, FloatArray]:
+        """End points in the robot's present frame, at most one in a cell, (n, 2), and their sides (n, 3)."""
+        clouds = []
+        for _, pose, _, cloud in self._scans:
+            x, y, turn = seen_from(self._pose, pose)
+            vectors = np.ascontiguousarray(cloud[:, :4]).view(np.complex128) * np.exp(1j * turn)
+            vectors[:, 0] += complex(x, y)
+            clouds.append(np.hstack([vectors.view(np.float64), cloud[:, 4:]]))
+        cloud = np.concatenate(clouds)
+        _, kept = np.unique(np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64), axis=0, return_index=True)
+        cloud = cloud[np.sort(kept)[np.linspace(0, len(kept) - 1, min(len(kept), CLOUD_POINTS)).astype(int)]]
+        return np.ascontiguousarray(cloud[:, :2]), np.ascontiguousarray(cloud[:, 2:])
+
+    def _remembered(self, pose: FloatArray, excuses: bool) -> float:
+        """Evidence of some of the latest scans against a pose (3,) of the robot now."""
+        step = -(-len(self._scans) // MOST_SCANS_COUNTED)
+        return sum(
+            self.evidence(moved_by(pose, seen_from(self._pose, then)), ranges, excuses)[0]
+            for _, then, ranges, _ in self._scans[::-step]
+        )
+
+
+def distinct(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Give up what has lost, and join what has met; the best first."""
+    ranked = sorted(hypotheses, key=lambda hypothesis: -hypothesis.log_weight)
+    kept: list[Hypothesis] = []
+    for hypothesis in ranked[:MOST_HYPOTHESES]:
+        if hypothesis.log_weight < ranked[0].log_weight - NEGLIGIBLE:
+            break
+        same = is_same(np.array([other.pose for other in kept]).reshape(-1, 3), hypothesis.pose)
+        if same.any():
+            winner = kept[int(np.argmax(same))]
+            if hypothesis.led > winner.led:
+                winner.inherit(hypothesis)
+        else:
+            kept.append(hypothesis)
+    return kept

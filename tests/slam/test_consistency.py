@@ -1,0 +1,82 @@
+"""The consistency on a map: rooms that were drawn twice are broken, the same room seen again is not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from slamgym.core.types import LaserGeometry, Pose2D
+from slamgym.sim.raycast import cast_rays
+from slamgym.slam.graph.consistency import STRETCH_METRES, UNKNOWN_METRES, Consistency
+from slamgym.slam.graph.submaps import Submap, sides_of
+from slamgym.slam.mapper import DoubtSpan, SlamStats
+
+GEOMETRY = LaserGeometry(180, -np.pi, np.pi / 90, 0.1, 8.0, Pose2D(0.1, 0.0, 0.0))
+ROOM = np.array(
+    [(-2, -1.5, 2, -1.5), (2, -1.5, 2, 1.5), (2, 1.5, -2, 1.5), (-2, 1.5, -2, -1.5)], dtype=np.float64
+)
+SCANS, SUBMAPS = 8, 6
+
+
+def judged(offsets, deviation=0.0):
+    """A robot that stays in a room, with submaps drawn at offsets in x [m]; returns doubtful and broken scans."""
+    ranges = np.empty(GEOMETRY.num_beams)
+    cast_rays(0.1, 0.0, 0.0, GEOMETRY.angle_min, GEOMETRY.angle_increment, ROOM, 8.0, ranges)
+    points = ranges[:, None] * np.column_stack([np.cos(GEOMETRY.angles), np.sin(GEOMETRY.angles)]) + (
+        0.1,
+        0.0,
+    )
+    sides, submaps = sides_of(points, np.array([0.1, 0.0])), []
+    for number in range(len(offsets)):
+        submap = Submap(SCANS * number, 6.0)
+        for _ in range(SCANS):
+            submap.add(np.zeros(3), points, sides)
+        submap.close()
+        submaps.append(submap)
+    poses = np.zeros((SCANS * len(offsets), 3))
+    poses[:, 0] = np.repeat(offsets, SCANS)
+    driven = np.arange(len(poses)) * STRETCH_METRES / SCANS
+    graph = SimpleNamespace(
+        poses=poses,
+        driven=driven,
+        deviation=lambda old, new: deviation if new - old == SCANS == new // 2 else 0.0,
+    )
+    consistency = Consistency(GEOMETRY)
+    scans = np.tile(ranges.astype(np.float32), (len(poses), 1))
+    for number in range(len(submaps)):
+        consistency.judge(number, submaps, graph, scans)
+    return consistency.stamps(np.arange(len(poses), dtype=np.float64))
+
+
+def test_a_room_that_is_seen_again_is_sure():
+    assert judged([0.0] * SUBMAPS) == ([], [])
+    assert judged([0.0, 0.03, -0.05, 0.0, 0.05, 0.0]) == ([], [])
+
+
+@pytest.mark.parametrize("offset", [0.6, -0.6, 1.2])
+def test_a_room_that_is_drawn_twice_is_broken(offset):
+    doubtful, broken = judged([0.0] * (SUBMAPS - 1) + [offset])
+    assert doubtful == broken
+    assert broken[-1] == SCANS * SUBMAPS - 1
+    assert broken[0] >= SCANS * (SUBMAPS - 2)  # a submap and the one before it
+
+
+def test_rooms_apart_contradict_nothing():
+    assert judged([0.0, 20.0, 40.0]) == ([], [])
+
+
+def test_a_submap_whose_place_the_graph_does_not_know_is_doubtful():
+    assert judged([0.0] * SUBMAPS, 0.9 * UNKNOWN_METRES) == ([], [])
+    doubtful, broken = judged([0.0] * SUBMAPS, 1.1 * UNKNOWN_METRES)
+    assert (doubtful, broken) == (list(range(2 * SCANS, 3 * SCANS)), [])
+
+
+def test_nothing_is_said_before_a_submap_is_complete():
+    assert Consistency(GEOMETRY).stamps(np.arange(3.0)) == ([], [])
+
+
+def test_doubtful_scans_that_follow_each_other_are_one_span():
+    stats = SlamStats(doubtful=[1.0, 2.0, 6.5, 8.0, 20.0], broken=[8.0])
+    assert stats.spans() == [
+        DoubtSpan(1.0, 6.5, "doubtful"), DoubtSpan(8.0, 8.0, "broken"), DoubtSpan(20.0, 20.0, "doubtful"),
+    ]  # fmt: skip

@@ -1,0 +1,186 @@
+"""Faults put into the odometry of a simulated drive, and what the check makes of them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from slamgym.core.geometry import between, compose
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.interop import Log, LogRecord
+from slamgym.interop.odometry import retimed, without_jumps
+from slamgym.interop.records import interpolated
+from slamgym.metrics.trajectory import relative_poses
+from slamgym.sim.raycast import cast_rays
+from slamgym.slam.laser_odometry import with_laser_odometry
+from slamgym.slam.odometry_check import check_odometry, measure_pairs, odometry_shares
+
+WALLS = np.array([
+    (0, 0, 8, 0), (8, 0, 8, 6), (8, 6, 3, 6), (3, 6, 3, 5), (3, 5, 0, 5), (0, 5, 0, 0), (2, 1.6, 2.6, 2.2),
+    (2.6, 2.2, 2, 2.8), (2, 2.8, 2, 1.6), (5.5, 3.2, 6.5, 3.2), (6.5, 3.2, 6, 4), (6, 4, 5.5, 3.2),
+], dtype=np.float64)  # fmt: skip
+GEOMETRY = LaserGeometry(180, -np.pi, np.pi / 90, 0.1, 8.0, Pose2D(-0.06, 0.0, 0.0))
+PERIOD = 0.2
+TIMES = PERIOD * np.arange(500)
+
+
+def true_poses(stamps):
+    """A way through the room that speeds up, slows down, and turns both ways."""
+    t = 0.13 * stamps + 0.2 * np.sin(0.5 * stamps)
+    x, y = 4.0 + 2.9 * np.cos(t), 2.6 + 1.7 * np.sin(2 * t)
+    dx, dy = -2.9 * np.sin(t), 3.4 * np.cos(2 * t)
+    return np.column_stack([x, y, np.arctan2(dy, dx)])
+
+
+def scan_at(pose, stamp, rng):
+    sensor = compose(Pose2D(*pose), GEOMETRY.mount)
+    ranges = np.empty(GEOMETRY.num_beams)
+    cast_rays(*sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, WALLS, GEOMETRY.range_max, ranges)
+    noisy = (ranges + 0.01 * rng.standard_normal(len(ranges))).astype(np.float32)
+    return LaserScan(stamp, noisy, GEOMETRY)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    """A good log of 100 s; its odometry drifts by a few per cent."""
+    rng = np.random.default_rng(0)
+    truth = true_poses(TIMES)
+    odometry, records = Pose2D(0.0, 0.0, 0.0), []
+    for k, (stamp, pose) in enumerate(zip(TIMES.tolist(), truth.tolist(), strict=True)):
+        if k:
+            d = between(Pose2D(*truth[k - 1]), Pose2D(*pose))
+            odometry = compose(
+                odometry, Pose2D(1.02 * d.x, d.y, 0.98 * d.theta + 0.002 * rng.standard_normal())
+            )
+        records.append(LogRecord(stamp, odometry, scan_at(pose, stamp, rng)))
+    return Log("drive", records, GEOMETRY)
+
+
+def with_steps(log, change):
+    """The log with other motions between its scans: ``change(stamps, steps)`` returns them."""
+    poses = np.array([record.odometry for record in log])
+    path = [log.records[0].odometry]
+    for step in change(TIMES[1:], relative_poses(poses[:-1], poses[1:])).tolist():
+        path.append(compose(path[-1], Pose2D(*step)))
+    records = [record._replace(odometry=pose) for record, pose in zip(log, path, strict=True)]
+    return dataclasses.replace(log, records=records)
+
+
+def times(x, y, theta, begin=0.0, end=np.inf):
+    """Multiplies the motions of a while."""
+    return lambda stamps, steps: np.where(
+        ((stamps > begin) & (stamps <= end))[:, None], steps * np.array([x, y, theta]), steps
+    )
+
+
+def test_a_good_log_has_no_finding(drive):
+    checked = check_odometry(drive)
+    assert list(checked.findings) == []
+    assert checked.has_odometry
+    assert [record.odometry for record in checked] == [record.odometry for record in drive]
+    turns, ways, direction = odometry_shares(measure_pairs(drive))
+    assert (turns, ways, direction) == pytest.approx((0.98, 1.02, 0.0), abs=0.04)
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3, 0.5, -0.2])
+def test_late_stamps_are_set_right(drive, late):
+    wrong = retimed(drive, -late)
+    checked = check_odometry(wrong)
+    assert [finding.kind for finding in checked.findings] == ["clock"]
+    assert f"0.{abs(late):.1f}"[2:4] in checked.findings[0].sentence
+    assert ("early" in checked.findings[0].sentence) == (late < 0)
+    inner = slice(10, -10)
+    poses, found, before = (
+        np.array([record.odometry[:2] for record in log])[inner] for log in (drive, checked, wrong)
+    )
+    assert np.abs(found - poses).max() < 0.3 * np.abs(before - poses).max()
+    assert not check_odometry(wrong, estimate_offset=False).findings or late != 0.1
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (times(0, 0, 0), "measures no turns and no distances"),
+        (times(1, 1, 0), "measures no turns:"),
+        (times(0, 0, 1), "measures no distances:"),
+        (times(1, 1, -1), "turns left where the laser turns right"),
+        (times(1, -1, -1), "turns left where the laser turns right"),
+        (times(-1, -1, 1), "180 degrees beside the laser"),
+    ],
+)
+def test_odometry_that_lies_throughout_is_left_out(drive, change, words):
+    checked = check_odometry(with_steps(drive, change))
+    assert [finding.kind for finding in checked.findings] == ["odometry"]
+    assert words in checked.findings[0].sentence
+    assert "--odometry-topic" in checked.findings[0].sentence
+    assert not checked.has_odometry
+    assert {record.odometry for record in checked} == {Pose2D(0.0, 0.0, 0.0)}
+    assert check_odometry(checked) is checked
+
+
+@pytest.mark.parametrize(("change", "what"), [(times(1.5, 1.5, 1), "distances"), (times(1, 1, 1.5), "turns")])
+def test_a_wrong_scale_is_divided_out(drive, change, what):
+    checked = check_odometry(with_steps(drive, change))
+    assert [finding.kind for finding in checked.findings] == ["scale"]
+    assert f"of the laser's {what}" in checked.findings[0].sentence
+    assert odometry_shares(measure_pairs(checked))[:2] == pytest.approx((1.0, 1.0), abs=0.06)
+    assert checked.has_odometry
+
+
+@pytest.mark.parametrize("change", [times(0, 0, 0, 40.0, 60.0), times(-1, -1, 1, 40.0, 60.0)])
+def test_a_stretch_that_lies_is_named(drive, change):
+    checked = check_odometry(with_steps(drive, change))
+    assert [finding.kind for finding in checked.findings] == ["contradicted"]
+    assert checked.has_odometry
+    inside = sum(end - begin for begin, end in checked.distrusted)
+    assert 16.0 < inside <= 21.0
+    assert checked.distrusted[0][0] >= 39.0
+    assert checked.distrusted[-1][1] <= 61.0
+
+
+def test_a_robot_at_rest_is_no_fault():
+    rng = np.random.default_rng(1)
+    pose = Pose2D(1.0, 1.0, 0.0)
+    records = [LogRecord(stamp, pose, scan_at(pose, stamp, rng)) for stamp in TIMES[:60].tolist()]
+    checked = check_odometry(Log("rest", records, GEOMETRY))
+    assert list(checked.findings) == []
+    assert checked.has_odometry
+
+
+def test_a_reset_costs_one_step():
+    odometry = Trajectory(TIMES, true_poses(TIMES))
+    reset = odometry.poses.copy()
+    reset[250:] = relative_poses(np.repeat(odometry.poses[250:251], 250, axis=0), odometry.poses[250:])
+    poses, findings = without_jumps(Trajectory(TIMES, reset))
+    assert [finding.kind for finding in findings] == ["jump"]
+    steps, true_steps = (relative_poses(p[:-1], p[1:]) for p in (poses, odometry.poses))
+    kept = np.arange(len(steps)) != 249
+    assert steps[kept] == pytest.approx(true_steps[kept], abs=1e-9)
+    assert steps[249] == pytest.approx(np.zeros(3), abs=1e-9)
+    assert without_jumps(odometry)[1] == ()
+
+
+def test_retiming_moves_the_odometry_under_the_scans(drive):
+    track = drive.track
+    shifted = retimed(drive, 0.1)
+    expected = interpolated(Trajectory(track.stamps, track.poses), TIMES + 0.1)
+    assert np.array([record.odometry for record in shifted]) == pytest.approx(expected, abs=1e-9)
+    assert shifted.track.poses[shifted.track.scans] == pytest.approx(expected, abs=1e-9)
+    assert (np.diff(shifted.track.stamps) >= 0.0).all()
+
+
+def test_the_laser_alone_follows_the_robot(drive):
+    short = dataclasses.replace(drive, records=drive.records[:100], has_odometry=False)
+    found = with_laser_odometry(short)
+    poses = np.array([record.odometry for record in found])
+    steps, true_steps = (relative_poses(p[:-1], p[1:]) for p in (poses, true_poses(TIMES[:100])))
+    assert np.abs(steps - true_steps).max() < 0.02
+    moved, way = between(*(Pose2D(*poses[k]) for k in (0, -1))), true_poses(TIMES[[0, 99]])
+    assert moved == pytest.approx(between(Pose2D(*way[0]), Pose2D(*way[1])), abs=0.1)
+
+
+def test_the_laser_takes_over_where_the_odometry_is_not_trusted(drive):
+    checked = check_odometry(with_steps(drive, times(0, 0, 0, 40.0, 60.0)))
+    poses = np.array([record.odometry for record in with_laser_odometry(checked)])
+    steps, true_steps = (relative_poses(p[:-1], p[1:]) for p in (poses, true_poses(TIMES)))
+    assert np.abs(steps - true_steps)[:, :2].max() < 0.05
