@@ -10,14 +10,13 @@ HARD = {
     "odometry": "high",
     "lidar": "lds01",
     "clutter": {"furniture": 0.5, "people": 2},
-    "slam": {"particles": 4},
 }
 REWARDS = {"coverage_gain": 10.0, "map_error": 1.0, "shaping": 2.0}
 SETTINGS = {
-    "defaults": {"slam": {"particles": 4}},
+    "defaults": {},
+    "particle filter": {"slam": {"mode": "rbpf", "particles": 4}},
     "hard": HARD,
-    "pose graph": {"localization": "pose_graph"},
-    "global map": {"observation": {"map": "global"}, "localization": "scan_matching"},
+    "global map": {"observation": {"map": "global"}, "slam": {"mode": "rbpf", "particles": 1}},
     "discrete": {"actions": "discrete", "localization": "ground_truth", "reward": REWARDS},
 }
 
@@ -62,9 +61,9 @@ def test_explore_env(golden, name):
     golden.check(f"environment/{name}", measured)
 
 
-@pytest.mark.parametrize("localization", ["ground_truth", "rbpf"])
+@pytest.mark.parametrize("localization", ["ground_truth", "pose_graph"])
 def test_explore_frontiers_env(golden, localization):
-    settings = {"localization": localization, "slam": {"particles": 4}, "time_limit": 200.0}
+    settings = {"localization": localization, "time_limit": 200.0}
     env = ExploreFrontiersEnv(open_plans("procedural:home:8"), discount=0.99, **settings)
     observation, info = env.reset(seed=4, options={"plan": "home_8_00004"})
     rng = np.random.default_rng(9)

@@ -14,7 +14,7 @@ SITES = {
     "home": ("bundled", "home_000002", 80.0),
 }
 TRUE_POSES = ExploreConfig(slam=SlamConfig(mode="ground_truth"))
-LOCALISED = ExploreConfig(slam=SlamConfig(particles=6))
+LOCALISED = ExploreConfig(slam=SlamConfig(mode="rbpf", particles=6))
 
 
 def trace(golden, name, site, config):

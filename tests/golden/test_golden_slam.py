@@ -13,13 +13,15 @@ from slamgym.slam.replay import replay
 
 PLAN = "home_loops_4_00001"
 WAYS = {
-    "rbpf": SlamConfig(particles=8),
-    "scan_matching": SlamConfig(mode="scan_matching"),
+    "rbpf": SlamConfig(mode="rbpf", particles=8),
+    "scan_matching": SlamConfig(mode="rbpf", particles=1),
     "pose_graph": SlamConfig(mode="pose_graph"),
     "dead_reckoning": SlamConfig(mode="dead_reckoning"),
     "ground_truth": SlamConfig(mode="ground_truth"),
     "gmapping": SlamConfig.gmapping(particles=3),
-    "ros_defaults": SlamConfig(max_usable_range=80.0, angular_update=0.5, temporal_update=None, particles=4),
+    "ros_defaults": SlamConfig(
+        mode="rbpf", max_usable_range=80.0, angular_update=0.5, temporal_update=None, particles=4
+    ),
     "log": SlamConfig.for_log(3.5, 180),
 }
 
