@@ -37,7 +37,7 @@ from slamgym.planning.exploration_loop import ExplorationLoopConfig
 PRETRAINED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
 """The policy that comes with the package."""
 _SPACE = {
-    "env": "slamgym/ExploreFrontiers-v1",
+    "env": "slamgym/ExploreFrontiers-v1",  # the first id with these observations
     "feature_version": FEATURE_VERSION,
     "candidate_features": list(CANDIDATE_FEATURES),
     "global_features": list(GLOBAL_FEATURES),

@@ -55,7 +55,7 @@ class FrontierScorer:
         """Score of each candidate, shape (N,) for the N rows that the mask shows.
 
         Args:
-            observation: Unbatched, of ``slamgym/ExploreFrontiers-v1`` with any K.
+            observation: Unbatched, of ``slamgym/ExploreFrontiers-v2`` with any K.
         """
         there = observation["mask"] > 0.5
         features = observation["candidates"][there]

@@ -35,7 +35,7 @@ _EPSILON = 1e-8
 _SMALLEST_FRONTIER = 0.5
 """Shorter frontiers don't keep it driving [m]."""
 _SPACE = {
-    "env": "slamgym/Explore-v1",
+    "env": "slamgym/Explore-v1",  # the first id with these observations
     "preset": "compact_far",
     "blocks": BLOCKS,
     "ranges": SCAN_SECTORS,

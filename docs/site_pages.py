@@ -22,7 +22,7 @@ FACES = (
     "slamgym.drawing",
 )  # fmt: skip
 """Packages whose public names are the API."""
-ENVIRONMENTS = {"slamgym/Explore-v1": "ExploreEnv", "slamgym/ExploreFrontiers-v1": "ExploreFrontiersEnv"}
+ENVIRONMENTS = {"slamgym/Explore-v2": "ExploreEnv", "slamgym/ExploreFrontiers-v2": "ExploreFrontiersEnv"}
 _PICTURE = re.compile(r"!\[([^\]]+)\]\((?:\.\./)*(images/[\w.]+)\)")
 _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
 _TO_SOURCE = re.compile(

@@ -20,7 +20,7 @@ def keep_moving(step: StepRecord) -> float:
 def make_env() -> gym.Env:
     """Three actions (ahead, left, right), known pose, and the reward above beside the usual ones."""
     env = gym.make(
-        "slamgym/ExploreDiscrete-v1",
+        "slamgym/ExploreDiscrete-v2",
         localization="ground_truth",
         time_limit=60.0,
         reward_terms={"keep_moving": (0.5, keep_moving)},

@@ -98,7 +98,7 @@ def main(args: Args) -> list[float]:
     torch.manual_seed(args.seed)
     torch.set_num_threads(1)
     envs = gym.make_vec(
-        "slamgym/Explore-v1",
+        "slamgym/Explore-v2",
         num_envs=args.num_envs,
         vectorization_mode="vector_entry_point",
         plans=args.plans,

@@ -19,7 +19,7 @@ ROOMS = {
     "interop": "ROS maps, maps of robot vacuums, CARMEN logs, TUM trajectories, ROS bags",
     "cad": "floor plans: readers (DXF, IFC, GeoJSON, HouseExpo, pictures), generator, rasters",
     "sim": "world and sensors: robot, contacts, furniture, people, laser, wheel odometry",
-    "slam": "the particle filter, the pose graph (`slam/graph`) and simpler modes; log replay",
+    "slam": "graph SLAM (`slam/graph`), GMapping's particle filter, localisation, laser odometry; log replay",
     "planning": "costmap, paths, frontiers, navigation, the exploration loop",
     "viz": "text, sheets, overlays, films, the window: plain records in, pictures out",
     "parametric": "CAD -> SLAM without simulating",

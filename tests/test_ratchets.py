@@ -22,31 +22,31 @@ MAX_ATTRIBUTES = 15
 
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
-    "README.md": (0, 0, 0, 0, 1202),
-    "agents": (2980, 57, 0, 124, 0),
+    "README.md": (0, 0, 0, 0, 1204),
+    "agents": (2979, 57, 0, 124, 0),
     "cad": (2115, 3, 0, 103, 0),
-    "commands": (2696, 0, 263, 70, 0),
-    "core": (1756, 0, 0, 74, 0),
+    "commands": (2694, 0, 262, 70, 0),
+    "core": (1756, 0, 0, 73, 0),
     "dataset": (3088, 20, 0, 89, 0),
-    "docs": (0, 0, 0, 0, 22862),
+    "docs": (0, 0, 0, 0, 22605),
     "docs/drawing": (0, 0, 0, 0, 4293),
-    "docs/notes": (0, 0, 0, 0, 4404),
-    "docs/tutorials": (0, 0, 0, 0, 403),
+    "docs/notes": (0, 0, 0, 0, 4240),
+    "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (3033, 3, 0, 173, 0),
-    "envs": (2586, 35, 0, 70, 0),
+    "envs": (2562, 35, 0, 70, 0),
     "gan": (2416, 42, 0, 97, 0),
-    "interop": (1141, 0, 0, 48, 0),
+    "interop": (1187, 0, 0, 44, 0),
     "metrics": (1129, 0, 0, 58, 0),
-    "parametric": (1266, 41, 0, 32, 0),
-    "planning": (2132, 19, 0, 86, 0),
+    "parametric": (1264, 41, 0, 32, 0),
+    "planning": (2120, 19, 0, 85, 0),
     "sim": (2232, 45, 0, 156, 0),
-    "slam": (3423, 41, 0, 236, 0),
+    "slam": (3416, 33, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (833, 0, 0, 73, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32845, 306, 263, 1489, 34314)
+TOTAL = (32843, 298, 262, 1444, 33892)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
@@ -61,8 +61,7 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.Simulation": 21,
     "slamgym.sim.lidar.LidarConfig": 16,
-    "slamgym.slam.config.SlamConfig": 26,
-    "slamgym.slam.particle_filter.ParticleFilter": 16,
+    "slamgym.slam.config.SlamConfig": 22,
 }
 """Settings and records whose fields are names in saved files or options of commands, and what still is to be split."""
 NAMES_IN_TWO_MODULES: dict[str, int] = {}

@@ -166,8 +166,7 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
 def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> str:
     lines = [
         f"{summary.plans} plans (split {config.split or 'all'}, filter {config.plans_filter}), each explored "
-        f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode} with "
-        f"{config.trial.env.slam.particles} particles."
+        f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode}."
     ]
     if evaluation.skipped:
         lines.append(f"{len(evaluation.skipped)} plan(s) were skipped: the robot can't explore them.")

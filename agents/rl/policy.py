@@ -108,7 +108,7 @@ class _Split(nn.Module):
 
 
 class FrontierPolicy(ActorCriticPolicy):
-    """For ``PPO`` on ``slamgym/ExploreFrontiers-v1``: the network masks its scores itself."""
+    """For ``PPO`` on ``slamgym/ExploreFrontiers-v2``: the network masks its scores itself."""
 
     def __init__(self, *args: Any, network: NetworkConfig | None = None, **kwargs: Any) -> None:
         kwargs |= {

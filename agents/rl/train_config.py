@@ -92,13 +92,13 @@ class RunConfig(Settings):
 
 
 class TrainConfig(RunConfig):
-    """A training run on ``slamgym/ExploreFrontiers-v1``."""
+    """A training run on ``slamgym/ExploreFrontiers-v2``."""
 
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
     workers: Count = 1
     """1 runs them in this process; more gives each environment its own process."""
-    localization: Literal["ground_truth", "rbpf", "scan_matching", "dead_reckoning"] = "ground_truth"
+    localization: Literal["ground_truth", "rbpf", "pose_graph", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
     odometry: OdometryLevel = "medium"
     """Errors of the wheel odometry, which matter where poses are estimated."""
@@ -132,7 +132,7 @@ class WheelsConfig(
         "checkpoint_every": 20_000,
     },
 ):
-    """A training run on ``slamgym/Explore-v1`` with the observations ``compact_far``, at true poses."""
+    """A training run on ``slamgym/Explore-v2`` with the observations ``compact_far``, at true poses."""
 
     steps: Count = 6_000_000
     """Decisions of all environments together."""

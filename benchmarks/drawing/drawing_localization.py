@@ -5,7 +5,7 @@
 Every home is mapped by the particle filter. Later a robot drives there for three minutes with new errors of wheels and
 laser, knowing nothing of its start. In every third home both find it empty; in every third it was empty and is
 furnished when the robot comes back; in every third it was furnished and all furniture has moved. The robot is localised
-on the raw map, on drawings of that map, and on the true plan. All are localised with one log and one seed, so the maps
+on the raw map, on drawings of that map, and on the true plan. All are localised with one log, so the maps
 are compared home by home. *Right* is defined as in ``localization.py``: against where the SLAM map says that the place
 is, for drawings too, which lie in its frame. *Sure and wrong* is the share of scans with ``localised`` and not right.
 """
@@ -63,15 +63,15 @@ def main() -> None:
         begun = time.process_time()
         mapping, drive, plan = drives(FIRST_HOME + number, *STATES[state])
         found = outcomes[state]
-        found.setdefault(RAW, []).append(on_map(drive, mapping.slam_map, number, mapping))
+        found.setdefault(RAW, []).append(on_map(drive, mapping.slam_map, mapping))
         for name, model in models.items():
             drawing = make_drawing(mapping.slam_map, f"{FIRST_HOME + number}", model)
-            one = on_map(drive, drawing_map(drawing), number, mapping)
+            one = on_map(drive, drawing_map(drawing), mapping)
             found.setdefault(f"its drawing ({name})", []).append(one)
             if arguments.pictures:
                 picture(arguments.pictures / f"{number:02}_{name}.png", drawing)
         true = plan.raster(0.05, offset=(mapping.start.x, mapping.start.y), outside=UNKNOWN)
-        found.setdefault("true plan", []).append(on_map(drive, true, number, None))
+        found.setdefault("true plan", []).append(on_map(drive, true, None))
         shown = {name: f"{of[-1].seconds:.0f} s, {of[-1].wrong:.1%} wrong" for name, of in found.items()}
         say(f"{number} {state} {shown} {time.process_time() - begun:.0f} CPU s")
     rows = [

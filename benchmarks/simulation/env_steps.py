@@ -29,7 +29,7 @@ from slamgym.planning.exploration_loop import ExplorationLoop
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
-MODES = ("ground_truth", "dead_reckoning", "scan_matching", "rbpf")
+MODES = ("ground_truth", "dead_reckoning", "pose_graph", "rbpf")
 GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
 PLAN = "home_000334"
@@ -124,7 +124,7 @@ def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, flo
 def measure_batch(counts: tuple[int, ...] = (1, 8, 32), turns: int = 3) -> None:
     """Median rates of turns of 0.3 CPU seconds, on the observations ``compact``."""
     rows = []
-    for mode in ("ground_truth", "scan_matching"):
+    for mode in ("ground_truth", "pose_graph"):
         for shown in ("egocentric", "global"):
             settings: dict[str, Any] = {
                 "localization": mode,

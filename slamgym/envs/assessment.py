@@ -82,9 +82,8 @@ class Assessment:
     @cached_property
     def _obstacle_distance(self) -> ObstacleDistance:
         # Kept for the episode alone: a field takes megabytes, and an environment keeps dozens of plans ready.
-        return ObstacleDistance(
-            np.vstack([self._prepared.plan.segments(), self._prepared.clutter.segments()])
-        )
+        parts = self._prepared.plan, self._prepared.clutter
+        return ObstacleDistance(np.vstack([part.segments() for part in parts]))
 
     def info(self) -> dict[str, Any]:
         """The newest figures, as ``info`` shows them."""
@@ -96,7 +95,6 @@ class Assessment:
             "collisions": simulation.collisions,
             "pose_error": latest.pose_error,
             "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
-            "n_eff": simulation.mapper.n_eff,
             "doubtful_scans": len(simulation.mapper.stats.doubtful),
             "is_doubtful": simulation.mapper.stats.is_doubtful,
             "true_pose": np.array(pose),
@@ -136,7 +134,6 @@ class Assessment:
                 coverage=latest.coverage,
                 path_length=simulation.path_length,
                 pose_error=latest.pose_error,
-                n_eff=simulation.mapper.n_eff,
                 contacts=simulation.collisions,
             ),
         )

@@ -51,7 +51,7 @@ class ExploreEnv(gym.Env[Any, Any]):
     | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
 
     With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
-    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v1``,
+    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v2``,
     ``Discrete(3)``: 0 ahead at full speed, 1 turn left on the spot, 2 turn right, both at 1.82 rad/s.
 
     ## Observation Space
@@ -106,8 +106,8 @@ class ExploreEnv(gym.Env[Any, Any]):
     ## Info
 
     ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
-    [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad], ``n_eff``,
-    ``doubtful_scans`` (that fit the map poorly), ``is_doubtful`` (the newest is one: the pose may be wrong),
+    [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad],
+    ``doubtful_scans`` (where the map may be wrong), ``is_doubtful`` (the newest is one: the pose may be wrong),
     ``true_pose`` (3,) in the world, ``reward_terms``; with the map error measured, or at the end of the episode,
     ``map_error`` [m]; at the end
     ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
@@ -122,8 +122,8 @@ class ExploreEnv(gym.Env[Any, Any]):
         reward_terms: More terms of the reward: name to (weight, function).
         **settings: Fields of :class:`~slamgym.envs.config.ExploreConfig` by name, on top of ``config``: parts
             as dataclasses or as mappings of what differs, ``lidar`` and ``odometry`` also as the name of an
-            error level, and ``localization`` (``"rbpf"``, ``"pose_graph"``, ``"scan_matching"``,
-            ``"dead_reckoning"``, ``"map"``, ``"ground_truth"``).
+            error level, and ``localization`` (``"rbpf"``, ``"pose_graph"``, ``"dead_reckoning"``,
+            ``"map"``, ``"ground_truth"``).
 
     Raises:
         ConfigError: If a setting is unknown or makes no sense.
@@ -136,6 +136,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     ## Version History
 
+    * v2: the default localisation is ``pose_graph``.
     * v1: the laser's errors belong to places, and furniture is what a laser near the floor sees.
     * v0: first version.
     """

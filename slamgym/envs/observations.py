@@ -131,9 +131,8 @@ class Measurements:
     def __init__(self, config: ExploreConfig) -> None:
         extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
         speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
-        limit = (
-            np.finfo(np.float32).max if config.max_steps is None else config.max_steps * config.control_step
-        )
+        steps, longest = config.max_steps, np.finfo(np.float32).max
+        limit = longest if steps is None else steps * config.control_step
         range_max, num_beams = config.lidar.range_max, config.lidar.num_beams
         self.space = spaces.Dict(
             {

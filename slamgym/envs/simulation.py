@@ -77,12 +77,10 @@ class Actions:
         try:
             if self._commands:
                 return np.array([self._commands[int(action)] for action in actions])
-            commands: FloatArray = (
-                np.asarray(actions, dtype=np.float64).reshape(len(actions), 2) * self._scale
-            )
+            shares: FloatArray = np.asarray(actions, dtype=np.float64).reshape(len(actions), 2)
+            return shares * self._scale
         except (TypeError, ValueError, KeyError):
             raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None
-        return commands
 
 
 class Simulation:

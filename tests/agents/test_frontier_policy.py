@@ -162,7 +162,7 @@ def rewrite(path, change):
     [
         (lambda c: c["space"].update(feature_version=99), "another observation space .feature_version 99"),
         (lambda c: c["space"]["candidate_features"].pop(), "another observation space .candidate_features"),
-        (lambda c: c["space"].update(env="slamgym/Explore-v1"), "another observation space .env"),
+        (lambda c: c["space"].update(env="slamgym/Explore-v2"), "another observation space .env"),
         (lambda c: c["network"].update(width=32), "where its configuration asks for"),
         (lambda c: c["network"].update(depth=3), "unknown setting 'depth'"),
         (lambda c: c["network"].update(crop=8), "crop of NetworkConfig is always 32"),

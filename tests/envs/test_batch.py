@@ -80,7 +80,7 @@ CASES = {
     ),
     "far with scan matching": (
         AutoresetMode.DISABLED,
-        {"localization": "scan_matching", "observation": {"preset": "compact_far"}},
+        {"slam": {"mode": "rbpf", "particles": 1}, "observation": {"preset": "compact_far"}},
     ),
     "dictionary": (AutoresetMode.SAME_STEP, {"localization": "ground_truth", "lidar": "real"}),
     "wheels believed": (
@@ -89,7 +89,7 @@ CASES = {
     ),
     "scan matching": (
         AutoresetMode.SAME_STEP,
-        {"localization": "scan_matching", "observation": {"preset": "compact"}, "odometry": "high"},
+        {"localization": "dead_reckoning", "observation": {"preset": "compact"}, "odometry": "high"},
     ),
     "particles": (
         AutoresetMode.SAME_STEP,
@@ -145,7 +145,7 @@ def test_an_explored_room_ends_the_episode(hall):
 def test_gymnasium_makes_it_by_name():
     assert slamgym.__version__
     envs = gym.make_vec(
-        "slamgym/ExploreDiscrete-v1",
+        "slamgym/ExploreDiscrete-v2",
         num_envs=2,
         vectorization_mode="vector_entry_point",
         localization="ground_truth",

@@ -17,14 +17,14 @@ def test_keywords_change_what_they_name_and_nothing_else():
     config = resolve_config(
         base,
         {
-            "localization": "scan_matching",
+            "localization": "dead_reckoning",
             "odometry": "high",
             "lidar": "exact",
             "observation": {"map": "global"},
             "coverage_goal": 0.9,
         },
     )
-    assert config.slam == SlamConfig(particles=7, mode="scan_matching")
+    assert config.slam == SlamConfig(particles=7, mode="dead_reckoning")
     assert config.odometry == odometry_level("high")
     assert config.lidar == lidar_level("exact")
     assert config.observation == ObservationConfig(map="global")
@@ -90,7 +90,7 @@ def test_the_config_survives_json():
 
 
 def test_gym_make_passes_settings_on(flat: FloorPlan):
-    env = gym.make("slamgym/ExploreDiscrete-v1", plans=flat, localization="ground_truth", time_limit=7.0)
+    env = gym.make("slamgym/ExploreDiscrete-v2", plans=flat, localization="ground_truth", time_limit=7.0)
     assert isinstance(env.action_space, gym.spaces.Discrete)
     assert env.unwrapped.config.slam.mode == "ground_truth"
     assert env.unwrapped.config.time_limit == 7.0

@@ -16,7 +16,7 @@ from slamgym.core.types import UNKNOWN, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.sim import ClutterConfig, lidar_level
 
-IDS = ["slamgym/Explore-v1", "slamgym/ExploreDiscrete-v1"]
+IDS = ["slamgym/Explore-v2", "slamgym/ExploreDiscrete-v2"]
 SETTINGS = [
     {},
     {"localization": "ground_truth", "observation": {"map": "global", "map_size": 64.0}},
@@ -84,19 +84,20 @@ def test_the_spec_can_be_pickled(env_id: str) -> None:
 
 
 @pytest.mark.filterwarnings("ignore:.*out of date")
+@pytest.mark.parametrize("version", [0, 1])
 @pytest.mark.parametrize("name", ["Explore", "ExploreDiscrete", "ExploreFrontiers"])
-def test_ids_of_the_first_version_name_their_successor(name: str) -> None:
-    with pytest.raises(gym.error.DeprecatedEnv, match=f"use `slamgym/{name}-v1` instead"):
-        gym.make(f"slamgym/{name}-v0")
+def test_ids_of_older_versions_name_their_successor(name: str, version: int) -> None:
+    with pytest.raises(gym.error.DeprecatedEnv, match=f"use `slamgym/{name}-v2` instead"):
+        gym.make(f"slamgym/{name}-v{version}")
 
 
 @pytest.mark.parametrize("mode", ["sync", "async"])
 def test_vectors_of_environments_agree_with_single_ones(mode: str) -> None:
     settings = {"localization": "ground_truth", "time_limit": 30.0}
-    vector = gym.make_vec("slamgym/Explore-v1", num_envs=2, vectorization_mode=mode, **settings)
+    vector = gym.make_vec("slamgym/Explore-v2", num_envs=2, vectorization_mode=mode, **settings)
     vector.action_space.seed(0)
     observations, _ = vector.reset(seed=4)
-    single = gym.make("slamgym/Explore-v1", **settings)
+    single = gym.make("slamgym/Explore-v2", **settings)
     alone, _ = single.reset(seed=5)  # the vector's second environment has the next seed
     for _ in range(5):
         assert data_equivalence({key: value[1] for key, value in observations.items()}, alone, exact=True)
@@ -113,7 +114,7 @@ def test_stable_baselines_runs_it_in_processes() -> None:
     from stable_baselines3.common.env_util import make_vec_env
 
     env = make_vec_env(
-        "slamgym:slamgym/Explore-v1",
+        "slamgym:slamgym/Explore-v2",
         n_envs=2,
         seed=1,
         vec_env_cls=vec_env.SubprocVecEnv,
@@ -391,7 +392,7 @@ def test_a_wrong_action_is_one_clear_error(hall: FloorPlan, kind: str, wrong: ob
 
 
 def test_a_wrong_choice_of_frontier_is_one_clear_error(hall: FloorPlan) -> None:
-    env = gym.make("slamgym/ExploreFrontiers-v1", plans=hall, localization="ground_truth").unwrapped
+    env = gym.make("slamgym/ExploreFrontiers-v2", plans=hall, localization="ground_truth").unwrapped
     env.reset(seed=0)
     for wrong in (16, -1, [1, 2], "left"):
         with pytest.raises(ActionError, match="a whole number from 0 to 15, not"):

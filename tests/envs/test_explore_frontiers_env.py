@@ -43,7 +43,7 @@ def play(env, choose=lambda observation, env: 0, seed=0, options=None):
 
 
 def test_gymnasium_accepts_the_environment(two_room_plan):
-    env = gym.make("slamgym/ExploreFrontiers-v1", plans=two_room_plan, **SMALL)
+    env = gym.make("slamgym/ExploreFrontiers-v2", plans=two_room_plan, **SMALL)
     check_env(env.unwrapped, skip_render_check=True)
 
 

@@ -33,7 +33,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     """Many of :class:`~slamgym.envs.ExploreEnv` in one process, each step computed by kernels over all of them.
 
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
-    environments. ``gym.make_vec("slamgym/Explore-v1", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
+    environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
 
     Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map or the
     filter, user-defined terms, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
@@ -220,7 +220,6 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "collisions": fleet.robots.collisions.copy(),
             "pose_error": fleet.pose_errors,
             "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
-            "n_eff": fleet.n_eff,
             # Robots that are mapped together doubt nothing.
             "doubtful_scans": np.array([len(one.doubtful) for one in stats] or [0] * self.num_envs),
             "is_doubtful": np.array([one.is_doubtful for one in stats] or [False] * self.num_envs),

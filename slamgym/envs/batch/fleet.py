@@ -112,13 +112,6 @@ class Fleet:
         true = self.robots.pose[:, :2] - self.robots.start[:, :2]
         return np.asarray(np.hypot(*(self.maps.believed[:, :2] - true).T), dtype=np.float64)
 
-    @property
-    def n_eff(self) -> FloatArray:
-        """Effective numbers of particles, shape (N,)."""
-        if self.is_mapped_together:
-            return np.ones(len(self))
-        return np.array([self.mapper(i).n_eff for i in range(len(self))])
-
     def mapper(self, index: int) -> Mapper:
         """One robot's, where they are not mapped together."""
         mapper = self.each[index].mapper
