@@ -135,7 +135,6 @@ class Mapper(ABC):
     @property
     def stats(self) -> SlamStats:
         """Counters."""
-        self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
         return self._stats
 
     def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
@@ -151,6 +150,7 @@ class Mapper(ABC):
         self._process(scan)
         self._grid = None
         self._stats.processed += 1
+        self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
         self._stats.last_stamp = scan.stamp
         self._stats.cpu_seconds += time.process_time() - begin
         return True

@@ -80,9 +80,9 @@ def test_an_exact_scan_is_aligned_to_two_millimetres(room, dx, dy, turn):
 
 def test_closing_a_submap_frees_memory_and_changes_no_alignment():
     drawn, points = submap(ROUND), scan_points((0.1, 0.2, 0.4))
-    before, size = align(drawn, points, (0.12, 0.18, 0.41)), drawn.num_bytes
+    before, size = align(drawn, points, (0.12, 0.18, 0.41)), drawn.grid.nbytes
     drawn.close()
-    assert drawn.num_bytes < 0.5 * size
+    assert drawn.grid.nbytes < 0.5 * size
     after = align(drawn, points, (0.12, 0.18, 0.41))
     assert after[0] == pytest.approx(before[0], abs=1e-9)
     assert after[2] == pytest.approx(before[2])

@@ -122,9 +122,8 @@ class LoopCloser:
         for number in np.argsort(away, kind="stable").tolist():
             if away[number] > LOOP_RADIUS or submaps[number].is_older_map:
                 continue
-            if any(abs(number - other) < SEPARATION for other in chosen) or graph.is_tied(
-                submaps[number].first
-            ):
+            is_beside = any(abs(number - other) < SEPARATION for other in chosen)
+            if is_beside or graph.is_tied(submaps[number].first):
                 continue
             chosen.append(number)
             if len(chosen) == MOST_PLACES:

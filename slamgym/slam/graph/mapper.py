@@ -87,6 +87,7 @@ class PoseGraphMapper(Mapper):
         )  # fmt: skip
         self._reach = min(self._beams.usable, MATCH_RANGE) + SUBMAP_METRES + 1.0
         self._submaps: list[Submap] = []
+        self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
         self._loops = LoopCloser(config.pose_graph)
         self._consistency = Consistency(geometry)
@@ -115,8 +116,7 @@ class PoseGraphMapper(Mapper):
         return {"loop_closures": self._loops.closed, "loop_closures_rejected": self._loops.rejected}
 
     def _num_bytes(self) -> int:
-        submaps = sum(submap.num_bytes for submap in self._submaps)
-        return self._scans.num_bytes + self._graph.num_bytes + submaps
+        return self._scans.num_bytes + self._graph.num_bytes + self._submap_bytes
 
     def finish(self) -> None:
         """Optimise once more, and judge the whole map."""
@@ -181,9 +181,8 @@ class PoseGraphMapper(Mapper):
         matches = self._matches(len(self._graph), numbers, placed)
         information = known
         for match in matches:
-            information = information + turned_matrix(
-                match.information, float(self._graph.poses[match.old, 2])
-            )
+            heading = float(self._graph.poses[match.old, 2])
+            information = information + turned_matrix(match.information, heading)
         self._graph.append(placed.pose, step, information)
         for match in matches:
             self._graph.tie(match, is_sure=match.old >= self._submaps[newest[0]].first)
@@ -302,6 +301,7 @@ class PoseGraphMapper(Mapper):
         submap.size += abs(float(step.moved[2])) / SUBMAP_RADIANS
         if submap.size > 1.0 and len(submap.poses) >= SUBMAP_SCANS:
             submap.close()
+            self._submap_bytes += submap.grid.nbytes + submap.pieces.nbytes
             self._judge([len(self._submaps) - 1])
             submap = Submap(node, self._reach)
             self._submaps.append(submap)

@@ -61,11 +61,7 @@ class Submap:
         self.checked = 0
         """Number of optimisations of the graph after which it was last compared with the path."""
         self._used = 0
-
-    @property
-    def num_bytes(self) -> int:
-        """Memory."""
-        return self.grid.nbytes + self.pieces.nbytes
+        self._lines: tuple[FloatArray, FloatArray] | None = None
 
     def add(self, pose: FloatArray, points: FloatArray, sides: FloatArray) -> None:
         """Draw a scan.
@@ -79,6 +75,7 @@ class Submap:
             more = np.zeros(len(self.pieces) + len(points), dtype=PIECE)
             self.pieces = np.concatenate([self.pieces, more])
         self.poses.append(pose)
+        self._lines = None
         self._used = add_scan(self.grid, self.pieces, self._used, self.corner, pose, points, sides)
 
     def clear(self) -> None:
@@ -115,12 +112,13 @@ class Submap:
 
     def lines(self) -> tuple[FloatArray, FloatArray]:
         """Means (n, 2) of the pieces with a line in the submap's frame [m], and their sides (n, 3)."""
-        kept = self.pieces[: self._used]["state"] == LINE
-        pieces, (means, sides) = self.pieces[: self._used][kept], self.means
-        normals = np.column_stack([pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))])
-        behind = (normals[:, :2] * sides[kept]).sum(axis=1) < 0.0
-        normals[behind, :2] *= -1.0
-        return means[kept], normals
+        if self._lines is None:
+            kept = self.pieces[: self._used]["state"] == LINE
+            pieces, (means, sides) = self.pieces[: self._used][kept], self.means
+            normals = np.column_stack([pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))])
+            normals[(normals[:, :2] * sides[kept]).sum(axis=1) < 0.0, :2] *= -1.0
+            self._lines = means[kept], normals
+        return self._lines
 
 
 @kernel
