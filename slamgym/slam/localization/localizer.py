@@ -58,7 +58,6 @@ class MapLocalizer(Mapper):
         self._settings = settings = config.localization
         self._known_map = KnownMap(finished)
         self._wheels = WheelCalibration()
-        self._wheels.noise = np.ones(2)  # of good wheels: what errs more is found again
         self._hypotheses: list[Hypothesis] = []
         if settings.start == "known":
             spread = settings.initial_spread, settings.initial_spread, settings.initial_turn
