@@ -40,13 +40,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "parametric": (1264, 41, 0, 32, 0),
     "planning": (2120, 19, 0, 85, 0),
     "sim": (2232, 45, 0, 156, 0),
-    "slam": (3414, 33, 0, 197, 0),
+    "slam": (3411, 33, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (833, 0, 0, 73, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32841, 298, 262, 1444, 34301)
+TOTAL = (32838, 298, 262, 1444, 34301)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

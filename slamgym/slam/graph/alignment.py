@@ -11,6 +11,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray, IntArray
+from slamgym.slam.graph.relative import nearest_turn
 from slamgym.slam.graph.submaps import LINE, PIECE, SUBMAP_CELL, VACANT, Submap
 
 ALIGNED_COSINE = 0.7
@@ -194,12 +195,6 @@ def align_scan(
         if width == ALIGN_WIDTH and length < CONVERGED[0] and abs(step_t) < CONVERGED[1]:
             break
     return fit
-
-
-@kernel
-def nearest_turn(angle: float) -> float:
-    """Wrap an angle to [-pi, pi)."""
-    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
 
 
 @kernel

@@ -5,14 +5,13 @@ from collections.abc import Callable
 
 import numpy as np
 
-from slamgym.core.geometry import wrap_angle
-from slamgym.core.portable import inverted, product
+from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray
 from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.alignment import MOST_SUBMAPS, Chosen
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.relative import Match, match_with, moved_by, seen_from
+from slamgym.slam.graph.relative import Match, chi_squared, match_with, moved_by, seen_from
 from slamgym.slam.graph.submaps import Submap
 
 LOOP_METRES = 1.0
@@ -182,8 +181,6 @@ def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, Floa
 
 def _disagreement(graph: PoseGraph, closure: Match) -> float:
     """Chi-squared of a closure with the newest node, given how far off the path may be."""
-    error = closure.measured - seen_from(graph.poses[closure.old], graph.poses[closure.new])
-    error[2] = wrap_angle(float(error[2]))
     covariance = graph.relative_covariance(closure.old) + np.diag(np.square(CLOSURE_FLOOR))
     known = inverted(covariance + inverted(closure.information + np.eye(3)))
-    return float((product(known, error[:, None])[:, 0] * error).sum())
+    return chi_squared(closure.measured, seen_from(graph.poses[closure.old], graph.poses[closure.new]), known)

@@ -60,8 +60,10 @@ class Consistency:
         nodes = np.unique(np.linspace(own.first, last, SCANS + 2)[1:-1].astype(np.int64)).tolist()
         lasers = [np.array(compose(Pose2D(*graph.poses[node].tolist()), self._mount)) for node in nodes]
         for submap in submaps[:number]:
+            if submap.is_older_map:
+                continue
             places = [seen_from(graph.poses[submap.first], laser) for laser in lasers]
-            if submap.is_older_map or not any(submap.is_near(place, SIGHT) for place in places):
+            if not any(submap.is_near(place, SIGHT) for place in places):
                 continue
             means, sides = submap.lines()
             for node, place in zip(nodes, places, strict=True):

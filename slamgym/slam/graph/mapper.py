@@ -33,7 +33,7 @@ from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.relative import Match, match_with, moved_by, seen_from, turned_matrix
+from slamgym.slam.graph.relative import Match, chi_squared, match_with, moved_by, seen_from, turned_matrix
 from slamgym.slam.graph.submaps import Submap, known_submap, known_surfaces, sides_of
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.mapper import Mapper
@@ -276,7 +276,7 @@ class PoseGraphMapper(Mapper):
             gain = (far.fit - placed.fit) * len(points) * POINT_NATS - SEARCH_NATS[is_wide]
             self._suspicion += max(gain, 0.0)
             lie = LIE_NATS if is_wide else max(LIE_NATS, SUSPICION - self._suspicion)
-            if not strays and gain > min(_half_chi2(far.pose, predicted, known), lie):
+            if not strays and gain > min(0.5 * chi_squared(far.pose, predicted, known), lie):
                 placed = far
                 self._stats.recovered_matches += 1
         return placed
@@ -333,10 +333,3 @@ class PoseGraphMapper(Mapper):
         self._map.draw(poses[again], ranges[again])
         self._drawn_poses = np.concatenate([self._drawn_poses, poses[drawn:]])
         self._drawn_poses[moved] = poses[moved]
-
-
-def _half_chi2(pose: FloatArray, expected: FloatArray, known: FloatArray) -> float:
-    """Half of the squared Mahalanobis distance of a pose from the expected one."""
-    away = pose - expected
-    away[2] = wrap_angle(float(away[2]))
-    return 0.5 * float(((known * away).sum(axis=1) * away).sum())

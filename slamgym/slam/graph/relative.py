@@ -66,6 +66,19 @@ def weigh_match(sums: FloatArray, heading: float, count: int) -> tuple[FloatArra
     return shift, inverted(covariance)
 
 
+@kernel
+def nearest_turn(angle: float) -> float:
+    """Wrap an angle to [-pi, pi)."""
+    return angle - 2.0 * math.pi * math.floor((angle + math.pi) / (2.0 * math.pi))
+
+
+def chi_squared(pose: FloatArray, expected: FloatArray, information: FloatArray) -> float:
+    """Squared Mahalanobis distance of a pose (3,) from the expected one, whose information (3, 3) is given."""
+    away = pose - expected
+    away[2] = wrap_angle(float(away[2]))
+    return float(((information * away).sum(axis=1) * away).sum())
+
+
 def seen_from(frame: FloatArray, pose: FloatArray) -> FloatArray:
     """A pose (3,) in the frame of another."""
     cos, sin = math.cos(frame[2]), math.sin(frame[2])

@@ -15,6 +15,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel, plain
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.graph.factor import Factor, add_product, make_layout
+from slamgym.slam.graph.relative import nearest_turn
 
 FIXED = 1e12
 """Information of the first node, which stays where it is."""
@@ -110,7 +111,7 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
             error[row] -= edges.measured[edge, row]
             for col in range(3):
                 error[row] -= edges.design[edge, row, col] * wheels[col]
-        error[2] -= 2.0 * np.pi * np.floor((error[2] + np.pi) / (2.0 * np.pi))
+        error[2] = nearest_turn(error[2])
 
 
 @kernel

@@ -90,12 +90,6 @@ class Hypothesis:
         covariance = self.covariance - gain @ self.covariance[:3]
         self.covariance = 0.5 * (covariance + covariance.T)  # rounding would add up
 
-    def half_chi2(self, pose: FloatArray) -> float:
-        """Half of the squared Mahalanobis distance of a pose (3,)."""
-        away = pose - self.pose
-        away[2] = wrap_angle(away[2])
-        return 0.5 * float(away @ inverted(self.covariance[:3, :3]) @ away)
-
 
 class Belief(NamedTuple):
     """Belief of the robot after a scan."""

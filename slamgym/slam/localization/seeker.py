@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from slamgym.core.jit import plain
+from slamgym.core.portable import inverted
 from slamgym.core.types import Float32Array, FloatArray
-from slamgym.slam.graph.relative import moved_by, seen_from
+from slamgym.slam.graph.relative import chi_squared, moved_by, seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.global_search import MOST_HYPOTHESES, find_places, is_same
@@ -104,7 +105,8 @@ class Seeker:
     def _compare(self, new: Hypothesis, best: Hypothesis) -> None:
         """Give a new place its weight, and what it must prove."""
         against = self._remembered(new.pose, False) - self._remembered(best.pose, best.was_sure)
-        jump = min(best.half_chi2(new.pose), JUMP_COST)
+        known = inverted(best.covariance[:3, :3])
+        jump = min(0.5 * chi_squared(new.pose, best.pose, known), JUMP_COST)
         new.log_weight = best.log_weight - max(against, 0.0) - (jump if best.was_sure else 0.0)
         new.proof = min(2.0 * best.proof, MOST_PROOF) if best.was_sure else best.proof
         if jump < JUMP_COST:
