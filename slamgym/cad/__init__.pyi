@@ -5,7 +5,6 @@ from .geojson import read_geojson
 from .houseexpo import format_houseexpo, parse_houseexpo, read_houseexpo, write_houseexpo
 from .ifc import read_ifc
 from .image_plan import read_image_plan, read_ros_plan, trace_plan
-from .plan_filter import Rejection, Rejections, usable_plans
 from .plan_index import PlanGroup, PlanSource, plan_groups
 from .sources import open_plan_mix, open_plans
 
@@ -15,8 +14,6 @@ __all__ = [
     "PlanGeneratorConfig",
     "PlanGroup",
     "PlanSource",
-    "Rejection",
-    "Rejections",
     "Room",
     "check_plan",
     "format_houseexpo",
@@ -33,6 +30,5 @@ __all__ = [
     "read_ros_plan",
     "robot_space",
     "trace_plan",
-    "usable_plans",
     "write_houseexpo",
 ]

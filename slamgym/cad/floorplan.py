@@ -228,7 +228,7 @@ def check_plan(plan: FloorPlan, robot_radius: float = 0.22, max_extent: float = 
         raise PlanError(
             plan.where,
             f"the plan is {plan.extent:.1f} m long but the map holds {max_extent:.1f} m; use coarser cells "
-            "(observation.map_resolution), or set SLAMGYM_MAX_MAP_CELLS higher (--max-extent of slamgym plans)",
+            "(observation.map_resolution), or set SLAMGYM_MAX_MAP_CELLS higher",
         )
     # Shrinking by the robot's radius makes every wall meet those nearer than its diameter.
     refuse_crowded(plan.segments(), 2.0 * robot_radius, plan.where)

@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
 from slamgym.commands.frame import MaybeOut, Out
-from slamgym.core.config import Arguments, Count, Within
-from slamgym.core.errors import ConfigError
-from slamgym.core.files import spare_inputs
+from slamgym.core.config import Arguments, Count
+from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.files import spare_inputs, write_text
 from slamgym.core.names import as_file_name, is_file_name
 from slamgym.core.progress import counted, say, tell
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.cad.plan_filter import Rejections
 
+_Rejections = list[dict[str, str]]
+"""Name, source and fault of each plan that can't be explored."""
 MAX_NAMED = 10
 """So many rejected plans are named on the terminal; the file names them all."""
 
@@ -34,10 +36,6 @@ class _Selection(Arguments):
     """A file with one plan id a line: take only these plans."""
     count: Count | None = None
     """Take only the first so many plans."""
-    robot_radius: float | None = None
-    """The robot must be able to enter the rooms; by default a TurtleBot3 Waffle Pi [m]."""
-    max_extent: Annotated[float, Within(gt=0.0, infinite=True)] | None = None
-    """Longest side that a plan may have [m]; by default that of the largest map that an explorer is shown."""
 
 
 class ListPlans(_Selection):
@@ -56,10 +54,6 @@ class DrawPlans(_Selection):
 
     out: Out = Path("plans.png")
     """The picture."""
-    columns: Count = 6
-    """Plans in a row."""
-    size: Annotated[int, Within(ge=64)] = 360
-    """Width of one plan [pixels]."""
 
 
 class WritePlans(_Selection):
@@ -76,8 +70,6 @@ class FetchPlans(Arguments):
     """Which one."""
     out: MaybeOut = None
     """Where it goes; by default under its own name, json.tar.gz, into this folder."""
-    url: str | None = None
-    """Another address of the same file, such as a mirror's."""
 
 
 MAX_DRAWN = 60
@@ -101,29 +93,39 @@ def fetch_command(arguments: FetchPlans) -> None:
         def show(done: int, total: int) -> None:
             progress.update(task, completed=done, total=total or None)
 
-        count = fetch_houseexpo(path, arguments.url, show)
+        count = fetch_houseexpo(path, advance=show)
     tell(f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}")
 
 
-def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], Rejections]:
-    """The chosen plans that pass the check, with a progress bar on a terminal, and what is wrong with the others."""
+def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
+    """The chosen plans that `generate` can explore, with a progress bar on a terminal, and a list of the others."""
     from rich.console import Console
     from rich.progress import track
 
-    from slamgym.cad.plan_filter import Rejections, usable_plans
+    from slamgym.cad.floorplan import check_plan
     from slamgym.cad.sources import open_plans
     from slamgym.envs.config import ObservationConfig
     from slamgym.sim import RobotConfig
 
-    source, rejections = open_plans(arguments.plans, ids_file=arguments.ids), Rejections()
+    source = open_plans(arguments.plans, ids_file=arguments.ids)
     ids: Sequence[str] = source.ids[: arguments.count]
     if isinstance(arguments, DrawPlans) and len(ids) > MAX_DRAWN and arguments.count is None:
         raise ConfigError(f"{len(ids)} plans are too many for one picture; add --count 24, for example")
     console = Console(stderr=True)
-    shown = track(ids, "plans", console=console, transient=True, disable=not console.is_terminal)
-    radius = RobotConfig.radius if arguments.robot_radius is None else arguments.robot_radius
-    extent = arguments.max_extent or ObservationConfig().largest_extent
-    return usable_plans(source, shown, rejections, radius, extent), rejections
+    radius, extent = RobotConfig().radius, ObservationConfig().largest_extent
+    rejections: _Rejections = []
+
+    def usable() -> Iterator[FloorPlan]:
+        for plan_id in track(ids, "plans", console=console, transient=True, disable=not console.is_terminal):
+            try:
+                plan = source.load(plan_id)
+                check_plan(plan, radius, extent)
+            except PlanError as error:
+                rejections.append({"plan": plan_id, "source": error.path, "reason": error.reason})
+            else:
+                yield plan
+
+    return usable(), rejections
 
 
 def list_command(arguments: ListPlans) -> None:
@@ -146,7 +148,7 @@ def check_command(arguments: CheckPlans) -> int:
     usable = sum(1 for _ in plans)
     tell(f"{usable} of {counted(usable + len(rejections), 'plan')} can be explored.")
     _report(rejections, arguments.rejected)
-    return 1 if len(rejections) else 0
+    return 1 if rejections else 0
 
 
 def draw_command(arguments: DrawPlans) -> None:
@@ -158,7 +160,7 @@ def draw_command(arguments: DrawPlans) -> None:
     plans = list(found)
     spare_inputs([Path(plan.source) for plan in plans], arguments.out)
     if plans:
-        write_picture(arguments.out, draw_plan_sheet(plans, arguments.columns, arguments.size))
+        write_picture(arguments.out, draw_plan_sheet(plans))
         tell(f"{counted(len(plans), 'plan')} drawn: {arguments.out}")
     _report(rejections, arguments.out.with_name("rejected.jsonl"))
 
@@ -178,15 +180,14 @@ def write_command(arguments: WritePlans) -> None:
     _report(rejections, arguments.out / "rejected.jsonl")
 
 
-def _report(rejections: Rejections, path: Path | None = None) -> None:
-    """Say which plans were left out and why, and write them to a file."""
-    if path:
-        rejections.write(path)
-    if not len(rejections):
+def _report(rejections: _Rejections, path: Path | None = None) -> None:
+    """Say which plans were left out and why, and write them to a file, one JSON object a line."""
+    if not rejections:
         return
+    if path:
+        write_text(path, "".join(json.dumps(entry) + "\n" for entry in rejections))
     say(f"Left out {counted(len(rejections), 'plan')}" + (f", see {path}:" if path else ":"))
-    for index, entry in enumerate(rejections):
-        if index == MAX_NAMED:
-            say(f"  and {len(rejections) - MAX_NAMED} more")
-            break
-        say(f"  {entry.source}: {entry.reason}")
+    for entry in rejections[:MAX_NAMED]:
+        say(f"  {entry['source']}: {entry['reason']}")
+    if len(rejections) > MAX_NAMED:
+        say(f"  and {len(rejections) - MAX_NAMED} more")

@@ -153,10 +153,12 @@ def test_the_command_shows_the_licence_and_says_what_is_wrong(archive, tmp_path,
     printed = capsys.readouterr().out
     assert printed.startswith("HouseExpo")
     assert "json.tar.gz: 3 plans" in printed
+    monkeypatch.setattr(archives, "HOUSEEXPO_URL", archive + ".none")
     with pytest.raises(DownloadError, match="404"):
-        main(["fetch", "--url", archive + ".none", "--out", "other.tar.gz"])
+        main(["fetch", "--out", "other.tar.gz"])
+    monkeypatch.setattr(archives, "HOUSEEXPO_URL", "http://127.0.0.1:9/json.tar.gz")
     with pytest.raises(DownloadError, match=r"can't be reached \(Connection refused\); is there a network\?"):
-        main(["fetch", "--url", "http://127.0.0.1:9/json.tar.gz", "--out", "other.tar.gz"])
+        main(["fetch", "--out", "other.tar.gz"])
 
 
 def test_the_licence_of_houseexpo_is_named():

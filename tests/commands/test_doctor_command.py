@@ -73,6 +73,6 @@ def test_bash_completes_commands_verbs_and_options(script):
     assert complete(script, "gen") == ["generate"]
     assert {"render", "clean", "stats"} <= set(complete(script, "dataset", ""))
     assert complete(script, "plans", "fe") == ["fetch"]
-    assert complete(script, "plans", "fetch", "--u") == ["--url"]
+    assert complete(script, "plans", "fetch", "--o") == ["--out"]
     assert "--plans-filter" in complete(script, "generate", "--pairs", "8", "--plans-")
     assert complete(script, "cad", "map.yaml", "--form") == ["--formats"]

@@ -22,7 +22,7 @@ FAULTS = {
     "flat": '{"verts": [[0, 0], [1, 1], [2, 2]]}',
     "disjoint": '{"verts": [[0, 0], [2, 0], [2, 2], [4, 2], [4, 4], [2, 4], [2, 2], [0, 2]]}',
     "narrow": '{"verts": [[0, 0], [9, 0], [9, 0.4], [0, 0.4]]}',
-    "giant": '{"verts": [[0, 0], [90, 0], [90, 5], [0, 5]]}',
+    "giant": '{"verts": [[0, 0], [900, 0], [900, 5], [0, 5]]}',
 }
 
 
@@ -43,7 +43,7 @@ def rejected(path):
 
 def test_check_goes_on_past_bad_plans_and_writes_them_down(folder, tmp_path, capsys):
     out = tmp_path / "rejected.jsonl"
-    assert main(["check", str(folder), "--max-extent", "64", "--rejected", str(out)]) == 1
+    assert main(["check", str(folder), "--rejected", str(out)]) == 1
     printed = capsys.readouterr()
     assert "2 of 10 plans can be explored" in printed.out
     assert "Left out 8 plans" in printed.err
@@ -53,7 +53,7 @@ def test_check_goes_on_past_bad_plans_and_writes_them_down(folder, tmp_path, cap
         assert set(entry) == {"plan", "source", "reason"}
         assert entry["source"].endswith(f"{name}.json")
         assert f"{name}.json: {entry['reason']}" in printed.err
-    assert "90.0 m" in entries["giant"]["reason"]
+    assert "900.0 m" in entries["giant"]["reason"]
 
 
 def test_check_of_good_plans_leaves_no_file(tmp_path, capsys):
@@ -64,7 +64,7 @@ def test_check_of_good_plans_leaves_no_file(tmp_path, capsys):
 
 
 def test_list_prints_a_line_per_plan(folder, capsys):
-    assert main(["list", str(folder), "--max-extent", "64"]) == 0
+    assert main(["list", str(folder)]) == 0
     lines = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in lines] == ["id", "good_1", "good_2"]
     assert float(lines[1].split()[1]) == pytest.approx(generate_plan(1).area, abs=0.1)
@@ -82,15 +82,15 @@ def test_write_keeps_generated_plans_readable(tmp_path, capsys):
 
 def test_write_lists_what_it_left_out(folder, tmp_path):
     out = tmp_path / "out"
-    assert main(["write", str(folder), "--max-extent", "64", "--out", str(out)]) == 0
+    assert main(["write", str(folder), "--out", str(out)]) == 0
     assert set(rejected(out / "rejected.jsonl")) == set(FAULTS)
 
 
 def test_draw_makes_a_sheet(folder, tmp_path):
     out = tmp_path / "sheet.png"
-    assert main(["draw", str(folder), "--out", str(out), "--size", "128", "--columns", "2"]) == 0
+    assert main(["draw", str(folder), "--out", str(out)]) == 0
     sheet = cv2.imread(str(out))
-    assert 2 * 128 < sheet.shape[1] < 3 * 128
+    assert 2 * 360 < sheet.shape[1] < 3 * 360
     assert len(np.unique(sheet.reshape(-1, 3), axis=0)) > 20
 
 

@@ -29,7 +29,7 @@ COMMANDS = {
     "cad of a folder": ["cad", "{folder}", "--resolution", "0.05", "--model", "none", "-o", "{out}"],
     "cad of no map": ["cad", "{plan}", "--model", "none", "-o", "{out}"],
     "plans list": ["plans", "list", "{plan}"],
-    "plans check": ["plans", "check", "{folder}", "--rejected", "{out}/rejected.jsonl", "--robot-radius", "9"],
+    "plans check": ["plans", "check", "{folder}", "--rejected", "{out}/rejected.jsonl"],
     "plans draw": ["plans", "draw", "{plan}", "--out", "{out}/plans.png"],
     "slam": ["slam", "{folder}/none.log", "-o", "{out}"],
     "dataset show": ["dataset", "show", "{folder}", "-o", "{out}/sheet.png"],
@@ -45,6 +45,7 @@ def make_files(folder, name):
     folder.mkdir()
     (folder / f"{name}.png").write_bytes(cv2.imencode(".png", cells)[1].tobytes())
     (folder / f"{name}.json").write_text(format_houseexpo(FloorPlan("x", box(0, 0, 4, 3))))
+    (folder / f"{name} closed.json").write_text(format_houseexpo(FloorPlan("y", box(0, 0, 4, 0.2))))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems forbid such names")
