@@ -126,32 +126,24 @@ def split(arguments: SplitArguments) -> None:
 
 
 class PackArguments(Arguments):
-    """Pack rendered images into WebDataset shards (tar) and Parquet files that programs can stream.
+    """Pack rendered images into WebDataset shards (tar) and Parquet files that programs can stream (extra `hub`).
 
-    Run the command again to resume.
+    Run the command again to resume; `hf upload USER/NAME OUT . --repo-type dataset` uploads them.
     """
 
     images: tyro.conf.Positional[Path]
     """A folder that `slamgym dataset render` has written."""
     out: Out
     """Folder of the shards."""
-    parquet: bool = True
-    """Also write Parquet files (needs pyarrow, extra `hub`)."""
-    push_to_hub: str | None = None
-    """Also upload them to the Hugging Face hub under this name, USER/NAME (extra `hub`; log in by `hf auth login`)."""
-    private: bool = False
-    """On the hub: visible to its owner alone."""
 
 
 def pack(arguments: PackArguments) -> None:
     """Run ``slamgym dataset pack``."""
     from slamgym.dataset.images.format import read_images
-    from slamgym.dataset.images.pack import pack_images, push_to_hub
+    from slamgym.dataset.images.pack import pack_images
 
     total = len(read_images(arguments.images))
     with show_progress("pairs packed", 0, total) as advance:
-        paths = pack_images(arguments.images, arguments.out, arguments.parquet, advance)
+        paths = pack_images(arguments.images, arguments.out, advance)
     size = sum(path.stat().st_size for path in paths)
     tell(f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB")
-    if arguments.push_to_hub is not None:
-        tell(f"{push_to_hub(arguments.out, arguments.push_to_hub, arguments.private)}")

@@ -230,21 +230,19 @@ def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
     return split, str(len(records)), str(len(plans)), f"{100.0 * coverage:.1f} %", f"{error:.3f} m"
 
 
-def pack_card(images_card: str, names: Sequence[str], parquet: bool) -> str:
+def pack_card(images_card: str, names: Sequence[str]) -> str:
     """The card of the images with the shards in its head, and how to read them instead of the list of files.
 
     Args:
         images_card: The content of the images' ``README.md``.
         names: Of the shards' files.
-        parquet: Let the hub read the Parquet files rather than the tar files.
     """
     import yaml
 
     _, head_text, body = images_card.split("---\n", 2)
     head = yaml.safe_load(head_text)
     splits = [split for split in SPLITS if any(name.startswith(f"{split}-") for name in names)]
-    place = "parquet/{}-*.parquet" if parquet else "{}-*.tar"
-    files = [{"split": split, "path": place.format(split)} for split in splits]
+    files = [{"split": split, "path": f"parquet/{split}-*.parquet"} for split in splits]
     head["configs"] = [{"config_name": "default", "data_files": files}]
     reading = (_PARTS / "reading.md").read_text(encoding="utf-8")
     body = re.sub(r"^## Files\n.*?^```.*?^```\n", "", body, flags=re.MULTILINE | re.DOTALL)

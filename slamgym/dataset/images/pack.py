@@ -53,15 +53,12 @@ _ROWS_IN_A_GROUP = 100
 """Rows of a Parquet row group, which a reader has to fetch at once."""
 
 
-def pack_images(
-    images: Path, out: Path, parquet: bool = True, advance: Callable[[], None] = lambda: None
-) -> list[Path]:
+def pack_images(images: Path, out: Path, advance: Callable[[], None] = lambda: None) -> list[Path]:
     """Pack a folder of rendered images.
 
     Args:
         images: What ``slamgym dataset render`` has written.
         out: The folder of the shards.
-        parquet: Also write Parquet files (needs pyarrow, extra `hub`).
         advance: Called after each pair.
 
     Returns:
@@ -71,11 +68,15 @@ def pack_images(
         InputFileError: If the images are incomplete, or differ from their digests.
         ConfigError: If the folder holds other shards, or pyarrow is missing.
     """
-    if parquet and importlib.util.find_spec("pyarrow") is None:
+    if importlib.util.find_spec("pyarrow") is None:
         raise ConfigError("Parquet needs pyarrow; install it by `pip install 'slamgym[hub]'`")
     layout = ImageLayout(images)
     made_from: dict[str, Any] = {"version": __version__, "images": sha256_of(layout.manifest)}
-    made_from |= {"pairs_per_shard": PAIRS_PER_SHARD, "seed": SEED, "parquet": parquet}
+    made_from |= {
+        "pairs_per_shard": PAIRS_PER_SHARD,
+        "seed": SEED,
+        "parquet": True,
+    }  # earlier packs are continued
     with storage_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     claim_folder(out / "pack.json", made_from, "shards")
@@ -91,45 +92,10 @@ def pack_images(
             members = np.sort(order[first : first + PAIRS_PER_SHARD])
             members = np.random.default_rng([SEED, shard]).permutation(members)
             chosen = [side[place] for place in members]
-            paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, parquet, advance)
-    card = pack_card(read_text(layout.card), [path.name for path in paths], parquet)
+            paths += _write_shard(layout, out, f"{split}-{shard:06d}", chosen, advance)
+    card = pack_card(read_text(layout.card), [path.name for path in paths])
     write_text(out / "README.md", card)
     return paths
-
-
-def push_to_hub(pack: Path, repository: str, private: bool) -> str:
-    """Upload a pack to the Hugging Face hub; an upload that broke off continues where it stopped.
-
-    Args:
-        pack: The folder.
-        repository: ``NAME`` or ``USER/NAME``.
-        private: Whether only its owner sees it.
-
-    Returns:
-        Its address.
-
-    Raises:
-        ConfigError: If ``huggingface_hub`` isn't installed, no user is logged in, or the hub refuses.
-    """
-    try:
-        import huggingface_hub
-        from huggingface_hub.errors import HfHubHTTPError, HFValidationError, LocalTokenNotFoundError
-    except ImportError:
-        raise ConfigError(
-            "--push-to-hub needs huggingface_hub; install it by `pip install 'slamgym[hub]'`"
-        ) from None
-    try:
-        api = huggingface_hub.HfApi(library_name="slamgym", library_version=__version__)
-        made = api.create_repo(repository, repo_type="dataset", private=private, exist_ok=True)
-        api.upload_large_folder(
-            repo_id=made.repo_id, folder_path=pack, repo_type="dataset", print_report=False
-        )
-    except (LocalTokenNotFoundError, HfHubHTTPError, HFValidationError, OSError) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise ConfigError(
-            f"{repository}: the hub refuses ({reason}); log in by `hf auth login` and try again"
-        ) from None
-    return str(made)
 
 
 def _write_shard(
@@ -137,13 +103,11 @@ def _write_shard(
     out: Path,
     name: str,
     records: Sequence[ImageRecord],
-    parquet: bool,
     advance: Callable[[], None],
 ) -> list[Path]:
     """Write the files of a shard that aren't there yet."""
     archive, table = out / f"{name}.tar", out / "parquet" / f"{name}.parquet"
-    wanted = [archive, *([table] if parquet else [])]
-    if not all(path.exists() for path in wanted):
+    if not (archive.exists() and table.exists()):
         pictures = [_pictures(layout, record) for record in records]
         with staged(archive) as part, tarfile.open(part, "w", format=tarfile.PAX_FORMAT) as tar:
             for record, (cad, slam) in zip(records, pictures, strict=True):
@@ -154,11 +118,10 @@ def _write_shard(
                     entry = tarfile.TarInfo(f"{key}.{ending}")
                     entry.size, entry.mode = len(content), 0o644
                     tar.addfile(entry, io.BytesIO(content))
-        if parquet:
-            _write_table(table, records, pictures)
+        _write_table(table, records, pictures)
     for _ in records:
         advance()
-    return wanted
+    return [archive, table]
 
 
 def _pictures(layout: ImageLayout, record: ImageRecord) -> tuple[bytes, bytes]:

@@ -1,11 +1,10 @@
-"""Shards hold what the images hold, stream, resume, and go to a stand-in of the hub."""
+"""Shards hold what the images hold, stream and resume."""
 
 import json
 import os
 import subprocess
 import sys
 import tarfile
-from types import SimpleNamespace
 
 import pytest
 
@@ -13,7 +12,7 @@ from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.images import pack
 from slamgym.dataset.images.format import ImageLayout, read_images
-from slamgym.dataset.images.pack import pack_images, push_to_hub
+from slamgym.dataset.images.pack import pack_images
 
 pytest.importorskip("pyarrow")
 STREAM = """
@@ -79,7 +78,7 @@ def renamed(images, names):
 def test_names_with_dots_and_long_ones_have_keys_of_their_own(images, tmp_path):
     names = ["x.y", "x_y", "x%2Ey", "long" * 45, "straße"]
     renamed(images, names)
-    pack_images(images, tmp_path / "pack", parquet=False)
+    pack_images(images, tmp_path / "pack")
     with tarfile.open(tmp_path / "pack" / "train-000000.tar") as tar:
         entries = {entry: tar.extractfile(entry).read() for entry in tar.getnames()}
     keys = {
@@ -113,10 +112,12 @@ def test_datasets_streams_the_folder(images, tmp_path, config):
         assert sorted(rows[split]) == sorted([r.name, 64, 64] for r in read_images(images, split))
 
 
-def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path):
+def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path, monkeypatch):
     pack_images(images, tmp_path / "pack")
-    with pytest.raises(ConfigError, match="shards made with other settings"):
-        pack_images(images, tmp_path / "pack", parquet=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(pack, "PAIRS_PER_SHARD", 3)
+        with pytest.raises(ConfigError, match="shards made with other settings"):
+            pack_images(images, tmp_path / "pack")
     with pytest.raises(ConfigError, match="and no shards"):
         pack_images(images, images)
     record = read_images(images)[0]
@@ -125,41 +126,9 @@ def test_other_images_a_foreign_folder_and_damage_are_refused(images, tmp_path):
         pack_images(images, tmp_path / "again")
 
 
-def test_the_command_packs_and_pushes_to_the_hub(images, tmp_path, monkeypatch, capsys):
-    hub = pytest.importorskip("huggingface_hub")
-    calls = []
-
-    class StandIn:
-        def __init__(self, **about):
-            calls.append(about["library_name"])
-
-        def create_repo(self, name, **options):
-            calls.append((name, options))
-            return SimpleNamespace(repo_id=f"me/{name}", __str__=lambda: "")
-
-        def upload_large_folder(self, **options):
-            calls.append((options["repo_id"], sorted(path.name for path in options["folder_path"].iterdir())))
-
-    monkeypatch.setattr(hub, "HfApi", StandIn)
+def test_the_command_packs(images, tmp_path, capsys):
     out = tmp_path / "pack"
-    assert (
-        cli.main(["dataset", "pack", str(images), "-o", str(out), "--push-to-hub", "maps", "--private"]) == 0
-    )
+    assert cli.main(["dataset", "pack", str(images), "-o", str(out)]) == 0
     assert "8 pairs in 4 files" in capsys.readouterr().out
-    assert calls[0] == "slamgym"
-    assert calls[1] == ("maps", {"repo_type": "dataset", "private": True, "exist_ok": True})
-    assert calls[2] == (
-        "me/maps",
-        ["README.md", "pack.json", "parquet", "test-000000.tar", "train-000000.tar"],
-    )
-
-
-def test_what_the_hub_refuses_is_one_sentence(tmp_path, monkeypatch):
-    hub = pytest.importorskip("huggingface_hub")
-
-    def refuse(self, *arguments, **options):
-        raise hub.errors.LocalTokenNotFoundError("no token\nat all")
-
-    monkeypatch.setattr(hub.HfApi, "create_repo", refuse)
-    with pytest.raises(ConfigError, match=r"me/maps: the hub refuses \(no token at all\); log in"):
-        push_to_hub(tmp_path, "me/maps", private=False)
+    names = ["README.md", "pack.json", "parquet", "test-000000.tar", "train-000000.tar"]
+    assert sorted(path.name for path in out.iterdir()) == names
