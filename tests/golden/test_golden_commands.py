@@ -49,7 +49,7 @@ def test_generate_by_a_recipe(golden, dataset):
 def test_clean(golden, dataset, capsys):
     slamgym("dataset", "clean", dataset)
     golden.check("commands/clean", lines_of(dataset / "clean.jsonl"))
-    slamgym("dataset", "clean", dataset, "--by", "classifier")
+    slamgym("dataset", "clean", dataset, "--set", "by=classifier")
     golden.check("commands/clean by classifier", lines_of(dataset / "clean.jsonl"))
     (dataset / "clean.jsonl").unlink()
     (dataset / "clean.json").unlink()

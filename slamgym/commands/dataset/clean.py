@@ -6,13 +6,13 @@ import contextlib
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 import tyro
 
 from slamgym.commands.frame import Out
-from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -41,19 +41,13 @@ class CleanArguments(Arguments):
     later runs as well."""
     override: bool = False
     """Let --apply change decisions that were applied before, instead of naming the conflicts."""
-    by: Literal["truth", "classifier"] | None = None
-    """Who decides where the truth is known, by default ``truth``."""
-    keep_band: tuple[float, float] | None = None
-    """Probabilities of being complete from the first up to the second are doubtful and go to a person; by default from
-    0.4 up to 0.8."""
-    doubtful: Literal["drop", "keep"] | None = None
-    """Fate of doubtful maps until a person has decided, where the classifier decides; by default ``drop``."""
     model: Path | None = None
     """A trained classifier (.npz); the pretrained one by default."""
     workers: CountOrZero = 0
     """Processes that look at the maps; 0 takes one per core."""
     settings: AllSettings = SettingsOptions()
-    """When a map is good by the truth (``criteria``)."""
+    """Who decides where the truth is known (``by=classifier``), when a map is good by it (``criteria``), and which
+    probabilities go to a person (``band``)."""
 
 
 def main(arguments: CleanArguments) -> None:
@@ -63,8 +57,7 @@ def main(arguments: CleanArguments) -> None:
     from slamgym.dataset.curate.map_items import open_items
     from slamgym.dataset.format import Layout, is_dataset
 
-    options = {**given(arguments, "by doubtful"), "band": arguments.keep_band}
-    config, root = arguments.settings.configured(CleanConfig(), options), arguments.dataset
+    config, root = arguments.settings.configured(CleanConfig(), {}), arguments.dataset
     # Folders of maps from elsewhere have no lock.
     with exclusive_lock(Layout(root).lock) if is_dataset(root) else contextlib.nullcontext():
         items = open_items(root)

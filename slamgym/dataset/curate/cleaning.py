@@ -34,15 +34,14 @@ _Seen = list[float] | str
 """Resolution and features of a map, or why it can't be read."""
 
 
-class CleanConfig(Settings):
+class CleanConfig(Settings, dropped={"doubtful": "drop"}):
     """Rules for a verdict."""
 
     by: Literal["truth", "classifier"] = "truth"
     """Who decides where the truth is known; without it, the classifier always does."""
     band: tuple[Share, Share] = (0.4, 0.8)
-    """Probabilities from the first up to the second are doubtful and go to a person, as in the paper."""
-    doubtful: Literal["drop", "keep"] = "drop"
-    """Treatment of doubtful maps until a person has decided, where the classifier decides."""
+    """Probabilities from the first up to the second are doubtful and go to a person, as in the paper; until then the
+    maps are dropped."""
     criteria: Criteria = field(default_factory=Criteria)
     """When a map is good by the truth."""
 
@@ -180,8 +179,7 @@ def _judge(
         faults, by = [seen], "stuck filter"
     else:
         faults, by = _by_probability(probability, config.band), "classifier"
-    is_tolerated = config.doubtful == "keep" and all(fault.kind == "doubtful" for fault in faults)
-    keep = decision.keep if by == "person" and decision else not faults or is_tolerated
+    keep = decision.keep if by == "person" and decision else not faults
     reason = "; ".join(fault.sentence for fault in faults) or "complete"
     is_known = probability is not None and seen is None
     return Verdict(

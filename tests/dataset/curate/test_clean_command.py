@@ -172,14 +172,15 @@ def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset
     items = open_items(dataset)
     monkeypatch.setattr(CompletenessModel, "probabilities", lambda *_: np.array([0.9, 0.5, 0.1, 0.8]))
     monkeypatch.setattr(cleaning, "stuck_fault", lambda *_: None)
-    for doubtful in ("drop", "keep"):
-        report = clean_maps(dataset, items, CleanConfig(by="classifier", doubtful=doubtful), {})
-        assert [verdict.keep for verdict in report.verdicts] == [True, doubtful == "keep", False, True]
-        assert [verdict.is_doubtful for verdict in report.verdicts] == [False, True, False, False]
-        assert report.undecided == 1
-        assert report.verdicts[1].reason.startswith("doubtful: probability 0.50")
-        assert report.verdicts[2].reason == "incomplete: probability 0.10 of being complete < 0.40"
-        assert {verdict.by for verdict in report.verdicts} == {"classifier"}
+    report = clean_maps(dataset, items, CleanConfig(by="classifier"), {})
+    assert [verdict.keep for verdict in report.verdicts] == [True, False, False, True]
+    assert [verdict.is_doubtful for verdict in report.verdicts] == [False, True, False, False]
+    assert report.undecided == 1
+    assert report.verdicts[1].reason.startswith("doubtful: probability 0.50")
+    assert report.verdicts[2].reason == "incomplete: probability 0.10 of being complete < 0.40"
+    assert {verdict.by for verdict in report.verdicts} == {"classifier"}
+    report = clean_maps(dataset, items, CleanConfig(by="classifier", band=(0.4, 0.4)), {})
+    assert [verdict.keep for verdict in report.verdicts] == [True, True, False, True]
 
 
 def test_an_image_that_is_broken_is_a_verdict_and_not_the_end(dataset, capsys):
@@ -216,7 +217,7 @@ def test_maps_from_elsewhere_are_judged_by_their_looks(tmp_path):
 @pytest.mark.parametrize(
     ("more", "words"),
     [
-        (["--keep-band", "0.8", "0.4"], "ascending order"),
+        (["--set", "band=[0.8, 0.4]"], "ascending order"),
         (["--model", "nowhere.npz"], "nowhere.npz"),
         (["--apply", "nowhere.json"], "nowhere.json"),
         (["--set", "min_coverage=2"], "min_coverage must be in [0, 1], not 2"),
