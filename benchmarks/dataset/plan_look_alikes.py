@@ -1,8 +1,8 @@
 """Number of HouseExpo's floor plans that look like another one, cost of finding them, and share of made ones found.
 
 Plans are drawn at random from the archive and filtered as ``slamgym generate --plans-filter useful`` does.
-Groups are those that ``slamgym dataset split`` keeps on one side, for images that are scaled to fit and for images
-of a fixed scale. Look-alikes are made of some of the plans by resizing and turning them.
+Groups are those that ``slamgym dataset split`` keeps on one side. Look-alikes are made of some of the plans by resizing
+and turning them.
 """
 
 import sys
@@ -55,36 +55,29 @@ def main() -> None:
             plans.append(plan)
     reading = time.process_time() - began
     began = time.process_time()
-    pictures, sides = prints_of(plans)
+    prints = np.stack([plan_print(plan) for plan in plans])
     drawing = time.process_time() - began
-    measure_groups(pictures, sides, reading, drawing)
-    measure_recall(plans[: arguments.made], pictures, sides)
+    measure_groups(prints, reading, drawing)
+    measure_recall(plans[: arguments.made], prints)
 
 
-def prints_of(plans: Sequence[FloorPlan]) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures (N, SIDE, SIDE) and longer sides (N,) [m] of plans."""
-    prints = [plan_print(plan) for plan in plans]
-    return np.stack([one.picture for one in prints]), np.array([one.side for one in prints])
-
-
-def measure_groups(pictures: np.ndarray, sides: np.ndarray, reading: float, drawing: float) -> None:
+def measure_groups(prints: np.ndarray, reading: float, drawing: float) -> None:
     """Group the plans of the archive."""
     rows = []
-    for scaling in ("fit", "fixed"):
-        for radius in (0.75 * RADIUS, RADIUS, 1.25 * RADIUS):
-            began = time.process_time()
-            groups = near_duplicates(pictures, sides if scaling == "fixed" else None, radius)
-            comparing = time.process_time() - began
-            sizes = np.unique(groups, return_counts=True)[1]
-            found = len(pictures), len(sizes), int(sizes[sizes > 1].sum()), int(sizes.max())
-            rows.append([scaling, radius, *found, reading, drawing, comparing])
+    for radius in (0.75 * RADIUS, RADIUS, 1.25 * RADIUS):
+        began = time.process_time()
+        groups = near_duplicates(prints, radius)
+        comparing = time.process_time() - began
+        sizes = np.unique(groups, return_counts=True)[1]
+        found = len(prints), len(sizes), int(sizes[sizes > 1].sum()), int(sizes.max())
+        rows.append([radius, *found, reading, drawing, comparing])
     title = f"plans that look alike (`slamgym dataset split` takes a radius of {RADIUS:g})"
-    columns = ["images", "radius", "plans", "groups", "plans that share one", "largest group"]
+    columns = ["radius", "plans", "groups", "plans that share one", "largest group"]
     times = ["reading [CPU s]", "drawing [CPU s]", "comparing [CPU s]"]
     print_and_save("dataset/plan_look_alikes", title, rows, [*columns, *times], times)
 
 
-def measure_recall(plans: Sequence[FloorPlan], pictures: np.ndarray, sides: np.ndarray) -> None:
+def measure_recall(plans: Sequence[FloorPlan], prints: np.ndarray) -> None:
     """Hide look-alikes of some plans among all, and see whether each is put with its original."""
     rows = []
     for factor, turn in CHANGES:
@@ -92,15 +85,11 @@ def measure_recall(plans: Sequence[FloorPlan], pictures: np.ndarray, sides: np.n
             FloorPlan(plan.id, rotate(scale(plan.free_space, factor, factor), turn, origin=(0.0, 0.0)))
             for plan in plans
         ]
-        more, longer = prints_of(made)
-        every = np.concatenate([pictures, more])
-        shares = []
-        for lengths in (None, np.concatenate([sides, longer])):
-            groups = near_duplicates(every, lengths)
-            shares.append(float(np.mean(groups[: len(made)] == groups[len(pictures) :])))
-        rows.append([factor, turn, *(round(100.0 * share, 1) for share in shares)])
+        groups = near_duplicates(np.concatenate([prints, [plan_print(plan) for plan in made]]))
+        share = float(np.mean(groups[: len(made)] == groups[len(prints) :]))
+        rows.append([factor, turn, round(100.0 * share, 1)])
     title = f"resized and turned plans that are put with their originals, of {len(plans)}"
-    columns = ["size", "turn [deg]", "images scaled to fit [%]", "images of a fixed scale [%]"]
+    columns = ["size", "turn [deg]", "found [%]"]
     print_and_save("dataset/plan_look_alikes_found", title, rows, columns)
 
 

@@ -107,7 +107,7 @@ def draw_homes(source: PlanSource) -> list[FloorPlan]:
     others = [plan for split in ("train", "validation") for plan in useful(source, ids_of(source.ids, split))]
     print(f"{len(plans)} candidates against {len(others)} others")
     prints = [plan_print(plan) for plan in (*plans, *others)]
-    groups = near_duplicates(np.stack([one.picture for one in prints]))
+    groups = near_duplicates(np.stack(prints))
     counts = np.bincount(groups, minlength=len(prints))
     alone = [plan for plan, group in zip(plans, groups[: len(plans)], strict=True) if counts[group] == 1]
     print(f"{len(alone)} of them look like no other")

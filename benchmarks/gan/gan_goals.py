@@ -1,6 +1,6 @@
 """Drawings against true plans, set by set: errors, walls, rooms and dimensions of every method in one table.
 
-    slamgym dataset split out/dataset --scaling fixed
+    slamgym dataset split out/dataset
     slamgym dataset render out/dataset -o out/native --scaling fixed --metres-per-px 0.05 --size 640 --edge-px 0
     python benchmarks/gan/gan_goals.py --images homes=out/native --tb3 tb3_house --real maps --weights slam2cad new=run
 

@@ -160,7 +160,7 @@ def test_splits(root, content):
     split = must_read_or_refuse(read_split, root)
     if split is not None:
         assert sorted(split.of_side("train") + split.of_side("test")) == sorted(split.plans)
-        must_read_or_refuse(current_split, root, split.scaling)
+        must_read_or_refuse(current_split, root)
     (root / "split.json").unlink(missing_ok=True)
 
 

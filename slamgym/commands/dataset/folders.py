@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.commands.frame import Out
-from slamgym.core.config import Arguments, CountOrZero
-from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.config import Arguments
 from slamgym.core.progress import counted, show_progress, tell
-from slamgym.dataset.images.format import Scaling
 
 if TYPE_CHECKING:
     from slamgym.dataset.merge import MergeReport
@@ -97,11 +95,6 @@ class SplitArguments(Arguments):
     """Another seed gives another split."""
     test_plans: Path | None = None
     """A file with one plan id a line: these plans, and those that look like them, are for testing."""
-    scaling: Scaling = "fit"
-    """Scaling of the images (`slamgym dataset render --scaling`). fit: plans look alike regardless of
-    their size, which serves both; fixed: only if they are of one size."""
-    workers: CountOrZero = 1
-    """Processes; 0 takes one per core."""
 
 
 def split(arguments: SplitArguments) -> None:
@@ -114,8 +107,6 @@ def split(arguments: SplitArguments) -> None:
         test=arguments.test,
         seed=arguments.seed,
         forced=read_ids(arguments.test_plans) if arguments.test_plans is not None else [],
-        scaling=arguments.scaling,
-        workers=arguments.workers or available_cores(),
     )
     train, test = len(table.of_side("train")), len(table.of_side("test"))
     alike = len(table.plans) - table.groups

@@ -62,7 +62,7 @@ def render_and_report(
     selection = _select(dataset, min_coverage)
     if not split_path(dataset).is_file():
         say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
-    split = current_split(dataset, config.scaling, workers)
+    split = current_split(dataset)
     report = render_images(dataset, out, config, split, selection=selection, workers=workers)
     sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
     tell(f"{out}: {counted(report.images, 'pair')} of images ({sides}), {report.fresh} new")

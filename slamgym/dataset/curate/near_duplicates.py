@@ -5,7 +5,7 @@ nearest wall, up to a tenth of the longer side; so a thin wall weighs as much as
 a little changes a little. The plan is first turned so that most of its walls run along the sides of the picture,
 and then scaled to its bounding box: a copy that lies askew has the same print, and so has a larger or smaller one.
 Two plans are near-duplicates if their prints are within :data:`RADIUS` of each other in one of the eight ways to
-turn and flip one of them, and, where images tell large plans from small ones, if their sizes agree, too.
+turn and flip one of them.
 
 Comparing all pairs of 35,000 plans is too much, so a k-d tree proposes them by a perceptual hash: the
 magnitudes of the lowest frequencies of the print's cosine transform, as in pHash (Zauner, Implementation and
@@ -16,13 +16,11 @@ the radius have hashes within it: no pair is missed.
 """
 
 import math
-from typing import NamedTuple
 
 import cv2
 import numpy as np
 import shapely
 from scipy.fft import dctn
-from scipy.ndimage import uniform_filter1d
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
@@ -30,36 +28,23 @@ from scipy.spatial import cKDTree
 from slamgym.cad import FloorPlan
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
+from slamgym.metrics.wall_direction import main_direction
 
 SIDE = 32
 """Rows and columns of a print."""
 _SUB = 4  # each is the mean of so many by so many cells
 RADIUS = 0.12
 """Distance of unit prints up to which plans count as the same."""
-SIZE_TOLERANCE = 0.03
-"""Difference of the logarithms of the longer sides up to which plans count as equally large."""
 _REACH = 0.1  # of the longer side: distances from walls are looked at up to here
 _SHIFT = 6  # fractional bits of OpenCV's drawing coordinates
 _FREQUENCIES = 6  # of the hash: those with u + v below
 _CHUNK = 4096
 
-_QUARTER = 0.5 * math.pi
-_DIRECTIONS = 180  # in a quarter turn
-_SPREAD = math.radians(2.0)  # walls within this of a direction count for it
 _SMOOTHING = 0.005  # of the longer side: HouseExpo draws slanted walls as staircases of 1 cm
 
 
-class PlanPrint(NamedTuple):
-    """Fingerprint of a plan's appearance."""
-
-    picture: Float32Array
-    """Shape (SIDE, SIDE), of unit norm."""
-    side: float
-    """Longer side of what the picture shows [m]."""
-
-
-def plan_print(plan: FloorPlan) -> PlanPrint:
-    """The print of a plan.
+def plan_print(plan: FloorPlan) -> Float32Array:
+    """The print of a plan, shape (SIDE, SIDE), of unit norm.
 
     The longer side of the turned plan's bounding box fills the picture; the shorter one is centred.
     """
@@ -80,7 +65,7 @@ def plan_print(plan: FloorPlan) -> PlanPrint:
     cv2.polylines(free, faces, isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT)
     away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5)
     picture = cv2.resize(np.minimum(away, _REACH * cells), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
-    return PlanPrint((picture / max(float(np.linalg.norm(picture)), 1e-9)).astype(np.float32), side)
+    return np.asarray(picture / max(float(np.linalg.norm(picture)), 1e-9), dtype=np.float32)
 
 
 def _wall_direction(plan: FloorPlan) -> float:
@@ -89,47 +74,21 @@ def _wall_direction(plan: FloorPlan) -> float:
     tolerance = _SMOOTHING * max(max_x - min_x, max_y - min_y)
     faces = plan.free_space.boundary.simplify(tolerance, preserve_topology=False)
     segments = ring_segments(shapely.get_parts(faces))
-    along, across = segments[:, 2] - segments[:, 0], segments[:, 3] - segments[:, 1]
-    lengths = np.hypot(along, across)
-    angles = np.arctan2(across, along) % _QUARTER
-    bins = (angles * (_DIRECTIONS / _QUARTER)).astype(np.int64) % _DIRECTIONS
-    histogram = np.bincount(bins, weights=lengths, minlength=_DIRECTIONS)
-    size = 2 * round(0.5 * _SPREAD * _DIRECTIONS / _QUARTER) + 1
-    smooth = uniform_filter1d(uniform_filter1d(histogram, size, mode="wrap"), size, mode="wrap")  # triangular
-    peak = int(np.argmax(smooth))
-    direction = (peak + 0.5) * _QUARTER / _DIRECTIONS
-    for _ in range(2):  # from the middle of the bins to the walls' own direction
-        direction += _median_offset(angles, lengths, direction)
-    return direction
+    return math.radians(main_direction(segments[:, 2:] - segments[:, :2], 0.0).angle_deg)
 
 
-def _median_offset(angles: FloatArray, lengths: FloatArray, direction: float) -> float:
-    """Median, by length, of how far the walls near a direction are turned from it [rad]; 0 if there are none."""
-    offsets = (angles - direction + 0.5 * _QUARTER) % _QUARTER - 0.5 * _QUARTER
-    near = np.flatnonzero(np.abs(offsets) <= _SPREAD)
-    near = near[np.argsort(offsets[near])]
-    total = np.cumsum(lengths[near])
-    return float(offsets[near[np.searchsorted(total, 0.5 * total[-1])]]) if len(near) else 0.0
-
-
-def near_duplicates(
-    prints: Float32Array, sides: FloatArray | None = None, radius: float = RADIUS
-) -> IntArray:
+def near_duplicates(prints: Float32Array, radius: float = RADIUS) -> IntArray:
     """Group plans of which each looks like another one of its group.
 
     Args:
-        prints: Pictures, shape (N, SIDE, SIDE).
-        sides: Longer sides of what the pictures show, shape (N,) [m]; None where images are scaled to the plan,
-            so that the size can't be seen.
-        radius: Largest distance of two pictures that count as the same.
+        prints: Shape (N, SIDE, SIDE).
+        radius: Largest distance of two prints that count as the same.
 
     Returns:
         For each plan the lowest index in its group, shape (N,).
     """
     count = len(prints)
     pairs = _candidates(prints, radius)
-    if sides is not None:
-        pairs = pairs[np.abs(np.log(sides[pairs[:, 0]] / sides[pairs[:, 1]])) <= SIZE_TOLERANCE]
     same = [
         chunk[distances(prints[chunk[:, 0]], prints[chunk[:, 1]]) <= radius]
         for chunk in np.array_split(pairs, max(1, -(-len(pairs) // _CHUNK)))

@@ -4,14 +4,13 @@ A group's side follows from the dataset's split seed and the first plan of the g
 schedule. So the same dataset always splits the same way, and when a dataset grows, plans that were there keep
 their sides (unless a new plan joins two groups into one).
 
-Plans are compared as images show them: scaled to fit, a building looks like a larger one of the same form; at a
-fixed scale it does not.
+Plans are compared without their size: in images that are scaled to fit, a building looks like a larger one of the same
+form.
 """
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,16 +21,11 @@ from slamgym.core.files import replace_file
 from slamgym.core.limits import FILE_BYTES
 from slamgym.core.names import uniform_share
 from slamgym.core.progress import show_progress
-from slamgym.core.types import Float32Array
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.images.format import Scaling, Split
+from slamgym.dataset.images.format import Split
 from slamgym.dataset.record import PairRecord
 
-if TYPE_CHECKING:
-    from slamgym.dataset.curate.near_duplicates import PlanPrint
-
 SPLIT_VERSION = 2
-_CHUNK = 64
 
 
 @dataclass(frozen=True)
@@ -53,8 +47,6 @@ class SplitTable:
     plans: Mapping[str, PlanSide] = field(default_factory=dict)
     forced: tuple[str, ...] = ()
     """Plans that were asked for on the test side; their groups went with them."""
-    scaling: Scaling = "fit"
-    """``fit``: plans look alike regardless of their size; ``fixed``: only if they are of one size."""
     split_version: int = SPLIT_VERSION
 
     def of_side(self, side: Split) -> list[str]:
@@ -78,8 +70,6 @@ def make_split(
     test: float = 0.1,
     seed: int = 0,
     forced: Collection[str] = (),
-    scaling: Scaling = "fit",
-    workers: int = 1,
 ) -> SplitTable:
     """Split the plans of a dataset and write its ``split.json``.
 
@@ -88,14 +78,13 @@ def make_split(
         test: Share of the groups of plans that are for testing.
         seed: Another seed gives another split.
         forced: Plans that shall be on the test side.
-        scaling: How the images will be scaled; ``fit`` serves both.
-        workers: Number of processes that read plans.
 
     Raises:
         ConfigError: If the share is none, or a forced plan is not in the dataset.
         InputFileError: If a file of the dataset is missing or malformed.
     """
-    from slamgym.dataset.curate.near_duplicates import near_duplicates
+    from slamgym.cad import read_houseexpo
+    from slamgym.dataset.curate.near_duplicates import near_duplicates, plan_print
 
     if not 0.0 <= test <= 1.0:
         raise ConfigError(f"the share of test plans must lie in [0, 1], not {test}")
@@ -109,11 +98,14 @@ def make_split(
         raise ConfigError(
             f"{root} has no pair of the plan {unexpected[0]!r}; {suggest(unexpected[0], list(first)[:1000])}"
         )
-    prints, sides = read_prints(Path(root), list(first.values()), workers)
-    ids = list(first)
-    alike = near_duplicates(prints, sides if scaling == "fixed" else None)
+    layout, ids, prints = Layout(Path(root)), list(first), []
+    with show_progress("plans compared", 0, len(ids)) as advance:
+        for record in first.values():
+            prints.append(plan_print(read_houseexpo(layout.episode(record.name) / "plan.json")))
+            advance()
+    alike = near_duplicates(np.stack(prints))
     groups = dict(zip(ids, (ids[index] for index in alike), strict=True))
-    table = replace(assign_sides(groups, test=test, seed=seed, forced=forced), scaling=scaling)
+    table = assign_sides(groups, test=test, seed=seed, forced=forced)
     replace_file(split_path(root), json_text(to_dict(table)).encode())
     return table
 
@@ -126,39 +118,30 @@ def read_split(root: Path | str) -> SplitTable:
     """
     path = split_path(root)
     again = "run `slamgym dataset split` again"
+    content = read_json(path, again, FILE_BYTES)
+    # Earlier versions could keep plans apart by their size alone.
+    told_sizes = isinstance(content, dict) and content.pop("scaling", "fit") != "fit"
     try:
-        table = from_dict(SplitTable, read_json(path, again, FILE_BYTES))
+        table = from_dict(SplitTable, content)
     except ConfigError as error:
         raise InputFileError(path, f"is malformed ({error}); {again}") from error
-    if table.split_version != SPLIT_VERSION:
+    if told_sizes or table.split_version != SPLIT_VERSION:
         raise InputFileError(path, f"is of another version of slamgym; {again}")
     return table
 
 
-def current_split(root: Path | str, scaling: Scaling, workers: int = 1) -> SplitTable:
+def current_split(root: Path | str) -> SplitTable:
     """The split of a dataset as it is now: made if there is none, made again by the same rule if plans were added.
-
-    Args:
-        root: The dataset.
-        scaling: How the images will be scaled, if there is no split yet.
-        workers: Number of processes that read plans.
 
     Raises:
         InputFileError: If a file of the dataset is missing or malformed.
     """
     if not split_path(root).is_file():
-        return make_split(root, scaling=scaling, workers=workers)
+        return make_split(root)
     split = read_split(root)
     if all(record.plan_id in split.plans for record in read_manifest(root)):
         return split
-    return make_split(
-        root,
-        test=split.test,
-        seed=split.seed,
-        forced=split.forced,
-        scaling=split.scaling,
-        workers=workers,
-    )
+    return make_split(root, test=split.test, seed=split.seed, forced=split.forced)
 
 
 def assign_sides(
@@ -188,29 +171,3 @@ def assign_sides(
         plan_id: PlanSide("test" if group in chosen else "train", group) for plan_id, group in groups.items()
     }
     return SplitTable(seed, test, plans, tuple(sorted(forced)))
-
-
-def read_prints(root: Path, records: Sequence[PairRecord], workers: int) -> tuple[Float32Array, Any]:
-    """Pictures (N, SIDE, SIDE) and longer sides (N,) [m] of the plans of some pairs."""
-    from slamgym.core.parallel.engine import run_tasks
-
-    layout = Layout(root)
-    paths = [layout.episode(record.name) / "plan.json" for record in records]
-    chunks = [(start, paths[start : start + _CHUNK]) for start in range(0, len(paths), _CHUNK)]
-    found: dict[int, list[PlanPrint]] = {}
-    with show_progress("plans compared", 0, len(paths)) as advance:
-        for start, prints in run_tasks(_read_chunk, chunks, min(workers, max(1, len(chunks)))):
-            found[start] = prints
-            for _ in prints:
-                advance()
-    entries = [entry for start in sorted(found) for entry in found[start]]
-    pictures = np.stack([picture for picture, _ in entries]) if entries else np.empty((0, 1, 1), np.float32)
-    return pictures, np.array([side for _, side in entries])
-
-
-def _read_chunk(chunk: tuple[int, list[Path]]) -> "tuple[int, list[PlanPrint]]":
-    from slamgym.cad import read_houseexpo
-    from slamgym.dataset.curate.near_duplicates import plan_print
-
-    start, paths = chunk
-    return start, [plan_print(read_houseexpo(path)) for path in paths]

@@ -139,7 +139,7 @@ def render_images(
     dataset, layout = Path(dataset), ImageLayout(Path(out))
     chosen = selection or select_pairs(dataset)
     records = [record for record in read_manifest(dataset) if record.name in chosen.kept]
-    _check_split(split, records, config)
+    _check_split(split, records)
     with storage_errors(layout.root):
         layout.root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
@@ -273,12 +273,7 @@ def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:
     return {record.name: record for record in records}
 
 
-def _check_split(split: SplitTable, records: Sequence[PairRecord], config: ImageConfig) -> None:
-    if config.scaling == "fit" and split.scaling == "fixed":
-        raise ConfigError(
-            "the split counts plans of different size as different, but images that are scaled to fit don't show "
-            "the size; run `slamgym dataset split --scaling fit`, or render with --scaling fixed"
-        )
+def _check_split(split: SplitTable, records: Sequence[PairRecord]) -> None:
     unknown = [record.plan_id for record in records if record.plan_id not in split.plans]
     if unknown:
         raise ConfigError(

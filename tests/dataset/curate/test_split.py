@@ -63,22 +63,29 @@ def test_a_dataset_is_split_by_plan_with_mirror_images_together(dataset_copy):
     assert table.plans["rooms"].group == table.plans["mirrored"].group
     assert table.groups == 3
     before = split_path(dataset_copy).read_bytes()
-    make_split(dataset_copy, test=0.4, seed=1, workers=2)
+    make_split(dataset_copy, test=0.4, seed=1)
     assert split_path(dataset_copy).read_bytes() == before
 
 
-def test_plans_of_another_size_are_on_one_side_only_where_images_hide_the_size(dataset_copy):
+def test_plans_of_another_size_are_on_one_side(dataset_copy):
     """The hall is made a small copy of the rooms, and so looks like them in images that are scaled to fit."""
     first = {record.plan_id: record.name for record in reversed(list(read_manifest(dataset_copy)))}
     plan = json.loads((Layout(dataset_copy).episode(first["rooms"]) / "plan.json").read_text())
     plan["verts"] = (0.8 * np.array(plan["verts"])).tolist()
     (Layout(dataset_copy).episode(first["hall"]) / "plan.json").write_text(json.dumps(plan))
     table = make_split(dataset_copy, seed=1)
-    assert table.scaling == "fit"
     assert table.plans["rooms"] == table.plans["hall"]
-    fixed = make_split(dataset_copy, seed=1, scaling="fixed")
-    assert fixed.plans["rooms"].group != fixed.plans["hall"].group
-    assert read_split(dataset_copy) == current_split(dataset_copy, "fit") == fixed
+    assert read_split(dataset_copy) == current_split(dataset_copy) == table
+
+
+def test_earlier_splits_are_read_unless_they_told_sizes_apart(dataset_copy):
+    table = make_split(dataset_copy, seed=1)
+    written = json.loads(split_path(dataset_copy).read_text())
+    split_path(dataset_copy).write_text(json.dumps(written | {"scaling": "fit"}))
+    assert read_split(dataset_copy) == table
+    split_path(dataset_copy).write_text(json.dumps(written | {"scaling": "fixed"}))
+    with pytest.raises(InputFileError, match="of another version"):
+        read_split(dataset_copy)
 
 
 def test_the_command_says_what_it_did(dataset_copy, tmp_path, capsys):

@@ -45,16 +45,6 @@ def content(root):
     }
 
 
-def test_images_that_hide_the_size_need_a_split_that_does_not_look_at_it(dataset_copy, tmp_path):
-    make_split(dataset_copy, test=0.4, seed=1, scaling="fixed")
-    with pytest.raises(ConfigError, match="--scaling fit"):
-        render(dataset_copy, tmp_path / "images")
-    fixed = ImageConfig(size=64, scaling="fixed")
-    assert render(dataset_copy, tmp_path / "fixed", fixed).images == 8
-    make_split(dataset_copy, test=0.4, seed=1, scaling="fit")
-    assert render(dataset_copy, tmp_path / "fixed", fixed).images == 8
-
-
 def test_every_pair_is_there_once_on_the_side_of_its_plan(dataset, tmp_path):
     report = render(dataset, tmp_path / "images")
     pairs = {record.name: record for record in read_manifest(dataset)}
