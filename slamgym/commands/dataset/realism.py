@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.commands.frame import Out, is_installed, show_table
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.config import Arguments, Count
 from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, tell
@@ -36,20 +36,15 @@ class RealismArguments(Arguments):
     """Reference sets: folders (with subfolders) of ROS maps, or datasets."""
     out: Out = Path("realism")
     """Folder for the page."""
-    assume_resolution: Positive | None = None
-    """Cell size of images without a yaml file [m]; without it they are left out."""
     building: str | None = None
     """A regular expression that finds the building in the name of a reference map, such as '^[^_]+'; without it
     each map is a separate building. Buildings are never on both sides of a test."""
-    mixed: CountOrZero = 0
-    """Also draw so many maps of the dataset and as many of the references mixed and unlabelled, for a blind look:
-    OUT/mixed.png, with the key in mixed_key.json."""
     network: bool = True
     """Train the network: half a CPU minute a test on 50 maps."""
     halvings: Count = 10
     """Number of halvings of a set by the trees, for its null."""
     seed: int = 0
-    """Seed of folds, halves, learners and the mixture."""
+    """Seed of folds, halves and learners."""
 
     def _check(self) -> None:
         if not self.against:
@@ -62,18 +57,14 @@ def main(arguments: RealismArguments) -> None:
     from slamgym.dataset.realism.comparison import RealismReport, compare_statistics, read_map_sets
     from slamgym.dataset.realism.page import (
         draw_examples,
-        draw_mixed,
         realism_page,
         statistics_table,
         tests_table,
         to_json,
         to_markdown,
     )
-    from slamgym.viz.canvas import write_picture
 
-    own, *references = read_map_sets(
-        (arguments.dataset, *arguments.against), arguments.assume_resolution, arguments.building
-    )
+    own, *references = read_map_sets((arguments.dataset, *arguments.against), arguments.building)
     for one in (own, *references):
         say(f"{one.name}: {one.summary}")
     statistics = compare_statistics(own, references, arguments.seed)
@@ -84,10 +75,6 @@ def main(arguments: RealismArguments) -> None:
     write_text(out / "realism.json", json_text(to_json(report)))
     write_text(out / "realism.md", to_markdown(report))
     write_text(out / "realism.html", realism_page(report, figures))
-    if arguments.mixed:
-        sheet, key = draw_mixed(own, references, arguments.mixed, arguments.seed)
-        write_picture(out / "mixed.png", sheet)
-        write_text(out / "mixed_key.json", json_text(key))
     show_table(*statistics_table(report))
     show_table(*tests_table(report), None, *report.left_out)
     tell(f"{out / 'realism.html'}")

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes, read_text, sha256_of
+from slamgym.core.files import read_bytes, read_text
 from slamgym.core.limits import YAML_BYTES
 from slamgym.core.pictures import read_png
 from slamgym.core.types import ByteArray, GridFrame, OccupancyGrid
@@ -45,13 +45,12 @@ class MapItem:
         return self.record.plan_id if self.record else self.name
 
 
-def open_items(root: Path | str, assumed_resolution: float | None = None) -> list[MapItem]:
+def open_items(root: Path | str) -> list[MapItem]:
     """List what is to be judged in a folder.
 
     Args:
         root: A dataset that ``slamgym generate`` has written, or a folder (with subfolders) of ROS maps
             (``.yaml``).
-        assumed_resolution: Cell size of images that no yaml file describes [m]; without it they are left out.
 
     Returns:
         The items, in the order of the manifest or by name.
@@ -66,21 +65,12 @@ def open_items(root: Path | str, assumed_resolution: float | None = None) -> lis
         return [_pair_item(root, record) for record in read_manifest(root)]
     if shard_folders(root):
         require_manifest(Layout(root).manifest, "slamgym generate")
-    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _described_image(path)]
-    if assumed_resolution is not None:
-        items += [_bare_item(root, path, assumed_resolution) for path in bare_images(root)]
+    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_image(path)]
     if not items:
         raise InputFileError(
             root, "holds neither a manifest.jsonl nor ROS maps (.yaml with an image beside it)"
         )
     return items
-
-
-def bare_images(root: Path) -> list[Path]:
-    """The images below a folder that no yaml file describes."""
-    described = {path.parent / name for path in root.rglob("*.yaml") if (name := _described_image(path))}
-    images = (path for path in sorted(root.rglob("*")) if path.suffix.lower() in MAP_IMAGE_SUFFIXES)
-    return [path for path in images if path not in described]
 
 
 def _read_pair_map(path: Path, frame: GridFrame) -> OccupancyGrid:
@@ -113,19 +103,10 @@ def _map_item(root: Path, path: Path) -> MapItem:
     return MapItem(name, partial(read_ros_map, path), None, None, digest)
 
 
-def _bare_item(root: Path, path: Path, resolution: float) -> MapItem:
-    from slamgym.interop.ros_map import read_bare_map
-
-    name = path.relative_to(root).with_suffix("").as_posix()
-    digest = sha256_of(path)
-    return MapItem(name, partial(read_bare_map, path, resolution), None, None, digest)
-
-
-def _described_image(path: Path) -> str:
-    """The image that a yaml file names, as it is written there; nothing if it isn't a map's: others may lie about."""
+def _describes_image(path: Path) -> bool:
+    """True if a yaml file names an image, as a map's does: others may lie about."""
     try:
-        text = read_text(path, YAML_BYTES)
+        lines = read_text(path, YAML_BYTES).splitlines()
     except InputFileError:
-        return ""
-    named = [line.removeprefix("image:").strip() for line in text.splitlines() if line.startswith("image:")]
-    return (named[0].strip("\"'") or "image") if named else ""
+        return False
+    return any(line.startswith("image:") for line in lines)

@@ -12,7 +12,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.intervals import Interval, median_interval
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, OccupancyGrid
-from slamgym.dataset.curate.map_items import bare_images, open_items
+from slamgym.dataset.curate.map_items import open_items
 from slamgym.metrics.map_statistics import (
     COARSEST_CELL,
     LOOK_CELL,
@@ -96,14 +96,11 @@ class MapSet:
         return f"{counted(len(self.maps), 'map')} of {buildings}{left_out}"
 
 
-def read_map_sets(
-    roots: Sequence[Path], assumed_resolution: float | None = None, building: str | None = None
-) -> list[MapSet]:
+def read_map_sets(roots: Sequence[Path], building: str | None = None) -> list[MapSet]:
     """Read every map of some folders.
 
     Args:
         roots: Datasets, or folders (with subfolders) of ROS maps.
-        assumed_resolution: Cell size of images without a yaml file [m]; without it they are left out.
         building: A pattern that finds the building in the name of a map from elsewhere; without it, or where
             it finds nothing, each map is a separate building.
 
@@ -118,7 +115,7 @@ def read_map_sets(
     if len({root.resolve() for root in roots}) < len(roots):
         raise ConfigError("a folder is named twice: its maps can't be told from themselves; name each once")
     names = _names(roots)
-    return [_read(root, name, assumed_resolution, pattern) for root, name in zip(roots, names, strict=True)]
+    return [_read(root, name, pattern) for root, name in zip(roots, names, strict=True)]
 
 
 def _names(roots: Sequence[Path]) -> list[str]:
@@ -130,27 +127,14 @@ def _names(roots: Sequence[Path]) -> list[str]:
     ]
 
 
-def _read(
-    root: Path, name: str, assumed_resolution: float | None, building: re.Pattern[str] | None
-) -> MapSet:
-    try:
-        items = open_items(root, assumed_resolution)
-    except InputFileError:
-        if assumed_resolution is not None or not root.is_dir() or not bare_images(root):
-            raise
-        raise InputFileError(
-            root, "holds images without yaml files; say how large their cells are with --assume-resolution"
-        ) from None
+def _read(root: Path, name: str, building: re.Pattern[str] | None) -> MapSet:
     skipped: Counter[str] = Counter()
-    if assumed_resolution is None and not any(item.record for item in items):
-        skipped["no yaml file, and no --assume-resolution"] = len(bare_images(root))
     maps = []
-    for item in items:
+    for item in open_items(root):
         try:
             grid = item.load()
-        except InputFileError as error:
-            reason = "too many shades for a map" if "greys" in error.reason else "can't be read as a map"
-            skipped[reason] += 1
+        except InputFileError:
+            skipped["can't be read as a map"] += 1
             continue
         fault = _fault(grid)
         if fault:
@@ -159,7 +143,7 @@ def _read(
         found = building.search(item.name) if building and item.record is None else None
         shown = found[0] if found else item.plan_id
         maps.append(measure_map(item.name, shown, grid.cells, grid.frame.resolution))
-    found_set = MapSet(name, maps, {reason: count for reason, count in skipped.items() if count})
+    found_set = MapSet(name, maps, dict(skipped))
     require_enough(root, found_set.buildings, found_set.skipped)
     return found_set
 

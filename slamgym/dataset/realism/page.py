@@ -23,8 +23,6 @@ EXAMPLES = 4
 """Maps of either side that are shown for a statistic."""
 _WINDOW = 128  # [cells] of an example
 _PANEL_PX = 256
-_MIXED_WINDOW = 320  # [cells] of a map in the mixture: 16 m
-_MIXED_COLUMNS = 6
 
 
 Figure = tuple[str, ByteArray]
@@ -143,52 +141,21 @@ def draw_examples(own: MapSet, references: Sequence[MapSet], row: StatisticRow) 
     chosen = [(own.name, own.maps[i]) for i in ends[0][:EXAMPLES]]
     chosen += [others[i] for i in ends[1][:EXAMPLES]]
     cards = [
-        Card((_window(one, _WINDOW),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
+        Card((_window(one),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
         for name, one in chosen
     ]
     return f"{row.label}: {own.name} above, references below", draw_sheet(cards, EXAMPLES, _PANEL_PX)
 
 
-def draw_mixed(
-    own: MapSet, references: Sequence[MapSet], count: int, seed: int = 0
-) -> tuple[ByteArray, list[dict[str, Any]]]:
-    """Draw maps of the dataset and as many of the references in a random order, all at one scale, numbered alone.
-
-    Args:
-        own: The dataset.
-        references: They take turns.
-        count: Maps of either side; fewer if there are not so many.
-        seed: Of the choice and the order.
-
-    Returns:
-        The sheet, and what its numbers stand for.
-    """
-    rng = np.random.default_rng(seed)
-    mine = [(own.name, own.maps[i]) for i in rng.permutation(len(own.maps))]
-    orders = [(s, rng.permutation(len(s.maps)).tolist()) for s in references]
-    rounds = range(max(len(order) for _, order in orders))
-    theirs = [(s.name, s.maps[order[k]]) for k in rounds for s, order in orders if k < len(order)]
-    count = min(count, len(mine), len(theirs))
-    both = [*mine[:count], *theirs[:count]]
-    shown = [both[i] for i in rng.permutation(len(both))]
-    cards = [
-        Card((_window(one, _MIXED_WINDOW),), (f"{number}",)) for number, (_, one) in enumerate(shown, start=1)
-    ]
-    key = [
-        {"number": number, "set": name, "name": one.name} for number, (name, one) in enumerate(shown, start=1)
-    ]
-    return draw_sheet(cards, _MIXED_COLUMNS, _MIXED_WINDOW), key
-
-
-def _window(one: MeasuredMap, side: int) -> ByteArray:
+def _window(one: MeasuredMap) -> ByteArray:
     """The square of a map with most border of free space in it, RGB; smaller maps lie in its middle."""
     floor = one.floor
-    size = tuple(min(side, n) for n in floor.shape)
+    size = tuple(min(_WINDOW, n) for n in floor.shape)
     sums: IntArray = cv2.integral(free_boundary(floor == FREE).astype(np.uint8)).astype(np.int64)
     rows, cols = size
     inside = sums[rows:, cols:] - sums[:-rows, cols:] - sums[rows:, :-cols] + sums[:-rows, :-cols]
     top, left = np.unravel_index(int(inside.argmax()), inside.shape)
-    picture = blank((side, side), UNKNOWN_TINT)
-    y, x = (side - rows) // 2, (side - cols) // 2
+    picture = blank((_WINDOW, _WINDOW), UNKNOWN_TINT)
+    y, x = (_WINDOW - rows) // 2, (_WINDOW - cols) // 2
     picture[y : y + rows, x : x + cols] = colour_cells(floor[top : top + rows, left : left + cols])
     return picture

@@ -7,9 +7,8 @@ import pytest
 
 from slamgym.commands.cli import main
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.pictures import encode_png
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
-from slamgym.dataset.realism.comparison import MIN_MAPS, read_map_sets
+from slamgym.dataset.realism.comparison import read_map_sets
 from slamgym.interop import write_ros_map
 
 COUNT = 10
@@ -46,8 +45,6 @@ def folders(tmp_path):
 
 def test_maps_are_read_and_what_is_no_map_is_counted_with_its_reason(folders):
     thin, thick = folders
-    rng = np.random.default_rng(0)
-    (thin / "photo.png").write_bytes(encode_png(rng.integers(0, 256, (90, 120, 3), dtype=np.uint8)))
     (thin / "broken.yaml").write_text("image: nowhere.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
     cells = np.full((60, 60), UNKNOWN, np.uint8)
     write_ros_map(thin / "blank", OccupancyGrid(cells, GridFrame(0.05, 0, 0, 60, 60)))
@@ -55,7 +52,6 @@ def test_maps_are_read_and_what_is_no_map_is_counted_with_its_reason(folders):
     one, other = read_map_sets([thin, thick])
     assert [len(s.maps) for s in (one, other)] == [COUNT, COUNT]
     assert one.skipped == {
-        "no yaml file, and no --assume-resolution": 1,
         "can't be read as a map": 1,
         "less than 4 m2 of free space": 1,
         "cells larger than 0.06 m": 1,
@@ -63,17 +59,6 @@ def test_maps_are_read_and_what_is_no_map_is_counted_with_its_reason(folders):
     assert len(set(other.buildings)) == COUNT
     grouped = read_map_sets([thin, thick], building="^[^_]+")[1]
     assert sorted(set(grouped.buildings)) == [f"flat{i}" for i in range(COUNT // 2)]
-    assert read_map_sets([thin], assumed_resolution=0.05)[0].skipped["too many shades for a map"] == 1
-
-
-def test_bare_images_need_a_resolution(tmp_path):
-    for i in range(MIN_MAPS):
-        (tmp_path / f"{i}.png").write_bytes(encode_png(drawing(i, 1)))
-    with pytest.raises(InputFileError, match="--assume-resolution"):
-        read_map_sets([tmp_path])
-    (found,) = read_map_sets([tmp_path], assumed_resolution=0.05)
-    assert len(found.maps) == MIN_MAPS
-    assert found.maps[0].statistics["run_1"] > 0.8
 
 
 @pytest.mark.parametrize(
@@ -109,15 +94,13 @@ def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, c
         "--against",
         str(folders[1]),
         "--no-network",
-        "--mixed",
-        "4",
         "--halvings",
         "1",
     ]
     for out in ("one", "two"):
         assert main([*words, "-o", str(tmp_path / out)]) == 0
     assert "realism.html" in capsys.readouterr().out
-    names = ["realism.html", "realism.json", "realism.md", "mixed.png", "mixed_key.json"]
+    names = ["realism.html", "realism.json", "realism.md"]
     for name in names:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
     report = json.loads((tmp_path / "one/realism.json").read_text())
@@ -132,9 +115,6 @@ def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, c
     assert "left out by --no-network" in page
     assert "<script" not in page
     assert "://" not in page
-    key = json.loads((tmp_path / "one/mixed_key.json").read_text())
-    assert [entry["number"] for entry in key] == list(range(1, 9))
-    assert sorted(entry["set"] for entry in key) == ["thick"] * 4 + ["thin"] * 4
 
 
 def test_what_is_not_installed_is_left_out_and_said(folders, tmp_path, monkeypatch):
