@@ -19,7 +19,7 @@ import tyro
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.core.intervals import wilson_interval
-from slamgym.dataset import DatasetConfig, PairRecord, build_dataset, read_manifest, write_contact_sheet
+from slamgym.dataset import DatasetConfig, PairRecord, build_dataset, read_manifest
 from slamgym.dataset.faults import Criteria, record_faults
 from slamgym.envs import EpisodeConfig
 
@@ -59,7 +59,6 @@ def main() -> None:
         records = explored(arguments, minutes, root)
         rows.append(row(minutes, records))
         faults += [[minutes, reason, count] for reason, count in reasons(records)]
-        print(f"contact sheet: {write_contact_sheet(root, min(arguments.pairs, 50))}")
     title = (
         f"{arguments.pairs} explorations by {arguments.explorer} (95 % interval); goals for auto: "
         f"{GOAL_COVERAGE:g} % see {100 * GOOD_COVERAGE:.0f} % of the floor, {GOAL_CLEAN:g} % pass cleaning"

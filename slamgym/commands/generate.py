@@ -23,9 +23,6 @@ if TYPE_CHECKING:
     from slamgym.dataset.generate.recipe import DatasetConfig
 
 
-_SHEET_PAIRS = 12
-
-
 class GenerateArguments(Arguments):
     """Explore floor plans with a simulated robot and write SLAM/CAD map pairs.
 
@@ -117,8 +114,9 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
 
 def _report(report: BuildReport) -> None:
     """Say what is there now, what was left out, and where to look."""
+    from slamgym.commands.dataset.describe import ShowArguments, draw_pairs
     from slamgym.dataset.format import Layout
-    from slamgym.dataset.statistics import describe_pairs, write_contact_sheet
+    from slamgym.dataset.statistics import describe_pairs
 
     layout = Layout(report.root)
     if report.fresh:
@@ -131,7 +129,7 @@ def _report(report: BuildReport) -> None:
         say(f"Skipped {skipped} ({kinds}); {layout.rejected} says why.")
     tell(*describe_pairs(report.root).splitlines())
     if report.pairs > 0:
-        path = write_contact_sheet(report.root, _SHEET_PAIRS)
+        _, path = draw_pairs(ShowArguments(report.root))
         tell(f"contact sheet: {path}")
 
 

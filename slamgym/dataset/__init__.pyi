@@ -5,7 +5,7 @@ from .images.format import ImageRecord, load_images, read_images
 from .images.render import render_images, select_pairs
 from .images.square_images import ImageConfig
 from .record import MapPair, PairConfig, PairRecord, make_pair
-from .statistics import describe_pairs, write_contact_sheet
+from .statistics import describe_pairs
 
 __all__ = [
     "BuildReport",
@@ -28,5 +28,4 @@ __all__ = [
     "read_split",
     "render_images",
     "select_pairs",
-    "write_contact_sheet",
 ]

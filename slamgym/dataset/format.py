@@ -166,8 +166,6 @@ class Layout(FolderLayout):
         """Plans that could not be explored."""
         self.timing = root / "timing.jsonl"
         """Seconds per exploration."""
-        self.contact_sheet = root / "contact_sheet.png"
-        """Picture of the pairs."""
         self.episodes = root / "episodes"
         """Folder of the explorations."""
         self.incoming = root / ".incoming"

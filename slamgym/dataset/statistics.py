@@ -1,4 +1,4 @@
-"""Contents of a dataset: tables by condition, a few lines of text, and one picture of many pairs."""
+"""Contents of a dataset: tables by condition, a few lines of text, and pairs for a sheet."""
 
 from __future__ import annotations
 
@@ -13,8 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.files import replace_file
-from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
@@ -22,7 +20,7 @@ from slamgym.dataset.folder import read_rejected, read_times
 from slamgym.dataset.format import SIDES, Layout, count_lines, load_pair, read_manifest
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
-from slamgym.viz.sheets import SheetEntry, draw_contact_sheet
+from slamgym.viz.sheets import SheetEntry
 
 MOST_MEASURED = 20_000
 """Maximum number of pairs whose bytes on disk are counted; of more, so many are, evenly spaced, and scaled up."""
@@ -113,10 +111,9 @@ class RecordColumns:
     def __len__(self) -> int:
         return len(self._keys)
 
-    def figures(self, name: str, places: IntArray | None = None) -> FloatArray:
-        """One of the figures, of all records or of some."""
-        figures = self._figures[name]
-        return figures if places is None else figures[places]
+    def figures(self, name: str, places: IntArray) -> FloatArray:
+        """One of the figures of some records."""
+        return self._figures[name][places]
 
     def joined(self, names: Iterable[tuple[str, float]]) -> FloatArray:
         """Values of another list in the order of the records, shape (N,); nan where it has none."""
@@ -288,42 +285,21 @@ def describe_pairs(root: Path | str) -> str:
     columns = RecordColumns(read_manifest(root))
     if len(columns) == 0:
         return f"{root}: no pairs"
-    coverage, seconds, ate, odometry, walls = (columns.figures(name) for name in FIGURES)
-    complete = 100.0 * np.mean(coverage >= GOOD_COVERAGE)
+    unknown = np.full(len(columns), np.nan)
+    whole = _summarise(columns, np.arange(len(columns)), unknown, unknown)
     endings = ", ".join(f"{count} {reason}" for reason, count in columns.endings.counts().items())
-    plans = len(np.unique(columns.plans.codes))
     return "\n".join(
         [
-            f"{root}: {counted(len(columns), 'pair')} of {counted(plans, 'plan')}",
-            f"  coverage        median {100 * np.median(coverage):.1f} %, "
-            f"{complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
-            f"  robot time      median {np.median(seconds) / 60:.1f} min, longest {seconds.max() / 60:.1f} min",
+            f"{root}: {counted(whole.pairs, 'pair')} of {counted(whole.plans, 'plan')}",
+            f"  coverage        median {100 * whole.coverage[1]:.1f} %, "
+            f"{100 * whole.complete:.0f} % of the pairs at {100 * GOOD_COVERAGE:.0f} % or more",
+            f"  robot time      median {whole.minutes[0]:.1f} min, longest {whole.minutes[1]:.1f} min",
             f"  ended by        {endings}",
-            f"  position error  median {np.median(ate):.3f} m, worst {ate.max():.3f} m "
-            f"(wheels alone: median {np.median(odometry):.3f} m)",
-            f"  wall error      median {np.median(walls):.3f} m, worst {walls.max():.3f} m",
+            f"  position error  median {whole.ate[0]:.3f} m, of one in twenty above {whole.ate[1]:.3f} m "
+            f"(wheels alone: median {whole.odometry_ate:.3f} m)",
+            f"  wall error      median {whole.map_error[0]:.3f} m, of one in twenty above {whole.map_error[1]:.3f} m",
         ]
     )
-
-
-def write_contact_sheet(root: Path | str, limit: int) -> Path:
-    """Draw up to ``limit`` pairs, spread evenly over the dataset, into its ``contact_sheet.png``.
-
-    Returns:
-        The picture's path.
-
-    Raises:
-        InputFileError: If a file of the dataset is missing or malformed.
-        StorageError: If the picture can't be written.
-    """
-    layout = Layout(Path(root))
-    count = sum(1 for _ in read_manifest(root))
-    places = set(np.linspace(0, count - 1, min(limit, count)).astype(int).tolist())
-    chosen = [record for place, record in enumerate(read_manifest(root)) if place in places]
-    heading = f"slamgym: {len(chosen)} of {count} pairs" if len(chosen) < count else "slamgym: map pairs"
-    picture = draw_contact_sheet(heading, sheet_entries(root, chosen), columns=2)
-    replace_file(layout.contact_sheet, encode_png(picture[:, :, ::-1]))
-    return layout.contact_sheet
 
 
 def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[SheetEntry]:

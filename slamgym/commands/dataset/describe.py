@@ -111,6 +111,17 @@ class ShowArguments(Arguments):
 
 def show(arguments: ShowArguments) -> None:
     """Run ``slamgym dataset show``."""
+    chosen, output = draw_pairs(arguments)
+    for record in chosen:
+        tell(
+            f"{record.name}  {100 * record.coverage:5.1f} % covered, position error {record.ate:.3f} m, "
+            f"walls {record.map_error:.3f} m, {record.explorer}"
+        )
+    tell(f"{output}")
+
+
+def draw_pairs(arguments: ShowArguments) -> tuple[list[Any], Path]:
+    """Draw the sheet; returns the records of its pairs, and where it lies."""
     from slamgym.dataset.check import is_image_folder
     from slamgym.dataset.format import read_manifest
     from slamgym.dataset.images.format import load_images, read_images
@@ -134,12 +145,7 @@ def show(arguments: ShowArguments) -> None:
         chosen = choose(records, arguments)
         heading = f"slamgym: {len(chosen)} of {len(records)} pairs"
         write_picture(output, draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), _COLUMNS))
-    for record in chosen:
-        tell(
-            f"{record.name}  {100 * record.coverage:5.1f} % covered, position error {record.ate:.3f} m, "
-            f"walls {record.map_error:.3f} m, {record.explorer}"
-        )
-    tell(f"{output}")
+    return chosen, output
 
 
 def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:

@@ -43,7 +43,7 @@ def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
     command = arguments(plans, tmp_path / "out", "--pairs", "2", "--engine", "in_process")
     assert cli.main(command) == 0
     shown = capsys.readouterr().out
-    sheet = Layout(tmp_path / "out").contact_sheet
+    sheet = tmp_path / "out" / "contact_sheet.png"
     assert f"contact sheet: {sheet}" in shown
     assert "2 pairs of 2 plans" in shown
     assert sheet.stat().st_size > 1000
