@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from operator import attrgetter
 from pathlib import Path
@@ -17,13 +17,11 @@ from slamgym.core.progress import counted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.curate.verdicts import VERDICTS_FILE, iterate_verdicts
 from slamgym.dataset.folder import read_rejected, read_times
-from slamgym.dataset.format import SIDES, Layout, count_lines, load_pair, read_manifest
+from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
 from slamgym.viz.sheets import SheetEntry
 
-MOST_MEASURED = 20_000
-"""Maximum number of pairs whose bytes on disk are counted; of more, so many are, evenly spaced, and scaled up."""
 FIGURES = ("coverage", "robot_seconds", "ate", "odometry_ate", "map_error")
 """Figures of a record that are summarised."""
 MAX_VALUES = 6
@@ -180,8 +178,6 @@ class DatasetStatistics:
     """Plans that gave no pair, by the kind of error."""
     left_out: dict[str, int]
     """Pairs that cleaning drops, by reason."""
-    bytes: dict[str, int]
-    """Bytes on disk: ``A``, ``B``, and the files of the explorations by name; of many pairs an estimate."""
     by_condition: dict[str, dict[str, GroupStatistics]] = field(default_factory=dict)
     """For each condition that varies, the figures by its value; also by kind of plan."""
 
@@ -193,12 +189,11 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
         InputFileError: If the folder holds no dataset or a list is malformed.
     """
     layout = Layout(Path(root))
-    sizes, dropped = Counter[str](), Counter[str]()
-    columns = RecordColumns(_count_bytes(layout, _spread_over(layout), sizes))
+    dropped = Counter[str]()
+    columns = RecordColumns(read_manifest(layout.root))
     kept = columns.joined(_verdicts(layout.root, dropped))
     seconds = columns.joined((name, times["cpu_seconds"]) for name, times in read_times(layout.timing))
     rejected = {entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()}
-    scale = len(columns) / min(max(len(columns), 1), MOST_MEASURED)
 
     def summarise(places: IntArray) -> GroupStatistics:
         return _summarise(columns, places, kept[places], seconds[places])
@@ -209,33 +204,11 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
         endings=columns.endings.counts(),
         rejected=dict(Counter(rejected.values()).most_common()),
         left_out=dict(dropped.most_common()),
-        bytes={name: round(size * scale) for name, size in sizes.most_common()},
         by_condition={
             name: {label: summarise(places) for label, places in groups.items()}
             for name, groups in columns.groupings()
         },
     )
-
-
-def _spread_over(layout: Layout) -> Callable[[int], bool]:
-    """Which places of the manifest are looked at on the disk: all, or so many evenly spaced ones."""
-    count = count_lines(layout.manifest) if layout.manifest.is_file() else 0
-    return set(np.linspace(0, count - 1, min(count, MOST_MEASURED)).astype(int).tolist()).__contains__
-
-
-def _count_bytes(
-    layout: Layout, measured: Callable[[int], bool], sizes: Counter[str]
-) -> Iterator[PairRecord]:
-    """The records, and on the way the sizes of their files, added up by kind; missing files count nothing."""
-    for place, record in enumerate(read_manifest(layout.root)):
-        if measured(place):
-            for side in SIDES:
-                path = layout.image(side, record.name)
-                sizes[side] += path.stat().st_size if path.is_file() else 0
-            folder = layout.episode(record.name)
-            for path in folder.iterdir() if folder.is_dir() else ():
-                sizes[path.name] += path.stat().st_size
-        yield record
 
 
 def _verdicts(root: Path, dropped: Counter[str]) -> Iterator[tuple[str, float]]:

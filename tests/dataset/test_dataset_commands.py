@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from slamgym.commands import cli
-from slamgym.dataset import statistics
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.dataset.record import Slot
@@ -30,15 +29,6 @@ def test_the_whole_is_the_sum_of_its_groups(small_dataset):
         assert sum(group.pairs for group in groups.values()) == 8
         hours = sum(group.robot_hours for group in groups.values())
         assert hours == pytest.approx(statistics.whole.robot_hours)
-
-
-def test_bytes_are_those_on_disk(small_dataset):
-    sizes = dataset_statistics(small_dataset).bytes
-    layout = Layout(small_dataset)
-    for side in "AB":
-        assert sizes[side] == sum(path.stat().st_size for path in (small_dataset / side).glob("*.png"))
-    on_disk = sum(path.stat().st_size for path in layout.episodes.rglob("*") if path.is_file())
-    assert sum(sizes.values()) - sizes["A"] - sizes["B"] == on_disk
 
 
 def groups_of(*values):
@@ -74,14 +64,6 @@ def test_lists_are_joined_by_name(small_dataset):
     assert np.isnan(columns.joined([])).all()
 
 
-def test_the_bytes_of_very_many_pairs_are_scaled_up(small_dataset, monkeypatch):
-    whole = dataset_statistics(small_dataset).bytes
-    monkeypatch.setattr(statistics, "MOST_MEASURED", 4)
-    estimate = dataset_statistics(small_dataset).bytes
-    assert estimate.keys() == whole.keys()
-    assert estimate["A"] == pytest.approx(whole["A"], rel=0.5)
-
-
 def test_many_numbers_are_reported_in_ranges():
     groups = groups_of(*[0.0] * 5, *np.linspace(0.2, 1.0, 9).tolist(), None)
     assert groups == {
@@ -106,7 +88,6 @@ def test_json_and_tables_say_what_was_rejected(dataset_copy, capsys):
     table = capsys.readouterr().out
     assert "plans without a pair: 1 PlanError" in table
     assert "odometry: high" in table
-    assert "kB a pair" in table
 
 
 def show(folder, tmp_path, *options):

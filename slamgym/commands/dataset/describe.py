@@ -31,7 +31,7 @@ LOWEST_FIRST = ("index", "coverage")
 
 
 class StatsArguments(Arguments):
-    """Show what lies in a dataset: pairs, coverage, errors, endings and bytes, also by condition.
+    """Show what lies in a dataset: pairs, coverage, errors and endings, also by condition.
 
     `complete` is the share of pairs that saw 95 % of the reachable floor; `kept` is what cleaning keeps; ATE is
     the position error of the SLAM estimate; `walls` the distance of drawn walls to true ones.
@@ -58,10 +58,7 @@ def _print(statistics: DatasetStatistics) -> None:
     rows: list[list[str]] = [["all", *_cells(statistics.whole)]]
     for name, groups in statistics.by_condition.items():
         rows += [[], *([f"{name}: {label}", *_cells(group)] for label, group in groups.items())]
-    total, pairs = sum(statistics.bytes.values()), max(statistics.whole.pairs, 1)
-    sizes = list(statistics.bytes.items())[:4]
-    largest = ", ".join(f"{name} {size / pairs / 1e3:.0f} kB" for name, size in sizes)
-    below = [f"{total / 1e9:.2f} GB, {total / pairs / 1e3:.0f} kB a pair ({largest})"]
+    below = []
     for title, counts in (
         ("ended by", statistics.endings),
         ("plans without a pair", statistics.rejected),
