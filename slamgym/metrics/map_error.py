@@ -11,7 +11,7 @@ import math
 import cv2
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.geometry import transform_points
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -73,8 +73,8 @@ class ObstacleDistance:
         cv2.polylines(
             canvas, list(lines), isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT
         )
-        pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        self._field: Float32Array = (pixels_away * _CELL).astype(np.float32)  # row 0 at the bottom
+        pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[::-1]
+        self._field: Float32Array = (pixels_away * _CELL).astype(np.float32)
 
     def mean_error(self, grid: OccupancyGrid, world_from_map: Pose2D) -> float:
         """Mean distance of a map's occupied cells from the nearest obstacle [m]; 0 if there are none.
@@ -83,35 +83,10 @@ class ObstacleDistance:
             grid: The map, map frame.
             world_from_map: The map frame in the world.
         """
-        total, count = sum_of_distances(grid.cells, grid.frame, world_from_map, self._field, self.frame)
-        return total / count if count else 0.0
-
-
-@kernel
-def sum_of_distances(
-    cells: ByteArray, frame: GridFrame, world_from_map: Pose2D, field: Float32Array, field_frame: GridFrame
-) -> tuple[float, int]:
-    """Sum of the distances [m] of the occupied cells, and their number.
-
-    Convention: ``cells`` has row 0 at the top, ``field`` at the bottom; ``world_from_map`` is the frame of the
-    cells in that of the field.
-    """
-    x, y, theta = world_from_map
-    cos, sin = math.cos(theta), math.sin(theta)
-    rows, cols = cells.shape
-    total, count = 0.0, 0
-    for row in range(rows):
-        map_y = frame.origin_y + (rows - row - 0.5) * frame.resolution
-        for col in range(cols):
-            if cells[row, col] != OCCUPIED:
-                continue
-            map_x = frame.origin_x + (col + 0.5) * frame.resolution
-            away_x = x + cos * map_x - sin * map_y - field_frame.origin_x
-            away_y = y + sin * map_x + cos * map_y - field_frame.origin_y
-            field_col = math.floor(away_x / field_frame.resolution)
-            field_row = math.floor(away_y / field_frame.resolution)
-            field_col = min(max(field_col, 0), field.shape[1] - 1)
-            field_row = min(max(field_row, 0), field.shape[0] - 1)
-            total += field[field_row, field_col]
-            count += 1
-    return total, count
+        places = grid.frame.to_points(*np.nonzero(grid.cells == OCCUPIED))
+        if not len(places):
+            return 0.0
+        row, col = self.frame.to_cell(*transform_points(world_from_map, places).T)
+        rows, cols = self.frame.shape
+        away = self._field[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
+        return math.fsum(away.tolist()) / len(away)  # the same on every processor
