@@ -35,9 +35,6 @@ class ExportArguments(LogReading, LogAndOut):
     """rosbag2: also publish map -> odom as the episode's own SLAM estimated it, to look at the run without a SLAM
     program, which would publish that transform itself."""
 
-    overwrite: bool = False
-    """CARMEN: replace an existing file."""
-
 
 def main(arguments: ExportArguments) -> None:
     """Run the command."""
@@ -49,8 +46,8 @@ def main(arguments: ExportArguments) -> None:
         require(Extra("ros", ("rosbags",)), "--format rosbag2")
     log = read_log(arguments.log, arguments)
     if arguments.format == "carmen":
-        if arguments.out.exists() and not arguments.overwrite:
-            raise InputFileError(arguments.out, "exists already; give --overwrite to replace it")
+        if arguments.out.exists():
+            raise InputFileError(arguments.out, "exists already; name another file")
         write_carmen(arguments.out, log.records, log.geometry, message=arguments.message)
     else:
         own_map = arguments.log / "map.yaml"

@@ -290,5 +290,5 @@ class TestExportCommand:
         assert export_log([str(episode), "-o", str(tmp_path / "bag"), "--format", "rosbag2"]) == 0
         assert len(open_log(tmp_path / "a.log.gz")) == len(open_log(tmp_path / "bag")) == len(records)
         assert "10 scans" in capsys.readouterr().out
-        with pytest.raises(InputFileError, match="--overwrite"):
+        with pytest.raises(InputFileError, match="exists already"):
             export_log([str(episode), "-o", str(tmp_path / "a.log.gz")])
