@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
@@ -294,28 +294,3 @@ def make_record(
 
 def _rounded(value: float) -> float:
     return round(float(value), _DIGITS)
-
-
-def rows_of(records: Sequence[ManifestLine]) -> list[dict[str, Any]]:
-    """The records as rows of plain values; every row has every condition, null where it has none.
-
-    Conditions differ between records, and a setting may be a word here and a number there; a column of a
-    table can't be both, so such a column holds text.
-    """
-    rows = [to_dict(record) for record in records]
-    names = sorted({name for row in rows for name in row["conditions"]})
-    kinds = {name: _common_kind([row["conditions"].get(name) for row in rows]) for name in names}
-    for row in rows:
-        drawn = row["conditions"]
-        row["conditions"] = {
-            name: None if drawn.get(name) is None else kinds[name](drawn[name]) for name in names
-        }
-    return rows
-
-
-def _common_kind(values: Sequence[Any]) -> type:
-    """The type that holds all values: whole numbers and others are numbers, anything else mixed is text."""
-    kinds = {type(value) for value in values if value is not None}
-    if len(kinds) == 1:
-        return kinds.pop()
-    return float if kinds <= {int, float} else str

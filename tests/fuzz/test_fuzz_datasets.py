@@ -35,7 +35,7 @@ from slamgym.dataset.generate.recipe import RECIPES, DatasetConfig, open_recipe
 from slamgym.dataset.images.format import ImageRecord, read_images
 from slamgym.dataset.images.render import _read_journal, select_pairs
 from slamgym.dataset.manifest_file import ManifestFile
-from slamgym.dataset.record import PairRecord, rows_of
+from slamgym.dataset.record import PairRecord
 from slamgym.dataset.statistics import dataset_statistics, describe_pairs
 
 RECORD = PairRecord(
@@ -107,7 +107,6 @@ def test_manifests(root, content):
             assert record.frame.shape == record.shape
             assert "/" not in record.slot.name
             assert Layout(root).episode(record.name).parent == Layout(root).episodes
-        rows_of(records or [])
         for item in must_read_or_refuse(open_items, root) or []:
             must_read_or_refuse(item.load)
     finally:

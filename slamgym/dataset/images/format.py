@@ -31,7 +31,7 @@ from typing import Any, Literal
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Count, Counted, Measured, Positive, Share
+from slamgym.core.config import Count, Counted, Measured, Positive, Share, to_dict
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import replace_file
 from slamgym.core.names import FileName
@@ -40,7 +40,7 @@ from slamgym.core.text import markdown
 from slamgym.core.types import ByteArray, GridFrame
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.format import SIDES, FolderLayout, manifest_lines
-from slamgym.dataset.record import ManifestLine, PairRecord, rows_of
+from slamgym.dataset.record import ManifestLine, PairRecord
 
 IMAGES_VERSION = 1
 Split = Literal["train", "test"]
@@ -170,15 +170,16 @@ def write_card(
         settings: The content of ``config.json``.
         source: SHA-256 of the manifest of the dataset that the images were made from.
     """
-    rows = rows_of(records)
     for split in SPLITS:
-        lines = [
-            json.dumps({**{f"{side}_file_name": f"{side}/{row['name']}.png" for side in SIDES}, **row}) + "\n"
-            for row in rows
-            if row["split"] == split
-        ]
+        lines = [_metadata_line(record) for record in records if record.split == split]
         replace_file(layout.root / split / METADATA, "".join(lines).encode())
     replace_file(layout.card, _card(records, left_out, settings, source).encode())
+
+
+def _metadata_line(record: ImageRecord) -> str:
+    """A record for the image-folder builder; its conditions are JSON, since columns of a table have one type."""
+    pictures = {f"{side}_file_name": f"{side}/{record.name}.png" for side in SIDES}
+    return json.dumps(pictures | to_dict(record) | {"conditions": json.dumps(record.conditions)}) + "\n"
 
 
 def _card(
