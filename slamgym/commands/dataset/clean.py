@@ -15,7 +15,7 @@ from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero
 from slamgym.core.documents import read_json
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import InputFileError
 from slamgym.core.files import exclusive_lock, write_text
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, say, tell
@@ -37,10 +37,8 @@ class CleanArguments(Arguments):
     dataset: tyro.conf.Positional[Path]
     """A dataset, or a folder of ROS maps (.yaml)."""
     apply: tuple[Path, ...] = ()
-    """Files of decisions from `slamgym dataset review`; they are kept in DATASET/decisions.json and hold for
-    later runs as well."""
-    override: bool = False
-    """Let --apply change decisions that were applied before, instead of naming the conflicts."""
+    """Files of decisions from `slamgym dataset review`; they are kept in DATASET/decisions.json, take the place of
+    earlier ones about the same maps, and hold for later runs as well."""
     model: Path | None = None
     """A trained classifier (.npz); the pretrained one by default."""
     workers: CountOrZero = 0
@@ -86,11 +84,7 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
     if not applied:
         return stored
     fresh = combine(list(applied.values()), list(applied))
-    try:
-        merged = combine([] if arguments.override else [stored.values(), fresh.values()], [own, *applied])
-    except ConfigError as error:
-        raise ConfigError(f"{error}, or let the new ones win with --override") from None
-    merged = {**stored, **merged, **fresh}
+    merged = stored | fresh
     store_decisions(root, merged.values())
     say(f"{len(fresh)} decisions applied, {len(merged)} in all.")
     return merged

@@ -157,14 +157,13 @@ def test_conflicts_and_unknown_maps_are_named_and_change_nothing(dataset, capsys
     assert clean(dataset, "--apply", first) == 0
     before = verdict_files(dataset) | {"decisions": (dataset / "decisions.json").read_bytes()}
     for files, words in [
-        ([second], "conflicting decisions about " + name),
         ([first, second], "conflicting decisions about " + name),
         ([decisions_file(dataset.parent / "x.json", nobody="keep")], "no such maps: nobody"),
     ]:
         assert clean(dataset, "--apply", *files) == 2
         assert words in capsys.readouterr().err
     assert before == verdict_files(dataset) | {"decisions": (dataset / "decisions.json").read_bytes()}
-    assert clean(dataset, "--apply", second, "--override") == 0
+    assert clean(dataset, "--apply", second) == 0
     assert read_verdicts(dataset)[name].reason == "kept by a person"
 
 
