@@ -30,12 +30,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.intervals import wilson_interval
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
-from slamgym.dataset.curate.completeness_model import (
-    PRETRAINED_MODEL,
-    ProbabilityScore,
-    roc_auc,
-    score_probabilities,
-)
+from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL
 from slamgym.dataset.faults import Criteria
 from slamgym.dataset.format import load_pair, read_manifest
 from slamgym.dataset.generate.build import DatasetConfig, build_dataset
@@ -45,7 +40,17 @@ from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from dataset.completeness_training import LabelledMaps, StrArray, Trees, cross_fit, label_maps, write_model
+from dataset.completeness_training import (
+    LabelledMaps,
+    ProbabilityScore,
+    StrArray,
+    Trees,
+    cross_fit,
+    label_maps,
+    roc_auc,
+    score_probabilities,
+    write_model,
+)
 from report import print_and_save
 
 BAND = (0.4, 0.8)

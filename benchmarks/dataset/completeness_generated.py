@@ -21,7 +21,6 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import BoolArray, FloatArray, Trajectory
 from slamgym.dataset.curate.completeness import completeness_features
-from slamgym.dataset.curate.completeness_model import score_probabilities
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.record import GOOD_COVERAGE
@@ -30,7 +29,7 @@ from slamgym.parametric import deform, from_recorded
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from dataset.completeness import BAND, calibration_error, intervals
-from dataset.completeness_training import Trees, cross_fit, take_snapshots
+from dataset.completeness_training import Trees, cross_fit, score_probabilities, take_snapshots
 from report import print_and_save
 
 MINUTES = (0.5, 1.0, 2.0, 4.0)

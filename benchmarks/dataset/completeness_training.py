@@ -1,4 +1,4 @@
-"""Training of the classifier of completeness: maps in the middle of explorations, and Extra Trees on their features.
+"""Training of the classifier of completeness: maps in the middle of explorations, Extra Trees, and their scores.
 
 A finished dataset has few incomplete maps to learn from. But each exploration was incomplete for most of its
 time: its scans up to some moment, drawn at the estimated poses, are the map of that moment, and the truth
@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.ensemble import ExtraTreesClassifier
+from sklearn.metrics import brier_score_loss, roc_auc_score
 
 from slamgym import __version__
 from slamgym.core.config import from_dict
@@ -422,3 +423,47 @@ def write_model(path: Path, model: CompletenessModel) -> None:
     content = io.BytesIO()
     np.savez_compressed(content, **arrays)
     write_bytes(path, content.getvalue())
+
+
+@dataclass(frozen=True)
+class ProbabilityScore:
+    """Comparison of predicted probabilities with the truth."""
+
+    count: int
+    accuracy: float
+    """Share of predictions on the right side of 1/2."""
+    roc_auc: float
+    """Probability that a true sample ranks before a false one; nan if there is but one kind."""
+    brier: float
+    """Mean squared difference of probability and truth (Brier 1950); 0.25 for a coin."""
+    band_share: float
+    """Share of the predictions in the band that goes to a person."""
+    accuracy_outside_band: float
+    """Share of the others that are right; nan if there are none."""
+
+
+def score_probabilities(
+    probabilities: FloatArray, truth: BoolArray, band: tuple[float, float]
+) -> ProbabilityScore:
+    """Score predictions.
+
+    Args:
+        probabilities: (N,), N at least 1.
+        truth: (N,).
+        band: Probabilities from the first up to, but not including, the second go to a person.
+    """
+    below, above = probabilities < band[0], probabilities >= band[1]
+    outside, right = below | above, (above & truth) | (below & ~truth)
+    return ProbabilityScore(
+        count=len(truth),
+        accuracy=float(((probabilities >= 0.5) == truth).mean()),
+        roc_auc=roc_auc(probabilities, truth),
+        brier=float(brier_score_loss(truth, probabilities)),
+        band_share=float((~outside).mean()),
+        accuracy_outside_band=float(right[outside].mean()) if outside.any() else float("nan"),
+    )
+
+
+def roc_auc(probabilities: FloatArray, truth: BoolArray) -> float:
+    """Area under the ROC curve; nan with one class only."""
+    return float(roc_auc_score(truth, probabilities)) if len(np.unique(truth)) == 2 else float("nan")

@@ -8,7 +8,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
 import tyro
 
 from slamgym.commands.frame import Out
@@ -100,10 +99,9 @@ def _print(root: Path, report: CleanReport) -> None:
     for reason, count in report.reasons().items():
         lines.append(f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}"))
     if score := report.agreement:
-        ranking = "" if np.isnan(score.roc_auc) else f", AUC {score.roc_auc:.3f}"
         lines.append(
             f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of "
-            f"{counted(score.count, 'map')}{ranking}; {100.0 * score.band_share:.1f} % are doubtful to it"
+            f"{counted(score.count, 'map')}; {100.0 * score.band_share:.1f} % are doubtful to it"
         )
     if report.undecided:
         lines.append(f"  doubtful maps unseen by people: {report.undecided}; slamgym dataset review {root}")

@@ -17,12 +17,7 @@ from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
 from slamgym.core.types import OccupancyGrid
 from slamgym.dataset.curate.completeness import completeness_features
-from slamgym.dataset.curate.completeness_model import (
-    PRETRAINED_MODEL,
-    CompletenessModel,
-    ProbabilityScore,
-    score_probabilities,
-)
+from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
@@ -51,12 +46,22 @@ class CleanConfig(Settings, dropped={"doubtful": "drop"}):
 
 
 @dataclass(frozen=True)
+class Agreement:
+    """Comparison of the classifier with the truth, where that is known."""
+
+    count: int
+    accuracy: float
+    """Share of the probabilities on the right side of 1/2; a map that the stuck filter catches has none."""
+    band_share: float
+    """Share of the probabilities in the band that goes to a person."""
+
+
+@dataclass(frozen=True)
 class CleanReport:
     """Result of a cleaning."""
 
     verdicts: tuple[Verdict, ...]
-    agreement: ProbabilityScore | None
-    """Comparison of the classifier's probabilities with the truth, where that is known."""
+    agreement: Agreement | None
 
     @property
     def kept(self) -> int:
@@ -205,17 +210,17 @@ def _by_probability(probability: float, band: tuple[float, float]) -> list[MapFa
     return [MapFault("doubtful", round(probability, 4), high)] if probability < high else []
 
 
-def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> ProbabilityScore | None:
-    """Compare the pipeline's probabilities with the truth; a map caught by the stuck filter counts as improbable."""
+def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> Agreement | None:
     known = [v for v in verdicts if v.is_complete is not None and v.probability is not None]
     if not known:
         return None
-    probabilities = np.array([0.0 if v.looks_stuck else v.probability for v in known], dtype=np.float64)
-    return score_probabilities(probabilities, np.array([bool(v.is_complete) for v in known]), band)
+    likely = np.array([0.0 if v.looks_stuck else v.probability for v in known], dtype=np.float64)
+    right = (likely >= 0.5) == np.array([v.is_complete for v in known])
+    in_band = (likely >= band[0]) & (likely < band[1])
+    return Agreement(len(known), float(right.mean()), float(in_band.mean()))
 
 
 def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any]) -> dict[str, Any]:
-    agreement = dataclasses.asdict(report.agreement).items() if report.agreement else ()
     return {
         "version": __version__,
         "settings": dataclasses.asdict(config),
@@ -224,5 +229,5 @@ def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any])
         "kept": report.kept,
         "undecided": report.undecided,
         "dropped": report.reasons(),
-        "agreement": {name: None if np.isnan(value) else value for name, value in agreement} or None,
+        "agreement": report.agreement and dataclasses.asdict(report.agreement),
     }

@@ -1,4 +1,4 @@
-"""A classifier of completeness: Extra Trees on the fifteen features, as in the paper, and how its predictions score.
+"""A classifier of completeness: Extra Trees on the fifteen features, as in the paper.
 
 What the trees learned is six arrays, stored as an npz file and read without executing anything: no pickle, and no
 scikit-learn to use them. The pretrained model was trained by ``benchmarks/dataset/completeness.py``.
@@ -18,7 +18,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.provenance import check_origin
 from slamgym.core.streams import DAMAGED_ZIP
-from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.core.types import FloatArray, IntArray
 from slamgym.dataset.curate.completeness import FEATURES
 
 PRETRAINED_MODEL = Path(__file__).parent / "pretrained" / "completeness.npz"
@@ -114,53 +114,3 @@ def _fault(arrays: Mapping[str, np.ndarray]) -> str:
     if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() <= 1.0):
         return "a leaf holds no share"
     return "" if np.isfinite(arrays["threshold"]).all() else "a threshold is not a number"
-
-
-@dataclass(frozen=True)
-class ProbabilityScore:
-    """Comparison of predicted probabilities with the truth."""
-
-    count: int
-    accuracy: float
-    """Share of predictions on the right side of 1/2."""
-    roc_auc: float
-    """Probability that a true sample ranks before a false one; nan if there is but one kind."""
-    brier: float
-    """Mean squared difference of probability and truth (Brier 1950); 0.25 for a coin."""
-    band_share: float
-    """Share of the predictions in the band that goes to a person."""
-    accuracy_outside_band: float
-    """Share of the others that are right; nan if there are none."""
-
-
-def score_probabilities(
-    probabilities: FloatArray, truth: BoolArray, band: tuple[float, float]
-) -> ProbabilityScore:
-    """Score predictions.
-
-    Args:
-        probabilities: (N,), N at least 1.
-        truth: (N,).
-        band: Probabilities from the first up to, but not including, the second go to a person.
-    """
-    below, above = probabilities < band[0], probabilities >= band[1]
-    outside, right = below | above, (above & truth) | (below & ~truth)
-    return ProbabilityScore(
-        count=len(truth),
-        accuracy=float(((probabilities >= 0.5) == truth).mean()),
-        roc_auc=roc_auc(probabilities, truth),
-        brier=float(((probabilities - truth) ** 2).mean()),
-        band_share=float((~outside).mean()),
-        accuracy_outside_band=float(right[outside].mean()) if outside.any() else float("nan"),
-    )
-
-
-def roc_auc(probabilities: FloatArray, truth: BoolArray) -> float:
-    """Area under the ROC curve, as the Mann-Whitney statistic; ties count half; nan with one class only."""
-    from scipy.stats import rankdata
-
-    positives, negatives = int(truth.sum()), int((~truth).sum())
-    if positives == 0 or negatives == 0:
-        return float("nan")
-    rank_sum = float(rankdata(probabilities)[truth].sum())
-    return (rank_sum - positives * (positives + 1) / 2.0) / (positives * negatives)
