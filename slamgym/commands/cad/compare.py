@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from slamgym.commands.frame import Out, require_folder, require_plan
+from slamgym.commands.frame import Out, require_folder, require_plan, show_table
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive
 from slamgym.core.files import write_text
@@ -16,7 +16,7 @@ from slamgym.drawing.settings import ComparisonConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.drawing.comparison.records import PlanComparison
+    from slamgym.drawing.comparison.records import Change, PlanComparison
 
 EXIT_DIFFERENT = 1
 """Plan and map are of different buildings, it seems."""
@@ -95,18 +95,17 @@ def _report(found: PlanComparison, folder: Path) -> None:
     if found.is_confident:
         share = found.registration.explained
         tell(f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes")
-        if found.changes:
-            columns = f"{'change':16} {'at x, y m':>14} {'length m':>8} {'by cm':>6} {'+-':>4}"
-            tell(f"{columns} {'with drift':>10}  of, note")
-        for change in found.changes:
-            x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
-            by, error, raw = (
-                "" if value is None else f"{100.0 * value:.0f}"
-                for value in (change.offset, change.error, change.raw_offset)
-            )
-            note = f"{change.what}; {change.note}" if change.note else change.what
-            tell(
-                f"{change.kind.replace('_', ' '):16} {f'{x:.1f}, {y:.1f}':>14} {change.length:8.2f} {by:>6} {error:>4} "
-                f"{raw:>10}  {note}"
+        rows = [_row(change) for change in found.changes]
+        if rows:
+            show_table(
+                ("change", "at x, y [m]", "length [m]", "by [cm]", "+-", "with drift", "of, note"), rows
             )
     tell(f"{folder / 'comparison.html'}")
+
+
+def _row(change: Change) -> list[str]:
+    x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
+    lengths = change.offset, change.error, change.raw_offset
+    moved = ["" if length is None else f"{100.0 * length:.0f}" for length in lengths]
+    note = f"{change.what}; {change.note}" if change.note else change.what
+    return [change.kind.replace("_", " "), f"{x:.1f}, {y:.1f}", f"{change.length:.2f}", *moved, note]
