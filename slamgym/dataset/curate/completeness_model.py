@@ -83,34 +83,33 @@ class CompletenessModel:
             about = load_json(arrays.pop("about").tobytes())
         except (OSError, *DAMAGED_ZIP) as error:
             raise InputFileError(path, f"can't be read as a model of completeness ({error})") from error
-        fault = _fault(arrays)
-        if fault or not isinstance(about, dict):
-            reason = fault or "its description is no object"
-            raise InputFileError(path, f"is no model of completeness ({reason})")
+        if not isinstance(about, dict) or not _are_trees(arrays):
+            raise InputFileError(
+                path, "is no model of completeness; take the one of the package, or train it again"
+            )
         if about.get("features") != list(FEATURES) or arrays["feature"].max() >= len(FEATURES):
             raise InputFileError(path, "was trained on other features; train it again with this version")
         nodes: dict[str, Any] = {name: arrays[name].astype(kind) for name, kind in _ARRAYS.items()}
         return cls(**nodes, about=about)
 
 
-def _fault(arrays: Mapping[str, np.ndarray]) -> str:
-    """Fault of the arrays of a file; empty if they make trees."""
-    for name, kind in _ARRAYS.items():
-        if arrays[name].ndim != 1 or arrays[name].dtype.kind != np.dtype(kind).kind:
-            return f"{name} is not a list of numbers of its kind"
-    nodes = len(arrays["feature"])
-    if any(len(arrays[name]) != nodes for name in ("threshold", "left", "right", "value")):
-        return "the lists of nodes differ in length"
-    roots, inner = arrays["roots"], arrays["feature"] != LEAF
-    if len(roots) == 0 or roots.min() < 0 or roots.max() >= nodes:
-        return "the trees have no roots"
-    if arrays["feature"].min() < LEAF:
-        return "a node asks for no feature"
-    for side in ("left", "right"):
-        child = arrays[side][inner]
-        if (child <= np.flatnonzero(inner)).any() or (child >= nodes).any():
-            return f"a {side} child doesn't stand behind its parent"
-    values = arrays["value"]
-    if not (np.isfinite(values).all() and values.min() >= 0.0 and values.max() <= 1.0):
-        return "a leaf holds no share"
-    return "" if np.isfinite(arrays["threshold"]).all() else "a threshold is not a number"
+def _are_trees(arrays: Mapping[str, np.ndarray]) -> bool:
+    """True if the arrays of a file make trees."""
+    kinds = (np.dtype(kind).kind for kind in _ARRAYS.values())
+    if any(
+        arrays[name].ndim != 1 or arrays[name].dtype.kind != kind
+        for name, kind in zip(_ARRAYS, kinds, strict=True)
+    ):
+        return False
+    feature, value, roots, nodes = arrays["feature"], arrays["value"], arrays["roots"], len(arrays["feature"])
+    if not len(roots) or any(len(arrays[name]) != nodes for name in ("threshold", "left", "right", "value")):
+        return False
+    inner = np.flatnonzero(feature != LEAF)
+    children = [arrays[side][inner] for side in ("left", "right")]
+    return bool(
+        feature.min() >= LEAF
+        and 0 <= roots.min() <= roots.max() < nodes
+        and all(((child > inner) & (child < nodes)).all() for child in children)  # behind their parents
+        and ((value >= 0.0) & (value <= 1.0)).all()
+        and np.isfinite(arrays["threshold"]).all()
+    )

@@ -82,13 +82,10 @@ def iterate_verdicts(root: Path | str) -> Iterator[Verdict]:
     path = Path(root) / VERDICTS_FILE
     if not path.is_file():
         raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
+    again = f"run `slamgym dataset clean {root}` again"
     for line, where in text_lines(path):
-        entry = parse_json(line, where, fix=f"run `slamgym dataset clean {root}` again")
-        if isinstance(entry, dict) and "faults" not in entry:
-            raise InputFileError(
-                path, f"was written by an older version; run `slamgym dataset clean {root}` again"
-            )
+        entry = parse_json(line, where, fix=again)
         try:
             yield from_dict(Verdict, entry)
         except ConfigError as error:
-            raise InputFileError(where, f"is not a verdict ({error})") from error
+            raise InputFileError(where, f"is not a verdict ({error}); {again}") from error

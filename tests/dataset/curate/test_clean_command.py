@@ -246,7 +246,7 @@ def test_verdicts_that_are_missing_or_malformed_are_named(tmp_path):
 
 def test_verdicts_of_an_older_version_are_refused(tmp_path):
     (tmp_path / "clean.jsonl").write_text('{"name": "a", "keep": true, "reason": "complete"}\n')
-    with pytest.raises(InputFileError, match=r"clean\.jsonl: was written by an older version; run"):
+    with pytest.raises(InputFileError, match=r"clean\.jsonl:1: is not a verdict .*; run"):
         read_verdicts(tmp_path)
 
 
