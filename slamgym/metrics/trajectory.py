@@ -26,8 +26,6 @@ class ErrorStatistics:
     rmse: float
     mean: float
     deviation: float
-    median: float
-    maximum: float
     count: int
 
     @staticmethod
@@ -44,8 +42,6 @@ class ErrorStatistics:
             rmse=float(np.sqrt(np.mean(errors**2))),
             mean=float(errors.mean()),
             deviation=float(errors.std()),
-            median=float(np.median(errors)),
-            maximum=float(errors.max()),
             count=int(errors.size),
         )
 
