@@ -25,9 +25,6 @@ class ExportArguments(LogReading, LogAndOut):
     """The form. A rosbag2 holds /scan, /odom with speeds, /tf, /tf_static, /clock and, of an episode, /map and
     /ground_truth."""
 
-    message: Literal["FLASER", "ROBOTLASER1"] | None = None
-    """CARMEN: the message type. By default FLASER for a scanner of 180 degrees, else ROBOTLASER1."""
-
     storage: Storage = "sqlite3"
     """rosbag2: how messages are stored."""
 
@@ -48,7 +45,7 @@ def main(arguments: ExportArguments) -> None:
     if arguments.format == "carmen":
         if arguments.out.exists():
             raise InputFileError(arguments.out, "exists already; name another file")
-        write_carmen(arguments.out, log.records, log.geometry, message=arguments.message)
+        write_carmen(arguments.out, log.records, log.geometry)
     else:
         own_map = arguments.log / "map.yaml"
         undated = bool(log.records) and log.records[0].stamp < SIMULATED_CLOCK
