@@ -143,8 +143,6 @@ class DriveArguments(Arguments):
     """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
     plans: str = "bundled"
     """Floor plans, as `slamgym generate` takes them."""
-    minutes: Positive = 60.0
-    """Limit of robot time [min]."""
     speed: Annotated[float, Within(gt=0.0, lt=1000.0)] = 4.0
     """Speed of the clock, as a multiple of the robot's."""
     seed: int | None = None
@@ -163,11 +161,12 @@ def drive_command(arguments: DriveArguments) -> None:
     from slamgym.dataset.generate.build import build_dataset
     from slamgym.dataset.generate.recipe import DatasetConfig
     from slamgym.dataset.statistics import describe_pairs
+    from slamgym.envs import EpisodeConfig
     from slamgym.planning import ExplorerContext
     from slamgym.viz.window import Window
 
-    options = {**given(arguments, "seed minutes"), "explorer": "keyboard"}
-    config = arguments.settings.configured(DatasetConfig(), options)
+    patient = DatasetConfig(episode=EpisodeConfig(minutes=60.0))
+    config = arguments.settings.configured(patient, {"seed": arguments.seed, "explorer": "keyboard"})
     there = sum(1 for _ in pair_names(Layout(arguments.out).episodes))
     with closing(Window("slamgym drive", config.episode.env.lidar.rate * arguments.speed)) as window:
 

@@ -12,7 +12,7 @@ import tyro
 
 from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Count, CountOrZero
+from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.documents import read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import exclusive_lock, write_text
@@ -112,7 +112,7 @@ def _print(root: Path, report: CleanReport) -> None:
 class ReviewArguments(Arguments):
     """Write one HTML file in which a person keeps or drops maps by a key each.
 
-    The file holds everything: send it, open it from a disk, come back to it later. What it saves as
+    The file holds everything, some 10 kB a map: send it, open it from a disk, come back to it later. What it saves as
     decisions.json is applied by `slamgym dataset clean DATASET --apply decisions.json`.
     """
 
@@ -123,8 +123,6 @@ class ReviewArguments(Arguments):
     which: Which = "doubtful"
     """``doubtful``: in the classifier's band; ``disagreements``: the classifier and the truth differ;
     ``dropped``, ``kept`` or ``all``."""
-    limit: Count = 500
-    """Maps on the page at most; each takes some 10 kB."""
 
 
 def review(arguments: ReviewArguments) -> None:
@@ -143,9 +141,6 @@ def review(arguments: ReviewArguments) -> None:
     if not entries:
         tell(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.")
         return
-    if len(entries) > arguments.limit:
-        say(f"The first {arguments.limit} of {len(entries)} maps; raise --limit to see more.")
-    entries = entries[: arguments.limit]
     page = make_review_page(
         f"Review of {root.resolve().name}",
         f"slamgym dataset clean {shlex.quote(str(root))} --apply decisions.json",
