@@ -18,6 +18,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -86,14 +87,7 @@ class DatasetFolder:
 
     def reject(self, slot: Slot, error: str, reason: str) -> None:
         """Note that a plan could not be explored, and why."""
-        self.rejected[slot.index] = {
-            "index": slot.index,
-            "plan_id": slot.plan_id,
-            "repetition": slot.repetition,
-            "seed": slot.seed,
-            "error": error,
-            "reason": reason,
-        }
+        self.rejected[slot.index] = {**asdict(slot), "error": error, "reason": reason}
 
     def write_index(self) -> None:
         """Write ``manifest.jsonl`` and ``rejected.jsonl`` as of now, in the order of the schedule."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -262,11 +262,8 @@ def make_record(
     believed, last = outcome.final_estimate, truth.poses[-1] if len(truth) else outcome.final_estimate
     return PairRecord(
         name=slot.name,
-        index=slot.index,
-        plan_id=slot.plan_id,
+        **asdict(slot),
         plan_source=plan.source.rpartition("/")[2],
-        repetition=slot.repetition,
-        seed=slot.seed,
         config_hash=settings_hash,
         version=__version__,
         explorer=conditions["explorer"],
