@@ -24,7 +24,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric import ParametricConfig, plan_trajectory
 from slamgym.parametric.config import EkfConfig
-from slamgym.parametric.ekf_slam import landmark_problem, run_ekf
+from slamgym.parametric.ekf_slam import landmark_problem
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import (
     WHEEL_BASE,
@@ -74,12 +74,12 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     def reckoned(increments: Increments) -> Placement:
         return displacements(poses, integrate(poses[0], increments), seen), seen.seen
 
-    def landmarks(ekf: EkfConfig, batched: bool = False, noise: float = 1.0) -> Placement:
+    def landmarks(ekf: EkfConfig, noise: float = 1.0) -> Placement:
         draws = np.random.default_rng([*seed, 1])
         problem = landmark_problem(
             poses, believed, seen, config.scanner.mount_x, LidarErrors(), ekf, draws, noise
         )
-        estimate = run_ekf(problem, 9000) if batched else solve_schur(problem)
+        estimate = solve_schur(problem)
         field, known = np.zeros((2, *frame.shape)), np.zeros(frame.shape, dtype=np.bool_)
         rows, cols = np.divmod(problem.cells, frame.width_px)
         field[:, rows, cols] = (problem.points - estimate.landmarks).T
@@ -92,7 +92,6 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
         return landmarks(ekf, noise=1.0 / factor)
 
     timed("EKF, Schur complement", lambda: landmarks(config.ekf))
-    timed("EKF, batched", lambda: landmarks(config.ekf, batched=True))
     timed("EKF, Schur, all landmarks", lambda: landmarks(replace(config.ekf, landmarks_per_scan=0)))
     timed("EKF that trusts its scans a tenth", lambda: no_information(10.0))
     timed("EKF that trusts its scans a thousandth", lambda: no_information(1000.0))

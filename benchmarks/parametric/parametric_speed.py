@@ -29,11 +29,10 @@ from report import print_and_save
 
 ROOM = 6.4  # [m]
 MARGIN = 0.5  # [m] of wall round the building
-PAPER = {("two_phase", 256): "2.6-3.6 (Matlab)", ("ekf", 64): "15-94 (Matlab)"}
+PAPER = {("two_phase", 256): "2.6-3.6 (Matlab)", ("ekf_schur", 64): "15-94 (Matlab)"}
 GOALS = {
     ("two_phase", 256): 0.15,
     ("ekf_schur", 256): 0.3,
-    ("ekf", 64): 0.5,
     ("two_phase", 1600): 3.0,
 }
 COLUMNS = (
@@ -107,8 +106,6 @@ def main() -> None:
     cases: list[tuple[ConversionMethod, FloorPlan, TimedTrajectory, int, int]] = [
         ("two_phase", home, home_path, 64, 0),
         ("two_phase", home, home_path, 256, 0),
-        ("ekf", home, home_path, 64, 10),
-        ("ekf", home, home_path, 64, 0),
         ("ekf_schur", home, home_path, 64, 0),
         ("ekf_schur", home, home_path, 256, 10),
         ("ekf_schur", home, home_path, 256, 0),

@@ -18,7 +18,7 @@ from slamgym.sim.wheel_odometry import OdometryConfig
 from slamgym.slam.config import MotionNoise, SlamConfig
 
 _SettingsT = TypeVar("_SettingsT", bound=Settings)
-ConversionMethod = Literal["ekf_schur", "ekf", "two_phase", "scan_matching"]
+ConversionMethod = Literal["ekf_schur", "two_phase", "scan_matching"]
 
 _SCANNER = LidarConfig()
 """The simulator's LIDAR, with the sources of its figures."""
@@ -137,9 +137,8 @@ class ParametricConfig(Settings):
     """The whole model."""
 
     method: ConversionMethod = "ekf_schur"
-    """Conversion of odometry errors to map errors. ekf: batched EKF-SLAM, as printed; ekf_schur: its answer as
-    one least-squares problem, at any size; two_phase: dead reckoning; scan_matching: the
-    error that a particle filter doesn't remove."""
+    """Conversion of odometry errors to map errors. ekf_schur: the answer of EKF-SLAM as one least-squares problem, at
+    any size; two_phase: dead reckoning; scan_matching: the error that a particle filter doesn't remove."""
     resolution: Positive = 0.05
     """[m/px]"""
     severity: NonNegative = 1.0

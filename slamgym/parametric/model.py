@@ -24,7 +24,7 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.parametric.config import ParametricConfig, scaled
-from slamgym.parametric.ekf_slam import landmark_problem, run_ekf
+from slamgym.parametric.ekf_slam import landmark_problem
 from slamgym.parametric.lidar_error import LidarErrors, observed_cad, wall_beams
 from slamgym.parametric.odometry_error import (
     Increments,
@@ -100,7 +100,7 @@ def deform(
         The map with its displacement field, the trajectories and the drawn parameters.
 
     Raises:
-        ConfigError: If the trajectory leaves the free space, or the batched EKF gets too many landmarks.
+        ConfigError: If the trajectory leaves the free space, or has too many scans for ``ekf_schur``.
         PlanError: If the plan has no free cell at this resolution.
     """
     given = config or ParametricConfig()
@@ -131,7 +131,7 @@ def deform(
         furniture = furniture_beside(trajectory.poses[:, :2], plan, model.sensing.clutter, of_furniture)
         scans = take_scans(plan, furniture, path, model.sensing.lidar, of_errors)
 
-    if model.method in ("ekf", "ekf_schur"):
+    if model.method == "ekf_schur":
         forward, known, controls, believed = _landmark_slam(model, path.poses, visibility, robot, of_noise)
     else:
         controls = disturb(increments_of(path.poses), robot.phases, model.two_phase, of_noise)
@@ -185,7 +185,7 @@ def _landmark_slam(
     robot: _Robot,
     rng: np.random.Generator,
 ) -> tuple[Float32Array, BoolArray, Increments, FloatArray]:
-    """EKF-SLAM over wall cells, batched or as one least-squares problem.
+    """EKF-SLAM over wall cells, as one least-squares problem.
 
     Returns:
         Displacements [m] on true cells (2, H, W), which are known (H, W), believed increments, and poses (T, 3).
@@ -194,7 +194,7 @@ def _landmark_slam(
     problem = landmark_problem(
         poses, controls, visibility, model.scanner.mount_x, robot.lidar, model.ekf, rng, model.severity
     )
-    estimate = run_ekf(problem) if model.method == "ekf" else solve_schur(problem)
+    estimate = solve_schur(problem)
     rows, cols = np.divmod(problem.cells, visibility.frame.width_px)
     field = np.zeros((2, *visibility.frame.shape), dtype=np.float32)
     field[:, rows, cols] = (problem.points - estimate.landmarks).T

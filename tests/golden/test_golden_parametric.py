@@ -11,7 +11,7 @@ from slamgym.parametric.config import preset
 from slamgym.parametric.model import deform
 from slamgym.parametric.paths import plan_trajectory
 
-METHODS = ("two_phase", "ekf", "ekf_schur", "scan_matching")
+METHODS = ("two_phase", "ekf_schur", "scan_matching")
 
 
 @pytest.fixture(scope="module")

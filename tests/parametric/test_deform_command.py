@@ -95,7 +95,7 @@ def test_the_same_seed_writes_the_same_map(plan_file, tmp_path, recipe) -> None:
         assert first == second
 
 
-@pytest.mark.parametrize("conversion", ["two_phase", "ekf", "ekf_schur"])
+@pytest.mark.parametrize("conversion", ["two_phase", "ekf_schur"])
 def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion) -> None:
     way = csv(tmp_path / "way.csv", tour_points)
     out = tmp_path / "out"

@@ -23,12 +23,11 @@ from slamgym.sim import LidarConfig, lidar_level
 from slamgym.sim.surfaces import SurfaceConfig
 from slamgym.slam.config import SlamConfig
 
-METHODS = ("two_phase", "ekf_schur", "ekf", "scan_matching")
+METHODS = ("two_phase", "ekf_schur", "scan_matching")
 
 
 def config_of(method: str, name: str = "faithful", **changes) -> ParametricConfig:
-    resolution = 0.2 if method == "ekf" else 0.1
-    return dataclasses.replace(preset(name), method=method, resolution=resolution, **changes)
+    return dataclasses.replace(preset(name), method=method, resolution=0.1, **changes)
 
 
 @pytest.mark.parametrize("method", METHODS)

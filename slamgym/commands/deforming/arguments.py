@@ -75,7 +75,7 @@ class DeformArguments(Arguments):
     a YAML file. Without it the default robot."""
 
     conversion: ConversionMethod | None = None
-    """Conversion of odometry errors to map errors: ekf_schur (the default), ekf, two_phase (dead reckoning) or
+    """Conversion of odometry errors to map errors: ekf_schur (the default), two_phase (dead reckoning) or
     scan_matching."""
 
     severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0

@@ -35,7 +35,7 @@ from slamgym.dataset.statistics import dataset_statistics
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 PAPER_MAPS_AN_HOUR = 86.0
-_SECONDS = re.compile(r"\b(ekf|two_phase) took ([0-9.]+) s")
+_SECONDS = re.compile(r"\b(ekf_schur|two_phase) took ([0-9.]+) s")
 _MOST_WIDE = 1600
 """Pictures are shrunk to so many pixels."""
 _STYLE = ".holds { background: #d3f9d8 } .does { background: #ffe3e3 } pre { overflow-x: auto }"
@@ -166,16 +166,16 @@ def _drawing_back(realism: Mapping[str, Any] | None) -> Iterator[Claim]:
 def _speed_of_conversion(found: list[tuple[str, str]]) -> Iterator[Claim]:
     """Table II."""
     own = {}
-    for method in ("ekf", "two_phase"):
+    for method in ("ekf_schur", "two_phase"):
         seconds = [float(text) for name, text in found if name == method]
         if not seconds:
             return
         own[method] = min(seconds)  # the first map waits for its kernels
     yield Claim(
-        "Table II: the two-phase method is faster than the EKF, at sixteen times the cells",
+        "Table II: the two-phase method is faster than the EKF",
         "ekf 15-94 s, two_phase 2.6-3.6 s",
         ", ".join(f"{method} {seconds:.2g} s" for method, seconds in own.items()),
-        _verdict(own["two_phase"] < own["ekf"]),
+        _verdict(own["two_phase"] < own["ekf_schur"]),
     )
 
 
