@@ -159,7 +159,6 @@ COMMANDS = {
     "bench run": Command("agents.evaluate:bench_command", "explore the buildings with one explorer"),
     "bench leaderboard": Command("agents.evaluate:leaderboard_command", "rank result files on a page"),
     "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
-    "calibrate-odometry": Command("calibrate_odometry:main", "measure the simulated robot's odometry errors"),
     "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
     "localize": Command("localize:main", "find the robot of a log on a finished map"),
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),

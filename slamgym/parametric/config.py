@@ -55,7 +55,7 @@ class TwoPhaseConfig(Settings, section="two_phase"):
     """Empirical method after Souza et al. 2008: errors of straight lines and of turns in place.
 
     k: systematic, drawn once per robot; s: random, per square root of the distance. Defaults: OptiOdom.
-    ``slamgym.parametric.calibration`` measures them on the simulated robot instead.
+    :func:`realistic` takes those of the simulated robot.
     """
 
     k_l: NonNegative = 0.003

@@ -58,7 +58,6 @@ ELSEWHERE = {
     "cad compare": "names its files itself; tests/commands/test_cad_compare_command.py",
     "cad draw": "names its files by the stems of the maps' own; tests/commands/test_cad_command.py",
     "drive": "writes as generate does, and needs a window; tests/commands/test_drive_command.py",
-    "calibrate-odometry": "reads no file, and writes the one that the command line names",
     "dataset pack": "names its shards itself, and reads the images' manifest as all do",
     "agents record": "its id names the folder; tests/commands/test_record_command.py",
     "bench run": "names its files itself, of the track and of the entry made a file name; tests/agents/test_bench.py",

@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_json, mutated_text
+from fuzz.mutations import cases, must_read_or_refuse, mutated_bytes, mutated_text
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -14,13 +14,11 @@ from slamgym.interop import LogRecord, open_log, write_carmen, write_tum
 from slamgym.interop.logs import read_relations
 from slamgym.interop.rosbag_writer import write_rosbag2
 from slamgym.interop.tum import read_tum
-from slamgym.parametric.calibration import read_calibration
 from slamgym.parametric.paths import read_waypoints
 
 LASER = LaserGeometry(5, -1.5, 0.75, 0.12, 3.5)
 ROBOTLASER = b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
 BYTE = st.sampled_from([0, 1, 63, 127, 128, 192, 240, 255])
-FACTORS = {"k_l": 0.1, "k_lt": 0.1, "k_t": 0.1, "s_l": 0.1, "s_lt": 0.1, "s_t": 0.1}
 
 
 def records() -> list[LogRecord]:
@@ -105,14 +103,6 @@ def test_waypoints(tmp_path, content):
     path = tmp_path / "a.csv"
     path.write_bytes(content)
     must_read_or_refuse(read_waypoints, path)
-
-
-@given(mutated_json([{"two_phase": FACTORS, "about": {}}]))
-@cases(60)
-def test_calibrations(tmp_path, content):
-    path = tmp_path / "a.json"
-    path.write_bytes(content)
-    must_read_or_refuse(read_calibration, path)
 
 
 def test_good_files_pass(tmp_path, logs):

@@ -216,8 +216,6 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--trajectory", "way.csv", "--explorer", "nearest"], "exclude each other"),
         (["--explorer", "nearst"], "no explorer 'nearst'; did you mean 'nearest'"),
         (["--trajectory", "missing.csv"], "missing.csv"),
-        (["--calibration", "missing.json"], "add --conversion two_phase"),
-        (["--calibration", "missing.json", "--conversion", "two_phase"], "missing.json"),
         (["--plan-id", "nowhere"], "has no plan 'nowhere'"),
         (["--plan-id", "flat", "--plans", "2"], "exclude each other"),
     ],

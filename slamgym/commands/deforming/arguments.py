@@ -15,7 +15,6 @@ from slamgym.parametric.config import ConversionMethod
 Method = Literal["parametric", "generator", "modelprog", "elastic"]
 _OF_METHODS: dict[str, tuple[str, ...]] = {
     "conversion": ("parametric",),
-    "calibration": ("parametric",),
     "size": ("parametric",),
     "severity": ("parametric", "generator"),
     "recipe": ("generator",),
@@ -90,9 +89,6 @@ class DeformArguments(Arguments):
     size: Literal[0] | Annotated[int, Within(ge=16)] = 0
     """Side of the square map [px]; the resolution follows from the plan. 0 takes --resolution."""
 
-    calibration: Path | None = None
-    """Coefficients of the two phases that `slamgym calibrate-odometry` measured; needs --conversion two_phase."""
-
     weights: str | None = None
     """Modelprog: a pretrained name, a .safetensors file or a run's folder."""
 
@@ -114,8 +110,6 @@ class DeformArguments(Arguments):
             for name in filter(self._is_given, _NOT_OF_DATASETS):
                 option = f"--{name.replace('_', '-')}"
                 raise ConfigError(f"{option} has no effect on a dataset, whose pairs have it; leave it out")
-        if self.calibration is not None and self.conversion != "two_phase":
-            raise ConfigError("--calibration measures the two phases; add --conversion two_phase")
 
     def _is_given(self, name: str) -> bool:
         return bool(getattr(self, name) != self.__dataclass_fields__[name].default)

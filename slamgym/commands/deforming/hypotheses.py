@@ -241,10 +241,6 @@ def model_settings(
     config = replace(config, severity=arguments.severity, resolution=arguments.resolution)
     if arguments.conversion is not None:
         config = replace(config, method=arguments.conversion)
-    if arguments.calibration is not None:
-        from slamgym.parametric.calibration import read_calibration
-
-        config = replace(config, two_phase=read_calibration(arguments.calibration))
     return config
 
 
