@@ -62,7 +62,7 @@ class GenerateArguments(Arguments):
     """``local``: the processes of this machine. ``ray``: a Ray cluster (``pip install 'slamgym[ray]'``).
     ``in_process``: this process, for debugging: a crash ends the run."""
     address: str | None = None
-    """Address of a Ray cluster that runs already, e.g. ``auto``; without it, one is started here."""
+    """Address of the Ray cluster, e.g. ``auto``; by default that of ``RAY_ADDRESS``."""
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``rejected.jsonl``."""
     shard: str | None = None
@@ -87,7 +87,7 @@ def main(arguments: GenerateArguments) -> None:
         raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
     config = dataset_config(arguments)
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
-    # Without an address Ray chooses by itself: a cluster named by the environment, or one per core here.
+    # A Ray cluster has its own number of cores.
     workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
     report = build_dataset(
         arguments.out,

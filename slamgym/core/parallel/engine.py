@@ -34,9 +34,8 @@ def open_engine(
     Args:
         name: ``local``: processes of this machine; ``ray``: a Ray cluster; ``in_process``: this process, for
             debugging and tests: a crash ends it, and there is no time limit.
-        workers: Number of processes. For a Ray cluster that runs already, the most tasks at a time; 0 takes
-            all that it has.
-        address: Of the Ray cluster, e.g. ``auto`` or ``10.0.0.1:6379``; None starts one on this machine.
+        workers: Number of processes. For a Ray cluster, the most tasks at a time; 0 takes all that it has.
+        address: Of the Ray cluster, e.g. ``auto`` or ``10.0.0.1:6379``; None takes that of ``RAY_ADDRESS``.
         timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
@@ -58,11 +57,11 @@ class Execution:
     """Where many explorations run; what they give does not depend on it."""
 
     workers: int = 1
-    """Processes. Of a Ray cluster that runs already, the most to use; 0 uses all."""
+    """Processes. Of a Ray cluster, the most to use; 0 uses all."""
     engine: EngineName = "local"
     """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
     address: str | None = None
-    """Address of the Ray cluster; None starts one on this machine."""
+    """Address of the Ray cluster; None takes that of ``RAY_ADDRESS``."""
     task_timeout: float = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted."""
 

@@ -1,4 +1,4 @@
-"""The processes of a Ray cluster: of machines that somebody has started, or of this machine.
+"""The processes of a Ray cluster that somebody has started.
 
 The driver alone writes. Tasks give their files back as bytes through Ray's object store, so the nodes need no
 common file system; a bounded number of tasks is under way, so the store does not fill up. A driver whose cluster
@@ -10,7 +10,6 @@ import os
 import re
 import socket
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
 from types import ModuleType
 from typing import Any, TypeVar
 
@@ -19,13 +18,7 @@ import cv2
 from slamgym import __version__
 from slamgym.core.errors import ConfigError, SlamgymError, needing_extra
 from slamgym.core.interruption import kept_termination
-from slamgym.core.parallel.backlog import Attempt, Backlog, Engine, Lost, available_cores, run_limited
-
-LOCAL_STORE_PER_WORKER = 64 << 20
-"""Object store of a cluster on this machine, per worker: an exploration's files take a few MB."""
-
-SMALLEST_STORE = 128 << 20
-"""Ray refuses less than 75 MiB."""
+from slamgym.core.parallel.backlog import Attempt, Backlog, Engine, Lost, run_limited
 
 CONNECTION_TIMEOUT = 10.0
 """Longest time that a cluster's head may take to accept a connection [s]."""
@@ -50,56 +43,28 @@ def import_ray() -> ModuleType:
     return ray
 
 
-def connect(ray: ModuleType, workers: int, address: str | None) -> None:
-    """Join a cluster or start one on this machine.
+def connect(ray: ModuleType, address: str | None) -> None:
+    """Join a cluster.
 
     Args:
         ray: The package.
-        workers: Size of a cluster that is started here; 0 takes one per core.
-        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here.
+        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment.
 
     Raises:
-        ConfigError: If no cluster answers or none can be started.
+        ConfigError: If none is named, or it doesn't answer.
     """
-    quiet: dict[str, Any] = {"log_to_driver": False, "logging_level": logging.ERROR}
     address = address or os.environ.get("RAY_ADDRESS")
-    joins = address is not None and address != "local"
-    listens: AbstractContextManager[None] = nullcontext()
-    if address is not None and joins:
-        check_address(address)
-        options: dict[str, Any] = {"address": address}
-    else:
-        workers = workers or available_cores()
-        store = max(SMALLEST_STORE, workers * LOCAL_STORE_PER_WORKER)
-        options = {"address": "local", "num_cpus": workers, "object_store_memory": store}
-        options["include_dashboard"] = False
-        listens = _listening_here_alone(ray)
-    try:
-        with kept_termination(), listens:  # Ray's own way would be to exit with status 15
-            ray.init(**options, **quiet)
-    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
-        if joins:
-            raise _no_answer(str(address), error) from error
+    if address is None:
         raise ConfigError(
-            f"Ray could not be started on this machine ({one_line(error)}); its logs are in "
-            "/tmp/ray/session_latest/logs, and --engine local does without it"
-        ) from error
-
-
-@contextmanager
-def _listening_here_alone(ray: ModuleType) -> Iterator[None]:
-    """Have a cluster that starts inside the block listen on 127.0.0.1 alone.
-
-    Ray does so by itself on Windows and macOS, and takes that address from no option.
-    """
-    constants = ray._private.ray_constants
-    before = constants.ENABLE_RAY_CLUSTER
-    constants.ENABLE_RAY_CLUSTER = False
-    os.environ["RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER"] = "0"  # for the cluster's own processes
+            "--engine ray needs a cluster that runs: add --address, e.g. auto after `ray start --head`; on one "
+            "machine the default engine does the same"
+        )
+    check_address(address)
     try:
-        yield
-    finally:
-        constants.ENABLE_RAY_CLUSTER = before
+        with kept_termination():  # Ray's own way would be to exit with status 15
+            ray.init(address=address, log_to_driver=False, logging_level=logging.ERROR)
+    except (OSError, ValueError, RuntimeError, ray.exceptions.RayError) as error:
+        raise _no_answer(address, error) from error
 
 
 def check_address(address: str) -> None:
@@ -142,10 +107,9 @@ class RayEngine(Engine):
     """A Ray cluster.
 
     Args:
-        workers: Size of a cluster that is started here; of one that runs already, the most tasks at a time, 0
-            for all it has.
-        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment, or starts one here. A
-            connection that this process has already is used as it is.
+        workers: The most tasks at a time, 0 for all it has.
+        address: Where a cluster runs; None takes the ``RAY_ADDRESS`` of the environment. A connection that this
+            process has already is used as it is.
         timeout: Longest wall time of a task [s]; None for no limit.
 
     Raises:
@@ -159,7 +123,7 @@ class RayEngine(Engine):
         self._is_ours = not self._ray.is_initialized()
         """True if the connection was made here, and ends here."""
         if self._is_ours:
-            connect(self._ray, workers, address)
+            connect(self._ray, address)
         self._most = workers
         self._timeout = timeout
 
@@ -233,7 +197,7 @@ class RayEngine(Engine):
     def _in_flight_limit(self) -> int:
         """Number of tasks that may be under way, by the present size of the cluster."""
         limit = max(1, IN_FLIGHT_PER_CPU * self._cpus())
-        return min(limit, self._most) if self._most and not self._is_ours else limit
+        return min(limit, self._most) if self._most else limit
 
     def _cpus(self) -> int:
         """Cores that the head of the cluster knows of."""
