@@ -106,13 +106,11 @@ def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion
     np.testing.assert_allclose(end, tour_points[-1], atol=1e-5)
 
 
-def test_a_recorded_path_and_an_explorer(plan_file, tmp_path, tour) -> None:
+def test_a_recorded_path(plan_file, tmp_path, tour) -> None:
     recorded = tmp_path / "recorded.tum"
     write_tum(recorded, tour.as_trajectory())
     main([str(plan_file), "-o", str(tmp_path / "a"), "--trajectory", str(recorded), "--resolution", "0.1"])
-    by_explorer = ("--explorer", "nearest", "--seed", "5", "--resolution", "0.1")
-    main([str(plan_file), "-o", str(tmp_path / "b"), *by_explorer])
-    assert len(read_tum(episodes(tmp_path / "b")[0] / "truth.tum")) > 20
+    assert len(read_tum(episodes(tmp_path / "a")[0] / "truth.tum")) > 20
 
 
 def test_several_plans_of_a_source_and_several_hypotheses_of_each(plan_file, tmp_path, capsys) -> None:
@@ -161,7 +159,6 @@ def test_several_hypotheses_of_a_dataset_have_names_of_their_own(explored, tmp_p
     ("arguments", "message"),
     [
         (["--plans", "2"], "--plans has no effect on a dataset"),
-        (["--explorer", "nearest"], "--explorer has no effect on a dataset"),
     ],
 )
 def test_options_that_a_dataset_answers_are_refused(explored, tmp_path, arguments, message) -> None:
@@ -213,8 +210,6 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--resolution", "-0.1"], "--resolution must be above 0, not -0.1"),
         (["--size", "3"], "--size must be 0 or at least 16, not 3"),
         (["--seed", "-4"], "--seed must be at least 0, not -4"),
-        (["--trajectory", "way.csv", "--explorer", "nearest"], "exclude each other"),
-        (["--explorer", "nearst"], "no explorer 'nearst'; did you mean 'nearest'"),
         (["--trajectory", "missing.csv"], "missing.csv"),
         (["--plan-id", "nowhere"], "has no plan 'nowhere'"),
         (["--plan-id", "flat", "--plans", "2"], "exclude each other"),

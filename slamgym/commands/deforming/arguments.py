@@ -19,13 +19,12 @@ _OF_METHODS: dict[str, tuple[str, ...]] = {
     "severity": ("parametric", "generator"),
     "recipe": ("generator",),
     "trajectory": ("parametric", "generator"),
-    "explorer": ("parametric", "generator"),
     "prm_kind": ("parametric", "generator"),
     "weights": ("modelprog",),
 }
 """Options that not every method takes."""
 _NOT_OF_DATASETS = (
-    "plans", "plans_filter", "plan_id", "trajectory", "explorer", "prm_kind", "recipe", "size",
+    "plans", "plans_filter", "plan_id", "trajectory", "prm_kind", "recipe", "size",
 )  # fmt: skip
 """Options about what the pairs of a dataset bring with them."""
 
@@ -33,7 +32,7 @@ _NOT_OF_DATASETS = (
 class DeformArguments(Arguments):
     """Draw hypotheses of the SLAM map of a floor plan, as a dataset that `slamgym dataset render` takes.
 
-    Without --trajectory or --explorer, a path through all rooms is planned over a probabilistic roadmap. modelprog and
+    Without --trajectory, a path through all rooms is planned over a probabilistic roadmap. modelprog and
     elastic know no path: they bend the plan by a random field.
     """
 
@@ -66,9 +65,6 @@ class DeformArguments(Arguments):
     prm_kind: Literal["tour", "pair"] = "tour"
     """Through all rooms, or between two random points as in the paper."""
 
-    explorer: str | None = None
-    """Let this explorer drive the simulated robot, and take its path."""
-
     recipe: str | None = None
     """Generator: sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or
     a YAML file. Without it the default robot."""
@@ -96,8 +92,6 @@ class DeformArguments(Arguments):
     """Replace the folder if it exists."""
 
     def _check(self) -> None:
-        if self.trajectory is not None and self.explorer is not None:
-            raise ConfigError("--trajectory and --explorer exclude each other; give one")
         if self.plan_id is not None and self.plans > 1:
             raise ConfigError("--plan-id and --plans exclude each other; give one")
         for name, methods in _OF_METHODS.items():

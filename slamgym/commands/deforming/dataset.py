@@ -56,7 +56,7 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
             staged, frame = folder.stage(slot.name), _moved(hypothesis.grid.frame, hypothesis.outcome.start)
             conditions = {
                 "method": arguments.method,
-                "explorer": recorded.explorer if recorded else arguments.explorer or "roadmap",
+                "explorer": recorded.explorer if recorded else "roadmap",
                 "recipe": arguments.recipe or "",
             }
             pair, outcome = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame), hypothesis.outcome

@@ -262,11 +262,4 @@ def _path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator
         return trajectory_from_file(arguments.trajectory, subject.plan)
     if subject.driven is not None:
         return from_recorded(subject.driven)
-    if arguments.explorer is None:
-        return plan_trajectory(subject.plan, rng, arguments.prm_kind)
-    from slamgym.agents.registry import make_explorer
-    from slamgym.envs.episode import record_path
-
-    seed = arguments.seed + subject.slot.index
-    recorded = record_path(subject.plan, arguments.explorer, seed, make_explorer)
-    return from_recorded(recorded, f"the path of {arguments.explorer}")
+    return plan_trajectory(subject.plan, rng, arguments.prm_kind)
