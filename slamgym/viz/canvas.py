@@ -21,11 +21,15 @@ PAPER: Colour = (241, 243, 245)
 INK: Colour = (52, 58, 64)
 FAINT: Colour = (134, 142, 150)
 OUTLINE: Colour = (225, 228, 232)
-FLOOR_TINT: Colour = WHITE
 WALL_TINT: Colour = (33, 37, 41)
 UNKNOWN_TINT: Colour = (206, 212, 218)
+UNSEEN_TINT: Colour = (203, 218, 240)
 TRUE_COLOUR: Colour = (25, 113, 194)
 BELIEVED_COLOUR: Colour = (224, 49, 49)
+SURE_COLOUR: Colour = (47, 158, 68)
+
+FRAME_WIDTH, FRAME_HEIGHT = 1280, 720
+"""Size of the pictures of a film [px]; even, as video encoders want it."""
 
 SHIFT = 4
 """Fractional bits of drawing coordinates."""
@@ -121,7 +125,7 @@ def draw_path(picture: ByteArray, pixels: np.ndarray, colour: Colour, thickness:
 def colour_cells(cells: ByteArray) -> ByteArray:
     """A map's cells as a picture of the same size."""
     picture = blank(cells.shape, UNKNOWN_TINT)
-    picture[cells == FREE] = FLOOR_TINT
+    picture[cells == FREE] = WHITE
     picture[cells == OCCUPIED] = WALL_TINT
     return picture
 

@@ -14,13 +14,15 @@ from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, Lase
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     FAINT,
-    FLOOR_TINT,
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
     INK,
     PAPER,
     SHIFT,
     TRUE_COLOUR,
     UNKNOWN_TINT,
     WALL_TINT,
+    WHITE,
     Colour,
     blank,
     colour_cells,
@@ -31,9 +33,6 @@ from slamgym.viz.canvas import (
     text_width,
 )
 
-WIDTH, HEIGHT = 1280, 720
-"""Size of a picture [px]; even, as video encoders want it."""
-
 SEEN_TINT: Colour = (226, 240, 255)
 FURNITURE_COLOUR: Colour = (214, 188, 150)
 PERSON_COLOUR: Colour = (190, 75, 219)
@@ -41,8 +40,8 @@ BEAM_COLOUR: Colour = (255, 169, 77)
 BAR_COLOUR: Colour = (55, 178, 77)
 
 _MARGIN, _HEAD, _FOOT = 20, 44, 84
-_PANEL_WIDTH = (WIDTH - 3 * _MARGIN) // 2
-_PANEL_HEIGHT = HEIGHT - _HEAD - _FOOT
+_PANEL_WIDTH = (FRAME_WIDTH - 3 * _MARGIN) // 2
+_PANEL_HEIGHT = FRAME_HEIGHT - _HEAD - _FOOT
 # Room left round the plan [m].
 _BORDER = 0.4
 
@@ -88,11 +87,11 @@ class Renderer:
         self._plan: FloorPlan | None = None
 
     def draw(self, scene: Scene) -> ByteArray:
-        """Draw one frame, RGB, shape (HEIGHT, WIDTH, 3)."""
+        """Draw one frame, RGB, shape (FRAME_HEIGHT, FRAME_WIDTH, 3)."""
         if scene.plan is not self._plan:
             self._plan, self._view = scene.plan, _View(scene.plan)
             self._floor_layer = _draw_floor(scene.plan, self._view)
-        picture = blank((HEIGHT, WIDTH), PAPER)
+        picture = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
         world = panel_of(picture, 0)
         world[:] = self._floor_layer
         _draw_world(world, scene, self._view)
@@ -159,7 +158,7 @@ def panel_of(picture: ByteArray, index: int) -> ByteArray:
 def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
     """The building: what never changes during an episode."""
     layer = blank((_PANEL_HEIGHT, _PANEL_WIDTH), UNKNOWN_TINT)
-    _fill(layer, view, np.asarray(plan.free_space.exterior.coords), FLOOR_TINT)
+    _fill(layer, view, np.asarray(plan.free_space.exterior.coords), WHITE)
     for ring in plan.free_space.interiors:
         _fill(layer, view, np.asarray(ring.coords), UNKNOWN_TINT)
     return layer
@@ -168,7 +167,7 @@ def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
 def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     """Draw the true state: seen floor, furniture, people, beams, the true path."""
     seen = view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
-    panel[seen & (panel == FLOOR_TINT).all(axis=2)] = SEEN_TINT
+    panel[seen & (panel == WHITE).all(axis=2)] = SEEN_TINT
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)
     _draw_beams(panel, scene, view)
@@ -226,7 +225,7 @@ def _draw_robot(
     size = round(max(radius * view.scale, 7.0) * (1 << SHIFT))
     if filled:
         cv2.circle(panel, (col, row), size, colour, -1, cv2.LINE_AA, SHIFT)
-    line = FLOOR_TINT if filled else colour
+    line = WHITE if filled else colour
     cv2.circle(panel, (col, row), size, line, 1 if filled else 2, cv2.LINE_AA, SHIFT)
     cv2.line(panel, (col, row), tip, line, 2, cv2.LINE_AA, SHIFT)
 
@@ -259,11 +258,11 @@ def _draw_figures(picture: ByteArray, scene: Scene) -> None:
         "contacts": f"{figures.contacts}",
         "plan": plan_id if len(plan_id) <= 15 else plan_id[:13] + "..",
     }
-    step = (WIDTH - 2 * _MARGIN - 40) // len(shown)
+    step = (FRAME_WIDTH - 2 * _MARGIN - 40) // len(shown)
     for index, (name, value) in enumerate(shown.items()):
         left = _MARGIN + index * step
         draw_text(picture, name, left, top + 28, 0.45, FAINT)
         draw_text(picture, value, left, top + 54, 0.65, INK)
-    bar = picture[top + 68 : top + 74, _MARGIN : WIDTH - _MARGIN]
+    bar = picture[top + 68 : top + 74, _MARGIN : FRAME_WIDTH - _MARGIN]
     bar[:] = UNKNOWN_TINT
     bar[:, : round(figures.coverage * bar.shape[1])] = BAR_COLOUR

@@ -10,8 +10,14 @@ import numpy as np
 from slamgym.core.geometry import compose, inverse, paste, transform_poses
 from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, OccupancyGrid, Pose2D
 from slamgym.viz.canvas import (
+    BELIEVED_COLOUR,
+    FAINT,
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
     PAPER,
     SHIFT,
+    SURE_COLOUR,
+    TRUE_COLOUR,
     UNKNOWN_TINT,
     Colour,
     blank,
@@ -25,26 +31,21 @@ from slamgym.viz.canvas import (
     text_width,
 )
 
-PATH_START: Colour = (66, 133, 244)
-PATH_END: Colour = (234, 67, 53)
 PARTICLE: Colour = (0, 150, 136)
 
 MIN_SIDE_PX, MAX_SIDE_PX = 1000, 2400
 PAGE_MARGIN_PX = 36
 FOOTER_PX = 64
-VIEW_WIDTH, VIEW_HEIGHT = 1024, 768
-"""Size of the pictures of a growing map [px]; even, as video encoders want it."""
 UNSURE: Colour = (245, 159, 0)
 STATE_COLOURS: dict[str, Colour] = {
-    "searching": (134, 142, 150),
+    "searching": FAINT,
     "ambiguous": UNSURE,
-    "localised": PATH_START,
-    "lost": (220, 30, 30),
+    "localised": TRUE_COLOUR,
+    "lost": BELIEVED_COLOUR,
 }
 LEGEND = "blue localised, grey searching, orange ambiguous, red lost; arrows: the end"
 ARROW = 0.6
 """Length of an arrow [m]."""
-ARROW_COLOUR: Colour = (47, 158, 68)
 
 
 def draw_map(
@@ -126,7 +127,7 @@ def draw_localization(
         x, y, theta = compose(back, pose)
         ends = np.array([[x, y], [x + ARROW * math.cos(theta), y + ARROW * math.sin(theta)]])
         start, end = frame_pixels(ends, grid.frame, factor).round().astype(int).tolist()
-        cv2.arrowedLine(picture, start, end, ARROW_COLOUR, 2 * width, cv2.LINE_AA, 0, 0.4)
+        cv2.arrowedLine(picture, start, end, SURE_COLOUR, 2 * width, cv2.LINE_AA, 0, 0.4)
     return page_of(picture, grid.frame.resolution / factor, f"{caption}   {LEGEND}")
 
 
@@ -145,13 +146,13 @@ class GrowingView:
             caption: One line at the bottom.
 
         Returns:
-            RGB, shape (VIEW_HEIGHT, VIEW_WIDTH, 3).
+            RGB, shape (FRAME_HEIGHT, FRAME_WIDTH, 3).
         """
         frame = self._frame(grid.frame)
         min_x, min_y, max_x, max_y = frame.bounds
-        scale = min(VIEW_WIDTH / (max_x - min_x), (VIEW_HEIGHT - FOOTER_PX) / (max_y - min_y))  # [px/m]
-        page = blank((VIEW_HEIGHT, VIEW_WIDTH), PAPER)
-        view = page[: VIEW_HEIGHT - FOOTER_PX]
+        scale = min(FRAME_WIDTH / (max_x - min_x), (FRAME_HEIGHT - FOOTER_PX) / (max_y - min_y))  # [px/m]
+        page = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
+        view = page[: FRAME_HEIGHT - FOOTER_PX]
         view[:] = UNKNOWN_TINT
         left, top = (grid.frame.bounds[0] - min_x) * scale, (max_y - grid.frame.bounds[3]) * scale
         cells = rescaled(colour_cells(grid.cells), scale * grid.frame.resolution)
@@ -184,10 +185,10 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
     fixed = fixed_point(pixels)
     pieces = min(64, max(1, len(fixed) - 1))
     bounds = np.linspace(0, len(fixed) - 1, pieces + 1).round().astype(int)
-    colours = np.linspace(PATH_START, PATH_END, pieces).tolist()
+    colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces).tolist()
     for (first, last), colour in zip(itertools.pairwise(bounds), colours, strict=True):
         cv2.polylines(picture, [fixed[first : last + 1]], False, colour, thickness, cv2.LINE_AA, SHIFT)
-    for (col, row), colour in ((fixed[0], PATH_START), (fixed[-1], PATH_END)):
+    for (col, row), colour in ((fixed[0], TRUE_COLOUR), (fixed[-1], BELIEVED_COLOUR)):
         size = (3 * thickness) << SHIFT
         cv2.circle(picture, (int(col), int(row)), size, colour, -1, cv2.LINE_AA, SHIFT)
 

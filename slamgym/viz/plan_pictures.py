@@ -10,12 +10,11 @@ import shapely
 from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
-from slamgym.viz.canvas import INK, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
+from slamgym.viz.canvas import INK, PAPER, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
 from slamgym.viz.sheets import Card, draw_sheet
 
 _WALL_THICKNESS = 0.25  # drawn outside the outline [m]
 _DOOR: Colour = (208, 84, 38)
-_PLAIN_FLOOR: Colour = (238, 236, 232)
 
 # Pale colours for the uses of rooms; related uses share one.
 _HUES: dict[Colour, str] = {
@@ -48,7 +47,7 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     inside = fill_segments(plan.segments(), frame)
     values = map_values(inside, frame.resolution, UNKNOWN, _WALL_THICKNESS)
     picture[(values == OCCUPIED) | _enclosed(values == UNKNOWN)] = WALL_TINT
-    picture[values == FREE] = _PLAIN_FLOOR
+    picture[values == FREE] = PAPER
     _paint_rooms(picture, plan, inside, frame)
     for door in plan.doors:
         start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
@@ -96,7 +95,7 @@ def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame:
     floor = picture.copy()
     for room in sorted(plan.rooms, key=lambda room: -room.area):
         corners = _to_px(shapely.get_coordinates(room.polygon.exterior), frame)
-        cv2.fillPoly(floor, [corners], _COLOURS.get(room.category, _PLAIN_FLOOR))
+        cv2.fillPoly(floor, [corners], _COLOURS.get(room.category, PAPER))
     picture[inside] = floor[inside]
 
 
@@ -111,7 +110,7 @@ def _legend(categories: Sequence[str], width: int) -> ByteArray:
     legend = blank((24 * rows + 16, width))
     for index, category in enumerate(categories):
         x, y = 12 + 150 * (index % columns), 8 + 24 * (index // columns)
-        cv2.rectangle(legend, (x, y), (x + 16, y + 16), _COLOURS.get(category, _PLAIN_FLOOR), -1)
+        cv2.rectangle(legend, (x, y), (x + 16, y + 16), _COLOURS.get(category, PAPER), -1)
         cv2.rectangle(legend, (x, y), (x + 16, y + 16), INK, 1)
         draw_text(legend, category.replace("_", " "), x + 24, y + 13, 0.42)
     return legend

@@ -25,7 +25,9 @@ from slamgym.viz.canvas import (
     FAINT,
     INK,
     OUTLINE,
+    PAPER,
     TRUE_COLOUR,
+    UNSEEN_TINT,
     WHITE,
     Colour,
     blank,
@@ -46,7 +48,6 @@ PAIR_PX = 340
 """Panels of a contact sheet."""
 GRID_PX = 256
 """Panels of a grid."""
-DEFORMATION_PX = 420
 ROWS_IN_A_BLOCK = 8
 MAX_COLUMNS_OF_TWO_BLOCKS = 6
 
@@ -54,9 +55,7 @@ MAX_COLUMNS_OF_TWO_BLOCKS = 6
 ERROR_SCALE = 0.3
 """Distance to the nearest CAD wall that is drawn in full red [m]."""
 
-_OUTSIDE, _UNSEEN, _BEYOND = (238, 240, 243), (205, 221, 242), (250, 226, 222)
-_WALL_LINE, _ESTIMATE = (150, 156, 164), (74, 124, 190)
-_BOTH, _MISSING, _EXTRA = WHITE, (60, 130, 220), (220, 60, 50)
+_BEYOND, _ESTIMATE = (250, 226, 222), (74, 124, 190)
 # Green - yellow - red in equal steps of lightness, readable on white.
 _ERROR_COLOURS = np.array(
     [(0, 128, 70), (166, 190, 40), (244, 165, 30), (225, 87, 40), (190, 18, 38)], dtype=np.float64
@@ -203,12 +202,12 @@ def draw_deformation(
     largest = float(np.hypot(*field)[known].max(initial=0.0))
     paths = {TRUE_COLOUR: true_poses, BELIEVED_COLOUR: believed_poses}
     panels = (
-        draw_paths(fitted(cad.cells, DEFORMATION_PX), cad.frame, paths),
+        draw_paths(fitted(cad.cells, PAIR_PX), cad.frame, paths),
         deformed.cells,
         draw_displacements(field, known, largest),
     )
     titles = ("CAD map; true path blue, believed red", "SLAM-like map", f"displacement, 0 to {largest:.2f} m")
-    return draw_grid(titles, [panels], panel_px=DEFORMATION_PX)
+    return draw_grid(titles, [panels], panel_px=PAIR_PX)
 
 
 def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: FloatArray) -> ByteArray:
@@ -228,11 +227,11 @@ def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: Fl
     """
     inside = cad == FREE
     faces = wall_faces(inside)
-    picture = blank(cad.shape, _OUTSIDE)
+    picture = blank(cad.shape, PAPER)
     picture[inside] = WHITE
-    picture[inside & (slam == UNKNOWN)] = _UNSEEN
+    picture[inside & (slam == UNKNOWN)] = UNSEEN_TINT
     picture[~inside & (slam == FREE)] = _BEYOND
-    picture[faces] = _WALL_LINE
+    picture[faces] = FAINT
     occupied = slam == OCCUPIED
     picture[occupied] = error_colour((distance_to(faces) * frame.resolution)[occupied])
     picture = np.repeat(np.repeat(picture, 2, axis=0), 2, axis=1)
@@ -250,9 +249,9 @@ def draw_agreement(free: BoolArray, truth: BoolArray) -> ByteArray:
         RGB, shape (H, W, 3).
     """
     picture = blank(truth.shape, (0, 0, 0))
-    picture[free & truth] = _BOTH
-    picture[truth & ~free] = _MISSING
-    picture[free & ~truth] = _EXTRA
+    picture[free & truth] = WHITE
+    picture[truth & ~free] = TRUE_COLOUR
+    picture[free & ~truth] = BELIEVED_COLOUR
     return picture
 
 

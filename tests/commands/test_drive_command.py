@@ -9,7 +9,7 @@ from shapely import box
 from slamgym.cad import FloorPlan, write_houseexpo
 from slamgym.commands import cli
 from slamgym.dataset import Layout
-from slamgym.viz.map_pictures import VIEW_HEIGHT, VIEW_WIDTH
+from slamgym.viz.canvas import FRAME_HEIGHT, FRAME_WIDTH
 from slamgym.viz.window import Window
 
 pygame = pytest.importorskip("pygame")
@@ -59,7 +59,7 @@ def test_a_person_drives_sees_the_map_and_gets_pairs(drive, tmp_path, capsys):
     code, shown = drive(there)
     assert code == 0
     assert len(shown) == 21
-    assert {picture.shape for picture in shown} == {(VIEW_HEIGHT, VIEW_WIDTH, 3)}
+    assert {picture.shape for picture in shown} == {(FRAME_HEIGHT, FRAME_WIDTH, 3)}
     assert not np.array_equal(shown[0], shown[-1])
     (record,) = records(tmp_path)
     # Two seconds ahead at 0.26 m/s, unless the wall of the narrow flat ended it.

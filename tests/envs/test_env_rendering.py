@@ -9,7 +9,14 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import SlamgymError
 from slamgym.envs import ExploreEnv
 from slamgym.viz import exploration as r
-from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNKNOWN_TINT, WALL_TINT
+from slamgym.viz.canvas import (
+    BELIEVED_COLOUR,
+    FRAME_HEIGHT,
+    FRAME_WIDTH,
+    TRUE_COLOUR,
+    UNKNOWN_TINT,
+    WALL_TINT,
+)
 from slamgym.viz.window import Window
 
 
@@ -20,10 +27,10 @@ def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
     for _ in range(10):
         env.step((1.0, 0.2))
     frame = env.render()
-    assert frame.shape == (r.HEIGHT, r.WIDTH, 3)
+    assert frame.shape == (FRAME_HEIGHT, FRAME_WIDTH, 3)
     assert frame.dtype == np.uint8
     assert not np.array_equal(first, frame)
-    left, right = frame[:, : r.WIDTH // 2], frame[:, r.WIDTH // 2 :]
+    left, right = frame[:, : FRAME_WIDTH // 2], frame[:, FRAME_WIDTH // 2 :]
     for panel, colours in (
         (left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)),
         (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT)),
@@ -61,7 +68,7 @@ def test_large_and_furnished_plans_can_be_drawn():
     env = ExploreEnv(hall, render_mode="rgb_array", localization="dead_reckoning", clutter={"people": 2})
     env.reset(seed=0)
     env.step((1.0, 0.0))
-    assert env.render().shape == (r.HEIGHT, r.WIDTH, 3)
+    assert env.render().shape == (FRAME_HEIGHT, FRAME_WIDTH, 3)
 
 
 def test_no_render_mode_draws_nothing(flat: FloorPlan):
@@ -77,7 +84,7 @@ def test_human_mode_shows_every_step(flat: FloorPlan, monkeypatch: pytest.Monkey
     env = ExploreEnv(flat, render_mode="human", lidar={"rate": 50.0})
     env.reset(seed=0)
     env.step((1.0, 0.0))
-    assert env._window._screen.get_size() == (r.WIDTH, r.HEIGHT)
+    assert env._window._screen.get_size() == (FRAME_WIDTH, FRAME_HEIGHT)
     env.close()
     assert env._window is None
     env.close()

@@ -9,7 +9,10 @@ from slamgym.drawing.comparison.records import Change, PlanComparison
 from slamgym.drawing.formats.png import cells_in
 from slamgym.viz.canvas import (
     FAINT,
+    OUTLINE,
     SHIFT,
+    SURE_COLOUR,
+    WHITE,
     Colour,
     draw_scale_bar,
     draw_text,
@@ -21,8 +24,6 @@ SIZE = 1400
 """Longer side of the drawing [px]."""
 MARGIN = 0.7
 """Round plan and map [m]."""
-FREE_TINT, OCCUPIED_TINT, UNKNOWN_TINT = (255, 255, 255), (150, 155, 162), (228, 231, 235)
-PRESENT: Colour = (47, 158, 68)
 COLOURS: dict[str, tuple[Colour, str]] = {
     "wall_moved": ((240, 140, 0), "wall moved (thin: planned, thick: built)"),
     "wall_covered": ((252, 196, 25), "covered by furniture, or moved"),
@@ -44,13 +45,13 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     min_x, min_y, max_x, max_y = plan.bounds
     size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
-    tints = np.full((256, 3), UNKNOWN_TINT, np.uint8)
-    tints[FREE], tints[OCCUPIED] = FREE_TINT, OCCUPIED_TINT
+    tints = np.full((256, 3), OUTLINE, np.uint8)
+    tints[FREE], tints[OCCUPIED] = WHITE, FAINT
     registration = comparison.registration
     picture: ByteArray = tints[cells_in(grid, frame, registration.plan_from_map, registration.scale)]
     if comparison.is_confident:
         for face in comparison.faces:
-            colour = FAINT if face.state == "not_seen" else PRESENT
+            colour = FAINT if face.state == "not_seen" else SURE_COLOUR
             if face.state != "moved":
                 _line(picture, np.array(face.line), frame, colour, 2)
         for change in comparison.changes:

@@ -8,7 +8,7 @@ import slamgym
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
-from slamgym.drawing.comparison.picture import COLOURS, PRESENT, draw_comparison
+from slamgym.drawing.comparison.picture import COLOURS, draw_comparison
 from slamgym.drawing.comparison.records import COLUMNS, PlanComparison
 from slamgym.drawing.formats.html import (
     REPORT_STYLE,
@@ -17,7 +17,7 @@ from slamgym.drawing.formats.html import (
     provenance_part,
     sentence,
 )
-from slamgym.viz.canvas import FAINT
+from slamgym.viz.canvas import FAINT, SURE_COLOUR
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 
@@ -74,7 +74,7 @@ def _legend(found: PlanComparison) -> str:
     used = [COLOURS[kind] for kind in COLOURS if kind in kinds]
     entries = "".join(
         f'<li><span class="key line" style="color: rgb{colour}"></span>{markup(text)}</li>'
-        for colour, text in [(PRESENT, "wall as planned"), (FAINT, "not seen"), *used]
+        for colour, text in [(SURE_COLOUR, "wall as planned"), (FAINT, "not seen"), *used]
     )
     return f'<ul class="legend">{entries}</ul>'
 

@@ -22,11 +22,13 @@ from slamgym.core.types import (
 from slamgym.drawing.drawing import Drawing, DrawnPoint
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
+    FAINT,
     INK,
     PAPER,
     SHIFT,
     TRUE_COLOUR,
     UNKNOWN_TINT,
+    UNSEEN_TINT,
     WALL_TINT,
     WHITE,
     Colour,
@@ -45,11 +47,8 @@ PICTURE_MARGIN = 1.2
 """Round what is drawn [m]."""
 CAPTION_PX = 64
 
-_INFERRED_WALL: Colour = (150, 162, 178)
-_INFERRED_FLOOR: Colour = (203, 218, 240)
 _UNEXPLORED: Colour = (250, 232, 184)
 _ECHO: Colour = (232, 89, 12)
-_DIMENSION: Colour = (201, 42, 42)
 
 
 def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, is_thumbnail: bool = False) -> ByteArray:
@@ -75,9 +74,9 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, is_thumbnail: bool = 
 
     _fill(page, drawing.unexplored, _UNEXPLORED, to_page)
     _fill(page, drawing.floor.geoms, WHITE, to_page)
-    _fill(page, drawing.inferred_floor, _INFERRED_FLOOR, to_page)
+    _fill(page, drawing.inferred_floor, UNSEEN_TINT, to_page)
     for wall in drawing.walls:
-        _fill(page, [wall.polygon], WALL_TINT if wall.layer == "SEEN" else _INFERRED_WALL, to_page)
+        _fill(page, [wall.polygon], WALL_TINT if wall.layer == "SEEN" else FAINT, to_page)
     if not is_thumbnail:
         page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(_ECHO)).astype(np.uint8)
     for door in drawing.doors:
@@ -85,10 +84,10 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, is_thumbnail: bool = 
     if is_thumbnail:
         return page
     for line in drawing.dimensions:
-        _line(page, line.start, line.end, _DIMENSION, 1, to_page)
+        _line(page, line.start, line.end, BELIEVED_COLOUR, 1, to_page)
         start, end = np.array([line.start]), np.array([line.end])
         col, row = (to_page(start + 0.3 * (end - start))[0] >> SHIFT).tolist()
-        draw_text(page, f"{line.length:.2f}", col + 3, row - 3, 0.38, _DIMENSION)
+        draw_text(page, f"{line.length:.2f}", col + 3, row - 3, 0.38, BELIEVED_COLOUR)
     for room in drawing.rooms:
         middle = room.polygon.representative_point()
         text = f"{room.id} {room.area:.1f} m2"
