@@ -13,10 +13,8 @@ from slamgym.core.types import (
     UNKNOWN,
     BoolArray,
     ByteArray,
-    Float32Array,
     FloatArray,
     GridFrame,
-    OccupancyGrid,
 )
 from slamgym.metrics.map_error import wall_faces
 from slamgym.metrics.maps import distance_to
@@ -29,7 +27,6 @@ from slamgym.viz.canvas import (
     TRUE_COLOUR,
     UNSEEN_TINT,
     WHITE,
-    Colour,
     blank,
     draw_path,
     draw_text,
@@ -182,34 +179,6 @@ def _draw_error_scale(sheet: ByteArray) -> None:
     draw_text(sheet, "0", right - 204, 28, 0.45, FAINT)
 
 
-def draw_deformation(
-    cad: OccupancyGrid,
-    deformed: OccupancyGrid,
-    field: Float32Array,
-    true_poses: FloatArray,
-    believed_poses: FloatArray,
-) -> ByteArray:
-    """Draw a CAD map with the true (blue) and the believed (red) path, the deformed map, and the displacements.
-
-    Args:
-        cad: The CAD map.
-        deformed: The SLAM-like map on the same frame.
-        field: The displacements (2, H, W) [m].
-        true_poses: (N, 3), in the frame's coordinates.
-        believed_poses: (N, 3).
-    """
-    known = deformed.cells != UNKNOWN
-    largest = float(np.hypot(*field)[known].max(initial=0.0))
-    paths = {TRUE_COLOUR: true_poses, BELIEVED_COLOUR: believed_poses}
-    panels = (
-        draw_paths(fitted(cad.cells, PAIR_PX), cad.frame, paths),
-        deformed.cells,
-        draw_displacements(field, known, largest),
-    )
-    titles = ("CAD map; true path blue, believed red", "SLAM-like map", f"displacement, 0 to {largest:.2f} m")
-    return draw_grid(titles, [panels], panel_px=PAIR_PX)
-
-
 def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: FloatArray) -> ByteArray:
     """Draw a SLAM map over the CAD map, at twice the maps' size.
 
@@ -235,7 +204,9 @@ def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: Fl
     occupied = slam == OCCUPIED
     picture[occupied] = error_colour((distance_to(faces) * frame.resolution)[occupied])
     picture = np.repeat(np.repeat(picture, 2, axis=0), 2, axis=1)
-    return draw_paths(picture, frame, {_ESTIMATE: path})
+    if len(path):
+        draw_path(picture, fixed_point(frame_pixels(path, frame, 2.0)), _ESTIMATE, thickness=1)
+    return picture
 
 
 def draw_agreement(free: BoolArray, truth: BoolArray) -> ByteArray:
@@ -252,30 +223,6 @@ def draw_agreement(free: BoolArray, truth: BoolArray) -> ByteArray:
     picture[free & truth] = WHITE
     picture[truth & ~free] = TRUE_COLOUR
     picture[free & ~truth] = BELIEVED_COLOUR
-    return picture
-
-
-def draw_paths(picture: ByteArray, frame: GridFrame, paths: dict[Colour, FloatArray]) -> ByteArray:
-    """Draw paths (N, 2 or more), in the frame's coordinates [m], into a picture of any size that shows the frame."""
-    for colour, poses in paths.items():
-        if len(poses):
-            pixels = frame_pixels(poses, frame, picture.shape[0] / frame.height_px)
-            draw_path(picture, fixed_point(pixels), colour, thickness=1)
-    return picture
-
-
-def draw_displacements(field: Float32Array, seen: BoolArray, full_scale: float) -> ByteArray:
-    """Length of the displacement as a colour, white where the map is unknown.
-
-    Args:
-        field: (2, H, W) [m].
-        seen: (H, W) bool.
-        full_scale: Length that gets the last colour [m].
-    """
-    length = np.hypot(field[0], field[1])
-    grey = np.clip(length / max(full_scale, 1e-9) * 255.0, 0.0, 255.0).astype(np.uint8)
-    picture: ByteArray = cv2.applyColorMap(grey, cv2.COLORMAP_VIRIDIS)[:, :, ::-1].copy()
-    picture[~seen] = WHITE
     return picture
 
 

@@ -25,8 +25,6 @@ from slamgym.dataset.folder import open_dataset, stage_pair
 from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, is_dataset
 from slamgym.dataset.record import MapPair, Slot
 from slamgym.interop import write_ros_map, write_tum
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.sheets import draw_deformation
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -120,7 +118,7 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
     """``plan.json`` (world frame), the map and the paths (map frame), and what else the hypothesis knows.
 
     ``cad.png``: the plan on the map's frame; ``field.npz``: the displacement field (2, H, W) float32 [m], x and y, true
-    minus measured, out(q) = in(q + d(q)); ``parameters.json``: what was drawn, the settings; ``overview.png``.
+    minus measured, out(q) = in(q + d(q)); ``parameters.json``: what was drawn, the settings.
     """
     write_houseexpo(folder / "plan.json", plan)
     write_ros_map(folder, OccupancyGrid(hypothesis.grid.cells, frame))
@@ -132,10 +130,6 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
         write_tum(folder / f"{name}.tum", Trajectory(path.stamps, path.poses - offset))
     if hypothesis.field is not None:
         np.savez_compressed(folder / FIELD_FILE, field=hypothesis.field)
-    if hypothesis.field is not None and len(outcome.truth):
-        truth, estimate = outcome.truth.poses, outcome.estimate.poses
-        overview = draw_deformation(hypothesis.cad, hypothesis.grid, hypothesis.field, truth, estimate)
-        write_picture(folder / "overview.png", overview)
     record = {**hypothesis.parameters, "displacement_m": _displacement(hypothesis)}
     (folder / "parameters.json").write_text(json_text(record), encoding="utf-8")
 
