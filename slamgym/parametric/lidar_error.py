@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import (
@@ -133,19 +134,13 @@ def _fates(severity: float, dice: FloatArray) -> tuple[BoolArray, BoolArray]:
 def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray) -> Float32Array:
     """Median of the hits in the window round each hit; cells without a hit don't count."""
     half = _MEDIAN_PX // 2
-    hit = np.zeros(field.shape[1:], dtype=np.bool_)
-    hit[rows, cols] = True
-    padded_hit = np.pad(hit, half)
-    offsets = [(i, j) for i in range(_MEDIAN_PX) for j in range(_MEDIAN_PX)]
-    valid = np.stack([padded_hit[rows + i, cols + j] for i, j in offsets])  # (window, N)
-    middle = (valid.sum(axis=0) - 1) // 2
+    hits = np.full((len(field), *(size + 2 * half for size in field.shape[1:])), np.nan, np.float32)
+    hits[:, rows + half, cols + half] = field[:, rows, cols]
+    windows = sliding_window_view(hits, (_MEDIAN_PX, _MEDIAN_PX), axis=(1, 2))[:, rows, cols]
+    ordered = np.sort(windows.reshape(len(field), len(rows), _MEDIAN_PX**2))  # what is no number goes last
+    middle = (np.isfinite(ordered).sum(axis=2, keepdims=True) - 1) // 2
     filtered = np.zeros_like(field)
-    for c in range(len(field)):
-        padded = np.pad(field[c], half)
-        stack = np.stack([padded[rows + i, cols + j] for i, j in offsets])
-        stack[~valid] = np.inf
-        stack.sort(axis=0)
-        filtered[c, rows, cols] = stack[middle, np.arange(len(rows))]
+    filtered[:, rows, cols] = np.take_along_axis(ordered, middle, axis=2)[:, :, 0]
     return filtered
 
 
