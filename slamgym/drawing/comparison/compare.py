@@ -1,8 +1,6 @@
 """The whole comparison: registration, walls, extra walls, doors, rooms."""
 
-import itertools
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 import shapely
@@ -12,16 +10,14 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.floorplan import Door, FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_structures
-from slamgym.drawing.comparison.faces import PARALLEL, MapEvidence, PlanFaces, map_evidence, plan_faces
+from slamgym.drawing.comparison.faces import MapEvidence, PlanFaces, map_evidence, plan_faces
 from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
 from slamgym.drawing.settings import ComparisonConfig
 
 AGREE = 0.15
-"""The two faces of a wall have moved together if their offsets agree this well, and are in line within this [m]."""
-MOVED_ALIKE = 0.06
-"""Pieces of one wall whose offsets differ by no more have moved together [m]."""
+"""The two faces of a wall have moved together if their offsets agree this well [m]."""
 SEEN_FROM = 0.1
 """Size of the cells at which a room's floor is sampled [m]."""
 FURNITURE = (0.15, 0.8)
@@ -77,7 +73,7 @@ def compare_with_plan(
         for room in plan.rooms
     )
     changes = [
-        *_merged(_wall_changes(measured, reports, config)),
+        *_wall_changes(measured, reports, config),
         *_new_openings(plan, measured, reports),
         *_extra_walls(plan, evidence, measured, reports),
         *_door_changes(plan, measured, evidence),
@@ -148,45 +144,6 @@ def _middle_line(faces: PlanFaces, i: int) -> Line:
     depth = float((faces.segments[j, :2] - faces.segments[i, :2]) @ -faces.normals[i])
     x, y = (-0.5 * depth * faces.normals[i]).tolist()
     return x0 + x, y0 + y, x1 + x, y1 + y
-
-
-def _merged(changes: Iterator[Change]) -> list[Change]:
-    """Pieces of one wall that have changed alike become one row."""
-    rows = list(changes)
-    while True:
-        pairs = itertools.combinations(range(len(rows)), 2)
-        found = ((a, b, _together(rows[a], rows[b])) for a, b in pairs)
-        a, b, together = next((pair for pair in found if pair[2] is not None), (0, 0, None))
-        if together is None:
-            return rows
-        rows[a] = together
-        del rows[b]
-
-
-def _together(first: Change, second: Change) -> Change | None:
-    """Two changes as one, if they are of one kind and in line."""
-    p, q = np.reshape(first.line, (2, 2)), np.reshape(second.line, (2, 2))
-    reach = float(np.hypot(*(p[1] - p[0])))
-    unit = (p[1] - p[0]) / reach
-    cosine = float((q[1] - q[0]) @ unit) / float(np.hypot(*(q[1] - q[0])))
-    across, along = (q - p[0]) @ [-unit[1], unit[0]], np.sort((q - p[0]) @ unit)
-    if first.kind != second.kind or abs(cosine) < PARALLEL or np.abs(across).max() > AGREE:
-        return None
-    if along[0] > reach + AGREE or along[1] < -AGREE:
-        return None
-    if second.offset is not None and second.raw_offset is not None and cosine < 0:
-        second = replace(second, offset=-second.offset, raw_offset=-second.raw_offset)
-    if (
-        first.offset is not None
-        and second.offset is not None
-        and abs(first.offset - second.offset) > MOVED_ALIKE
-    ):
-        return None
-    low, high = min(0.0, float(along[0])), max(reach, float(along[1]))
-    (x0, y0), (x1, y1) = (p[0] + low * unit).tolist(), (p[0] + high * unit).tolist()
-    longer = first if first.length >= second.length else second
-    length = high - low
-    return replace(longer, what=f"wall of {length:.1f} m", line=(x0, y0, x1, y1), length=length)
 
 
 def _new_openings(plan: FloorPlan, measured: Faces, reports: list[FaceReport]) -> Iterator[Change]:
