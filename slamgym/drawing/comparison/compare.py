@@ -66,7 +66,6 @@ def compare_with_plan(
         return PlanComparison(plan.where, map_name, found, (), (), (), doubts)
     evidence = evidence.moved(found.plan_from_map, found.scale)
     measured = measure_faces(faces, evidence)
-    faces = measured.plan
     reports = [judge_face(measured, face, config) for face in range(len(faces.lengths))]
     rooms = tuple(
         (room.category, _seen_share(room.polygon.intersection(plan.free_space), evidence))

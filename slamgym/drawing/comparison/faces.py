@@ -4,7 +4,6 @@ A map's points lie on the faces of what is occupied, with normals to the side fr
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -84,19 +83,6 @@ def plan_faces(plan: FloorPlan) -> PlanFaces:
     whole = np.vstack(edges)
     whole = whole[np.hypot(*(whole[:, 2:] - whole[:, :2]).T) > 1e-6]
     return _with_points(*_pieces(whole))
-
-
-def cut_faces(faces: PlanFaces, cuts: Mapping[int, Sequence[float]]) -> PlanFaces:
-    """The same faces with some of them cut at places along them [m]; so are those behind them."""
-    whole = []
-    for face, segment in enumerate(faces.segments):
-        direction = (segment[2:] - segment[:2]) / faces.lengths[face]
-        ends = _far_apart([0.0, *sorted(cuts.get(face, ())), float(faces.lengths[face])])
-        whole += [
-            np.concatenate([segment[:2] + a * direction, segment[:2] + b * direction])
-            for a, b in itertools.pairwise(ends)
-        ]
-    return _with_points(*_pieces(np.array(whole)))
 
 
 def _with_points(segments: FloatArray, opposite: IntArray) -> PlanFaces:

@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
-from slamgym.drawing.comparison.faces import FACE_STEP, IN_VIEW, MapEvidence, PlanFaces, cut_faces
+from slamgym.drawing.comparison.faces import FACE_STEP, IN_VIEW, MapEvidence, PlanFaces
 from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.settings import ComparisonConfig
@@ -33,8 +33,6 @@ CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
-LONG_PART = 0.5
-"""A part of a face that is this long may have moved by itself [m]."""
 STRETCH = 1.5
 """Walls are measured in stretches of at most this length [m]."""
 CORRELATED = 0.25
@@ -61,34 +59,7 @@ class Faces:
 
 
 def measure_faces(faces: PlanFaces, evidence: MapEvidence) -> Faces:
-    """Measure all faces; those of which only a part has moved are cut in two, and all is measured again."""
-    found = _measured(faces, evidence)
-    cuts = {face: places for face in range(len(faces.lengths)) if (places := _cuts(found, face))}
-    return _measured(cut_faces(faces, cuts), evidence) if cuts else found
-
-
-def _cuts(found: Faces, face: int) -> list[float]:
-    """Where a part of a face that is at its place meets one that is elsewhere [m]."""
-    own = np.flatnonzero((found.plan.face == face) & np.isfinite(found.offsets))
-    if len(own) * FACE_STEP < 2.0 * LONG_PART:
-        return []
-    values = found.corrected[own]
-    away = np.abs(values) > NEAR
-    along = found.plan.along[own]
-    changes = np.flatnonzero(away[1:] != away[:-1]) + 1
-    places = []
-    for at in changes:
-        # Both sides must be of one mind for half a metre, and there must be a step between them: drift has none.
-        before, behind = along[at - 1] - along[:at] <= LONG_PART, along[at:] - along[at] <= LONG_PART
-        step = np.median(values[:at][before]) - np.median(values[at:][behind])
-        agree = min((away[:at][before] != away[at]).mean(), (away[at:][behind] == away[at]).mean())
-        if agree > 0.8 and abs(step) > NEAR:
-            places.append(float(0.5 * (along[at - 1] + along[at])))
-    return places
-
-
-def _measured(faces: PlanFaces, evidence: MapEvidence) -> Faces:
-    """In the second round the map's distortion is known from the first."""
+    """Measure all faces; in the second round the map's distortion is known from the first."""
     expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
     pairs = _pairs(faces, evidence)
     stretch = _stretches_of(faces)
