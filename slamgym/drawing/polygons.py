@@ -15,7 +15,7 @@ from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, main_axe
 from slamgym.drawing.settings import SMALLEST_ROOM
 
 SMALLEST_HOLE = 0.05
-"""Things on the floor smaller than this aren't drawn [m2]."""
+"""Things on the floor, and patches of floor that was never observed, smaller than this aren't drawn [m2]."""
 NECK = 0.1
 """Half the width of floor that is too narrow to be drawn, such as a slit between two walls [m]."""
 SLIT = 0.005

@@ -14,7 +14,7 @@ THICKEST_WALL = 0.5
 OUTER_THICKNESS = 0.1
 """Walls of which only one face was seen are drawn so thick [m]."""
 SEEN_SHARE = 0.5
-"""A wall or a door is in the layer SEEN if so much of its length was."""
+"""A wall or a door is in the layer SEEN if so much of its length was, a room if so much of its floor was."""
 
 
 class ComparisonConfig(Settings, section="comparison"):

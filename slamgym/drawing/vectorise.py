@@ -28,21 +28,17 @@ from slamgym.drawing.evidence import (
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
 from slamgym.drawing.openings import OPEN_ROOM, Division, Explored, explore, without_walls_in_doors
-from slamgym.drawing.polygons import straightened
+from slamgym.drawing.polygons import SMALLEST_HOLE, straightened
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
 from slamgym.drawing.walls import find_walls
 from slamgym.metrics.wall_direction import find_wall_direction
 
-SMALLEST_INFERRED = 0.05
-"""Smaller patches of floor that was never observed aren't marked [m2]."""
 SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
 """Distances of a room's dimension lines from its middle [m], in the order of trial."""
 KNOWN_MARGIN = 1.0
 """Margin of unknown cells that is kept around the known part [m]."""
-INFERRED_ROOM = 0.5
-"""A room of which less than this share was observed is in the layer INFERRED."""
 
 
 def make_drawing(
@@ -92,7 +88,7 @@ def make_drawing(
     walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
     rooms = _rooms(explored, grid)
     doors = _doors(division, rooms, walls, grid)
-    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_INFERRED))
+    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
     kept = {
         "model": model if isinstance(model, str) else type(model).__name__,
         "settings": {"opening_width": opening_width},
@@ -135,7 +131,7 @@ def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
     rooms = []
     for number, (polygon, walled) in enumerate(zip(explored.division.rooms, explored.walled, strict=True), 1):
         seen = share_known(polygon, grid)
-        observed = seen >= INFERRED_ROOM and walled >= OPEN_ROOM
+        observed = seen >= SEEN_SHARE and walled >= OPEN_ROOM
         rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, "SEEN" if observed else "INFERRED"))
     return tuple(rooms)
 

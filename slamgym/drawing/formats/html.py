@@ -12,14 +12,13 @@ from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnRoom
 from slamgym.drawing.formats.png import draw_picture
 from slamgym.drawing.formats.svg import STYLE, Sheet, shape_layers, size_layer
+from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, figure, inline_picture, make_page, make_table, paragraph
 
 PAGE = (180.0, 160.0)
 """Width and height that a figure may take of a page [mm]."""
 PAPER_SCALES = (20, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 5000, 10_000, 50_000)
 """Drawn 1 to one of these."""
-BADLY_SEEN = 0.5
-"""A room of which less was seen is named as a doubt [share]."""
 SURE = 0.7
 """Walls below this confidence are named as a doubt."""
 GALLERY = Path("index.html")
@@ -82,7 +81,7 @@ def format_html(drawing: Drawing) -> str:
 def checks(drawing: Drawing) -> list[str]:
     """Points to check first, a sentence each: the drawing's doubts, and the parts that were hardly seen."""
     found = [sentence(doubt) for doubt in drawing.doubts]
-    unseen = [room for room in drawing.rooms if room.share_seen < BADLY_SEEN]
+    unseen = [room for room in drawing.rooms if room.share_seen < SEEN_SHARE]
     if unseen:
         names = ", ".join(f"{room.id} ({room.share_seen:.0%})" for room in unseen[:8])
         more = f" and {len(unseen) - 8} more" if len(unseen) > 8 else ""
