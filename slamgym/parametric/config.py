@@ -7,7 +7,7 @@ the odometry magnitudes were computed. Magnitudes that nothing changes but the s
 import dataclasses
 import math
 from dataclasses import field
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Literal, NamedTuple, TypeVar
 
 from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
@@ -19,9 +19,6 @@ from slamgym.slam.config import MotionNoise, SlamConfig
 
 _SettingsT = TypeVar("_SettingsT", bound=Settings)
 ConversionMethod = Literal["ekf_schur", "two_phase", "scan_matching"]
-
-_SCANNER = LidarConfig()
-"""The simulator's LIDAR, with the sources of its figures."""
 
 
 class MotionConfig(Settings, section="motion"):
@@ -36,19 +33,14 @@ class MotionConfig(Settings, section="motion"):
     TurtleBot3."""
 
 
-class ScannerConfig(Settings, section="scanner"):
-    """Field of view and ranges of the LIDAR."""
+class Scanner(NamedTuple):
+    """Field of view and ranges of the LIDAR whose beams say what the robot saw, and so where a map is displaced."""
 
-    field_of_view: float = 2.0 * math.pi
-    """[rad] centred on the robot's heading."""
-    range_min: float = _SCANNER.range_min
-    """[m]"""
-    range_max: float = _SCANNER.range_max
-    """[m]"""
-    num_beams: int = 0
-    """Beams per scan; 0 takes as many as let neighbours hit neighbouring cells at full range."""
-    mount_x: float = _SCANNER.mount[0]
-    """[m] of the scanner ahead of the axle."""
+    field_of_view: float = 2.0 * math.pi  # [rad] centred on the robot's heading
+    range_min: float = LidarConfig.range_min  # [m]
+    range_max: float = LidarConfig.range_max  # [m]
+    num_beams: int = 0  # 0 takes as many as let neighbours hit neighbouring cells at full range
+    mount_x: float = LidarConfig.mount[0]  # [m] ahead of the axle
 
 
 class TwoPhaseConfig(Settings, section="two_phase"):
@@ -117,20 +109,12 @@ class MatchingConfig(Settings, section="matching"):
 
 
 class SensingConfig(Settings, section="sensing"):
-    """The simulator's laser and furniture, and how SLAM draws (renderer ``scans``, conversion ``scan_matching``)."""
+    """The simulator's laser and furniture, and how SLAM draws (``renderer: scans``, conversion ``scan_matching``)."""
 
     lidar: LidarConfig = field(default_factory=LidarConfig)
     clutter: ClutterConfig = field(default_factory=ClutterConfig)
     slam: SlamConfig = field(default_factory=lambda: SlamConfig(mode="pose_graph"))
     """Rules that turn hits and visits into cells."""
-
-
-class RenderConfig(Settings, section="render"):
-    """Rendering of the displaced map."""
-
-    renderer: Literal["warp", "scans"] = "warp"
-    """warp: the CAD map pulled through the displacement field, unknown where no beam went; scans: the
-    simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
 
 
 class ParametricConfig(Settings):
@@ -144,12 +128,23 @@ class ParametricConfig(Settings):
     severity: NonNegative = 1.0
     """[-] multiplies every magnitude; 0 gives the CAD map back where the robot looked."""
     motion: MotionConfig = field(default_factory=MotionConfig)
-    scanner: ScannerConfig = field(default_factory=ScannerConfig)
     two_phase: TwoPhaseConfig = field(default_factory=TwoPhaseConfig)
     ekf: EkfConfig = field(default_factory=EkfConfig)
     matching: MatchingConfig = field(default_factory=MatchingConfig)
     sensing: SensingConfig = field(default_factory=SensingConfig)
-    render: RenderConfig = field(default_factory=RenderConfig)
+    renderer: Literal["warp", "scans"] = "warp"
+    """Rendering of the displaced map. warp: the CAD map pulled through the displacement field, unknown where no beam
+    went; scans: the simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
+
+    @property
+    def scanner(self) -> Scanner:
+        """The LIDAR of ``sensing``; a warped map is seen all around, as the paper's scanner does."""
+        lidar = self.sensing.lidar
+        if self.renderer == "warp":
+            return Scanner(range_min=lidar.range_min, range_max=lidar.range_max, mount_x=lidar.mount[0])
+        view, num_beams = math.radians(lidar.field_of_view_deg), min(lidar.num_beams, _FIELD_BEAMS)
+        range_max = min(lidar.range_max, self.sensing.slam.max_usable_range)
+        return Scanner(view, lidar.range_min, range_max, num_beams, lidar.mount[0])
 
 
 def scaled(config: ParametricConfig) -> ParametricConfig:
@@ -208,7 +203,7 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
         sensing: Laser, furniture and mapper.
         odometry: The robot's wheels.
     """
-    slam, lidar = sensing.slam, sensing.lidar
+    slam = sensing.slam
     return ParametricConfig(
         method="scan_matching",
         resolution=slam.resolution,
@@ -216,13 +211,6 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
             slam.linear_update,
             slam.angular_update,
             math.inf if slam.temporal_update is None else slam.temporal_update,
-        ),
-        scanner=ScannerConfig(
-            field_of_view=math.radians(lidar.field_of_view_deg),
-            range_min=lidar.range_min,
-            range_max=min(lidar.range_max, slam.max_usable_range),
-            num_beams=min(lidar.num_beams, _FIELD_BEAMS),
-            mount_x=lidar.mount[0],
         ),
         two_phase=TwoPhaseConfig(
             k_l=odometry.scale_std,
@@ -234,7 +222,7 @@ def realistic(sensing: SensingConfig, odometry: OdometryConfig) -> ParametricCon
         ),
         matching=_matching_of(sensing, odometry),
         sensing=sensing,
-        render=RenderConfig("scans"),
+        renderer="scans",
     )
 
 

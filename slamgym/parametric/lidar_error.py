@@ -24,8 +24,8 @@ from slamgym.core.types import (
     FloatArray,
     IntArray,
 )
-from slamgym.parametric.config import ScannerConfig
 from slamgym.parametric.visibility import Visibility
+from slamgym.sim.lidar import LidarConfig
 
 _SYSTEMATIC = (0.005, 0.002, 0.0003, *(math.radians(deg) for deg in (0.1, 0.1, 0.05, 0.05, 0.01)))
 """Standard deviations of a0, a1, b1 to b6 over scanners: Mader's table was not available, and these keep within the
@@ -68,7 +68,7 @@ class LidarErrors:
             + self.b3 * np.cos(bearing)
             + self.b4 * np.sin(2.0 * bearing)
             + self.b5 * np.cos(2.0 * bearing)
-            + self.b6 / np.maximum(distance, ScannerConfig.range_min)
+            + self.b6 / np.maximum(distance, LidarConfig.range_min)
         )
 
 

@@ -104,7 +104,7 @@ def deform(
         PlanError: If the plan has no free cell at this resolution.
     """
     given = config or ParametricConfig()
-    model, draws_scans = scaled(given), given.render.renderer == "scans"
+    model, draws_scans = scaled(given), given.renderer == "scans"
     # One stream per cause, so that a seed gives one robot to every method; the fourth is unused: seeds keep their maps.
     of_odometry, of_lidar, of_noise, _, of_scans, of_beams = (rng or np.random.default_rng(0)).spawn(6)
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
