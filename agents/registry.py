@@ -11,7 +11,6 @@ from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
     CostUtility,
     ExploreLite,
-    ForesightTour,
     FrontierTour,
     Nearest,
     NextBestView,
@@ -46,7 +45,6 @@ CLASSICAL: dict[str, Make] = {
     "next_best_view": by_rule(NextBestView()),
     "tour": by_rule(FrontierTour()),
     "repairman": by_rule(Repairman()),
-    "foresight": by_rule(ForesightTour()),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.agents.foresight import foresee
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
@@ -127,34 +126,6 @@ class FrontierTour:
         everything = range(len(loop.candidates))
         order = open_tour(_tour_lengths(loop, everything, self.turn_weight)) - 1
         return _scores_of_order(order)
-
-
-@dataclass(frozen=True)
-class ForesightTour:
-    """The first frontier of the shortest open tour through those that a network expects new floor behind.
-
-    Frontiers that hide next to nothing, such as slits along walls, are left for the end, which a promise may spare.
-    """
-
-    least_area: float = 0.3
-    """A frontier is worth a visit if so much new floor is expected behind it [m2]."""
-    optimism: float = 1.0
-    """So many standard deviations of the network's doubt count as new floor, too."""
-
-    def __call__(self, loop: ExplorationLoop) -> FloatArray:
-        """Score the loop's candidates, shape (N,)."""
-        expected = foresee(loop)
-        area = np.maximum(
-            expected.in_sight + self.optimism * expected.in_sight_doubt,
-            expected.pocket + self.optimism * expected.pocket_doubt,
-        )
-        by_length = np.argsort(path_lengths(loop), kind="stable")
-        worth = by_length[area[by_length] >= self.least_area]
-        rest = by_length[area[by_length] < self.least_area]
-        if len(worth) == 0:
-            return _scores_of_order(rest)
-        lengths = _tour_lengths(loop, worth.tolist(), _TURN_WEIGHT)
-        return _scores_of_order(np.concatenate([worth[open_tour(lengths) - 1], rest]))
 
 
 @dataclass(frozen=True)

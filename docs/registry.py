@@ -45,7 +45,6 @@ TERMS = [
     Term("explorer", "policy that drives a robot through an unknown building", "slamgym.agents.registry:make_explorer"),
     Term("fault", "reason why a pair is unfit: kind, value and limit", "slamgym.dataset.faults:MapFault"),
     Term("floor share", "share of a cell that is floor: grey values place walls within cells", "slamgym.cad.floorplan:floor_share"),
-    Term("foresight", "network that predicts the map behind frontiers, and the rule that uses it", "slamgym.agents.foresight:MapCompletion"),
     Term("frontier", "border between reachable known space and unknown space (Yamauchi 1997)", "slamgym.planning.frontiers:find_frontiers"),
     Term("frontier candidate", "part of a frontier with a path to it, offered as a choice", "slamgym.planning.frontier_candidates:FrontierCandidate"),
     Term("hindsight cost", "length of the tour through everything left to see, hidden floor included, that starts with a frontier", "slamgym.agents.hindsight:HindsightCosts"),

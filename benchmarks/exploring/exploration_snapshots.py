@@ -1,4 +1,4 @@
-"""Beliefs of robots at every choice, with the truth: data for stopping and for foresight."""
+"""Beliefs of robots at every choice, with the truth: data for stopping."""
 
 import dataclasses
 from collections.abc import Iterator

@@ -129,12 +129,10 @@ class _Watcher:
         loop = explorer.loops[0] if explorer.loops else None
         seen = env.mapper.occupancy_grid(), *((loop.candidates, loop.target) if loop else ())
         if len(seen) != len(self._latest) or any(a is not b for a, b in zip(seen, self._latest, strict=True)):
-            self._latest, self._deliberation = seen, self._deliberate(explorer, loop)
+            self._latest, self._deliberation = seen, self._deliberate(loop)
         return self._deliberation
 
-    def _deliberate(self, explorer: BatchedExplorer, loop: ExplorationLoop | None) -> Deliberation:
-        from slamgym.agents.foresight import pretrained_completion
-        from slamgym.agents.rules import ForesightTour
+    def _deliberate(self, loop: ExplorationLoop | None) -> Deliberation:
         from slamgym.viz.recording import Deliberation
 
         env, placed = self._env, self._env.simulation.world_from_map
@@ -143,11 +141,6 @@ class _Watcher:
         particles = transform_poses(placed, poses)
         if loop is None:
             return Deliberation(particles)
-        foreseen = None
-        if isinstance(getattr(explorer, "rule", None), ForesightTour):
-            floor, wall, frame = pretrained_completion().complete(loop.known_map(), loop.pose)
-            frame = frame._replace(origin_x=frame.origin_x + placed.x, origin_y=frame.origin_y + placed.y)
-            foreseen = floor.mean(axis=0), wall.mean(axis=0), frame
         offered = [one for one in loop.candidates if one is not loop.target]
         shown = offered if loop.target is None else [*offered, loop.target]
         return Deliberation(
@@ -155,5 +148,4 @@ class _Watcher:
             frontiers=[transform_points(placed, one.points) for one in shown],
             chosen=None if loop.target is None else len(offered),
             path=None if loop.target is None else transform_points(placed, loop.target.path),
-            foreseen=foreseen,
         )
