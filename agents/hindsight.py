@@ -14,6 +14,7 @@ from slamgym.agents.coverage_tour import TourSearch
 from slamgym.agents.oracle import TrueBuilding
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+from slamgym.envs.frontier_features import TURN_WEIGHT
 from slamgym.planning.grid_path import straight_turns
 from slamgym.planning.open_tour import lengths_by_first
 
@@ -25,8 +26,6 @@ _ITERATIONS = 10
 """Budget of a search: the tour before is near the shortest, and the first leg is all that is asked for."""
 _LEAST_AREA = 0.3
 """A place is visited for so much unseen floor that nothing else on the tour shows [m2]."""
-_TURN_WEIGHT = 0.2
-"""Cost of a radian of turning before the first leg [m/rad], as in the rule."""
 _HOLD = 0.5
 """Cost of changing the target [m]: braking, and that the robot's view is turned to the old one."""
 
@@ -66,7 +65,7 @@ class HindsightCosts:
         loop = self._loop
         middles = np.array([one.frontier.middle for one in loop.candidates]).reshape(-1, 2)
         legs: FloatArray = np.array([one.path_length for one in loop.candidates])
-        legs += _TURN_WEIGHT * straight_turns(loop.pose, middles)
+        legs += TURN_WEIGHT * straight_turns(loop.pose, middles)
         if loop.target is not None:
             legs += [0.0 if one.target == loop.target.target else _HOLD for one in loop.candidates]
         return legs

@@ -14,7 +14,6 @@ from slamgym.agents.rules import (
     FrontierTour,
     Nearest,
     NextBestView,
-    Repairman,
 )
 from slamgym.agents.teleop import Teleop
 from slamgym.agents.wheels import WheelsExplorer
@@ -44,7 +43,6 @@ CLASSICAL: dict[str, Make] = {
     "cost_utility": by_rule(CostUtility()),
     "next_best_view": by_rule(NextBestView()),
     "tour": by_rule(FrontierTour()),
-    "repairman": by_rule(Repairman()),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 

@@ -5,16 +5,15 @@ to one score for each of its candidates; the robot drives to the one with the hi
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import FloatArray
+from slamgym.envs.frontier_features import TURN_WEIGHT, candidate_places, candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
-from slamgym.planning.grid_path import tour_lengths
-from slamgym.planning.open_tour import EXACT_PLACES, open_tour, repairman_tour
+from slamgym.planning.open_tour import open_tour
 
 EXPLORE_LITE_LOOP = ExplorationLoopConfig(
     max_candidates=1000,
@@ -34,8 +33,6 @@ stalled, comes from the loop too.
 
 _TRUSTED_RANGE = 3.0
 """Range up to which the scanner is trusted when a gain is predicted [m]; the usable range of the mapper."""
-_TURN_WEIGHT = 0.2
-"""Cost of a radian of turning before the first leg [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
 
 
 @dataclass(frozen=True)
@@ -106,9 +103,12 @@ class NextBestView:
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
+        costmap, geometry = loop.navigator.costmap, loop.context.geometry
+        assert costmap is not None
+        places = candidate_places(loop).tolist()
+        gains = [view_gain(costmap, (x, y), _TRUSTED_RANGE, geometry) for x, y in places]
         # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
-        gains = np.maximum(view_gains(loop), 1e-3)
-        return np.array([math.log(gain) for gain in gains]) - self.path_weight * path_lengths(loop)
+        return np.array([math.log(max(gain, 1e-3)) for gain in gains]) - self.path_weight * path_lengths(loop)
 
 
 @dataclass(frozen=True)
@@ -119,69 +119,13 @@ class FrontierTour:
     Preucil, "On distance utility in the exploration task", ICRA 2011).
     """
 
-    turn_weight: float = _TURN_WEIGHT
+    turn_weight: float = TURN_WEIGHT
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
-        everything = range(len(loop.candidates))
-        order = open_tour(_tour_lengths(loop, everything, self.turn_weight)) - 1
-        return _scores_of_order(order)
-
-
-@dataclass(frozen=True)
-class Repairman:
-    """The first frontier of the tour on which the unknown waits least.
-
-    Each frontier waits until the robot gets there, weighted by the unknown area in sight from it. So small frontiers
-    along the path are taken first, and those that hide little and lie aside are left for the end.
-    """
-
-    turn_weight: float = _TURN_WEIGHT
-    area_weight: float = 1.0
-    """Weight of a square metre of unknown in sight while it waits [1/m2]."""
-    wait_weight: float = 0.5
-    """Weight of any frontier while it waits, however little it hides."""
-
-    def __call__(self, loop: ExplorationLoop) -> FloatArray:
-        """Score the loop's candidates, shape (N,)."""
-        by_length = np.argsort(path_lengths(loop), kind="stable")
-        near, rest = by_length[:EXACT_PLACES], by_length[EXACT_PLACES:]  # the tour orders only the nearest
-        weights = self.wait_weight + self.area_weight * view_gains(loop)[near]
-        order = repairman_tour(_tour_lengths(loop, near.tolist(), self.turn_weight), weights) - 1
-        return _scores_of_order(np.concatenate([near[order], rest]))
+        return -np.argsort(open_tour(candidate_tour_lengths(loop, self.turn_weight))).astype(np.float64)
 
 
 def path_lengths(loop: ExplorationLoop) -> FloatArray:
     """Length of the path to each candidate, shape (N,) [m]."""
     return np.array([candidate.path_length for candidate in loop.candidates])
-
-
-def view_gains(loop: ExplorationLoop) -> FloatArray:
-    """Unknown area in sight from where the path to each candidate ends, looking where most is, shape (N,) [m2]."""
-    costmap = loop.navigator.costmap
-    assert costmap is not None
-    places = _path_ends(loop).tolist()
-    return np.array([view_gain(costmap, (x, y), _TRUSTED_RANGE, loop.context.geometry) for x, y in places])
-
-
-def _path_ends(loop: ExplorationLoop) -> FloatArray:
-    """Where the paths to the candidates end, shape (N, 2) [m]."""
-    costmap = loop.navigator.costmap
-    assert costmap is not None
-    rows, cols = np.array([candidate.place for candidate in loop.candidates]).T
-    return np.column_stack(costmap.frame.to_point(rows, cols))
-
-
-def _tour_lengths(loop: ExplorationLoop, indices: Sequence[int], turn_weight: float) -> FloatArray:
-    """Path lengths between the robot and some candidates, shape (N + 1, N + 1) [m]; turning counts as length."""
-    costmap, space, pose = loop.navigator.costmap, loop.navigator.reachable, loop.pose
-    assert costmap is not None
-    assert space is not None
-    return tour_lengths(costmap, space, pose, _path_ends(loop)[indices], turn_weight)
-
-
-def _scores_of_order(order: IntArray) -> FloatArray:
-    """Scores that put the candidates into an order of their indices, shape (N,)."""
-    scores = np.empty(len(order))
-    scores[order] = -np.arange(len(order), dtype=np.float64)
-    return scores

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.geometry import between
-from slamgym.core.types import Float32Array, FloatArray, IntArray, Observation, Pose2D
+from slamgym.core.types import Float32Array, FloatArray, Observation, Pose2D
 from slamgym.planning.costmap import FARTHEST_WALL, Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
@@ -32,9 +32,10 @@ CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
 
 _LARGEST_EXPECTED = 100.0  # [m2]
-_TURN_WEIGHT = 0.2  # what a radian of turning before the first leg of a tour counts, as in the rule [m/rad]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 
+TURN_WEIGHT = 0.2
+"""Cost of a radian of turning before the first leg of a tour [m/rad]: the speed of 0.26 m/s over 1.2 rad/s."""
 LIMIT = 10.0
 """Features are cut off here."""
 
@@ -132,7 +133,8 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     classes, cell, regions = unknown_regions(costmap, [one.frontier.cells for one in candidates])
     others = _nearest_and_mean(np.array([one.frontier.middle for one in candidates]))
     steps = max(1, round(_STRETCH / cell))  # of a path, over which its direction is taken
-    expected, (tour, tour_detours) = _expected(loop), _tour(loop, costmap)
+    expected, lengths = _expected(loop), candidate_tour_lengths(loop)
+    tour, by_first = np.argsort(open_tour(lengths)), lengths_by_first(lengths)
     measured = []
     for index, one in enumerate(candidates):
         outward = _outward(one, costmap, steps)
@@ -180,7 +182,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
                 "path_detour": length / max(straight, 0.5) / 3.0,
                 "expected": 0.5 * math.log10(1.0 + 10.0 * behind),
                 "tour": 1.0 / (1.0 + int(tour[index])),
-                "tour_detour": float(tour_detours[index]) / 5.0,
+                "tour_detour": float(by_first[index] - by_first.min()) / 5.0,
             }
         )
     return measured
@@ -194,15 +196,25 @@ def _expected(loop: ExplorationLoop) -> FloatArray:
     return expected_floor(remains, [one.points for one in loop.candidates])
 
 
-def _tour(loop: ExplorationLoop, costmap: Costmap) -> tuple[IntArray, FloatArray]:
-    """Position of each candidate in the shortest tour through all of them, and the detour of beginning there [m]."""
-    space = loop.navigator.reachable
+def candidate_places(loop: ExplorationLoop) -> FloatArray:
+    """Where the paths to the candidates end, map frame, shape (N, 2) [m]."""
+    costmap = loop.navigator.costmap
+    assert costmap is not None
+    rows, cols = np.array([candidate.place for candidate in loop.candidates]).T
+    return np.column_stack(costmap.frame.to_point(rows, cols))
+
+
+def candidate_tour_lengths(loop: ExplorationLoop, turn_weight: float = TURN_WEIGHT) -> FloatArray:
+    """Path lengths between the robot and the candidates, shape (N + 1, N + 1) [m].
+
+    Args:
+        loop: An exploration with a map.
+        turn_weight: Turning before the first leg counts as so much length [m/rad].
+    """
+    costmap, space = loop.navigator.costmap, loop.navigator.reachable
+    assert costmap is not None
     assert space is not None
-    places = np.array([costmap.frame.to_point(*one.place) for one in loop.candidates], dtype=np.float64)
-    lengths = tour_lengths(costmap, space, loop.pose, places, _TURN_WEIGHT)
-    order = open_tour(lengths) - 1
-    by_first = lengths_by_first(lengths)
-    return np.argsort(order), by_first - by_first.min()
+    return tour_lengths(costmap, space, loop.pose, candidate_places(loop), turn_weight)
 
 
 def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:

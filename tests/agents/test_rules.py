@@ -7,7 +7,7 @@ import pytest
 
 from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.registry import CLASSICAL, make_explorer
-from slamgym.agents.rules import FrontierTour, NextBestView, Repairman, path_lengths
+from slamgym.agents.rules import FrontierTour, NextBestView, path_lengths
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D
 
 
@@ -49,13 +49,6 @@ def test_the_next_best_view_prefers_gain_until_the_path_outweighs_it(make_world)
         assert (first_target(NextBestView(path_weight=weight), world) > 70) == (side == "right"), weight
 
 
-def test_the_tour_turns_to_the_nearer_end_first_and_the_repairman_to_the_heavier(make_world):
-    world = corridor(make_world, left=4, right=40)
-    assert first_target(FrontierTour(turn_weight=0.0), world) < 70
-    assert first_target(Repairman(turn_weight=0.0, area_weight=10.0, wait_weight=0.01), world) > 70
-    assert first_target(Repairman(turn_weight=0.0, area_weight=0.0, wait_weight=1.0), world) < 70
-
-
 def test_turning_round_counts_as_path(make_world):
     world = corridor(make_world, left=20, right=60)
     # Alike far: 50 cells to the left, 69 to the right; the robot looks to the right.
@@ -89,7 +82,7 @@ def test_a_rule_scores_every_candidate(make_world, name):
     scores = make_explorer(name, world.context).rule(loop)
     assert scores.shape == (13,)
     assert np.isfinite(scores).all()
-    if name in ("tour", "repairman"):
+    if name == "tour":
         assert sorted(scores) == list(range(-12, 1))
 
 
