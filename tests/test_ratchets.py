@@ -54,7 +54,6 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.summary.ExplorerSummary": 17,
     "slamgym.agents.evaluation.trial.Trial": 19,
     "slamgym.envs.batch.arrays.Maps": 16,
-    "slamgym.commands.agents.evaluate.EvaluateArguments": 16,
     "slamgym.commands.deforming.arguments.DeformArguments": 19,
     "slamgym.commands.generate.GenerateArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,

@@ -1,3 +1,3 @@
-"""Explorers on the same plans, starts and noise: trials, figures, tables, plots, videos."""
+"""Explorers on the same plans, starts and noise: trials, figures, tables, plots."""
 
 __all__: list[str] = []

@@ -269,7 +269,6 @@ def test_one_explorer_alone_needs_no_reference(tmp_path):
     ("argv", "match"),
     [
         (["--explorers", "nearest", "--against", "explore_lite"], "--against explore_lite is not among"),
-        (["--film", "nearest"], "must name two"),
         (["--workers", "-1"], "--workers"),
     ],
 )

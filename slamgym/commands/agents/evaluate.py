@@ -59,9 +59,6 @@ class EvaluateArguments(Arguments):
     """Processes; 0 takes one per core."""
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``failed.jsonl``."""
-    film: str = ""
-    """Two explorers with a comma between them: film them side by side on the plan on which the first gains
-    most over the second, as ``film.mp4``."""
     settings: AllSettings = SettingsOptions()
     """Robot, sensors, SLAM, furniture and people, the oracle's budget and all else."""
 
@@ -73,10 +70,8 @@ def main(arguments: EvaluateArguments) -> None:
     from slamgym.cad import open_plans
 
     config = evaluation_config(arguments)
-    filmed = _filmed(arguments, config)
-    source = open_plans(arguments.plans)
     evaluation = evaluate(
-        source,
+        open_plans(arguments.plans),
         config,
         arguments.out,
         Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
@@ -93,12 +88,6 @@ def main(arguments: EvaluateArguments) -> None:
         path = arguments.out / "coverage_over_time.png"
         draw_coverage(evaluation.trials, path)
         tell(f"plot: {path}")
-    if filmed:
-        from slamgym.agents.evaluation.side_by_side_video import film_side_by_side
-
-        path = arguments.out / "film.mp4"
-        film_side_by_side(source, evaluation.trials, filmed, config.trial, path)
-        tell(f"film: {path}")
 
 
 def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
@@ -135,16 +124,6 @@ def _reference(against: str, config: EvaluationConfig) -> str:
     if against not in config.names:
         raise ConfigError(f"--against {against} is not among the explorers {', '.join(config.names)}; add it")
     return against
-
-
-def _filmed(arguments: EvaluateArguments, config: EvaluationConfig) -> tuple[str, str] | None:
-    """The two explorers to film, checked before any work is done."""
-    if not arguments.film:
-        return None
-    names = [name.strip() for name in arguments.film.split(",")]
-    if len(names) != 2 or names[0] == names[1] or any(name not in config.explorers for name in names):
-        raise ConfigError(f"--film must name two of {','.join(config.explorers)} with a comma")
-    return names[0], names[1]
 
 
 class BenchRunArguments(Arguments):
