@@ -51,7 +51,6 @@ TOTAL = (32838, 298, 262, 1444, 34301)
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
-    "slamgym.agents.evaluation.summary.ExplorerSummary": 17,
     "slamgym.agents.evaluation.trial.Trial": 19,
     "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.deforming.arguments.DeformArguments": 19,

@@ -119,7 +119,7 @@ def _ratio_table(comparisons: Sequence[Comparison]) -> str:
             found = level_of(comparison, quantity, level)
             cells.append(with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else ""))
         drives = comparison.explorer != ORACLE
-        rows.append([*cells, with_bounds(comparison.ratios.get("map_error") if drives else None)])
+        rows.append([*cells, with_bounds(comparison.map_error if drives else None)])
     return markdown([*header, "map error"], rows)
 
 

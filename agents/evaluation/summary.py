@@ -1,12 +1,9 @@
 """The figures of an evaluation: every explorer on its own, and paired against a reference.
 
-Times and paths to a coverage level are compared in two ways, because either alone can mislead:
-
-* *both reach*: only explorations in which both explorers reached the level; says how fast, not how surely;
-* *censored*: all explorations; where a level wasn't reached, the time is the plan's time limit, and the path
-  what the robot would have driven until then at its mean speed. It punishes giving up.
-
-With each stands in how many explorations the level was reached.
+Means of times and paths to a coverage level are *censored*: where it wasn't reached, the time is the plan's time limit,
+and the path what the robot would have driven until then at its mean speed, which punishes giving up. Ratios are over
+the explorations in which both explorers reached the level: they say how fast, not how surely, so with each stands how
+many these are.
 """
 
 import functools
@@ -69,10 +66,6 @@ class ExplorerSummary:
     """From 99 % seen until done, over the explorations that succeeded [s]; None if none did."""
     decision_ms: float
     """Mean CPU time of a control step with a decision [ms]."""
-    decision_ms_max: float
-    """The longest [ms]."""
-    step_ms: float
-    """Mean CPU time of explorer and navigation per control step [ms]."""
 
 
 @dataclass(frozen=True)
@@ -87,12 +80,6 @@ class LevelComparison:
     pairs: int
     ratio_of_means: Interval | None
     """Over the pairs in which both reached it; None if there are none."""
-    mean_of_ratios: Interval | None
-    """Over the same."""
-    censored_ratio_of_means: Interval | None
-    """Over all pairs; None if every first scan shows that much."""
-    censored_mean_of_ratios: Interval | None
-    """Over all pairs."""
 
 
 @dataclass(frozen=True)
@@ -102,10 +89,8 @@ class Comparison:
     explorer: str
     reference: str
     levels: tuple[LevelComparison, ...]
-    differences: dict[str, Interval]
-    """Mean paired differences: mean_coverage, success, collisions, map_error [m], ate [m], time [s]."""
-    ratios: dict[str, Interval]
-    """Ratios of means of map_error and ate."""
+    map_error: Interval | None
+    """Ratio of the means; None where the reference has no error."""
 
 
 @dataclass(frozen=True)
@@ -174,20 +159,9 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         for quantity in ("time", "path")
         for level in _LEVELS
     ]
-    values = {
-        name: (_by_plan(trials, _FIGURES[name]), _by_plan(reference, _FIGURES[name])) for name in _COMPARED
-    }
-    return Comparison(
-        trials[0].explorer,
-        reference[0].explorer,
-        tuple(levels),
-        {name: mean_interval(np.subtract(*pair)) for name, pair in values.items()},
-        {
-            name: ratio_of_means(*values[name])
-            for name in ("map_error", "ate")
-            if values[name][1].mean() > 0.0
-        },
-    )
+    ours, theirs = (_by_plan(found, _FIGURES["map_error"]) for found in (trials, reference))
+    map_error = ratio_of_means(ours, theirs) if theirs.any() else None
+    return Comparison(trials[0].explorer, reference[0].explorer, tuple(levels), map_error)
 
 
 def succeeded(trial: Trial) -> bool:
@@ -225,8 +199,6 @@ _FIGURES: dict[str, _Figure] = {
     for name in ("mean_coverage", "coverage", "collisions", "map_error", "ate", "time", "path")
 } | {"success": succeeded}
 """Figures that are averaged for each explorer."""
-_COMPARED = ("mean_coverage", "success", "collisions", "map_error", "ate", "time")
-"""Which of them are compared with the reference's."""
 
 
 def _pair(trial: Trial) -> tuple[str, int]:
@@ -252,17 +224,13 @@ def _compare_level(
         # A level that the very first scan shows takes no time, which has no ratio.
         and (reached_at(other, quantity, level) or 0.0) > 0.0
     ]
-
-    figure = functools.partial(censored, quantity=quantity, level=level)
-    timed = [i for i, trial in enumerate(reference) if figure(trial) > 0.0]
-
-    def ratios(indices: Sequence[int]) -> tuple[Interval | None, Interval | None]:
-        if not indices:
-            return None, None
-        ours, theirs = (_by_plan([found[i] for i in indices], figure) for found in (trials, reference))
-        return ratio_of_means(ours, theirs), mean_interval(np.divide(ours, theirs))
-
-    return LevelComparison(quantity, level, len(reached), len(trials), *ratios(reached), *ratios(timed))
+    ratio = None
+    if reached:
+        figure = functools.partial(censored, quantity=quantity, level=level)
+        ratio = ratio_of_means(
+            *(_by_plan([found[i] for i in reached], figure) for found in (trials, reference))
+        )
+    return LevelComparison(quantity, level, len(reached), len(trials), ratio)
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
@@ -284,7 +252,5 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         path_to=to_levels("path"),
         tail=mean_interval(_by_plan(successes, tail)) if successes else None,
         decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
-        decision_ms_max=1e3 * float(np.max([t.decision_cpu_max for t in trials])),
-        step_ms=1e3 * float(np.mean([t.step_cpu for t in trials])),
         **{name: mean(figure) for name, figure in _FIGURES.items()},
     )
