@@ -24,7 +24,6 @@ Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb"]
 Precision = Literal["auto", "float32", "bfloat16"]
 DeviceName = Literal["auto", "cpu", "cuda", "mps"]
-MemoryLayout = Literal["auto", "channels_last", "contiguous"]
 
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""

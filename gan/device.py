@@ -9,7 +9,7 @@ from typing import Literal, TypeVar
 import torch
 
 from slamgym.core.errors import ConfigError
-from slamgym.gan.config import DeviceName, MemoryLayout, Precision
+from slamgym.gan.config import DeviceName, Precision
 
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
 _LARGEST_TRIM, _LARGEST_MMAP = 2**31 - 1, 2**25
@@ -51,17 +51,16 @@ class Compute:
             torch.mps.synchronize()
 
 
-def choose_compute(
-    device: DeviceName = "auto", precision: Precision = "auto", layout: MemoryLayout = "auto"
-) -> Compute:
+def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -> Compute:
     """Pick the device, the precision and the memory layout.
+
+    Channels last on CUDA and for bfloat16 on CPUs, whose matrix units want it (three quarters of the time of plain
+    channels), plain channels elsewhere.
 
     Args:
         device: ``auto`` takes CUDA, else Apple's MPS, else the CPU.
         precision: ``auto`` takes bfloat16 where the hardware multiplies it faster (CUDA from Ampere on, CPUs
             with AVX512-BF16 or AMX: 2 to 2.5 times the speed), else float32.
-        layout: ``auto`` takes channels last on CUDA and for bfloat16 on CPUs, whose matrix units want it (three
-            quarters of the time of plain channels), and plain channels elsewhere.
 
     Raises:
         ConfigError: If the device isn't there.
@@ -75,8 +74,7 @@ def choose_compute(
         on_cpu = getattr(torch.cpu, "_is_avx512_bf16_supported", None)
         fast = {"cuda": torch.cuda.is_bf16_supported, "cpu": on_cpu}.get(name)
         precision = "bfloat16" if fast and fast() else "float32"
-    wanted = name == "cuda" or (name == "cpu" and precision == "bfloat16")
-    return Compute(chosen, precision, layout == "channels_last" or (layout == "auto" and wanted))
+    return Compute(chosen, precision, name == "cuda" or (name == "cpu" and precision == "bfloat16"))
 
 
 def make_deterministic() -> None:

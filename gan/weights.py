@@ -6,7 +6,7 @@ people); only the first is needed. Nothing in the file can run code, and loading
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
@@ -20,9 +20,8 @@ from slamgym.core.documents import json_text, load_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import open_regular, require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
-from slamgym.core.names import is_file_name
 from slamgym.core.progress import duration
-from slamgym.core.provenance import check_origin, write_checksums
+from slamgym.core.provenance import check_origin
 from slamgym.core.text import markdown
 from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
@@ -119,33 +118,6 @@ def read_tensors(path: Path) -> tuple[dict[str, str], dict[str, Tensor]]:
             return file.metadata() or {}, tensors
     except (SafetensorError, OSError) as error:
         raise InputFileError(path, _why_unreadable(path, error)) from error
-
-
-def publish(
-    run: Path, name: str, data: str = "", command: str = "", folder: Path = PRETRAINED_FOLDER
-) -> Path:
-    """Put the weights of a run among the pretrained ones; returns their path.
-
-    Args:
-        run: Folder of the run, or its weights.
-        name: What they shall be found by.
-        data: For the card: what the pairs were made from, which the run can't know.
-        command: For the card: the command as a user would type it.
-        folder: Where to.
-
-    Raises:
-        InputFileError: If the weights can't be read or written.
-        ConfigError: If the name is no plain name.
-    """
-    if not is_file_name(name):
-        raise ConfigError(f"{name!r} is no plain name")
-    weights = load_weights(run)
-    card = replace(weights.card, data=data or weights.card.data, command=command or weights.card.command)
-    path = folder / f"{name}.safetensors"
-    save_translator(path, weights.generator, weights.config, card)
-    if folder == PRETRAINED_FOLDER:
-        write_checksums()
-    return path
 
 
 def pretrained_names() -> list[str]:

@@ -24,7 +24,7 @@ import numpy as np
 import torch
 from torch.utils.flop_counter import FlopCounterMode
 
-from slamgym.gan.config import DiscriminatorConfig, MemoryLayout, TranslatorTrainingConfig
+from slamgym.gan.config import DiscriminatorConfig, TranslatorTrainingConfig
 from slamgym.gan.device import Compute, choose_compute
 from slamgym.gan.networks.factory import count_parameters
 from slamgym.gan.presets import TRANSLATOR_PRESETS
@@ -56,11 +56,10 @@ def main() -> None:
     parser.add_argument("--steps", type=int, help="measured steps after one to warm up (2; 4 with --layouts)")
     parser.add_argument("--layouts", action="store_true", help="compare layouts and folds instead")
     parser.add_argument("--threads", type=int, default=1, help="with --layouts")
-    parser.add_argument("--compile", action="store_true", help="with --layouts: compiled networks, too")
     arguments = parser.parse_args()
     if arguments.layouts:
         torch.set_num_threads(arguments.threads)
-        compare_layouts(arguments.steps or 4, arguments.compile)
+        compare_layouts(arguments.steps or 4)
     else:
         torch.set_num_threads(1)
         compare_with_published(arguments.resolutions, arguments.steps or 2)
@@ -123,17 +122,9 @@ def timed(run: Callable[[], object]) -> float:
     return time.process_time() - began
 
 
-def compare_layouts(steps: int, compile_too: bool) -> None:
+def compare_layouts(steps: int) -> None:
     """CPU seconds per image of a whole step, augmentation left out."""
-    settings: list[tuple[MemoryLayout, bool]] = [("contiguous", False), ("channels_last", False)]
-    if compile_too:
-        settings.append(("auto", True))
-    rows: list[list] = []
-    for name in ("slam2cad",):
-        rows += [
-            measure_layout(name, TRANSLATOR_PRESETS[name], layout, compiled, steps)
-            for layout, compiled in settings
-        ]
+    rows = [measure_layout("slam2cad", TRANSLATOR_PRESETS["slam2cad"], last, steps) for last in (False, True)]
     first = rows[0][3]
     rows = [[*row[:4], round(row[3] / first, 3), row[4]] for row in rows]
     title = "A training step of the default translator, batch 8, 256 px"
@@ -141,17 +132,13 @@ def compare_layouts(steps: int, compile_too: bool) -> None:
     print_and_save("gan/gan_step", title, rows, LAYOUT_COLUMNS, times)
 
 
-def measure_layout(
-    name: str, config: TranslatorTrainingConfig, layout: MemoryLayout, compiled: bool, steps: int
-) -> list:
-    learner = Learner(config, choose_compute("cpu", "auto", layout))
-    if compiled:
-        learner.compile()
+def measure_layout(name: str, config: TranslatorTrainingConfig, channels_last: bool, steps: int) -> list:
+    learner = Learner(config, dataclasses.replace(choose_compute("cpu"), channels_last=channels_last))
     batch = paired_batch(config)
     moment = Moment(256, len(batch.cad), 1.0, 1.0)
     warm_up = timed(lambda: learner.step(batch, moment))
     seconds = min(timed(lambda: learner.step(batch, moment)) for _ in range(steps)) / len(batch.cad)
-    options = "--compile" if compiled else f"layout {layout}"
+    options = f"layout {'channels_last' if channels_last else 'contiguous'}"
     print(f"{name} {options}: {seconds:.4f} s", flush=True)
     return [name, options, count_parameters(learner.generator), round(seconds, 4), round(warm_up, 1)]
 

@@ -33,7 +33,6 @@ from slamgym.gan.evaluation.evaluate import (
     evenly_spaced,
     learned,
 )
-from slamgym.gan.evaluation.pictures import find_ros_maps
 from slamgym.gan.evaluation.summary import dimensions_table, summarise_scores
 from slamgym.gan.translation.translate import load_translator
 from slamgym.interop import read_ros_map
@@ -140,7 +139,7 @@ def table(
 def never_seen(folder: Path, method: TranslationMethod) -> list[Sequence[Any]]:
     """Median and largest share over real robots' maps."""
     shares = []
-    for path in find_ros_maps(folder):
+    for path in sorted(folder.rglob("*.yaml")):
         try:
             grid = read_ros_map(path)
         except SlamgymError:

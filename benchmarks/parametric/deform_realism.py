@@ -33,7 +33,7 @@ from slamgym.dataset.images.square_images import resample_map
 from slamgym.dataset.record import PairRecord
 from slamgym.envs.episode import EpisodeConfig
 from slamgym.gan.evaluation.patch_classifier import PatchLearner
-from slamgym.gan.translation.elastic import bend
+from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import load_translator
 from slamgym.metrics.map_statistics import at_look_cell, cut_to_floor, look_statistics
 from slamgym.metrics.two_sample import distinguish, half_against_half, tree_learner
@@ -68,7 +68,7 @@ class Maker:
         else:
             cad = plan.raster(CELL, frame).cells
             if method == "elastic":
-                cells = bend(cad, CELL, rng)
+                cells, _ = bend_with_field(cad, CELL, rng)
             else:
                 cells = self._modelprog.translate_cells(cad, CELL, drift=rng)
             grid = OccupancyGrid(cells, frame)

@@ -1,4 +1,4 @@
-"""SLAM-like maps that were made from the CAD maps of a set of pairs: elastic ones, translated ones, those of a folder.
+"""SLAM-like maps that were made from the CAD maps of a set of pairs: translated ones, those of a folder.
 
 For CAD to SLAM, which has no single right answer, they are compared with the simulated maps as sets.
 """
@@ -10,7 +10,6 @@ import numpy as np
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import ByteArray
 from slamgym.gan.data import SUFFIXES, PairSet, read_grey
-from slamgym.gan.translation.elastic import bend
 from slamgym.gan.translation.translate import LearnedTranslator
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys
@@ -76,11 +75,6 @@ def _load(path: Path, side: int, metres_per_px: float) -> ByteArray:
     if grey.shape[0] != grey.shape[1]:
         raise InputFileError(path, f"has shape {grey.shape}; the map of a square CAD map is square")
     return resample_slam(classify_greys(grey), (side, side))
-
-
-def elastic_maps(pairs: PairSet, seed: int) -> GeneratedMaps:
-    """The baseline: CAD maps bent by random fields."""
-    return {i: bend(cad, pairs.scale(i), np.random.default_rng([seed, i])) for i, cad in enumerate(pairs.cad)}
 
 
 def translated_maps(

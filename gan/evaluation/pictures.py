@@ -9,8 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.errors import InputFileError, SlamgymError
-from slamgym.core.progress import say
 from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.evaluation.evaluate import (
@@ -22,11 +20,7 @@ from slamgym.gan.evaluation.evaluate import (
     evenly_spaced,
 )
 from slamgym.gan.evaluation.generated_maps import GeneratedMaps
-from slamgym.gan.translation.translate import Translator
-from slamgym.interop import read_ros_map
 from slamgym.metrics import aligned_error
-from slamgym.metrics.cleaning import clean_map
-from slamgym.metrics.maps import crop_to_known
 from slamgym.viz.canvas import write_picture
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
@@ -125,46 +119,6 @@ def _caption(pairs: PairSet, index: int) -> str:
 
 def _file_name(name: str) -> str:
     return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
-
-
-def find_ros_maps(folder: Path) -> list[Path]:
-    """The yaml files of a folder and its subfolders, sorted.
-
-    Raises:
-        InputFileError: If there is none.
-    """
-    found = sorted(path for pattern in ("*.yaml", "*.yml") for path in folder.rglob(pattern))
-    if not found:
-        raise InputFileError(folder, "holds no ROS maps (.yaml); name a folder of them")
-    return found
-
-
-def translate_real(
-    paths: Sequence[Path], translators: dict[str, Translator]
-) -> tuple[list[str], list[list[ByteArray]], list[str]]:
-    """Translate maps of real robots, by the cleaning without learning and by every translator.
-
-    Args:
-        paths: Their yaml files; one that can't be read is left out with a warning.
-        translators: By name.
-
-    Returns:
-        Titles of the columns, for each map a row of pictures, and a caption per row.
-    """
-    rows, captions = [], []
-    for path in paths:
-        try:
-            grid = read_ros_map(path)
-        except SlamgymError as error:
-            say(f"left out: {error}")
-            continue
-        cells, scale = crop_to_known(grid.cells, UNKNOWN_BORDER_PX), grid.frame.resolution
-        row = [cells, _drawn(clean_map(cells, scale))]
-        row += [_drawn(t.translate(cells, scale) >= THRESHOLD) for t in translators.values()]
-        rows.append(row)
-        height, width = (n * scale for n in cells.shape)
-        captions.append(f"{path.stem[:60]}: {width:.0f} x {height:.0f} m, {scale:.3f} m/px")
-    return ["SLAM map of a real robot", "classical cleaning", *translators], rows, captions
 
 
 def _drawn(free: np.ndarray) -> ByteArray:

@@ -83,11 +83,6 @@ class Learner:
             if network is not None:
                 network.load_state_dict(generator.state_dict())
 
-    def compile(self, backend: str = "inductor") -> None:
-        """Let torch compile the networks in training; names and state stay as they are."""
-        for network in (self.generator, *self.discriminators.values()):
-            network.compile(backend=backend)
-
     def step(self, batch: Batch, moment: Moment) -> dict[str, float]:
         """Move all networks once.
 

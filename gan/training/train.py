@@ -60,8 +60,6 @@ class RunOptions:
     """Time between two checkpoints; 0 writes one after every step."""
     stop_after_steps: int | None = None
     """Stop there, with a checkpoint, as an interruption would."""
-    compile: bool = False
-    """Let torch compile the networks."""
     command: str = ""
     """For the model card."""
 
@@ -128,8 +126,6 @@ class _Training:
         self.learner = Learner(config, compute)
         if start is not None:
             self.learner.adopt(start)
-        if options.compile:
-            self.learner.compile()
         # Nothing here draws from torch's own generator; any later use shall start from the seed.
         torch.manual_seed(config.seed)
         rng = np.random.default_rng(config.seed)
@@ -277,6 +273,7 @@ class _Training:
             seconds=round(self.seconds_used, 1),
             seed=self.config.seed,
             command=self.options.command,
+            data=self.images,
             figures=self.figures,
             device=f"{self.compute.device.type}, {self.compute.precision}",
         )

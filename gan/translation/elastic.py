@@ -11,7 +11,9 @@ DISPLACEMENT = 0.15
 """Standard deviation of each component of the field [m]: about that of walls in simulated maps."""
 
 
-def bend(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> ByteArray:
+def bend_with_field(
+    cad: ByteArray, metres_per_px: float, rng: np.random.Generator
+) -> tuple[ByteArray, Float32Array]:
     """Deform a CAD map elastically (Simard, Steinkraus, Platt 2003) and draw it with the values of a SLAM map.
 
     Args:
@@ -20,15 +22,9 @@ def bend(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> Byte
         rng: Draws the field.
 
     Returns:
-        Shape (H, W): 0 on the faces of walls, 205 behind them, 254 free.
+        Cells, shape (H, W): 0 on the faces of walls, 205 behind them, 254 free; and the field, shape (2, H, W), x and y
+        (up) [m]: out(q) = in(q + d(q)).
     """
-    return bend_with_field(cad, metres_per_px, rng)[0]
-
-
-def bend_with_field(
-    cad: ByteArray, metres_per_px: float, rng: np.random.Generator
-) -> tuple[ByteArray, Float32Array]:
-    """:func:`bend` with its field, (2, H, W) [m] x, y (up): out(q) = in(q + d(q))."""
     field = _random_field(cad.shape, metres_per_px, rng)
     upwards = np.array([metres_per_px, -metres_per_px], dtype=np.float32)[:, None, None]
     return _pulled(_faces(cad), field, UNKNOWN), field * upwards

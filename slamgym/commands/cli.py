@@ -165,7 +165,6 @@ COMMANDS = {
     "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
     "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),
     "gan evaluate": Command("gan.main:evaluate_command", "measure translators on test pairs", TRANSLATING),
-    "gan publish": Command("gan.main:publish_command", "put weights among the pretrained ones", TRANSLATING),
     "cad draw": Command("cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"),
     "cad compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
     "reproduce": Command("reproduce.main:main", "the paper's experiments, plans to report", TRANSLATING),

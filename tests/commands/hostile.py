@@ -75,6 +75,5 @@ RUNS = {
                   "translator.generator.width=2", "discriminator.width=8", "discriminator.patch_width=8"],
     "gan translate": ["gan", "translate", "{images}/train/B", "--weights", "{weights}", "-o", "{out}/run"],
     "gan evaluate": ["gan", "evaluate", "{images}", "--split", "train", "--pictures", "1", "-o", "{out}/run"],
-    "gan publish": ["gan", "publish", "{weights}", "mine", "--out", "{out}/run"],
 }  # fmt: skip
 """Commands that read plans, maps, logs or images and write a folder or a file; each writes below ``{out}/run``."""

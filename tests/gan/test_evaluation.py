@@ -24,15 +24,13 @@ from slamgym.gan.evaluation.evaluate import (
     score_map,
 )
 from slamgym.gan.evaluation.generated_maps import (
-    elastic_maps,
     load_generated,
     parse_named_folders,
     translated_maps,
 )
-from slamgym.gan.evaluation.pictures import find_ros_maps, translate_real
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
 from slamgym.gan.translation.classical import ClassicalTranslator, outline_only
-from slamgym.gan.translation.elastic import bend
+from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
 from slamgym.metrics import label_rooms
@@ -171,7 +169,8 @@ class TestScores:
 
     def test_a_map_with_displaced_walls_gains_by_greys_alone(self):
         pairs = make_pairs(1)
-        bent = dataclasses.replace(pairs, slam=np.stack(list(elastic_maps(pairs, 0).values())))
+        slam, _ = bend_with_field(pairs.cad[0], SCALE, np.random.default_rng(0))
+        bent = dataclasses.replace(pairs, slam=slam[np.newaxis])
         raw, blurred = (
             evaluate_method(method, bent)[0] for method in baselines() if method.name in (RAW, BLURRED)
         )
@@ -286,7 +285,7 @@ class TestRealism:
 
     def test_bending_displaces_walls_and_keeps_the_values(self):
         cad = plan()
-        bent = bend(cad, SCALE, np.random.default_rng(0))
+        bent, _ = bend_with_field(cad, SCALE, np.random.default_rng(0))
         assert set(np.unique(bent)) == {OCCUPIED, UNKNOWN, FREE}
         assert 0.01 < np.mean((bent == FREE) != (cad == FREE)) < 0.2
 
@@ -337,42 +336,30 @@ class TestPictures:
         assert cv2.imread(str(tmp_path / "box.png")).shape[2] == 3
 
 
-class TestRealMaps:
-    def test_broken_maps_are_left_out_with_a_warning(self, tmp_path, capsys):
-        grid = OccupancyGrid(explored(plan(), np.random.default_rng(0)), GridFrame(0.05, 0, 0, SIZE, SIZE))
-        write_ros_map(tmp_path / "good", grid)
-        (tmp_path / "bad.yaml").write_text("image: none.png\nresolution: 0.05\norigin: [0, 0, 0]\n")
-        columns, rows, captions = translate_real(find_ros_maps(tmp_path), {"mine": ClassicalTranslator()})
-        assert columns[-1] == "mine"
-        assert len(rows) == len(captions) == 1
-        assert "none.png" in capsys.readouterr().err
-
-    def test_a_folder_without_maps_is_refused(self, tmp_path):
-        with pytest.raises(InputFileError, match="no ROS maps"):
-            find_ros_maps(tmp_path)
-
-
 class TestCommand:
     @pytest.mark.usefixtures("few_trees")
     def test_from_images_to_tables_and_pictures(self, tmp_path, capsys):
         pytest.importorskip("matplotlib")
         pytest.importorskip("sklearn")
         pairs = make_pairs(10)
-        images, out, made = tmp_path / "images", tmp_path / "out", tmp_path / "made"
+        images, out, made, bent = (tmp_path / name for name in ("images", "out", "made", "bent"))
         write_pairs(images, pairs)
-        made.mkdir()
+        for folder in (made, bent):
+            folder.mkdir()
         for i, name in enumerate(pairs.names):
             cv2.imwrite(str(made / f"{name}.png"), pairs.slam[i])
+            cells, _ = bend_with_field(pairs.cad[i], SCALE, np.random.default_rng(i))
+            cv2.imwrite(str(bent / f"{name}.png"), cells)
         arguments = [str(images), "-o", str(out), "--pictures", "1"]
-        arguments += ["--generated", f"copied={made}", "--repeats", "1"]
+        arguments += ["--generated", f"bent={bent}", f"copied={made}", "--repeats", "1"]
         assert main(arguments) == 0
         assert "improved" in capsys.readouterr().out
         result = json.loads((out / "evaluation.json").read_text())
         assert result["maps"] == 10
         assert result["metres_per_px"]["p50"] == pytest.approx(SCALE)
         found = {test["second"]: test["accuracy"]["value"] for test in result["realism"]["tests"]}
-        assert list(found) == ["simulated", "elastic deformation", "copied"]
-        assert found["elastic deformation"] > 0.9 > found["simulated"]
+        assert list(found) == ["simulated", "bent", "copied"]
+        assert found["bent"] > 0.9 > found["simulated"]
         for row in result["realism"]["statistics"]:
             assert row["medians"]["copied"]["value"] == row["medians"]["simulated"]["value"]
         assert "Table I" in (out / "tables.md").read_text()
@@ -398,9 +385,7 @@ class TestCommand:
             (["--count", "-1"], "--count must be at least 0, not -1"),
             (["--weights", "none-such-weights"], "none-such-weights"),
             (["--weights", f"{BLURRED}=slam2cad"], "two methods"),
-            (["--real", "none-such-folder"], "not a folder"),
             (["--generated", "a"], "NAME=FOLDER"),
-            (["--realism"], "holds 2 maps"),
             (["--split", "valid"], "valid"),
         ],
     )

@@ -287,32 +287,16 @@ def test_all_terms_are_reported_and_every_network_moves(images):
 @pytest.mark.parametrize(("precision", "last"), [("float32", False), ("bfloat16", True)])
 def test_matrix_units_get_the_layout_that_they_want(precision, last):
     assert choose_compute("cpu", precision).channels_last == last
-    assert not choose_compute("cpu", precision, "contiguous").channels_last
 
 
-@pytest.mark.parametrize("layout", ["channels_last", "contiguous"])
-def test_a_step_is_the_same_in_both_memory_layouts(images, layout):
+def test_a_step_is_the_same_in_both_memory_layouts(images):
     terms = []
-    for chosen in ("auto", layout):
-        learner = Learner(RESIDUAL, choose_compute("cpu", "float32", chosen))
+    for last in (False, True):
+        learner = Learner(RESIDUAL, dataclasses.replace(choose_compute("cpu", "float32"), channels_last=last))
         sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
         terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
     for plain, other in zip(*terms, strict=True):
         assert other == pytest.approx(plain, rel=1e-3)  # sums in another order
-
-
-def test_compiled_networks_learn_the_same_under_the_same_names(images):
-    terms, names = [], []
-    for compiled in (False, True):
-        learner = Learner(RESIDUAL, CPU)
-        if compiled:
-            learner.compile("eager")  # traced, but not translated to machine code, which takes minutes
-        sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
-        terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
-        names.append([list(network.state_dict()) for network in learner.networks().values()])
-    for plain, traced in zip(*terms, strict=True):
-        assert traced == pytest.approx(plain, rel=1e-4)
-    assert names[0] == names[1]
 
 
 def test_unassociated_targets_are_drawn_for_discriminators_alone(images):

@@ -8,17 +8,11 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from slamgym.commands.cli import TABLE
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.gan.config import GeneratorConfig, TranslatorConfig
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.weights import ModelCard, load_weights, pretrained_names, save_translator
-
-
-def publish_command(argv):
-    return TABLE.run("slamgym", ["gan", "publish", *map(str, argv)])
-
 
 TINY = TranslatorConfig(
     input_size=16,
@@ -149,18 +143,6 @@ def test_a_file_that_cannot_be_written_is_one_clear_error(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputFileError, match="can't be written"):
         save_translator(tmp_path / "file" / "w.safetensors", build_generator(TINY), TINY, CARD)
-
-
-def test_publishing_keeps_the_weights_and_completes_the_card(saved, tmp_path):
-    path, _ = saved
-    out = str(tmp_path / "out")
-    arguments = [str(path), "mine", "--data", "homes", "--command", "slamgym gan train images", "--out", out]
-    assert publish_command(arguments) == 0
-    before, after = load_weights(path), load_weights(tmp_path / "out" / "mine.safetensors")
-    state = after.generator.state_dict()
-    assert all(torch.equal(value, state[key]) for key, value in before.generator.state_dict().items())
-    assert after.card == dataclasses.replace(CARD, data="homes", command="slamgym gan train images")
-    assert (tmp_path / "out" / "mine.md").read_text().startswith("# mine\n")
 
 
 @pytest.mark.parametrize("name", pretrained_names())

@@ -1,3 +1,3 @@
-"""``slamgym gan <command>``: train, translate, evaluate, publish."""
+"""``slamgym gan <command>``: train, translate, evaluate."""
 
 __all__: list[str] = []

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.commands.frame import MaybeOut, Out
+from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
 from slamgym.core.errors import InputFileError
@@ -20,10 +20,6 @@ class ComputeArguments(Arguments):
     """``auto`` takes CUDA, else MPS, else the CPU."""
     precision: Precision = "auto"
     """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
-    threads: int = 0
-    """CPU threads of torch; 0 is torch's choice (OMP_NUM_THREADS)."""
-    compile: bool = False
-    """Let torch compile the networks: minutes at the start, faster steps on CUDA. Long trainings gain."""
 
 
 class TrainTranslatorArguments(Arguments):
@@ -56,7 +52,7 @@ class TrainTranslatorArguments(Arguments):
     seed: int | None = None
     """Seed of weights, order and augmentation; by default 0."""
     compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = ComputeArguments()
-    """Device, precision and threads."""
+    """Device and precision."""
     checkpoint_minutes: NonNegative = 2.0
     """Time between two checkpoints."""
     settings: AllSettings = SettingsOptions()
@@ -114,34 +110,13 @@ class EvaluateTranslatorsArguments(Arguments):
     """Maps on the picture grids, evenly spaced; 0 draws none."""
     generated: list[str] = field(default_factory=list)
     """SLAM-like maps made from the test pairs' CAD maps, as NAME=FOLDER: compared with the simulated maps."""
-    realism: bool = False
-    """Compare elastic deformation with the simulated maps even if nothing else is given to be compared."""
     repeats: Count = 4
     """Number of times that the two-sample tests deal plans to folds again; fewer are faster and vary more."""
-    real: Path | None = None
-    """A folder of ROS maps of real robots: draws their translations, for looking at."""
     device: DeviceName = "cpu"
     """Where translators compute."""
     seed: CountOrZero = 0
-    """Seed of the two-sample tests and the elastic deformation."""
+    """Seed of the two-sample tests, and of the bending of CAD maps for translators to SLAM maps."""
 
     def _check(self) -> None:
-        if self.real is not None and not self.real.is_dir():
-            raise InputFileError(self.real, "is not a folder of ROS maps")
         if self.out.exists() and not self.out.is_dir():
             raise InputFileError(self.out, "is a file; --out names a folder")
-
-
-class PublishArguments(Arguments):
-    """Put the weights of a finished run among the pretrained ones, with their settings and model card."""
-
-    run: Annotated[Path, tyro.conf.Positional]
-    """Folder of the run, or its weights.safetensors."""
-    name: Annotated[str, tyro.conf.Positional]
-    """Their name for --weights."""
-    data: str = ""
-    """For the model card: what the pairs were made from."""
-    command: str = ""
-    """For the model card: the command to repeat the training with, as a user would type it."""
-    out: MaybeOut = None
-    """Another folder than that of the pretrained weights."""

@@ -33,15 +33,12 @@ from slamgym.gan.evaluation.evaluate import (
 )
 from slamgym.gan.evaluation.generated_maps import (
     GeneratedMaps,
-    elastic_maps,
     load_generated,
     parse_named_folders,
     translated_maps,
 )
 from slamgym.gan.evaluation.pictures import (
     Results,
-    find_ros_maps,
-    translate_real,
     write_generated_grid,
     write_pictures,
 )
@@ -53,10 +50,8 @@ from slamgym.gan.evaluation.summary import (
     table_one,
 )
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
-from slamgym.viz.canvas import write_picture
-from slamgym.viz.sheets import draw_grid
 
-SIMULATED, ELASTIC = "simulated", "elastic deformation"
+SIMULATED = "simulated"
 
 
 def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
@@ -74,7 +69,7 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
     to_cad = {name: t for name, t in translators.items() if t.config.direction == "slam2cad"}
     to_slam = {name: t for name, t in translators.items() if t.config.direction == "cad2slam"}
     generated = {name: load_generated(folder, pairs) for name, folder in folders.items()}
-    tested = bool(generated or to_slam or arguments.realism)
+    tested = bool(generated or to_slam)
     if tested:
         require_enough(arguments.images, pairs.plan_ids)
     for name, maps in generated.items():
@@ -84,10 +79,6 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
         # Blurred and then thresholded, the raw map looks as it did.
         shown = [method for method in _methods(to_cad) if method.name != BLURRED]
         write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
-    if arguments.real is not None:
-        columns, rows, captions = translate_real(find_ros_maps(arguments.real), dict(to_cad))
-        if rows:
-            write_picture(arguments.out / "real_maps.png", draw_grid(columns, rows, captions))
     realism = _compare_realism(arguments, pairs, generated, to_slam) if tested else None
     _write(arguments, pairs, scores, summary, realism)
     tell(f"results: {arguments.out}")
@@ -140,7 +131,7 @@ def _compare_realism(
     translators: dict[str, LearnedTranslator],
 ) -> RealismReport:
     """Compare each kind of generated maps with the simulated ones."""
-    kinds = {ELASTIC: elastic_maps(pairs, arguments.seed)} | generated
+    kinds = dict(generated)
     for name, translator in translators.items():
         kinds |= translated_maps(name, translator, pairs, arguments.seed)
     if arguments.pictures:

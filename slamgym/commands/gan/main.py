@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 from slamgym.commands.frame import Extra, require
 from slamgym.commands.gan.arguments import (
     EvaluateTranslatorsArguments,
-    PublishArguments,
     TrainTranslatorArguments,
     TranslateArguments,
 )
@@ -31,18 +30,13 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     Raises:
         SlamgymError: If an argument, the images or the folder of the run can't be used.
     """
-    import torch
-
     from slamgym.gan.device import choose_compute, keep_freed_memory
     from slamgym.gan.training.train import RunOptions, train_translator
 
     keep_freed_memory()
-    wanted = arguments.compute
-    if wanted.threads > 0:
-        torch.set_num_threads(wanted.threads)
     config = training_config(arguments)
-    options = RunOptions(arguments.checkpoint_minutes, compile=wanted.compile, command=typed)
-    compute = choose_compute(wanted.device, wanted.precision)
+    options = RunOptions(arguments.checkpoint_minutes, command=typed)
+    compute = choose_compute(arguments.compute.device, arguments.compute.precision)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
     tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
     if report.figures:
@@ -93,11 +87,3 @@ def evaluate_command(arguments: EvaluateTranslatorsArguments) -> None:
     from slamgym.commands.gan.evaluate import run_evaluation
 
     run_evaluation(arguments)
-
-
-def publish_command(arguments: PublishArguments) -> None:
-    """Run ``slamgym gan publish``."""
-    from slamgym.gan.weights import PRETRAINED_FOLDER, publish
-
-    folder = arguments.out or PRETRAINED_FOLDER
-    tell(f"{publish(arguments.run, arguments.name, arguments.data, arguments.command, folder)}")
