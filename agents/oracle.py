@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from slamgym.agents.coverage_tour import TourSearch, Viewpoints
-from slamgym.core.config import Count, Settings
 from slamgym.core.types import OCCUPIED, UNKNOWN, BoolArray, FloatArray, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreEnv
 from slamgym.envs.coverage import Coverage, ReachableFloor
@@ -74,13 +73,6 @@ class TrueBuilding:
         return float(point[0]) + self.start.x, float(point[1]) + self.start.y
 
 
-class OracleConfig(Settings):
-    """Settings of the oracle."""
-
-    iterations: Count = 100
-    """The budget: how often the tour for each level is taken apart and put together again."""
-
-
 class Bound(NamedTuple):
     """Least path and time known to see a share of a building."""
 
@@ -90,7 +82,7 @@ class Bound(NamedTuple):
 
 
 def bound_exploration(
-    env: ExploreEnv, shares: Sequence[float], seed: int = 0, config: OracleConfig | None = None
+    env: ExploreEnv, shares: Sequence[float], seed: int = 0, iterations: int = 100
 ) -> list[Bound]:
     """The best tours known for some shares of the floor, one for each. Privileged.
 
@@ -102,12 +94,11 @@ def bound_exploration(
         env: An environment after its reset.
         shares: Of the floor to be seen, ascending.
         seed: Of the search.
-        config: Settings.
+        iterations: The budget: how often the tour for each share is taken apart and put together again.
 
     Returns:
         One for each share, in the same order; a larger share never takes less.
     """
-    iterations = (config or OracleConfig()).iterations
     viewpoints = TrueBuilding(env, env.config.observation.map_resolution).viewpoints
     start = (env.start.x, env.start.y)
     seen_first = viewpoints.views[viewpoints.nearest(start)]

@@ -15,18 +15,17 @@ from pathlib import Path
 from typing import Generic, NamedTuple, TypeVar
 
 from slamgym.agents.evaluation.trial import (
+    ORACLE,
     FailedTrial,
     Key,
     Task,
     Trial,
     TrialConfig,
-    bound_hash,
     bound_trial,
     explorer_in,
     run_trial,
     trial_hash,
 )
-from slamgym.agents.oracle import OracleConfig
 from slamgym.agents.plan_splits import PlanSplit, ids_of
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
@@ -88,11 +87,7 @@ class TrialLog(Generic[_Entry]):
         self.trials[trial.key] = trial
 
 
-ORACLE = "oracle"
-"""Name of the bound among the explorers: the best drive known for one who knows the floor plan."""
-
-
-class EvaluationConfig(Settings):
+class EvaluationConfig(Settings, dropped={"bound": {"iterations": 100}}):
     """Explorers and the plans that they are evaluated on."""
 
     explorers: tuple[str, ...]
@@ -109,8 +104,6 @@ class EvaluationConfig(Settings):
     """Decides which plans, starts and noise."""
     oracle: bool = False
     """Privileged: also plan what one who knows the floor plan would need at least."""
-    bound: OracleConfig = field(default_factory=OracleConfig)
-    """The oracle's budget."""
     trial: TrialConfig = field(default_factory=TrialConfig)
     """Settings of each exploration."""
 
@@ -263,7 +256,7 @@ def _key(task: Task, hashes: dict[str, str]) -> Key:
 def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
     """Settings hash of an explorer; finds a wrong name or unfit weights before any work is done."""
     if name == ORACLE:
-        return bound_hash(config.trial, config.bound)
+        return trial_hash(config.trial, ORACLE)
     env = ExploreEnv(plan, config.trial.env)
     return trial_hash(config.trial, explorer_in(env, name, config.trial).fingerprint)
 
@@ -271,5 +264,5 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
 def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
     if task.explorer == ORACLE:
-        return bound_trial(task, config.trial, config.bound)
+        return bound_trial(task, config.trial)
     return run_trial(task, config.trial)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym import __version__
-from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig
+from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig
 from slamgym.agents.evaluation.summary import (
     DONE,
     Comparison,
@@ -18,7 +18,7 @@ from slamgym.agents.evaluation.summary import (
     Summary,
     summarise_trials,
 )
-from slamgym.agents.evaluation.trial import Trial
+from slamgym.agents.evaluation.trial import ORACLE, Trial
 from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text

@@ -8,7 +8,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS, CoverageCurve, horizon
-from slamgym.agents.oracle import OracleConfig, bound_exploration
+from slamgym.agents.oracle import bound_exploration
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.config import Counted, Measured, Positive, Settings, Share, config_hash, to_dict
@@ -22,6 +22,9 @@ from slamgym.planning.promise import Promise
 
 SUCCESS_COVERAGE = 0.98
 """An exploration succeeds if the explorer ends it by itself, in time, with so much seen."""
+
+ORACLE = "oracle"
+"""Name of the bound among the explorers: the best drive known for one who knows the floor plan."""
 
 Key = tuple[str, str, int, str]
 """Identity of a trial: explorer, plan, seed, hash of the settings."""
@@ -140,11 +143,6 @@ def trial_hash(config: TrialConfig, fingerprint: str) -> str:
     return config_hash({"trial": to_dict(config), "fingerprint": fingerprint})
 
 
-def bound_hash(config: TrialConfig, bound: OracleConfig) -> str:
-    """Hash of the settings of a trial and of the oracle's budget."""
-    return trial_hash(config, config_hash(bound))
-
-
 def explorer_in(env: ExploreEnv, name: str, config: TrialConfig, seed: int = 0) -> Explorer:
     """Make an explorer, with what it promises, for an environment."""
     return make_explorer(name, env.explorer_context(), seed, config.promise)
@@ -219,7 +217,7 @@ def run_trial(
     )
 
 
-def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
+def bound_trial(task: Task, config: TrialConfig) -> Trial:
     """Lower bound of one who knows the plan, in the form of a trial; no robot drives.
 
     Contacts, errors of the map and of the pose, and the CPU time of decisions are 0.
@@ -227,12 +225,11 @@ def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
     Args:
         task: The building, with the same start as that of the explorers with this seed.
         config: How explorers are put to the test.
-        bound: The oracle's budget.
     """
     env = ExploreEnv(task.plan, fitted_env(task.plan, config.env, config.minutes))
     began = time.process_time()
     _, info = env.reset(seed=task.seed, options={"plan": task.plan})
-    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), task.seed % 2**32, bound)
+    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), task.seed % 2**32)
     done = next(b for b in bounds if b.share == SUCCESS_COVERAGE)
     steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
     curve = CoverageCurve(*np.array(steps).T)
@@ -241,7 +238,7 @@ def bound_trial(task: Task, config: TrialConfig, bound: OracleConfig) -> Trial:
     return _record(
         env,
         task,
-        bound_hash(config, bound),
+        trial_hash(config, ORACLE),
         curve,
         finished=True,
         time=round(done.time, 3),

@@ -10,7 +10,7 @@ from typing import Any
 from slamgym.agents.rl.train_config import TrainConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
-from slamgym.envs import RewardConfig
+from slamgym.envs import ExploreConfig, RewardConfig
 
 BASE = "time"
 """The preset that the others add to and are compared with."""
@@ -50,12 +50,6 @@ REWARD_PRESETS: dict[str, RewardPreset] = {
         "as time, less the growth of the map's true error (Daher et al. assess maps by it)",
         needs_filter=True,
     ),
-    "pose_uncertainty": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02, pose_uncertainty=0.2),
-        "as time, less the filter's position uncertainty over time: active SLAM, pays for closing loops "
-        "(Stachniss, Grisetti and Burgard 2005)",
-        needs_filter=True,
-    ),
     "potential": RewardPreset(
         replace(_NOTHING, time=0.02, shaping=2.0),
         "time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of "
@@ -79,7 +73,7 @@ def reward_preset(name: str) -> RewardPreset:
     return REWARD_PRESETS[name]
 
 
-class ShapingConfig(Settings):
+class ShapingConfig(Settings, dropped={"particles": 30}):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)
@@ -89,8 +83,6 @@ class ShapingConfig(Settings):
     """Runs of each preset."""
     test_plans: Count = 20
     """Held-out plans that every policy explores at the end."""
-    particles: Count = 30
-    """Particles of the filter in that test."""
     train: TrainConfig = field(
         default_factory=lambda: TrainConfig(steps=15_000, plan_count=300, evaluate_every=0)
     )
@@ -114,6 +106,6 @@ class ShapingConfig(Settings):
         """Differences between test and training: the particle filter, and maps of full resolution."""
         return {
             "localization": "rbpf",
-            "slam": {"particles": self.particles, "resolution": _TEST_RESOLUTION},
+            "slam": {"particles": ExploreConfig().slam.particles, "resolution": _TEST_RESOLUTION},
             "observation": {"map_resolution": _TEST_RESOLUTION},
         }

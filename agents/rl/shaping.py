@@ -217,7 +217,7 @@ def _read(folder: Path, identity: str) -> dict[str, dict[str, float]]:
         raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
     if found.settings != identity:
         raise ConfigError(
-            f"{folder} holds a run with other settings (training, particles, term or presets that need the "
+            f"{folder} holds a run with other settings (training, term or presets that need the "
             "filter); choose another folder"
         )
     return found.outcomes

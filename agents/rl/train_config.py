@@ -6,7 +6,6 @@ from typing import Any, Literal
 from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad.plan_filter import AREA
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings, Share
-from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig, OdometryLevel
@@ -130,6 +129,8 @@ class WheelsConfig(
         "coverage_goal": WHEELS_GOAL,
         "network": WHEELS_NETWORK,
         "checkpoint_every": 20_000,
+        "discount": 0.99,
+        "episode_seconds": [90.0, 180.0],
     },
 ):
     """A training run on ``slamgym/Explore-v2`` with the observations ``compact_far``, at true poses."""
@@ -138,8 +139,6 @@ class WheelsConfig(
     """Decisions of all environments together."""
     num_envs: Count = 32
     """Environments, all in one batch."""
-    discount: PositiveShare = 0.99
-    """Per decision."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
     ppo: PPOConfig = PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
@@ -148,12 +147,5 @@ class WheelsConfig(
     """Decisions between two evaluations on validation plans; 0 for none."""
     evaluate_plans: Count = 64
     """Plans of an evaluation."""
-    episode_seconds: tuple[Positive, Positive] = (90.0, 180.0)
-    """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would
-    have followed counts."""
     evaluate_seconds: Positive = 90.0
     """Time for which each plan of an evaluation is explored [s]."""
-
-    def _check(self) -> None:
-        if self.episode_seconds[0] > self.episode_seconds[1]:
-            raise ConfigError(f"episode_seconds must be (shortest, longest), not {self.episode_seconds}")

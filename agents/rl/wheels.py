@@ -21,6 +21,11 @@ from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
 
+EPISODE_SECONDS = (90.0, 180.0)
+"""Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would have
+followed counts."""
+_DISCOUNT = 0.99
+"""Per decision."""
 _CONTACT_PRICE = 0.02
 """Cost of a contact in five minutes, in coverage, when the best weights are chosen."""
 _FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
@@ -53,15 +58,15 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
         config = self.config
-        batch = BatchVecEnv(make_batch(config, plans), HOLD, config.episode_seconds, config.seed)
-        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=config.discount)
+        batch = BatchVecEnv(make_batch(config, plans), HOLD, EPISODE_SECONDS, config.seed)
+        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=_DISCOUNT)
         layers = {
             "features_extractor_class": FirstLayer,
             "net_arch": {"pi": [LAYER_UNITS[1]], "vf": [LAYER_UNITS[1]]},
             "activation_fn": nn.ReLU,
             "log_std_init": math.log(0.5),
         }
-        model = self.ppo("MlpPolicy", normalised, gamma=config.discount, policy_kwargs=layers)
+        model = self.ppo("MlpPolicy", normalised, gamma=_DISCOUNT, policy_kwargs=layers)
         _follow_the_way(model)
         return model
 

@@ -17,9 +17,10 @@ from pathlib import Path
 
 import tyro
 
-from slamgym.agents.evaluation.evaluate import ORACLE, Evaluation, EvaluationConfig, evaluate
+from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import draw_coverage, write_report
 from slamgym.agents.evaluation.summary import summarise_trials
+from slamgym.agents.evaluation.trial import ORACLE
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad import open_plans
 from slamgym.cad.generator import PlanGeneratorConfig

@@ -145,7 +145,7 @@ class Assessment:
         if before is not None and not simulation.is_new_scan_processed:
             known_area, map_error = before.known_area, before.map_error  # the map is the same
         else:
-            known_area = _known_area(mapper) if reward.needs_known_area else math.nan
+            known_area = _known_area(mapper) if reward.needs_belief else math.nan
             map_error = self.map_error() if reward.needs_map_error else math.nan
         return StepRecord(
             **step,
@@ -157,7 +157,7 @@ class Assessment:
             previous_known_area=before.known_area if before else known_area,
             map_error=map_error,
             previous_map_error=before.map_error if before else map_error,
-            position_sigma=_position_sigma(mapper) if reward.needs_covariance else math.nan,
+            position_sigma=_position_sigma(mapper) if reward.needs_belief else math.nan,
             floor_area=self.coverage.floor_area,
         )
 

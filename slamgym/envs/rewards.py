@@ -3,7 +3,8 @@
 Each term is signed so that a positive weight asks for what most users want: gains are positive, costs
 negative. They compute without branches, so that a record may hold arrays, a number for each of many environments.
 Coverage and map error come from the truth, which is legitimate for a training signal and never
-reaches an observation; information gain and pose uncertainty are what a robot can know itself.
+reaches an observation; the area of the map and the position's
+uncertainty are what a robot can know itself.
 """
 
 import math
@@ -66,11 +67,6 @@ def floor_gain(step: StepRecord) -> float:
     return (step.coverage - step.previous_coverage) * step.floor_area
 
 
-def information_gain(step: StepRecord) -> float:
-    """Growth of the robot's map [m2]: what a robot can know of :func:`coverage_gain`."""
-    return step.known_area - step.previous_known_area
-
-
 def time_cost(step: StepRecord) -> float:
     """Minus the time spent [s]."""
     return -step.duration
@@ -89,11 +85,6 @@ def collision_cost(step: StepRecord) -> float:
 def map_error_cost(step: StepRecord) -> float:
     """Minus the growth of the map's error [m]; sums to minus the final error."""
     return step.previous_map_error - step.map_error
-
-
-def uncertainty_cost(step: StepRecord) -> float:
-    """Minus the time integral of the position's standard deviation [m s]."""
-    return -step.position_sigma * step.duration
 
 
 def completion_bonus(step: StepRecord) -> float:
@@ -115,7 +106,11 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
-class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "exposure": 0.0}):
+class RewardConfig(
+    Settings,
+    section="reward",
+    dropped=dict.fromkeys(("floor_left", "exposure", "information_gain", "pose_uncertainty"), 0.0),
+):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
     coverage_gain: float = 10.0
@@ -123,9 +118,6 @@ class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "expo
 
     floor_gain: float = 0.0
     """Per m2 of floor (:func:`floor_gain`)."""
-
-    information_gain: float = 0.0
-    """Per m2 of new map (:func:`information_gain`)."""
 
     time: float = 0.01
     """Per second (:func:`time_cost`); 420 s cost 4.2, less than full coverage earns."""
@@ -138,9 +130,6 @@ class RewardConfig(Settings, section="reward", dropped={"floor_left": 0.0, "expo
 
     map_error: float = 0.0
     """Per metre of mean map error (:func:`map_error_cost`)."""
-
-    pose_uncertainty: float = 0.0
-    """Per metre and second (:func:`uncertainty_cost`)."""
 
     completion: float = 1.0
     """Once, at the end (:func:`completion_bonus`)."""
@@ -160,12 +149,10 @@ FRONTIER_REWARD = RewardConfig(
 FUNCTIONS: dict[str, RewardFunction] = {
     "coverage_gain": coverage_gain,
     "floor_gain": floor_gain,
-    "information_gain": information_gain,
     "time": time_cost,
     "path_length": path_cost,
     "collision": collision_cost,
     "map_error": map_error_cost,
-    "pose_uncertainty": uncertainty_cost,
     "completion": completion_bonus,
 }
 """The terms by the name of their weight; shaping comes with its discount."""
@@ -180,9 +167,8 @@ class Reward:
 
     Attributes:
         terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
-        needs_known_area: True if a term looks at the area of the robot's map.
         needs_map_error: True if a term looks at the map's error.
-        needs_covariance: True if a term looks at the pose's uncertainty.
+        needs_belief: True if a term may look at the area of the robot's map and its uncertainty.
 
     Raises:
         ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function).
@@ -196,9 +182,8 @@ class Reward:
         self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
         for name, entry in (extra or {}).items():
             self.terms[name] = _own_term(name, entry, functions)
-        self.needs_known_area = bool(extra) or "information_gain" in self.terms
         self.needs_map_error = bool(extra) or "map_error" in self.terms
-        self.needs_covariance = bool(extra) or "pose_uncertainty" in self.terms
+        self.needs_belief = bool(extra)
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""

@@ -3,7 +3,7 @@ import shapely
 
 from slamgym.agents.coverage_tour import TourSearch
 from slamgym.agents.evaluation.trial import Task, TrialConfig, bound_trial, run_trial
-from slamgym.agents.oracle import OracleConfig, TrueBuilding, bound_exploration
+from slamgym.agents.oracle import TrueBuilding, bound_exploration
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -60,11 +60,10 @@ def test_an_open_room_within_range_needs_one_stop():
     assert len(tours.shortest(round(0.995 * len(viewpoints.cells)), 5)) == 1
 
 
-QUICK = OracleConfig(iterations=30)
-
-
 def test_more_of_the_floor_takes_longer_and_the_way_lies_between_simple_limits():
-    bounds = bound_exploration(entered(corridor_with_rooms(), (0.8, 0.8, 0.0)), (0.5, 0.95, 0.99), 0, QUICK)
+    bounds = bound_exploration(
+        entered(corridor_with_rooms(), (0.8, 0.8, 0.0)), (0.5, 0.95, 0.99), iterations=30
+    )
     assert [bound.share for bound in bounds] == [0.5, 0.95, 0.99]
     assert bounds[0].path < bounds[1].path <= bounds[2].path
     # The far room needs the corridor's length less the range of 3 m; entering two rooms on the way adds some metres.
@@ -86,7 +85,7 @@ def test_a_tour_sees_what_it_claims_and_a_larger_budget_never_takes_longer():
 
 def test_the_bound_lies_below_an_explorer():
     config, plan = TrialConfig(env=ENV), corridor_with_rooms()
-    bound = bound_trial(Task("oracle", plan, 3), config, QUICK)
+    bound = bound_trial(Task("oracle", plan, 3), config)
     nearest = run_trial(Task("nearest", plan, 3), config)
     for level in ("0.9", "0.95", "0.99"):
         assert bound.time_to[level] < nearest.time_to[level]

@@ -65,7 +65,6 @@ def test_the_presets_differ_in_what_they_pay_for():
     active = {name: set(Reward(chosen.reward).terms) for name, chosen in REWARD_PRESETS.items()}
     assert active["path_cost"] == {"coverage_gain", "path_length"}
     assert active["map_error"] - active["time"] == {"map_error"}
-    assert active["pose_uncertainty"] - active["time"] == {"pose_uncertainty"}
     assert active["floor"] == {"floor_gain", "collision"}
     assert active["potential"] == {"time", "shaping"}
     assert active["completion"] == {"time", "completion"}
@@ -109,7 +108,7 @@ def learn_nothing(calls):
 
 def test_an_experiment_is_run_once_and_reported(tmp_path):
     train = TrainConfig(time_limit=30.0, evaluate_every=0)
-    config = ShapingConfig(presets=("time", OWN), seeds=1, test_plans=1, particles=5, train=train)
+    config = ShapingConfig(presets=("time", OWN), seeds=1, test_plans=1, train=train)
     calls = []
     term = own_term("math:sqrt", 0.5)
     runs = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
@@ -119,7 +118,10 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     again = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
     assert again == runs
-    for other in (dataclasses.replace(config, particles=6), dataclasses.replace(config, presets=(OWN,))):
+    for other in (
+        dataclasses.replace(config, train=dataclasses.replace(train, plan_count=3)),
+        dataclasses.replace(config, presets=(OWN,)),
+    ):
         with pytest.raises(ConfigError, match="other settings"):
             run_shaping(Experiment(other, learn_nothing(calls), own_term("math:sqrt", 0.6)), tmp_path)
     (tmp_path / "time" / "seed_0" / "shaping.json").write_text('{"settings": ')

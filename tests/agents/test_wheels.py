@@ -32,7 +32,6 @@ TINY = WheelsConfig(
     evaluate_every=24,
     evaluate_plans=2,
     evaluate_seconds=3.0,
-    episode_seconds=(3.0, 6.0),
 )
 SETTINGS = {"localization": "ground_truth", "observation": {"preset": "compact"}}
 

@@ -68,7 +68,7 @@ RUNS = {
                             "--set", "ppo.n_steps=4", "ppo.batch_size=4", "ppo.n_epochs=1", "evaluate_every=0",
                             "-o", "{out}/run"],
     "agents shape": ["agents", "shape", "--presets", "time", "--seeds", "1", "--test-plans", "1", "--set",
-                     "particles=1", "plan_count=1", "steps=4", "num_envs=1", "ppo.n_steps=4", "ppo.batch_size=4",
+                     "plan_count=1", "steps=4", "num_envs=1", "ppo.n_steps=4", "ppo.batch_size=4",
                      "ppo.n_epochs=1", "time_limit=20", "-o", "{out}/run"],
     "gan train": ["gan", "train", "{images}", "-o", "{out}/run", "--preset", "model32-cpu", "--epochs", "1",
                   "--batch-size", "2", "--device", "cpu", "--set", "translator.input_size=32",

@@ -60,7 +60,7 @@ class EvaluateArguments(Arguments):
     task_timeout: Positive = TASK_TIMEOUT
     """Longest wall time of an exploration [s]; one that hangs is ended and noted in ``failed.jsonl``."""
     settings: AllSettings = SettingsOptions()
-    """Robot, sensors, SLAM, furniture and people, the oracle's budget and all else."""
+    """Robot, sensors, SLAM, furniture and people, and all else."""
 
 
 def main(arguments: EvaluateArguments) -> None:

@@ -35,8 +35,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
     environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
 
-    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map or the
-    filter, user-defined terms, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
+    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map,
+    user-defined terms, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
     ``map_error`` at the end of an episode.
 
     Args:
@@ -293,8 +293,8 @@ def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str 
             "the whole map as a picture; give observation.map='egocentric' or preset='compact'",
         ),
         (
-            reward.needs_map_error or reward.needs_known_area or reward.needs_covariance,
-            "rewards that measure the map or the filter; leave out map_error, information_gain and pose_uncertainty",
+            reward.needs_map_error,
+            "rewards that measure the map; leave out map_error",
         ),
     ):
         if is_asked:
