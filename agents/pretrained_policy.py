@@ -16,7 +16,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
-from slamgym.agents.scoring import CROP_UNITS, FrontierScorer, NetworkConfig
+from slamgym.agents.scoring import CROP_UNITS, WIDTH, FrontierScorer, NetworkConfig
 from slamgym.core.config import config_hash, from_dict, to_dict
 from slamgym.core.documents import load_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -103,7 +103,7 @@ def write_policy(
 
     Args:
         path: The ``.safetensors`` file.
-        network: Sizes.
+        network: The rule that it began with.
         weights: By the names of the network's parameters.
         about: How they were trained.
     """
@@ -130,7 +130,7 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     except ConfigError as error:
         raise InputFileError(path, f"describes no network that this version knows ({error})") from None
     refuse_other_space(path, description["space"], _SPACE)
-    refuse_other_shapes(path, weights, weight_shapes(network))
+    refuse_other_shapes(path, weights, weight_shapes())
     return PolicyFile(network, weights, description["about"])
 
 
@@ -186,9 +186,9 @@ def refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> None
         )
 
 
-def weight_shapes(network: NetworkConfig) -> dict[str, tuple[int, ...]]:
+def weight_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights of a frontier policy."""
-    features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), network.width
+    features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), WIDTH
     linear = {
         "crop": (2 * CROP_PX * CROP_PX, CROP_UNITS),
         "embed_in": (features + CROP_UNITS + overall, width),

@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.config import Count, Settings
+from slamgym.core.config import Settings
 from slamgym.core.errors import ConfigError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array
 
+WIDTH = 64
+"""Units of the vector of a candidate."""
 CROP_UNITS = 32
 """Units that the crop about a candidate is reduced to."""
 HEADS = 4
@@ -19,12 +21,10 @@ HEADS = 4
 class NetworkConfig(
     Settings,
     section="network",
-    dropped={"crop": CROP_UNITS, "heads": HEADS, "foresight": False, "exposure_prior": 0.0},
+    dropped={"width": WIDTH, "crop": CROP_UNITS, "heads": HEADS, "foresight": False, "exposure_prior": 0.0},
 ):
-    """Size of the network and the rule that it begins with."""
+    """The rule that the network begins with."""
 
-    width: Count = 64
-    """Units of the vector of a candidate."""
     prior_feature: str = "gain_per_metre"
     """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
     next best view, and learning continues from there (residual policy learning, Silver et al. 2018)."""
@@ -34,8 +34,6 @@ class NetworkConfig(
     def _check(self) -> None:
         from slamgym.envs.frontier_features import CANDIDATE_FEATURES  # help pages don't wait for it
 
-        if self.width % HEADS:
-            raise ConfigError(f"network.width {self.width} must be a multiple of {HEADS}")
         if self.prior_feature not in CANDIDATE_FEATURES:
             raise ConfigError(f"network.prior_feature: there is no feature {self.prior_feature!r}")
 
@@ -73,11 +71,11 @@ class FrontierScorer:
         return product(values, self._weights[f"{name}.weight"]) + self._weights[f"{name}.bias"]
 
     def _attend(self, vectors: Float32Array) -> Float32Array:
-        count, width = vectors.shape
-        parts = self._linear("query_key_value", vectors).reshape(count, 3, HEADS, width // HEADS)
+        count = len(vectors)
+        parts = self._linear("query_key_value", vectors).reshape(count, 3, HEADS, WIDTH // HEADS)
         attended = []
         for query, key, value in parts.transpose(2, 1, 0, 3):  # of each head, (N, width / heads) each
-            weights = product(query, key.T) / np.sqrt(np.float32(width // HEADS))
+            weights = product(query, key.T) / np.sqrt(np.float32(WIDTH // HEADS))
             weights = exp(weights - weights.max(axis=1, keepdims=True))
             attended.append(product(weights / weights.sum(axis=1, keepdims=True), value))
         return self._linear("attended", np.concatenate(attended, axis=1))

@@ -14,7 +14,7 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from slamgym.agents.scoring import CROP_UNITS, HEADS, NetworkConfig
+from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH, NetworkConfig
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 MASKED = -1e8
@@ -25,13 +25,13 @@ class FrontierNetwork(nn.Module):
     """Scores candidates and values the situation.
 
     Args:
-        config: Sizes.
+        config: The rule that it begins with.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), config.width
+        features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), WIDTH
         self.crop = nn.Linear(2 * CROP_PX * CROP_PX, CROP_UNITS)
         self.embed_in = nn.Linear(features + CROP_UNITS + num_globals, width)
         self.embed_out = nn.Linear(width, width)

@@ -225,7 +225,7 @@ class _Keep(BaseCallback):
         for name, value in figures.items():
             self.logger.record(f"validation/{name}", value)
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
-        _append(self._out / VALIDATION, row, list(self._rows[0]) if self._rows else list(row))
+        _append(self._out / VALIDATION, row)
         if figures["score"] < min((one.get("score", math.inf) for one in self._rows), default=math.inf):
             self._learner.export(model, self._out / BEST)
         self._rows.append(row)
@@ -243,10 +243,10 @@ def read_validation(folder: Path) -> list[dict[str, float]]:
         raise InputFileError(path, f"is damaged ({error}); delete it to begin it again") from None
 
 
-def _append(path: Path, row: Mapping[str, float], columns: Sequence[str]) -> None:
-    """Add an evaluation to those of a run, whose columns may be those of an earlier version."""
+def _append(path: Path, row: Mapping[str, float]) -> None:
+    """Add an evaluation to those of a run."""
     text = io.StringIO(newline="")
-    writer = csv.DictWriter(text, columns, extrasaction="ignore")
+    writer = csv.DictWriter(text, row)
     if not path.exists():
         writer.writeheader()
     writer.writerow(row)

@@ -20,7 +20,6 @@ from slamgym.agents.rl.run import PolicyLearner, learn_policy, save_checkpoint
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
-from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardFunction
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig
@@ -113,15 +112,9 @@ def _begin_with(start_from: str, model: PPO) -> None:
     """Replace the weights of a fresh frontier policy by those of an earlier run.
 
     Raises:
-        ConfigError: If that run's network has other sizes.
         InputFileError: If the file is no frontier policy of this version.
     """
     found = read_policy(PRETRAINED if start_from == "pretrained" else start_from)
     network: Any = model.policy.features_extractor.network
     weights = {name: torch.from_numpy(value.copy()) for name, value in found.weights.items()}
-    try:
-        network.load_state_dict(weights)
-    except RuntimeError:
-        raise ConfigError(
-            f"start_from {start_from}: its network is {found.network}, not {network.config}; give the same sizes"
-        ) from None
+    network.load_state_dict(weights)

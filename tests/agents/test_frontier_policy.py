@@ -17,10 +17,10 @@ from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_F
 torch = pytest.importorskip("torch")
 from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402 - needs torch
 
-SIZES = NetworkConfig(width=16)
+NETWORK = NetworkConfig()
 
 
-def make_network(seed=0, config=SIZES):
+def make_network(seed=0, config=NETWORK):
     torch.manual_seed(seed)
     network = FrontierNetwork(config)
     with torch.no_grad():
@@ -75,9 +75,9 @@ def test_candidates_may_come_in_any_order_and_number():
         turned[key][:5] = wide[key][order]
         wide[key][5:] = 7.0  # behind the mask
     scores, value = torch_scores(network, wide)
-    np.testing.assert_allclose(torch_scores(network, narrow)[0][:5], scores[:5], atol=1e-5)
-    np.testing.assert_allclose(torch_scores(network, turned)[0][:5], scores[:5][order], atol=1e-5)
-    assert torch_scores(network, narrow)[1] == pytest.approx(value, abs=1e-5)
+    np.testing.assert_allclose(torch_scores(network, narrow)[0][:5], scores[:5], atol=1e-4)
+    np.testing.assert_allclose(torch_scores(network, turned)[0][:5], scores[:5][order], atol=1e-4)
+    assert torch_scores(network, narrow)[1] == pytest.approx(value, abs=1e-4)
 
 
 def test_an_untrained_network_is_the_greedy_rule():
@@ -93,9 +93,7 @@ def test_without_any_candidate_nothing_is_nan():
     assert np.isfinite(value)
 
 
-def test_sizes_that_do_not_fit_are_refused():
-    with pytest.raises(ConfigError, match="multiple"):
-        NetworkConfig(width=30)
+def test_a_rule_that_is_no_feature_is_refused():
     with pytest.raises(ConfigError, match="no feature"):
         NetworkConfig(prior_feature="luck")
 
@@ -103,13 +101,13 @@ def test_sizes_that_do_not_fit_are_refused():
 @pytest.fixture
 def policy_path(tmp_path):
     path = tmp_path / "policy.safetensors"
-    write_policy(path, SIZES, weights_of(make_network()), {"steps": 7})
+    write_policy(path, NETWORK, weights_of(make_network()), {"steps": 7})
     return path
 
 
 def test_weights_come_back_as_they_were_written(policy_path):
     policy = read_policy(policy_path)
-    assert policy.network == SIZES
+    assert policy.network == NETWORK
     assert policy.about["steps"] == 7
     for name, value in weights_of(make_network()).items():
         np.testing.assert_array_equal(policy.weights[name], value)
@@ -136,7 +134,7 @@ def test_a_truncated_file_gives_one_error_that_names_it(policy_path, share):
 def test_a_flipped_byte_is_read_or_refused_but_never_crashes(tmp_path_factory, position, value):
     path = tmp_path_factory.getbasetemp() / "flipped.safetensors"
     if not path.exists():
-        write_policy(path, SIZES, weights_of(make_network()), {})
+        write_policy(path, NETWORK, weights_of(make_network()), {})
     content = bytearray(path.read_bytes())
     content[position] = value
     broken = path.with_name("broken.safetensors")
@@ -163,7 +161,7 @@ def rewrite(path, change):
         (lambda c: c["space"].update(feature_version=99), "another observation space .feature_version 99"),
         (lambda c: c["space"]["candidate_features"].pop(), "another observation space .candidate_features"),
         (lambda c: c["space"].update(env="slamgym/Explore-v2"), "another observation space .env"),
-        (lambda c: c["network"].update(width=32), "where its configuration asks for"),
+        (lambda c: c["network"].update(width=32), "width of NetworkConfig is always 64"),
         (lambda c: c["network"].update(depth=3), "unknown setting 'depth'"),
         (lambda c: c["network"].update(crop=8), "crop of NetworkConfig is always 32"),
         (lambda c: c.pop("space"), "no frontier policy"),

@@ -18,7 +18,7 @@ from slamgym.agents.rl.imitation import (  # noqa: E402
 )
 from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402
 
-NETWORK = NetworkConfig(width=16, prior_feature="tour_detour", prior_weight=-5.0)
+NETWORK = NetworkConfig(prior_feature="tour_detour", prior_weight=-5.0)
 
 
 def made_up(episodes, seed=0):

@@ -7,7 +7,6 @@ import pytest
 
 from slamgym.agents.plan_splits import draw_plans, split_of
 from slamgym.agents.rl.train_config import ImitationConfig, PPOConfig, TrainConfig
-from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 
@@ -113,9 +112,6 @@ def test_a_run_can_begin_with_other_weights(tmp_path):
     )
     for name, value in pretrained.items():
         np.testing.assert_allclose(learned[name], value, atol=1e-6)
-    wide = dataclasses.replace(slow, start_from="pretrained", network=NetworkConfig(width=32))
-    with pytest.raises(ConfigError, match="same sizes"):
-        train(wide, tmp_path / "wide")
     with pytest.raises(InputFileError, match="can't be read"):
         train(dataclasses.replace(slow, start_from="nowhere.safetensors"), tmp_path / "nowhere")
 

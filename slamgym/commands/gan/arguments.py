@@ -13,15 +13,6 @@ from slamgym.core.errors import InputFileError
 from slamgym.gan.config import DeviceName, Precision
 
 
-class ComputeArguments(Arguments):
-    """Where and how a training is computed."""
-
-    device: DeviceName = "auto"
-    """``auto`` takes CUDA, else MPS, else the CPU."""
-    precision: Precision = "auto"
-    """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
-
-
 class TrainTranslatorArguments(Arguments):
     """Train a translator between SLAM maps and CAD maps on rendered pairs.
 
@@ -51,8 +42,10 @@ class TrainTranslatorArguments(Arguments):
     run's folder. For your own maps, or for more hours."""
     seed: int | None = None
     """Seed of weights, order and augmentation; by default 0."""
-    compute: Annotated[ComputeArguments, tyro.conf.arg(name="")] = ComputeArguments()
-    """Device and precision."""
+    device: DeviceName = "auto"
+    """``auto`` takes CUDA, else MPS, else the CPU."""
+    precision: Precision = "auto"
+    """``bfloat16`` mixes precisions; ``auto`` does where the hardware gains by it."""
     checkpoint_minutes: NonNegative = 2.0
     """Time between two checkpoints."""
     settings: AllSettings = SettingsOptions()

@@ -36,7 +36,7 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     keep_freed_memory()
     config = training_config(arguments)
     options = RunOptions(arguments.checkpoint_minutes, command=typed)
-    compute = choose_compute(arguments.compute.device, arguments.compute.precision)
+    compute = choose_compute(arguments.device, arguments.precision)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
     tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
     if report.figures:
