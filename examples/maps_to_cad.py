@@ -25,8 +25,8 @@ from slamgym.envs import EpisodeConfig
 from slamgym.gan.device import choose_compute
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.train import train_translator
-from slamgym.gan.translation.classical import ClassicalTranslator
 from slamgym.gan.translation.translate import load_translator
+from slamgym.metrics.cleaning import clean_map
 
 
 def make_images(out: Path, pairs: int) -> Path:
@@ -49,11 +49,11 @@ def main(pairs: int, minutes: float) -> None:
     out = Path("maps_to_cad")
     images = make_images(out, pairs)
     config = dataclasses.replace(find_preset("slam2cad-cpu"), minutes=minutes)
-    report = train_translator(images, out / "run", config, choose_compute("cpu", "auto", "auto"))
+    report = train_translator(images, out / "run", config, choose_compute("cpu"))
     print(f"{report.steps} steps on {report.images} images")
     methods = {
         "the raw SLAM map": lambda slam, _: slam == 254,
-        "cleaning without learning": ClassicalTranslator().translate,
+        "cleaning without learning": clean_map,
         "your translator": load_translator(out / "run").translate,
         "the pretrained one": load_translator("slam2cad").translate,
     }

@@ -146,8 +146,8 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
     output_encoding: Encoding = "rgb"
     derotate: bool = False
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
-    flips: Annotated[int, Within(ge=1, le=8, power_of_two=True)] = 1
-    """Number of flips and quarter turns whose mean is the translation: 1, 2, 4 or 8."""
+    flips: Literal[1, 2] = 1
+    """2: the translation is the mean over the map and its mirror image."""
     explored_margin: NonNegative = 0.5
     """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
     anywhere."""

@@ -10,7 +10,7 @@ halved, ``bfloat16`` mixes precisions.
 networks take a training step of the default translator fastest on this machine; ratios are to the first row.
 
     python benchmarks/gan/gan_cost.py [--resolutions 32 64] [--steps 2]
-    python benchmarks/gan/gan_cost.py --layouts [--steps 4] [--threads 1] [--compile]
+    python benchmarks/gan/gan_cost.py --layouts [--steps 4] [--threads 1]
 """
 
 import argparse

@@ -1,32 +1,10 @@
-"""Translators that don't learn: the cleaning that a trained one has to beat, and an oracle that games the error."""
+"""An oracle that games the error."""
 
 import cv2
 import numpy as np
 
-from slamgym.core.errors import ConfigError
-from slamgym.core.types import BoolArray, ByteArray, Float32Array
-from slamgym.metrics.cleaning import clean_map, odd
-
-
-class ClassicalTranslator:
-    """The cleaning as a :class:`slamgym.gan.translation.translate.Translator`."""
-
-    def __init__(self, metres_per_px: float = 0.05) -> None:
-        """Keep the scale.
-
-        Args:
-            metres_per_px: Scale of maps that come without one; 0.05 m is what most robots use.
-
-        Raises:
-            ConfigError: If the scale isn't positive.
-        """
-        if not metres_per_px > 0.0:
-            raise ConfigError(f"metres_per_px must be a positive number, not {metres_per_px}")
-        self.metres_per_px = metres_per_px
-
-    def translate(self, slam: ByteArray, metres_per_px: float | None = None) -> Float32Array:
-        """Clean a SLAM map; the values are 0 and 1."""
-        return clean_map(slam, metres_per_px or self.metres_per_px).astype(np.float32)
+from slamgym.core.types import BoolArray, ByteArray
+from slamgym.metrics.cleaning import odd
 
 
 def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.5) -> BoolArray:

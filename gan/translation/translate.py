@@ -123,8 +123,8 @@ MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
 NEAR_SCALE = 1.3
 """An image of the network's size goes in as it is if its scale is within this factor of what was trained."""
-SYMMETRIES = {1: (0,), 2: (0, 4), 4: (0, 2, 4, 6), 8: tuple(range(8))}
-"""Which flips and quarter turns are averaged, by their number."""
+SYMMETRIES = (0, 4)
+"""The map as it is, and mirrored: more flips and quarter turns give no more."""
 
 
 class LearnedTranslator:
@@ -276,7 +276,7 @@ class LearnedTranslator:
         """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
         size, resolution = tiles.shape[-1], self.config.output_size
         outputs: list[np.ndarray] = []
-        for symmetry in SYMMETRIES[self.config.flips]:
+        for symmetry in SYMMETRIES[: self.config.flips]:
             seen = np.stack([flipped(tile, symmetry) for tile in tiles])
             images = run_generator(self._generator, seen, self.config, self._compute, resolution)
             outputs.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
@@ -300,7 +300,7 @@ def load_translator(
         name_or_path: Pretrained weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
         direction: What it must translate; None takes any.
         device: Where to compute.
-        flips: Average over 1, 2, 4 or 8 flips and quarter turns instead of what the weights' settings say.
+        flips: 2 averages over the map and its mirror image; None does what the weights' settings say.
         true_faces: Whether walls get their true faces, whichever data the network learnt from; without it CAD maps
             have the faces that the network draws (``translator.face_shift``).
 

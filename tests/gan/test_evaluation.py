@@ -29,7 +29,7 @@ from slamgym.gan.evaluation.generated_maps import (
     translated_maps,
 )
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
-from slamgym.gan.translation.classical import ClassicalTranslator, outline_only
+from slamgym.gan.translation.classical import outline_only
 from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
@@ -222,16 +222,6 @@ class TestCleaning:
     def test_an_empty_and_an_unknown_map_stay_empty(self):
         for value in (OCCUPIED, UNKNOWN):
             assert not clean_map(np.full((40, 50), value, np.uint8), 0.05).any()
-
-    def test_it_is_a_translator(self):
-        translator = ClassicalTranslator()
-        assert isinstance(translator, Translator)
-        slam = explored(plan(), np.random.default_rng(2))
-        assert np.array_equal(translator.translate(slam, SCALE) >= 0.5, clean_map(slam, SCALE))
-
-    def test_a_senseless_scale_is_refused(self):
-        with pytest.raises(ConfigError, match="positive"):
-            ClassicalTranslator(metres_per_px=0.0)
 
     def test_the_outline_has_no_inner_wall_and_keeps_the_outer_ones(self):
         outline = outline_only(plan(), SCALE)

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.translation.classical import ClassicalTranslator
+from slamgym.metrics.cleaning import clean_map
 
 SCALE = 0.08  # [m/px]
 # Kinds of processors sum in different orders, so that a pixel near the threshold may fall on either side.
@@ -51,6 +51,5 @@ def test_pretrained_weights(golden, weights):
 
 
 def test_cleaning_without_learning(golden):
-    free = ClassicalTranslator().translate(slam_map(), SCALE)
-    cells = np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
+    cells = np.where(clean_map(slam_map(), SCALE), FREE, OCCUPIED).astype(np.uint8)
     golden.check_picture("by_classical", cells, MOST_DIFFERENT)

@@ -66,8 +66,8 @@ class TranslateArguments(Arguments):
     """Pretrained weights by name, a .safetensors file, or the folder of a finished run."""
     metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] | None = None
     """Scale of images [m/px]; ROS maps have their own. Without it an image is fitted into the network's image."""
-    flips: int | None = None
-    """Average over 1, 2, 4 or 8 flips and quarter turns: somewhat better, and as many times slower."""
+    flips: Literal[1, 2] | None = None
+    """2 averages over the map and its mirror image: somewhat better, and twice as slow."""
     probability: bool = False
     """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
     straighten: bool = False
@@ -91,8 +91,8 @@ class EvaluateTranslatorsArguments(Arguments):
     weights: list[str] = field(default_factory=list)
     """Translators: names of pretrained weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
     name in the tables. None measures the baselines alone."""
-    flips: Literal[1, 2, 4, 8] | None = None
-    """Average CAD maps over so many flips and quarter turns instead of what the weights' settings say."""
+    flips: Literal[1, 2] | None = None
+    """2 averages over the map and its mirror image; by default what the weights' settings say."""
     split: str = "test"
     """Which pairs."""
     count: CountOrZero = 0
