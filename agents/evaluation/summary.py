@@ -227,9 +227,8 @@ def _compare_level(
     ratio = None
     if reached:
         figure = functools.partial(censored, quantity=quantity, level=level)
-        ratio = ratio_of_means(
-            *(_by_plan([found[i] for i in reached], figure) for found in (trials, reference))
-        )
+        ours, theirs = (_by_plan([found[i] for i in reached], figure) for found in (trials, reference))
+        ratio = ratio_of_means(ours, theirs)
     return LevelComparison(quantity, level, len(reached), len(trials), ratio)
 
 

@@ -12,6 +12,7 @@ import argparse
 import os
 import sys
 from pathlib import Path
+from typing import Literal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start their threads
 
@@ -33,7 +34,7 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "pairs not registered": ("slam2cad", ("register=false",)),
 }
 """Preset and settings by what the variant changes."""
-FLIPS = (1, 2)
+FLIPS: tuple[Literal[1, 2], ...] = (1, 2)
 
 
 def main() -> None:

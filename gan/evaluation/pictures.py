@@ -26,8 +26,6 @@ from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
 
 WORST = 10
-UNKNOWN_BORDER_PX = 8
-"""Round what is known of a real map."""
 
 
 @dataclass(frozen=True)

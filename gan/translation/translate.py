@@ -11,7 +11,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import numpy as np
 
@@ -291,7 +291,7 @@ def load_translator(
     name_or_path: str | Path = "slam2cad",
     direction: Direction | None = None,
     device: DeviceName = "cpu",
-    flips: int | None = None,
+    flips: Literal[1, 2] | None = None,
     true_faces: bool = True,
 ) -> LearnedTranslator:
     """Load a translator, ready to use; no network is needed.
