@@ -98,20 +98,13 @@ class LossConfig(Settings, section="loss"):
 class AugmentConfig(Settings, section="augment"):
     """Changes to the training pairs, on top of flips and quarter turns."""
 
-    zoom: ShareBelowOne = 0.0
-    """Enlarge both images by up to this share, or shrink by it."""
-    shift: ShareBelowOne = 0.0
-    """Shift both images by up to this share of the side."""
+    real_maps: bool = False
+    """Zoom and shift both images, and give the SLAM map alone what clean simulation lacks: gaps, unknown, noise and
+    distortion (slam2cad; :mod:`slamgym.gan.training.sampler` has the amounts)."""
     windows: bool = False
     """Cut a window of ``translator.input_size`` out of images that are larger, so that they keep their scale: for
     pairs rendered at one scale. Some are turned by any angle: a direction that was misjudged, oblique walls. Without
     it images are shrunk to that size."""
-    resampled: Share = 1.0
-    """Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a
-    pixel at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
-    damage: Annotated[float, Within(ge=0.0, le=10.0)] = 0.0
-    """Imperfections of real maps that clean simulation lacks, as a multiple of the usual amounts
-    (:mod:`slamgym.gan.training.sampler`): gaps, unknown, noise and distortion of the SLAM map alone (slam2cad)."""
 
 
 class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):

@@ -19,7 +19,6 @@ from slamgym.gan.config import (
     TranslatorTrainingConfig,
 )
 
-_REAL_MAPS = AugmentConfig(zoom=0.15, shift=0.06, resampled=0.5, damage=1.0)
 _OVERLAP = LossConfig(adversarial=0.0, l1=0.0, overlap=1.0)
 """No discriminators: the floor is a region, and what counts is its overlap and its borders."""
 
@@ -32,7 +31,7 @@ _SLAM2CAD = TranslatorTrainingConfig(
         generator=GeneratorConfig("residual", width=24, depth=4),
     ),
     loss=_OVERLAP,
-    augment=_REAL_MAPS,
+    augment=AugmentConfig(real_maps=True),
     optimiser=OptimiserConfig(
         learning_rate=2e-3, beta1=0.9, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
     ),
@@ -44,7 +43,7 @@ _METRIC = replace(
     _SLAM2CAD,
     preset="slam2cad-metric",
     loss=replace(_OVERLAP, wall_weight=6.0),
-    augment=replace(_REAL_MAPS, windows=True, shift=0.0),
+    augment=AugmentConfig(real_maps=True, windows=True),
 )
 """For pairs rendered at one scale with true faces (`--scaling fixed --metres-per-px 0.05 --size 512 --edge-px 0`)."""
 

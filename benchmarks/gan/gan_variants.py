@@ -30,7 +30,6 @@ from report import print_and_save
 
 VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "slam2cad": ("slam2cad", ()),
-    "all pairs resampled": ("slam2cad", ("augment.resampled=1.0",)),
     "pairs not registered": ("slam2cad", ("register=false",)),
 }
 """Preset and settings by what the variant changes."""

@@ -19,6 +19,12 @@ from slamgym.gan.data import PairSet, window_corner
 from slamgym.gan.translation.finishing import limited_to_explored
 from slamgym.metrics.wall_direction import flipped, transformed
 
+ZOOM, SHIFT = 0.15, 0.06
+"""Images are enlarged by up to the first share, or shrunk by it; all but windows are shifted by up to the second share
+of the side."""
+RESAMPLED = 0.5
+"""Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a pixel
+at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
 MAX_REDRAWS = 20
 """Attempts to find an unassociated target that differs from the associated one."""
 ROOM_TO_TURN = 1.42
@@ -138,7 +144,7 @@ def augment(
     Args:
         cad: (S, S).
         slam: (S, S).
-        config: What to change and how much.
+        config: What to change.
         rng: Source of the draws.
         damage: Whether the SLAM map may be turned, distorted and damaged (it is the input).
         side: Side of the result, if the images are larger [px]; 0 keeps their size.
@@ -146,21 +152,21 @@ def augment(
     Returns:
         The pair; the inputs stay as they are.
     """
-    amount = config.damage if damage else 0.0
-    is_resampled = config.resampled >= 1.0 or rng.random() < config.resampled
+    is_damaged = config.real_maps and damage
+    is_resampled = not config.real_maps or rng.random() < RESAMPLED
     if config.windows and side and side < cad.shape[0]:
         cad, slam = _cut_window(cad, slam, min(cad.shape[0], round(ROOM_TO_TURN * side)), rng)
     both = _joint_motion(cad.shape[0], config, is_resampled, rng)
     own = both
-    if is_resampled and amount > 0.0:
-        own = _about_centre(cad.shape[0], rng.normal(0.0, amount * TURN_DEG), 1.0, (0.0, 0.0)) @ both
+    if is_resampled and is_damaged:
+        own = _about_centre(cad.shape[0], rng.normal(0.0, TURN_DEG), 1.0, (0.0, 0.0)) @ both
     cad = _moved(cad, both, cv2.INTER_LINEAR, OCCUPIED)
-    if amount > 0.0 and rng.random() < DAMAGE_PROBABILITY:
-        slam = _wobbled(slam, own, rng.uniform(0.0, amount * WOBBLE_PX), rng)
+    if is_damaged and rng.random() < DAMAGE_PROBABILITY:
+        slam = _wobbled(slam, own, rng.uniform(0.0, WOBBLE_PX), rng)
     else:
         slam = _moved(slam, own, cv2.INTER_NEAREST, UNKNOWN)
-    if amount > 0.0:
-        slam = _damaged(slam, amount, rng)
+    if is_damaged:
+        slam = _damaged(slam, rng)
     if side and side < cad.shape[0]:
         start = (cad.shape[0] - side) // 2
         cad, slam = (image[start : start + side, start : start + side] for image in (cad, slam))
@@ -172,15 +178,16 @@ def _joint_motion(
     side: int, config: AugmentConfig, is_resampled: bool, rng: np.random.Generator
 ) -> np.ndarray:
     """A zoom, shift and turn, or a shift by whole pixels, as a 3 x 3 matrix on (col, row)."""
+    largest = 0.0 if config.windows else SHIFT
     if not is_resampled:
         motion = np.eye(3)
-        motion[:2, 2] = np.rint(rng.uniform(-config.shift, config.shift, 2) * side)
+        motion[:2, 2] = np.rint(rng.uniform(-largest, largest, 2) * side)
         return motion
     angle = rng.uniform(-45.0, 45.0) if config.windows and rng.random() < ROTATED else 0.0
-    if config.zoom == 0.0 and config.shift == 0.0 and angle == 0.0:
-        return np.eye(3)
-    zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(config.zoom))
-    shift = rng.uniform(-config.shift, config.shift, 2) * side
+    if not config.real_maps:
+        return _about_centre(side, angle, 1.0, (0.0, 0.0))
+    zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM))
+    shift = rng.uniform(-largest, largest, 2) * side
     return _about_centre(side, angle, zoom, (float(shift[0]), float(shift[1])))
 
 
@@ -225,18 +232,18 @@ def _wobbled(
     return np.asarray(warped, dtype=np.uint8)
 
 
-def _damaged(slam: ByteArray, amount: float, rng: np.random.Generator) -> ByteArray:
+def _damaged(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
     damaged = slam.copy()
     side = slam.shape[0]
     if rng.random() < DAMAGE_PROBABILITY:
-        gaps = (damaged == OCCUPIED) & _blobs(side, rng.uniform(0.0, amount * WALL_DROPOUT), rng)
+        gaps = (damaged == OCCUPIED) & _blobs(side, rng.uniform(0.0, WALL_DROPOUT), rng)
         damaged[gaps] = FREE if rng.random() < 0.3 else UNKNOWN
     if rng.random() < DAMAGE_PROBABILITY:
-        damaged[_blobs(side, rng.uniform(0.0, amount * UNKNOWN_BLOBS), rng)] = UNKNOWN
-    if rng.random() < amount * OCCLUSION:
+        damaged[_blobs(side, rng.uniform(0.0, UNKNOWN_BLOBS), rng)] = UNKNOWN
+    if rng.random() < OCCLUSION:
         damaged[_half_plane(side, rng)] = UNKNOWN
     if rng.random() < DAMAGE_PROBABILITY:
-        count = int(rng.uniform(0.0, amount * SALT_NOISE) * side * side)
+        count = int(rng.uniform(0.0, SALT_NOISE) * side * side)
         rows, cols = rng.integers(0, side, (2, count))
         # Mostly stray hits; a few holes and rays.
         damaged[rows, cols] = rng.choice([OCCUPIED, OCCUPIED, FREE, UNKNOWN], count)

@@ -246,7 +246,7 @@ def test_unassociated_targets_are_other_places(pairs):
 
 
 def test_unassociated_targets_go_through_the_same_changes(pairs):
-    config = AugmentConfig(zoom=0.2, shift=0.1)
+    config = AugmentConfig(real_maps=True)
     sampler = BatchSampler(pairs, training("modelprog", config), np.random.default_rng(0))
     batches = [sampler.draw(7) for _ in range(30)]
     # A discriminator could recognise them by their greys if one kind were interpolated and the other not.
@@ -257,7 +257,7 @@ def test_unassociated_targets_go_through_the_same_changes(pairs):
 
 
 def test_the_stream_goes_on_where_it_was_stored(pairs):
-    config = AugmentConfig(zoom=0.1, damage=3.0)
+    config = AugmentConfig(real_maps=True)
     sampler = BatchSampler(pairs, training("model32", config), np.random.default_rng(0))
     sampler.draw(5)
     state = json.loads(json.dumps(sampler.state()))

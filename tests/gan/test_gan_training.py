@@ -48,7 +48,7 @@ PROGRESSIVE = TranslatorTrainingConfig(
         generator=GeneratorConfig(width=2),
     ),
     discriminator=DiscriminatorConfig(width=8, patch_width=8),
-    augment=AugmentConfig(damage=1.0),
+    augment=AugmentConfig(real_maps=True),
     optimiser=OptimiserConfig(average=0.9),
     stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
     register=True,
