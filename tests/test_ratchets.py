@@ -51,7 +51,7 @@ TOTAL = (32838, 298, 262, 1444, 34301)
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
-    "slamgym.agents.evaluation.trial.Trial": 19,
+    "slamgym.agents.evaluation.trial.Trial": 17,
     "slamgym.envs.batch.arrays.Maps": 16,
     "slamgym.commands.deforming.arguments.DeformArguments": 19,
     "slamgym.commands.generate.GenerateArguments": 17,

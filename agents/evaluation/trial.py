@@ -106,10 +106,6 @@ class Trial(TrialIdentity):
     """Number of choices of where to go."""
     decision_cpu: Measured
     """CPU time of a control step in which it chose [s]."""
-    decision_cpu_max: Measured
-    """The longest of these [s]."""
-    step_cpu: Measured
-    """CPU time of the explorer and its navigation per control step, all steps [s]."""
     cpu: Measured
     """CPU time of the whole exploration: explorer, physics, sensors and SLAM [s]."""
     curve: dict[str, list[Measured]]
@@ -198,7 +194,6 @@ def run_trial(
     curve = CoverageCurve(*np.array(points, dtype=np.float64).T)
     estimate, truth = env.mapper.trajectory(), env.log.true_trajectory(env.start)
     walls = ObstacleDistance(np.vstack([plan.segments(), env.clutter.segments()]))
-    deciding = watch.deciding or watch.all
     return _record(
         env,
         task,
@@ -209,9 +204,7 @@ def run_trial(
         map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.simulation.world_from_map), 6),
         ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
         decisions=len(watch.deciding),
-        decision_cpu=round(float(np.mean(deciding)), 7),
-        decision_cpu_max=round(float(np.max(deciding)), 7),
-        step_cpu=round(float(np.mean(watch.all)), 7),
+        decision_cpu=round(float(np.mean(watch.deciding or watch.all)), 7),
         cpu=round(cpu, 4),
         curve=curve.thinned().to_dict(),
     )
@@ -234,7 +227,7 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
     curve = CoverageCurve(*np.array(steps).T)
     levels = {level_name(b.share): b for b in bounds if b.share in COVERAGE_LEVELS}
-    unmeasured = "collisions map_error ate decisions decision_cpu decision_cpu_max step_cpu"
+    unmeasured = "collisions map_error ate decisions decision_cpu"
     return _record(
         env,
         task,

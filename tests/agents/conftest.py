@@ -33,8 +33,6 @@ def _trial(explorer="ours", plan="p0", seconds=100.0, reached=0.99, seed=1, **ch
             ate=0.1,
             decisions=10,
             decision_cpu=0.004,
-            decision_cpu_max=0.01,
-            step_cpu=0.001,
             cpu=2.0,
             curve={"time": [0.0, seconds], "path": [0.0, 0.2 * seconds], "coverage": [0.0, reached]},
         ),

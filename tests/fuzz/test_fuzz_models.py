@@ -32,7 +32,7 @@ TRIAL = Trial(
     explorer="nearest", plan="hall", seed=1, settings="0" * 12, area=20.0, rooms=2, time_limit=300.0,
     finished=True, time=60.0, path=20.0, coverage=0.99, time_to={"0.95": 50.0, "0.99": None},
     path_to={"0.95": 15.0, "0.99": None}, mean_coverage=0.9, collisions=0, map_error=0.02, ate=0.05, decisions=3,
-    decision_cpu=0.01, decision_cpu_max=0.02, step_cpu=0.001, cpu=2.0,
+    decision_cpu=0.01, cpu=2.0,
     curve={"time": [0.0, 60.0], "path": [0.0, 20.0], "coverage": [0.1, 0.99]},
 )  # fmt: skip
 
