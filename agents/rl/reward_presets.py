@@ -4,7 +4,7 @@ Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`.
 Your own term needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any
 
 from slamgym.agents.rl.train_config import TrainConfig
@@ -23,46 +23,26 @@ _TEST_RESOLUTION = 0.05
 _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0.0)
 
 
-@dataclass(frozen=True)
-class RewardPreset:
-    """A reward and what it is for."""
-
-    reward: RewardConfig
-    about: str
-    needs_filter: bool = False
-    """True if the reward only makes sense with a particle filter: with true poses there is no error to pay."""
-
-
-REWARD_PRESETS: dict[str, RewardPreset] = {
-    "floor": RewardPreset(
-        replace(_NOTHING, floor_gain=1.0, collision=1.0),
-        "square metres truly seen, less contacts",
-    ),
-    "path_cost": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, path_length=0.08), "coverage, less the path driven"
-    ),
-    "time": RewardPreset(replace(_NOTHING, coverage_gain=2.0, time=0.02), "coverage, less the time taken"),
-    "collision": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02, collision=0.1), "as time, less contacts"
-    ),
-    "map_error": RewardPreset(
-        replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
-        "as time, less the growth of the map's true error (Daher et al. assess maps by it)",
-        needs_filter=True,
-    ),
-    "potential": RewardPreset(
-        replace(_NOTHING, time=0.02, shaping=2.0),
-        "time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of "
-        "time alone",
-    ),
-    "completion": RewardPreset(
-        replace(_NOTHING, time=0.02, completion=5.0), "time, and a bonus at the end: sparse"
-    ),
+REWARD_PRESETS: dict[str, RewardConfig] = {
+    # Square metres truly seen, less contacts.
+    "floor": replace(_NOTHING, floor_gain=1.0, collision=1.0),
+    # Coverage, less the path driven.
+    "path_cost": replace(_NOTHING, coverage_gain=2.0, path_length=0.08),
+    # Coverage, less the time taken.
+    "time": replace(_NOTHING, coverage_gain=2.0, time=0.02),
+    # The same, less contacts.
+    "collision": replace(_NOTHING, coverage_gain=2.0, time=0.02, collision=0.1),
+    # As time, less the growth of the map's true error (Daher et al. assess maps by it).
+    "map_error": replace(_NOTHING, coverage_gain=2.0, time=0.02, map_error=40.0),
+    # Time, and potential-based coverage (Ng, Harada and Russell 1999): the optimal policies are those of time alone.
+    "potential": replace(_NOTHING, time=0.02, shaping=2.0),
+    # Time, and a bonus at the end: sparse.
+    "completion": replace(_NOTHING, time=0.02, completion=5.0),
 }
 """The presets by name."""
 
 
-def reward_preset(name: str) -> RewardPreset:
+def reward_preset(name: str) -> RewardConfig:
     """A preset by its name.
 
     Raises:
@@ -77,7 +57,7 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)
-    """Names of presets; ``slamgym agents shape --list`` explains them. If one of them needs the particle filter,
+    """Names of presets (docs/learning.md). If one of them needs the particle filter,
     or may, as ``own``, all are trained with it, so that they differ in the reward alone."""
     seeds: Count = 3
     """Runs of each preset."""
@@ -95,10 +75,10 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
 
     def settings(self, preset: str, seed: int) -> TrainConfig:
         """The training run of a preset and a seed."""
-        # A user's term may charge errors that known poses don't have.
-        needs_filter = any(name == OWN or reward_preset(name).needs_filter for name in self.presets)
+        # Known poses have no error to pay for, and a user's term may charge any.
+        needs_filter = any(name == OWN or reward_preset(name).map_error > 0.0 for name in self.presets)
         localization = "rbpf" if needs_filter else self.train.localization
-        reward = reward_preset(BASE if preset == OWN else preset).reward
+        reward = reward_preset(BASE if preset == OWN else preset)
         return replace(self.train, seed=seed, localization=localization, reward=reward)
 
     @property

@@ -199,12 +199,6 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
     assert not list(tmp_path.iterdir())
 
 
-def test_what_needs_no_extra_works_without(monkeypatch, capsys):
-    monkeypatch.setattr(frame, "is_installed", lambda package: False)
-    assert cli.main(["agents", "shape", "--list"]) == 0
-    assert "path_cost" in capsys.readouterr().out
-
-
 STREAMS = {
     "plans list --count 2 >&-": (0, False),
     "plans list --count 2 >&- 2>&-": (0, False),

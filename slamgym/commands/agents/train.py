@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 from slamgym.agents.rl.reward_presets import ShapingConfig
 from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
-from slamgym.commands.frame import LEARNING, MaybeOut, Out, require
+from slamgym.commands.frame import LEARNING, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions, given
 from slamgym.core.config import Arguments, Count, CountOrZero
 from slamgym.core.errors import ConfigError
-from slamgym.core.progress import say, tell
+from slamgym.core.progress import say
 
 if TYPE_CHECKING:
     from slamgym.agents.rl.shaping import Experiment
@@ -64,12 +64,10 @@ class ShapeArguments(Arguments):
     Run the command again to resume; finished runs are kept, and more presets or seeds add to them.
     """
 
-    out: MaybeOut = None
+    out: Out
     """Folder of the experiment."""
-    list: bool = False
-    """Only list the presets."""
     presets: tuple[str, ...] | None = None
-    """Names of presets; by default all."""
+    """Rewards: floor, path_cost, time, collision, map_error, potential, completion; by default all."""
     seeds: Count | None = None
     """Runs of each preset, by default 3."""
     test_plans: Count | None = None
@@ -85,15 +83,6 @@ class ShapeArguments(Arguments):
 
 def shape(arguments: ShapeArguments) -> None:
     """Run ``slamgym agents shape``."""
-    if arguments.list:
-        from slamgym.agents.rl.reward_presets import REWARD_PRESETS
-
-        width = max(map(len, REWARD_PRESETS))
-        for name, preset in REWARD_PRESETS.items():
-            tell(f"{name:<{width}}  {preset.about}")
-        return
-    if arguments.out is None:
-        raise ConfigError("give the folder of the experiment: -o FOLDER (or --list to see the presets)")
     require(LEARNING, "slamgym agents shape")
     from slamgym.agents.rl.shaping import FEW_SEEDS, run_shaping, write_shaping_report
 
