@@ -36,8 +36,8 @@ class WatchArguments(Arguments):
     out: MaybeOut = None
     """Film to write, .mp4 or .gif; without film and recording a window opens."""
     rerun: Path | None = None
-    """Recording to write, .rrd, which the rerun viewer shows on a timeline: plan, scans, particles, map, frontiers and
-    what the explorer foresees (`pip install 'slamgym[viz]'`)."""
+    """Recording to write, .rrd, which the rerun viewer shows on a timeline: plan, scans, particles, map and
+    frontiers (`pip install 'slamgym[viz]'`)."""
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]."""
     speed: _Rate = 16.0

@@ -3,9 +3,6 @@
 The shortest one is exact up to :data:`EXACT_PLACES` places, by dynamic programming over subsets (Held and
 Karp, "A dynamic programming approach to sequencing problems", J. SIAM 10(1), 1962); beyond, a
 nearest-neighbour tour is improved by 2-opt and Or-opt moves (Croes 1958; Or 1976) until none helps.
-
-The same programme finds the tour on which the places wait least, each weighted by what it is worth: the
-travelling repairman's (Afrati et al., "The complexity of the travelling repairman problem", RAIRO 20(1), 1986).
 """
 
 import numpy as np
@@ -37,21 +34,10 @@ def open_tour(lengths: FloatArray) -> IntArray:
         Indices 1 to N in the order of the visits, shape (N,). Places that can't be reached come last.
     """
     if len(lengths) - 1 <= EXACT_PLACES:
-        return exact_tour(_finite(lengths), np.zeros(len(lengths) - 1), 1.0)
+        return exact_tour(_finite(lengths))
     # Moves are measured as if a stretch were as long backwards; else they might go round in circles.
     matrix = _finite(np.minimum(lengths, lengths.T))
     return improve_tour(matrix, nearest_neighbour_tour(matrix))
-
-
-def repairman_tour(lengths: FloatArray, weights: FloatArray) -> IntArray:
-    """Order of the places that makes the weighted sum of the paths to each of them smallest.
-
-    Args:
-        lengths: As :func:`open_tour` takes them.
-        weights: What it is worth to be early at each place, shape (N,), not negative; N is at most
-            :data:`EXACT_PLACES`.
-    """
-    return exact_tour(_finite(lengths), np.asarray(weights, dtype=np.float64), 0.0)
 
 
 def lengths_by_first(lengths: FloatArray) -> FloatArray:
@@ -77,7 +63,7 @@ def _finite(lengths: FloatArray) -> FloatArray:
 def exact_paths(lengths: FloatArray) -> FloatArray:
     """Length of the shortest path through all places from each of them, by the same programme, shape (N,)."""
     n = len(lengths)
-    best, _ = _held_karp(np.zeros(n), lengths, np.ones(1 << n))
+    best, _ = _held_karp(np.zeros(n), lengths)
     return best[(1 << n) - 1].copy()  # a path that ends at a place is as long as the same backwards
 
 
@@ -99,13 +85,12 @@ def short_paths(lengths: FloatArray) -> FloatArray:
 
 
 @kernel
-def _held_karp(starts: FloatArray, between: FloatArray, weights: FloatArray) -> tuple[FloatArray, IntArray]:
-    """Cheapest way to have visited each set of places and stand at one of them, and the place before it.
+def _held_karp(starts: FloatArray, between: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Shortest way to have visited each set of places and stand at one of them, and the place before it.
 
     Args:
-        starts: What reaching each place first costs, shape (N,).
+        starts: Length of the leg that reaches each place first, shape (N,).
         between: Lengths of the legs, shape (N, N).
-        weights: What a leg's length is multiplied by once a set of places, as bits, was visited, shape (2^N,).
 
     Returns:
         Both of shape (2^N, N).
@@ -124,7 +109,7 @@ def _held_karp(starts: FloatArray, between: FloatArray, weights: FloatArray) -> 
                 if visited >> following & 1:
                     continue
                 both = visited | (1 << following)
-                length = so_far + between[last, following] * weights[visited]
+                length = so_far + between[last, following]
                 if length < best[both, following]:
                     best[both, following] = length
                     before[both, following] = last
@@ -132,21 +117,13 @@ def _held_karp(starts: FloatArray, between: FloatArray, weights: FloatArray) -> 
 
 
 @kernel
-def exact_tour(lengths: FloatArray, weights: FloatArray, length_weight: float) -> IntArray:
-    """Held and Karp's dynamic programme for an open tour from place 0.
-
-    A leg costs its length times ``length_weight`` plus the weights of the places that still wait.
-    """
+def exact_tour(lengths: FloatArray) -> IntArray:
+    """Held and Karp's dynamic programme for an open tour from place 0."""
     n = len(lengths) - 1
     order = np.empty(n, np.int64)
     if n == 0:
         return order
-    waiting = np.full(1 << n, length_weight)
-    for visited in range(1 << n):
-        for i in range(n):
-            if not visited >> i & 1:
-                waiting[visited] += weights[i]
-    best, before = _held_karp(lengths[0, 1:] * waiting[0], np.ascontiguousarray(lengths[1:, 1:]), waiting)
+    best, before = _held_karp(np.ascontiguousarray(lengths[0, 1:]), np.ascontiguousarray(lengths[1:, 1:]))
     visited = (1 << n) - 1
     last = int(np.argmin(best[visited]))
     for position in range(n - 1, -1, -1):

@@ -33,9 +33,6 @@ class Deliberation:
     frontiers: Sequence[FloatArray] = ()  # (size, 2) centres of each one's cells [m]
     chosen: int | None = None  # which of them the robot drives to
     path: FloatArray | None = None  # (N, 2) the way there [m]
-    foreseen: tuple[Float32Array, Float32Array, GridFrame] | None = (
-        None  # probabilities of floor and of walls
-    )
 
 
 def check_recording_name(path: Path) -> None:
@@ -110,7 +107,7 @@ class Recording:
             self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
 
     def _deliberate(self, deliberation: Deliberation) -> None:
-        """Particles, frontiers, the way to the chosen one, and what is foreseen behind them."""
+        """Particles, frontiers, and the way to the chosen one."""
         self._points("belief/particles", deliberation.particles[:, :2], BAR_COLOUR)
         frontiers = deliberation.frontiers
         sizes = [len(frontier) for frontier in frontiers]
@@ -118,10 +115,6 @@ class Recording:
         colours = np.where(is_chosen[:, None], _CHOSEN, _OFFERED)
         self._points("belief/frontiers", np.vstack([np.empty((0, 2)), *frontiers]), colours)
         self._lines("belief/way", [] if deliberation.path is None else [deliberation.path], _CHOSEN)
-        if deliberation.foreseen is not None:
-            floor, wall, frame = deliberation.foreseen
-            colour = np.where((wall > floor)[..., None], WALL_TINT, BAR_COLOUR)
-            self._grid("belief/foreseen", _with_alpha(colour, 200.0 * np.maximum(floor, wall)), frame, 1.0)
 
     def _lines(
         self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray

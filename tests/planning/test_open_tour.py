@@ -12,7 +12,6 @@ from slamgym.planning.open_tour import (
     lengths_by_first,
     nearest_neighbour_tour,
     open_tour,
-    repairman_tour,
     short_paths,
 )
 
@@ -29,28 +28,12 @@ def tour_length(lengths, order):
     return float(lengths[stops[:-1], stops[1:]].sum())
 
 
-def waiting(lengths, weights, order):
-    """Sum over the places of weight times the distance to it."""
-    stops = np.append(0, order)
-    along = np.cumsum(lengths[stops[:-1], stops[1:]])
-    return float((along * weights[np.asarray(order) - 1]).sum())
-
-
 @settings(max_examples=60)
 @given(seed=st.integers(0, 10**6), places=st.integers(1, 6))
 def test_the_exact_tour_is_the_shortest_of_all_orders(seed, places):
     lengths = lengths_of(seed, places)
     best = min(tour_length(lengths, np.array(o)) for o in itertools.permutations(range(1, places + 1)))
     assert tour_length(lengths, open_tour(lengths)) == pytest.approx(best)
-
-
-@settings(max_examples=60)
-@given(seed=st.integers(0, 10**6), places=st.integers(1, 6))
-def test_the_repairman_makes_the_weighted_waiting_shortest(seed, places):
-    lengths = lengths_of(seed, places)
-    weights = np.random.default_rng(seed + 1).uniform(0.1, 5.0, size=places)
-    best = min(waiting(lengths, weights, o) for o in itertools.permutations(range(1, places + 1)))
-    assert waiting(lengths, weights, repairman_tour(lengths, weights)) == pytest.approx(best)
 
 
 @settings(max_examples=20)
@@ -78,20 +61,10 @@ def test_places_that_cannot_be_reached_come_last():
     lengths[2, :] = lengths[:, 2] = np.inf
     lengths[2, 2] = 0.0
     assert open_tour(lengths)[-1] == 2
-    assert repairman_tour(lengths, np.ones(4))[-1] == 2
-
-
-def test_a_heavy_place_is_visited_before_a_light_one_that_is_nearer():
-    lengths = np.array(
-        [[0.0, 2.0, 3.0], [2.0, 0.0, 5.0], [3.0, 5.0, 0.0]]
-    )  # one to the left, one to the right
-    assert list(open_tour(lengths)) == [1, 2]
-    assert list(repairman_tour(lengths, np.array([1.0, 10.0]))) == [2, 1]
 
 
 def test_no_places_make_an_empty_tour():
     assert len(open_tour(np.zeros((1, 1)))) == 0
-    assert len(repairman_tour(np.zeros((1, 1)), np.zeros(0))) == 0
 
 
 @settings(max_examples=40)
