@@ -20,11 +20,9 @@ ALIKE = 0.7
 _CORNER = 0.08
 """Points nearer to the ends of a face say little about it [m]."""
 NEAR = 0.1
-"""So near to its place a wall is there [m]."""
+"""So near to its place a wall is there, and so near to the commonest offset a point belongs to its face [m]."""
 NO_OPENING = 0.3
 """Where a wall stands so near to its place it has no opening, even if cells behind it are free [m]."""
-SPREAD = 0.06
-"""Offsets that differ from the commonest by less belong to one straight face [m]."""
 THROUGH = (-0.075, -0.025, 0.025, 0.075)
 """Where the map is free so far from a face on both sides, there is no wall [m]."""
 LEAST_SEEN = 0.3
@@ -33,8 +31,6 @@ CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
-STRETCH = 1.5
-"""Walls are measured in stretches of at most this length [m]."""
 CORRELATED = 0.25
 """Offsets of points nearer to each other than this say the same [m]."""
 USUAL_DISTORTION = 0.4
@@ -62,10 +58,9 @@ def measure_faces(faces: PlanFaces, evidence: MapEvidence) -> Faces:
     """Measure all faces; in the second round the map's distortion is known from the first."""
     expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
     pairs = _pairs(faces, evidence)
-    stretch = _stretches_of(faces)
     for _ in range(2):
         found = _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
-        expected, deviation = _expected(found, stretch)
+        expected, deviation = _expected(found)
     return _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
 
 
@@ -91,7 +86,7 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
         support = near
     if support < SOME:
         return FaceReport(line, "unclear", seen, None, None, None, None)
-    close = view[np.abs(found.corrected[view] - centre) <= SPREAD]
+    close = view[np.abs(found.corrected[view] - centre) <= NEAR]
     offset = float(np.median(found.corrected[close]))
     distortion = float(found.expected[close].mean())
     error = _standard_error(found, close, offset)
@@ -146,40 +141,30 @@ def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -
     return found
 
 
-def _stretches_of(faces: PlanFaces) -> IntArray:
-    """Which stretch of at most :data:`STRETCH` each point belongs to, (S,)."""
-    parts = np.maximum(np.ceil(faces.lengths / STRETCH).astype(np.int64), 1)
-    first = np.cumsum(parts) - parts
-    parts, first, lengths = parts[faces.face], first[faces.face], faces.lengths[faces.face]
-    return first + np.minimum((faces.along / lengths * parts).astype(np.int64), parts - 1)
-
-
-def _expected(found: Faces, stretch: IntArray) -> tuple[FloatArray, FloatArray]:
+def _expected(found: Faces) -> tuple[FloatArray, FloatArray]:
     """The distortion along the normal at every point, from the other walls around, and its standard error."""
-    faces = found.plan
-    first = np.unique(stretch, return_index=True)[1]
-    counts = np.bincount(stretch)
-    places = np.stack([np.bincount(stretch, weights=faces.points[:, k]) / counts for k in (0, 1)], axis=1)
-    owner, values, noise = faces.face[first], np.zeros(len(counts)), np.ones(len(counts))
-    for number, points in enumerate(np.split(np.arange(len(stretch)), first[1:])):
-        known = found.offsets[points]
-        known = known[np.abs(known - found.expected[points]) < USUAL_DISTORTION]
-        if len(known) >= max(3, SOME * len(points)):
-            values[number] = np.median(known)
-            scatter = 1.4826 * np.median(np.abs(known - values[number]))
-            noise[number] = np.hypot(
+    faces, count = found.plan, len(found.plan.lengths)
+    values, noise = np.zeros(count), np.ones(count)
+    for face in range(count):
+        own = faces.face == face
+        known = found.offsets[own]
+        known = known[np.abs(known - found.expected[own]) < USUAL_DISTORTION]
+        if len(known) >= max(3, SOME * own.sum()):
+            values[face] = np.median(known)
+            scatter = 1.4826 * np.median(np.abs(known - values[face]))
+            noise[face] = np.hypot(
                 CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * FACE_STEP / CORRELATED))
             )
-    measured = noise < 1.0
-    all_stretches = Stretches(places, faces.normals[owner], values, noise)
-    chosen = Stretches(*(part[measured] for part in all_stretches))
-    walls = owner[measured]
-    expected, deviation = np.zeros(len(counts)), np.full(len(counts), 0.1)
-    if measured.sum() >= 4:
-        same = np.array([faces.same_wall(face)[walls] for face in walls])
-        own, error, expected, deviation = estimate_drift(chosen, same, all_stretches)
-        expected[measured], deviation[measured] = own, error
-    return expected[stretch], deviation[stretch]
+    measured = np.flatnonzero(noise < 1.0)
+    middles = 0.5 * (faces.segments[:, :2] + faces.segments[:, 2:])
+    everywhere = Stretches(middles, faces.normals, values, noise)
+    expected, deviation = np.zeros(count), np.full(count, 0.1)
+    if len(measured) >= 4:
+        chosen = Stretches(*(part[measured] for part in everywhere))
+        same = np.array([faces.same_wall(face)[measured] for face in measured])
+        own_drift, error, expected, deviation = estimate_drift(chosen, same, everywhere)
+        expected[measured], deviation[measured] = own_drift, error
+    return expected[faces.face], deviation[faces.face]
 
 
 def _look(
@@ -201,6 +186,6 @@ def _commonest(values: FloatArray) -> tuple[float, float]:
     known = values[np.isfinite(values)]
     if not len(known):
         return 0.0, 0.0
-    agree = (np.abs(known[:, None] - known) <= SPREAD).sum(axis=1) - 0.05 * np.abs(known)
+    agree = (np.abs(known[:, None] - known) <= NEAR).sum(axis=1) - 0.05 * np.abs(known)
     centre = float(known[agree.argmax()])
-    return centre, float((np.abs(known - centre) <= SPREAD).sum() / len(values))
+    return centre, float((np.abs(known - centre) <= NEAR).sum() / len(values))
