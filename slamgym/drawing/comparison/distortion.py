@@ -1,10 +1,10 @@
 """The smooth part of a map's errors: SLAM drifts, so all walls of a region lie a little off together.
 
 The drift is a smooth random field of shifts (a Gaussian process, or kriging: Rasmussen and Williams, "Gaussian
-Processes for Machine Learning", 2006, chapters 2 and 5.4.2). Every straight face of a wall measures the part of it along its
-normal. What the field is at a wall is predicted from all *other* walls, with a standard error that grows with their
-distance. What remains of the wall's own offset is what has moved. Walls that don't fit what the others say count little
-for the others in turn. Both the offset and the drift are reported.
+Processes for Machine Learning", 2006, chapters 2 and 5.4.2). Every straight face of a wall measures the part of it
+along its normal. What the field is at a wall is predicted from all *other* walls, with a standard error that grows with
+their distance. What remains of the wall's own offset is what has moved. Walls that don't fit what the others say count
+little for the others in turn. Both the offset and the drift are reported.
 """
 
 import itertools

@@ -161,7 +161,7 @@ def _expected(found: Faces) -> tuple[FloatArray, FloatArray]:
     expected, deviation = np.zeros(count), np.full(count, 0.1)
     if len(measured) >= 4:
         chosen = Stretches(*(part[measured] for part in everywhere))
-        same = np.array([faces.same_wall(face)[measured] for face in measured])
+        same = np.array([faces.same_wall(face)[measured] for face in measured.tolist()])
         own_drift, error, expected, deviation = estimate_drift(chosen, same, everywhere)
         expected[measured], deviation[measured] = own_drift, error
     return expected[faces.face], deviation[faces.face]
