@@ -79,7 +79,7 @@ class BatchedExplorer:
     """
 
     def __init__(self, context: ExplorerContext, fingerprint: str, begin: Callable[[int], Pilot]) -> None:
-        self.context, self.fingerprint, self._begin = context, fingerprint, begin
+        self.context, self.fingerprint, self.begin = context, fingerprint, begin
         self._pilots: list[Pilot] = []
         self._times: list[float] = []
 
@@ -121,14 +121,14 @@ class BatchedExplorer:
         count = len(observation["pose"]) if batched else 1
         starts = np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start)
         if len(self._pilots) != count:
-            self._pilots = [self._begin(i) for i in range(count)]
+            self._pilots = [self.begin(i) for i in range(count)]
             self._times = [-np.inf] * count
         actions = np.zeros((count, 2), np.float32)
         for i in range(count):
             one = {key: value[i] for key, value in observation.items()} if batched else observation
             time = float(one["time"][0])
             if starts[i] or time < self._times[i]:
-                self._pilots[i] = self._begin(i)
+                self._pilots[i] = self.begin(i)
             self._times[i] = time
             if not self._pilots[i].finished:
                 actions[i] = self.context.to_action(self._pilots[i].act(one))

@@ -31,6 +31,9 @@ class ExplorerContext:
     normalized_actions: bool = True
     """True if an action is a share of the largest speeds, in [-1, 1]; else it is in [m/s] and [rad/s]."""
 
+    drives: bool = True
+    """False if another navigation drives to the goals that are set."""
+
     def to_action(self, command: Twist2D) -> Float32Array:
         """The environment's action, shape (2,), for a velocity command, clipped to the robot's limits."""
         linear = min(max(command.linear, -self.max_linear), self.max_linear)

@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.config import Count, Positive, Settings, Within
-from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import ByteArray, GridFrame, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
+from slamgym.planning.exploration_progress import MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
 from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
@@ -25,8 +26,6 @@ from slamgym.planning.promise import FAMILIAR_AREA, LARGEST_CALIBRATED, Promise,
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 from slamgym.planning.remaining import Remains, measure_remains
 
-_GROWTH = 0.5
-"""Less than this is no growth of the map [m2]: noise opens pinholes for ever."""
 _BLACKLIST_DISTANCE = 0.25
 """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
 Lite. A pose that moves so much farther than the robot drives was corrected, and the map with it: the blacklist, and all
@@ -63,6 +62,7 @@ class ExplorationLoopConfig(Settings, section="loop"):
 class _Belief:
     """The newest observation."""
 
+    frame: GridFrame  # of the map
     pose: Pose2D = Pose2D(0.0, 0.0, 0.0)
     time: float = 0.0  # [s]
     scan: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
@@ -81,38 +81,6 @@ class _Choice:
     checked: tuple[Costmap, FrontierCandidate] | None = None  # a frontier that is still there on a map
 
 
-@dataclass
-class _Growth:
-    """Growth of the map."""
-
-    known_area: float = 0.0  # [m2]
-    grown_to: float = 0.0  # known area when it last grew [m2]
-    grown_at: float = 0.0  # [s]
-    futile: int = 0  # goals in a row that added nothing
-
-    def note(self, known_area: float, time: float) -> None:
-        """Take over the known area of a new map."""
-        self.known_area = known_area
-        if known_area > self.grown_to + _GROWTH:
-            self.grown_to, self.grown_at = known_area, time
-
-
-@dataclass
-class _Progress:
-    """Progress of the robot towards its target."""
-
-    target: Point = (math.inf, math.inf)
-    distance: float = math.inf  # the shortest so far [m]
-    at: float = 0.0  # when it was reached [s]
-
-    def waited(self, target: Point, distance: float, time: float) -> float:
-        """For how long the robot hasn't come nearer [s]."""
-        # A target that only jitters with the map is not a new one.
-        if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
-            self.target, self.distance, self.at = target, distance, time
-        return time - self.at
-
-
 class ExplorationLoop:
     """One robot's exploration by chosen frontiers.
 
@@ -124,6 +92,8 @@ class ExplorationLoop:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
         finished: Nothing that the robot can get to is left to explore, or the promise is kept.
+        is_promise_kept: That ended it.
+        reached: Number of goals that the robot got to.
         target: The frontier that the robot drives to, None if there is none.
     """
 
@@ -131,9 +101,10 @@ class ExplorationLoop:
         self.context = context
         self.config = config or ExplorationLoopConfig()
         self.num_frontiers = 0
-        self.finished = False
-        self._belief = _Belief()
-        self._growth = _Growth()
+        self.finished = self.is_promise_kept = False
+        self.reached = 0
+        self._belief = _Belief(context.frame)
+        self._growth = MapGrowth()
         self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
         self._recovery = RecoveryBehaviours()
@@ -145,8 +116,9 @@ class ExplorationLoop:
         self.candidates: list[FrontierCandidate] = []
         self.target: FrontierCandidate | None = None
         self._choice = choice
-        self._progress = _Progress()
+        self._progress = TargetProgress()
         self._blacklist: list[Point] = []
+        self._missed: list[FrontierCandidate] = []  # of these, what was given up on the way
         self._recovery.start(self.navigator)
 
     @property
@@ -176,7 +148,8 @@ class ExplorationLoop:
 
         Args:
             observation: Of an environment whose map is the global one: ``"map"`` uint8 (1, H, W), ``"scan"``
-                (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s].
+                (num_beams,) [m], ``"pose"`` (3,) in the map frame, ``"time"`` (1,) [s]. The map may be an
+                :class:`OccupancyGrid`, which may grow and move as long as its cells stay on one lattice.
         """
         belief = self._belief
         pose, time = Pose2D(*observation["pose"].tolist()), float(observation["time"][0])
@@ -232,13 +205,39 @@ class ExplorationLoop:
             # The robot looks at a closed room: what the scan sees through is no wall.
             self.navigator.trust_scan(pose, scan, time)
             self.navigator.cancel()
+            self.reached += 1
             self._choice.is_stale = True
         return command
 
+    # After the end.
+
+    def unreached(self) -> list[FrontierCandidate]:
+        """Frontiers that were given up on the way and are still on the map, each once."""
+        costmap, places = self.navigator.costmap, {one.frontier.centroid: one for one in self._missed}
+        return [one for one in places.values() if costmap is not None and one.is_still_there(costmap)]
+
+    def forgive(self, first: Point | None = None) -> None:
+        """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
+
+        Args:
+            first: Go there before [m], which shows that the robot can still drive.
+        """
+        missed = {one.frontier.centroid for one in self._missed}
+        reached = [place for place in self._blacklist if place not in missed]
+        self._begin(_Choice())
+        self._blacklist, self.finished = reached, False
+        self.navigator.update_map(self.known_map(), self.pose, self.time)
+        if first is not None:
+            self.navigator.set_goal(Goal(*first), self.pose, self.time)
+
     # The parts of observe.
 
-    def _take_map(self, cells: ByteArray) -> None:
+    def _take_map(self, published: ByteArray | OccupancyGrid) -> None:
         """Hand a newly published map to the navigation stack."""
+        if isinstance(published, OccupancyGrid):
+            cells, self._belief.frame = published.cells, published.frame
+        else:
+            cells, self._belief.frame = published, self.context.frame
         # The environment publishes a new read-only array for a new map; any other array may have been
         # written to in place, so it is compared.
         last = self._belief.cells
@@ -248,8 +247,7 @@ class ExplorationLoop:
         self._belief.cells = cells.copy() if cells.flags.writeable else cells
         if unchanged:
             return
-        grid = OccupancyGrid(cells.reshape(self.context.frame.shape), self.context.frame)
-        self.navigator.update_map(grid, self.pose, self.time)
+        self.navigator.update_map(self.known_map(), self.pose, self.time)
         self._choice.is_new_map = True
         costmap = self.navigator.costmap
         if costmap is not None:
@@ -269,6 +267,7 @@ class ExplorationLoop:
         status = self.navigator.status
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
+        self.reached += status is GoalStatus.SUCCEEDED
         self._growth.futile = 0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
         if self.navigator.reason == "stuck":
             self.navigator.block_ahead(self.pose, self.time)
@@ -284,7 +283,8 @@ class ExplorationLoop:
         if not choice.is_new_map:
             return False
         distance = math.dist(self.target.target, self.pose[:2])
-        if self._progress.waited(self.target.target, distance, time) > self.config.progress_timeout:
+        waited = self._progress.waited(self.target.target, distance, time)
+        if self.context.drives and waited > self.config.progress_timeout:
             self.navigator.block_ahead(self.pose, time)
             self._drop_target()
             return True
@@ -317,12 +317,13 @@ class ExplorationLoop:
             self._recover()
         # Where nothing is promised, what remains need not be measured.
         if self.config.promise is not None and not self.finished and self.known_area <= LARGEST_CALIBRATED:
-            self.finished = is_kept(self.config.promise, self.remains())
+            self.finished = self.is_promise_kept = is_kept(self.config.promise, self.remains())
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
-        assert self._belief.cells is not None, "there is a map from the first observation on"
-        return OccupancyGrid(self._belief.cells.reshape(self.context.frame.shape), self.context.frame)
+        cells, frame = self._belief.cells, self._belief.frame
+        assert cells is not None, "there is a map from the first observation on"
+        return OccupancyGrid(cells.reshape(frame.shape), frame)
 
     def remains(self) -> Remains | None:
         """Features of what the newest map doesn't show yet.
@@ -356,6 +357,8 @@ class ExplorationLoop:
     def _give_up(self, candidate: FrontierCandidate) -> None:
         """Blacklist a frontier, and drive nowhere."""
         self._blacklist.append(candidate.frontier.centroid)
+        if self.navigator.status is not GoalStatus.SUCCEEDED:
+            self._missed.append(candidate)
         self.target = None
         self.navigator.cancel()
 
@@ -393,3 +396,4 @@ class ExplorationLoop:
         if self.round > rounds == 0:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
+            self._missed.clear()

@@ -210,13 +210,7 @@ class Navigator:
         self._rebuild(pose, time)
 
     def set_goal(self, goal: Goal, pose: Pose2D, time: float) -> None:
-        """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there.
-
-        Args:
-            goal: Where to.
-            pose: The robot's estimated pose.
-            time: Now [s].
-        """
+        """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there."""
         if not self.is_active:
             self._leg = _Leg(pose, time, pose, time)
         self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
@@ -228,6 +222,13 @@ class Navigator:
         """Drop the goal."""
         self.goal, self.status = None, GoalStatus.IDLE
 
+    def end(self, reached: bool) -> None:
+        """Take over from another navigation that drives how it ended."""
+        if reached:
+            self.status = GoalStatus.SUCCEEDED
+        else:
+            self._abort("given up by the navigation")
+
     def step(self, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
         """Velocity for the next control step; updates :attr:`status`.
 
@@ -237,6 +238,9 @@ class Navigator:
             time: Now [s].
         """
         if not self.is_active or self.costmap is None:
+            return STOP
+        if not self.context.drives:
+            self._watch(pose, time)
             return STOP
         command = self._drive(self.costmap, pose, self.follower.points(ranges), time)
         return command if self.is_active else STOP
@@ -255,6 +259,15 @@ class Navigator:
         command = self.follower.step(costmap, pose, obstacles)
         self._mind_deviation(pose, obstacles, time)
         return command
+
+    def _watch(self, pose: Pose2D, time: float) -> None:
+        """End a goal that another navigation drives to, in case it doesn't say so: the robot stands."""
+        self._note_moving(pose, time)
+        stands = time - self._leg.anchor_at
+        if stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < PLAN_TOLERANCE:
+            self.end(reached=True)
+        elif stands > self.config.progress_time:
+            self.end(reached=False)
 
     def _finish(self, pose: Pose2D) -> Twist2D:
         """Turn towards what the goal wants looked at, then report success."""
@@ -312,12 +325,17 @@ class Navigator:
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
-    def _is_stuck(self, pose: Pose2D, time: float) -> bool:
-        """True if the robot has stood still, or not come nearer, for too long."""
+    def _note_moving(self, pose: Pose2D, time: float) -> None:
+        """Note where the robot last moved."""
         leg = self._leg
         turned = abs(wrap_angle(pose.theta - leg.anchor.theta))
         if _apart(pose, leg.anchor) > _STUCK_DISTANCE or turned > 0.3:
             leg.anchor, leg.anchor_at = pose, time
+
+    def _is_stuck(self, pose: Pose2D, time: float) -> bool:
+        """True if the robot has stood still, or not come nearer, for too long."""
+        leg = self._leg
+        self._note_moving(pose, time)
         remaining = self.follower.remaining(pose)
         if remaining < leg.best_remaining - _STUCK_DISTANCE:
             leg.best_remaining, leg.progress_at = remaining, time

@@ -72,8 +72,12 @@ class RecoveryBehaviours:
             time: Now [s].
         """
         if time - self._began_at < LOOK_AROUND_BEFORE and not self._has_looked_around:
-            self._has_looked_around = self.is_turning = True
-            self._turn_left, self._last_theta = 2.0 * math.pi, pose.theta
+            self._has_looked_around = True
+            if self._navigator.context.drives:
+                self.is_turning, self._turn_left, self._last_theta = True, 2.0 * math.pi, pose.theta
+            else:
+                behind = pose.x - math.cos(pose.theta), pose.y - math.sin(pose.theta)
+                self._navigator.set_goal(Goal(pose.x, pose.y, look_at=behind), pose, time)
             return True
         if self.round < len(RELAXED_FOOTPRINTS):
             radius = RELAXED_FOOTPRINTS[self.round] * self._navigator.context.robot_radius

@@ -1,0 +1,41 @@
+"""Progress of an exploration: of its map, and of the robot towards its target."""
+
+import math
+from dataclasses import dataclass
+
+from slamgym.planning.frontiers import Point
+
+LEAST_GROWTH = 0.5
+"""Less than this is no growth of the map [m2]: noise opens pinholes for ever."""
+
+
+@dataclass
+class MapGrowth:
+    """Growth of the map."""
+
+    known_area: float = 0.0  # [m2]
+    grown_to: float = 0.0  # known area when it last grew [m2]
+    grown_at: float = 0.0  # [s]
+    futile: int = 0  # goals in a row that added nothing
+
+    def note(self, known_area: float, time: float) -> None:
+        """Take over the known area of a new map."""
+        self.known_area = known_area
+        if known_area > self.grown_to + LEAST_GROWTH:
+            self.grown_to, self.grown_at = known_area, time
+
+
+@dataclass
+class TargetProgress:
+    """Progress of the robot towards its target."""
+
+    target: Point = (math.inf, math.inf)
+    distance: float = math.inf  # the shortest so far [m]
+    at: float = 0.0  # when it was reached [s]
+
+    def waited(self, target: Point, distance: float, time: float) -> float:
+        """For how long the robot hasn't come nearer [s]."""
+        # A target that only jitters with the map is not a new one.
+        if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
+            self.target, self.distance, self.at = target, distance, time
+        return time - self.at

@@ -1,0 +1,180 @@
+"""Maps of other mappers as ours: the values of a ``nav_msgs/OccupancyGrid`` on one lattice that never moves.
+
+Other mappers publish cells of 0.02 to 0.1 m whose origin moves as the map grows. Here every map comes on cells of
+0.05 m that are multiples of that size from the map frame's origin, so that places on it, and what was computed for
+its cells, stay valid from map to map.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.limits import MAP_CELLS, shown
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.interop.ros_map import MAX_ORIGIN
+
+CELL = 0.05
+"""Side of the cells that foreign maps are brought to [m]."""
+_BLOCK = 8
+"""Maps begin and end at multiples of so many cells: how places are rounded doesn't change as a map grows."""
+_MARGIN = 10
+"""So many unknown cells are left around a map: what ends at its border is a frontier, too."""
+_UNDECIDED = 5
+"""Probabilities nearer to 50 % than this are unknown: one hit in Cartographer is 55 %, one miss 49 %."""
+_LETHAL, _INSCRIBED = 100, 99
+"""Values of a published costmap (nav2_costmap_2d): walls, and where the robot's centre would touch one."""
+_VALUES = np.array([UNKNOWN, FREE, OCCUPIED], np.uint8)
+"""Our values, each winning over those before."""
+
+
+class ForeignMap:
+    """The map of another mapper, as it was last published.
+
+    Args:
+        name: What errors call it, such as its topic.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self._values: NDArray[np.int8] | None = None  # (H, W), row 0 at the bottom
+        self._resolution, self._origin = CELL, (0.0, 0.0)
+
+    def take(self, data: Any, width: int, height: int, resolution: float, origin: Pose2D) -> OccupancyGrid:
+        """Take over a whole map.
+
+        Args:
+            data: Values, -1 unknown or 0 to 100, ``height * width`` of them, the bottom row first.
+            width: [cells].
+            height: [cells].
+            resolution: Side of a cell [m].
+            origin: Outer corner of the first cell in the map frame.
+
+        Returns:
+            It on our lattice, read-only, with a margin of unknown cells.
+
+        Raises:
+            InputFileError: If it is broken, turned, or too large.
+        """
+        placed = all(abs(value) <= MAX_ORIGIN for value in origin)
+        if not (placed and 0.0 < resolution < math.inf):
+            raise self._error(
+                f"has cells of {shown(resolution)} m from {shown(tuple(origin))} on; a map needs a size of cells "
+                f"above 0 and an origin within {MAX_ORIGIN:g} m"
+            )
+        if origin.theta != 0.0:
+            raise self._error(f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0")
+        resolution = round(resolution, 7)  # the message has it in single precision
+        MAP_CELLS.check(self.name, width * height * max(1.0, resolution / CELL) ** 2)
+        values = self._checked(data, width, height)
+        self._values, self._resolution, self._origin = values.copy(), resolution, (origin.x, origin.y)
+        return self._on_lattice(self._values)
+
+    def patch(self, data: Any, x: int, y: int, width: int, height: int) -> OccupancyGrid | None:
+        """Take over a part of the map (``map_msgs/OccupancyGridUpdate``); None as long as there is no map.
+
+        Args:
+            data: As for :meth:`take`.
+            x: First column of the part.
+            y: First row of the part, counted from the bottom.
+            width: [cells].
+            height: [cells].
+
+        Raises:
+            InputFileError: If it is broken, or doesn't lie on the map.
+        """
+        if self._values is None:
+            return None
+        values, (rows, cols) = self._checked(data, width, height), self._values.shape
+        if not (0 <= x <= cols - width and 0 <= y <= rows - height):
+            raise self._error(
+                f"is {cols} x {rows} cells, but its update is of {width} x {height} from ({x}, {y}) on; "
+                "let both come from one mapper"
+            )
+        self._values[y : y + height, x : x + width] = values
+        return self._on_lattice(self._values)
+
+    def _checked(self, data: Any, width: int, height: int) -> NDArray[np.int8]:
+        """The values as an array, shape (height, width)."""
+        if width < 1 or height < 1:
+            raise self._error(f"has no cells ({width} x {height}); wait for the mapper to begin")
+        values = np.asarray(data).astype(np.int8, copy=False).reshape(-1)
+        if len(values) != width * height:
+            raise self._error(
+                f"has {len(values)} values where {width} x {height} cells need {width * height}"
+            )
+        return values.reshape(height, width)
+
+    def _error(self, reason: str) -> InputFileError:
+        return InputFileError(self.name, reason)
+
+    def _on_lattice(self, values: NDArray[np.int8]) -> OccupancyGrid:
+        """The map on our lattice: occupied wins over free, and that over unknown."""
+        ranks = classify_values(values)
+        frame: list[tuple[int, int]] = []
+        for axis, start in ((1, self._origin[0]), (0, self._origin[1])):
+            ranks, first = _onto_lattice(ranks, start / CELL, self._resolution / CELL, axis)
+            low = (first - _MARGIN) // _BLOCK * _BLOCK
+            high = -((first + ranks.shape[axis] + _MARGIN) // -_BLOCK) * _BLOCK
+            margins = [(0, 0), (0, 0)]
+            margins[axis] = (first - low, high - first - ranks.shape[axis])
+            ranks = np.pad(ranks, margins)
+            frame.append((low, high - low))
+        (left, width), (bottom, height) = frame
+        cells = np.ascontiguousarray(_VALUES[ranks[::-1]])
+        cells.flags.writeable = False
+        return OccupancyGrid(cells, GridFrame(CELL, left * CELL, bottom * CELL, height, width))
+
+
+def classify_values(values: NDArray[np.int8]) -> ByteArray:
+    """Ranks 0 unknown, 1 free, 2 occupied of the values of a published map, shape (H, W).
+
+    What the values mean is told by themselves. In a costmap the robot's body makes a seam of 99 round each wall of
+    100, so only 100 is a wall. Otherwise they are probabilities, with nothing but 0 and 100 in trinary maps.
+    """
+    known = (values >= 0) & (values <= _LETHAL)
+    if _is_costmap(values):
+        return np.where(values == _LETHAL, 2, known).astype(np.uint8)
+    occupied, free = values > 50 + _UNDECIDED, values < 50 - _UNDECIDED
+    return np.where(occupied & known, 2, free & known).astype(np.uint8)
+
+
+def _is_costmap(values: NDArray[np.int8]) -> bool:
+    """True if nothing but the seam, or the unknown, lies next to walls."""
+    if not (values == _INSCRIBED).any():
+        return False
+    wall = values == _LETHAL
+    beside: BoolArray = np.zeros_like(wall)
+    beside[1:] |= wall[:-1]
+    beside[:-1] |= wall[1:]
+    beside[:, 1:] |= wall[:, :-1]
+    beside[:, :-1] |= wall[:, 1:]
+    around = values[beside & ~wall]
+    return len(around) > 0 and float(np.mean((around == _INSCRIBED) | (around < 0))) > 0.95
+
+
+def _onto_lattice(ranks: ByteArray, start: float, size: float, axis: int) -> tuple[ByteArray, int]:
+    """Bring one axis of a map to cells of size 1; returns it and the number of its first cell there.
+
+    Each fine cell goes where its centre lies, and the highest rank wins; of coarse cells each new one takes what its
+    own centre shows. So the centre of no cell moves by more than half a cell, and no wall gets a hole.
+
+    Args:
+        ranks: Shape (H, W).
+        start: Where the first cell begins.
+        size: Of the cells.
+        axis: The one to bring there.
+    """
+    count, fuzz = (
+        ranks.shape[axis],
+        1e-6,
+    )  # a centre on a border of two cells belongs to the same one every time
+    if size < 1.0 - fuzz:
+        cells = np.floor(start + size * (np.arange(count) + 0.5) + fuzz).astype(np.int64)
+        begins = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
+        return np.maximum.reduceat(ranks, begins, axis=axis), int(cells[0])
+    first, end = math.floor(start + 0.5 + fuzz), math.floor(start + size * count + 0.5 + fuzz)
+    taken = np.floor((np.arange(first, end) + 0.5 - start) / size + fuzz).astype(np.int64)
+    return np.take(ranks, np.clip(taken, 0, count - 1), axis=axis), first
