@@ -124,6 +124,7 @@ class Navigator:
         self.status = GoalStatus.IDLE
         self.reason = ""  # why the last goal was given up
         self.goal: Goal | None = None
+        self._outcome: bool | None = None  # what another navigation said
         self.inscribed_radius = context.robot_radius
         self.costmap: Costmap | None = None
         self._reachable: Reachable | None = None
@@ -213,7 +214,7 @@ class Navigator:
         """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there."""
         if not self.is_active:
             self._leg = _Leg(pose, time, pose, time)
-        self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
+        self.goal, self.status, self.reason, self._outcome = goal, GoalStatus.ACTIVE, "", None
         self._leg.arrived = False
         self._leg.best_remaining, self._leg.progress_at = math.inf, time
         self._plan(pose, time)
@@ -223,11 +224,8 @@ class Navigator:
         self.goal, self.status = None, GoalStatus.IDLE
 
     def end(self, reached: bool) -> None:
-        """Take over from another navigation that drives how it ended."""
-        if reached:
-            self.status = GoalStatus.SUCCEEDED
-        else:
-            self._abort("given up by the navigation")
+        """Take over from another navigation that drives how it ended; the next :meth:`step` says so."""
+        self._outcome = reached
 
     def step(self, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
         """Velocity for the next control step; updates :attr:`status`.
@@ -261,13 +259,14 @@ class Navigator:
         return command
 
     def _watch(self, pose: Pose2D, time: float) -> None:
-        """End a goal that another navigation drives to, in case it doesn't say so: the robot stands."""
+        """End a goal that another navigation drives to, also if it doesn't say so but stands for long."""
         self._note_moving(pose, time)
         stands = time - self._leg.anchor_at
-        if stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < PLAN_TOLERANCE:
-            self.end(reached=True)
-        elif stands > self.config.progress_time:
-            self.end(reached=False)
+        is_there = stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < PLAN_TOLERANCE
+        if self._outcome or (self._outcome is None and is_there):
+            self.status = GoalStatus.SUCCEEDED
+        elif self._outcome is False or stands > self.config.progress_time:
+            self._abort("given up by the navigation")
 
     def _finish(self, pose: Pose2D) -> Twist2D:
         """Turn towards what the goal wants looked at, then report success."""

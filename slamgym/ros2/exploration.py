@@ -1,0 +1,346 @@
+"""One robot's exploration on maps from outside: everything that an explorer node decides, without ROS.
+
+The node hands maps, poses and scans over and carries out the :class:`Order` of each :meth:`Exploration.step`. The
+explorers are those of the environments, on the same loop. What differs here: the navigation may be another's, which
+aborts goals for reasons that nobody sees, and nobody ends the episode. So nothing is given up for good at once. When
+the loop has ended, places that were not reached are tried again after a growing pause, and they count as unreachable
+only if the robot drove elsewhere meanwhile. A robot that reaches nothing is blocked, says so, and goes on trying.
+"""
+
+import enum
+import math
+from collections import deque
+from dataclasses import replace
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from slamgym.agents.explorer import FrontierExplorer, FrontierPilot
+from slamgym.agents.pretrained_policy import LearnedExplorer
+from slamgym.agents.registry import make_explorer
+from slamgym.core.config import Positive, Settings
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import (
+    UNKNOWN,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Twist2D,
+)
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.exploration_loop import ExplorationLoop
+from slamgym.planning.frontiers import Point
+from slamgym.planning.navigator import STOP, Goal, Navigator
+from slamgym.ros2.foreign_maps import CELL
+from slamgym.ros2.inputs import fence, fit_ranges, knows_place
+from slamgym.ros2.trials import RobotClock, Trials
+from slamgym.ros2.way_back import WayBack
+
+_PATIENCE = 2.0
+"""A goal that was sent is kept for so long without a pose [s]: transforms are late now and then."""
+_CRUMB = 1.0
+"""Places where the robot was are noted so far apart [m]; driving back to one shows that it can drive."""
+_NO_SCANNER = LaserGeometry(360, -math.pi, math.pi / 180.0, 0.12, 3.5)
+"""Assumed where another navigation drives and there is no scan (TurtleBot3's)."""
+_MAP_INTERVAL = 5.0
+"""Time between two maps of the slowest usual mappers [s] (slam_toolbox, GMapping)."""
+
+
+class ExplorationState(enum.Enum):
+    """State of an exploration."""
+
+    WAITING = "waiting"
+    EXPLORING = "exploring"
+    PAUSED = "paused"
+    RETURNING = "returning"
+    DONE = "done"
+    BLOCKED = "blocked"
+
+
+class ExplorationSettings(Settings, section="exploration"):
+    """Settings of an exploration."""
+
+    explorer: str = "tour"
+    """One that chooses frontiers, maybe with a promise, as in ``tour@98%:95%``."""
+    drive: Literal["wheels", "goals"] = "wheels"
+    """Velocities for the wheels, or goals for another navigation."""
+    area: tuple[tuple[float, float], ...] = ()
+    """Corners of the polygon to which the exploration keeps, map frame [m]; without any it has no limit."""
+    return_to_start: bool = False
+    """At the end the robot drives back to where it began."""
+    robot_radius: Positive = 0.22
+    """Radius of the circle about the axle that holds the robot [m]."""
+    max_linear: Positive = 0.26
+    """Largest forward speed [m/s]."""
+    max_angular: Positive = 1.82
+    """Largest rate of turn [rad/s]."""
+
+    def _check(self) -> None:
+        if 0 < len(self.area) < 3:
+            raise ConfigError(f"exploration.area needs three corners or more, not {len(self.area)}")
+
+
+class Order(NamedTuple):
+    """What the robot is to do now."""
+
+    twist: Twist2D
+    goal: Pose2D | None
+    """Where another navigation is to drive, map frame; None for nowhere."""
+    number: int
+    """Changes with the goal."""
+
+
+class ExplorationView(NamedTuple):
+    """What viewers show, in the map frame [m]."""
+
+    frontiers: tuple[FloatArray, ...]
+    """Centres of the cells of each frontier that is offered, shape (N, 2)."""
+    chosen: FloatArray | None
+    """Those of the chosen one."""
+    goal: Point | None
+    path: FloatArray
+    """What is left of the path, shape (N, 2)."""
+    known_area: float
+    """[m2]."""
+    unreached: tuple[Point, ...]
+    """Middles of the frontiers that were given up."""
+
+
+class Exploration:
+    """One robot's exploration.
+
+    Use: :meth:`take_map` for each map, :meth:`step` once per :attr:`control_step`; carry out its order. Where another
+    navigation drives, :meth:`goal_ended` with what became of a goal.
+
+    Args:
+        settings: Settings.
+
+    Attributes:
+        settings: Settings.
+        control_step: Time from step to step [s].
+        state: The state after the last step.
+        text: The same in words: what it waits for, what is left, why it is blocked, what was not reached.
+        start: Where the exploration began, map frame.
+
+    Raises:
+        ConfigError: If there is no such explorer, or it doesn't choose frontiers.
+    """
+
+    def __init__(self, settings: ExplorationSettings) -> None:
+        self.settings = settings
+        self.state, self.text = ExplorationState.WAITING, "waiting for a map"
+        self.start: Pose2D | None = None
+        frame = GridFrame(CELL, 0.0, 0.0, 1, 1)
+        limits = settings.robot_radius, settings.max_linear, settings.max_angular
+        self._context = ExplorerContext(
+            frame,
+            _NO_SCANNER,
+            *limits,
+            map_update_interval=_MAP_INTERVAL,
+            normalized_actions=False,
+            drives=settings.drive == "wheels",
+        )
+        self.control_step = self._context.control_step
+        _make_pilot(settings.explorer, self._context)
+        self._grid: OccupancyGrid | None = None
+        self._clock, self._complete_at = RobotClock(), -math.inf
+        self._driver: Navigator | None = None  # what set the goal that another navigation drives to
+        self._goal: Goal | None = None
+        self._place: Pose2D | None = None  # of the goal
+        self._number = 0
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a new exploration, on the map that there is."""
+        self._pilot: FrontierPilot | None = None
+        self._is_paused, self._wants_back = False, False
+        self._is_over = False
+        self._notes: list[str] = []  # what there is to say at the end
+        self._back: WayBack | None = None
+        self._trials = Trials()
+        self._crumbs: deque[Point] = deque(maxlen=100)
+
+    # What the node hands over.
+
+    def take_map(self, grid: OccupancyGrid) -> None:
+        """Take over a newly published map, on the lattice of :class:`~slamgym.ros2.foreign_maps.ForeignMap`."""
+        self._grid = fence(grid, self.settings.area)
+
+    def goal_ended(self, number: int, reached: bool) -> None:
+        """Take over what became of the goal of a number; what became of older ones is passed over."""
+        if number == self._number and self._driver is not None:
+            self._driver.end(reached)
+
+    def pause(self) -> None:
+        """Stand still until :meth:`resume`; time stands still, too."""
+        self._is_paused = True
+
+    def resume(self) -> None:
+        """Go on after a pause; after the end a new exploration begins."""
+        if self.state is ExplorationState.DONE:
+            self._begin()
+        self._is_paused = False
+
+    def return_to_start(self) -> None:
+        """Drive to where the exploration began; it is paused then, if it isn't done."""
+        self._wants_back, self._is_paused = True, False
+
+    def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> Order:
+        """Decide about the next control step.
+
+        Args:
+            pose: The robot in the map frame; None if it isn't known now.
+            scan: The newest scan; None if there is none of late.
+            stamp: Robot time [s].
+        """
+        if self._clock.tick(stamp, self._is_paused):
+            self.start = None
+            self._begin()
+        missing = self._find_missing(pose, scan)
+        if missing or pose is None or self._grid is None:
+            keeps_goal = self._clock.now - self._complete_at < _PATIENCE and not self._is_paused
+            self._say(ExplorationState.WAITING, missing)
+            return Order(STOP, self._place, self._number) if keeps_goal else self._order(STOP, None)
+        self._complete_at = self._clock.now
+        self.start = self.start or pose
+        if self._pilot is None:
+            if scan is not None:
+                self._context = _with_scanner(self._context, scan)
+            self._pilot = _make_pilot(self.settings.explorer, self._context)
+        if not self._crumbs or math.dist(self._crumbs[-1], pose[:2]) > _CRUMB:
+            self._crumbs.append(pose[:2])
+        ranges = fit_ranges(scan, self._context.geometry)
+        if self._wants_back:
+            self._wants_back, self._notes, radius = (
+                False,
+                self._notes[: self._is_over],
+                self._pilot.loop.navigator.inscribed_radius,
+            )
+            self._back = WayBack(self._context, self.start, radius)
+        if self._is_paused:
+            return self._stand(ExplorationState.PAUSED, "; ".join(["paused", *self._notes]))
+        if self._back is not None:
+            return self._return(self._back, self._grid, pose, ranges)
+        if self._is_over:
+            return self._stand(ExplorationState.DONE, "; ".join(["done", *self._notes]))
+        return self._explore(self._pilot, self._grid, pose, ranges)
+
+    # The states.
+
+    def _find_missing(self, pose: Pose2D | None, scan: LaserScan | None) -> str:
+        """What a step waits for, in words; empty if nothing is missing."""
+        if self._grid is None:
+            return "waiting for a map"
+        if not (self._grid.cells != UNKNOWN).any():
+            return "waiting for a map that shows anything"
+        if pose is None or not all(map(math.isfinite, pose)):
+            return "waiting for the robot's pose on the map"
+        left, bottom, right, top = self._grid.frame.bounds
+        if not (left <= pose.x < right and bottom <= pose.y < top):
+            return f"waiting for a map of where the robot is, ({pose.x:.1f}, {pose.y:.1f}) m"
+        return "waiting for a scan" if scan is None and self._context.drives else ""
+
+    def _explore(
+        self, pilot: FrontierPilot, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
+    ) -> Order:
+        loop, trials, now = pilot.loop, self._trials, self._clock.now
+        if loop.finished:
+            if now < trials.again_at:
+                return self._stand(*self._describe_end(loop))
+            loop.forgive(
+                next((place for place in reversed(self._crumbs) if math.dist(place, pose[:2]) > _CRUMB), None)
+            )
+        observation = {"map": grid, "scan": ranges, "pose": np.array(pose), "time": np.array([now])}
+        twist = pilot.act(observation)
+        if not loop.finished:
+            is_vain = trials.is_vain and loop.reached == trials.reached and bool(loop.unreached())
+            known = f"{loop.num_frontiers} frontiers, {loop.known_area:.0f} m2 known"
+            state = ExplorationState.BLOCKED if is_vain else ExplorationState.EXPLORING
+            self._say(state, f"{state.value}: {known}")
+            return self._order(twist, loop.navigator)
+        is_lost = loop.navigator.reachable is None or not knows_place(grid, pose, self.settings.robot_radius)
+        if not trials.is_over(loop, is_lost, now):
+            return self._stand(*self._describe_end(loop))
+        self._is_over, count = True, len(loop.unreached())
+        self._notes = [f"{loop.known_area:.0f} m2 known"]
+        self._notes += [f"{count} places were not reached"] if count else []
+        self._wants_back = self.settings.return_to_start
+        state = ExplorationState.RETURNING if self._wants_back else ExplorationState.DONE
+        return self._stand(state, "; ".join([state.value, *self._notes]))
+
+    def _describe_end(self, loop: ExplorationLoop) -> tuple[ExplorationState, str]:
+        """State and text between an end that isn't final and the next try."""
+        count = len(loop.unreached())
+        again = f"trying again every {self._trials.pause:.0f} s"
+        if not count:
+            return (
+                ExplorationState.WAITING,
+                f"waiting for a map with a frontier that the robot can get to; {again}",
+            )
+        if self._trials.is_vain:
+            return ExplorationState.BLOCKED, f"blocked: none of {count} places was reached; {again}"
+        return ExplorationState.EXPLORING, f"exploring: {count} places were not reached; {again}"
+
+    def _return(self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array) -> Order:
+        twist = back.step(grid, pose, ranges, self._clock.now)
+        if back.result:
+            self._back, self._is_paused = None, not self._is_over
+            self._notes.append(back.result)
+        self._say(ExplorationState.RETURNING, "returning to the start")
+        return self._order(twist, back.navigator)
+
+    def _stand(self, state: ExplorationState, text: str) -> Order:
+        self._say(state, text)
+        return self._order(STOP, None)
+
+    def _say(self, state: ExplorationState, text: str) -> None:
+        self.state, self.text = state, text
+
+    def _order(self, twist: Twist2D, driver: Navigator | None) -> Order:
+        """The order; its number changes when the goal does."""
+        goal = driver.goal if driver is not None and driver.is_active and not self._context.drives else None
+        if goal is not self._goal:
+            self._goal, self._driver, self._number = goal, driver, self._number + 1
+            self._place = None if goal is None or driver is None else _pose_at(goal, driver.follower.path)
+        return Order(twist, self._place, self._number)
+
+    def view(self) -> ExplorationView:
+        """What viewers show."""
+        loop = self._pilot.loop if self._pilot else None
+        navigator = self._back.navigator if self._back else loop.navigator if loop else None
+        goal = navigator.goal if navigator is not None and navigator.is_active else None
+        return ExplorationView(
+            tuple(one.points for one in loop.candidates) if loop else (),
+            loop.target.points if loop and loop.target else None,
+            (goal.x, goal.y) if goal else None,
+            navigator.follower.ahead if navigator is not None and goal else np.zeros((0, 2)),
+            loop.known_area if loop else 0.0,
+            tuple(one.frontier.middle for one in loop.unreached()) if loop else (),
+        )
+
+
+def _with_scanner(context: ExplorerContext, scan: LaserScan) -> ExplorerContext:
+    """The context with the scanner that a scan shows."""
+    return replace(context, geometry=scan.geometry._replace(num_beams=len(scan.ranges)))
+
+
+def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:
+    """The pilot of an explorer of a name."""
+    explorer = make_explorer(name, context)
+    pilot = explorer.begin(0) if isinstance(explorer, FrontierExplorer | LearnedExplorer) else None
+    if not isinstance(pilot, FrontierPilot):
+        raise ConfigError(
+            f"the explorer {name} doesn't choose frontiers; take one that does, such as tour or rl"
+        )
+    return pilot
+
+
+def _pose_at(goal: Goal, path: FloatArray) -> Pose2D:
+    """The end of the path to a goal, looking where the goal wants, or along the path."""
+    x, y = path[-1].tolist()
+    to_x, to_y = goal.look_at or (path[-1] + path[-1] - path[-2]).tolist()
+    return Pose2D(x, y, math.atan2(to_y - y, to_x - x))

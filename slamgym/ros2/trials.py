@@ -1,0 +1,70 @@
+"""Ends of an exploration that are not final, and the clock that it goes by."""
+
+import math
+
+from slamgym.planning.exploration_loop import ExplorationLoop
+from slamgym.planning.exploration_progress import LEAST_GROWTH
+
+MOST_TRIES = 3
+"""Places that weren't reached in so many more tries, while the robot could drive elsewhere, count as unreachable."""
+FIRST_PAUSE, _LONGEST_PAUSE = 5.0, 60.0
+"""Before the first of them, and the longest to which it doubles [s]: people walk on within a minute."""
+_JUMP = 1.0
+"""A clock that jumps back by more began again [s]; less is the disorder of messages."""
+_LONGEST_STEP = 10.0
+"""No step of the clock counts for more [s]: jumps ahead aren't time in which the robot made no progress."""
+
+
+class RobotClock:
+    """Time of an exploration, which neither jumps nor runs during a pause."""
+
+    def __init__(self) -> None:
+        self.now = 0.0  # [s]
+        self._stamp = math.nan
+
+    def tick(self, stamp: float, is_paused: bool) -> bool:
+        """Take over a stamp [s]; returns True if the clock has begun again."""
+        if not math.isfinite(stamp):
+            return False
+        passed = 0.0 if math.isnan(self._stamp) else stamp - self._stamp
+        self._stamp = stamp
+        self.now += 0.0 if is_paused else min(max(passed, 0.0), _LONGEST_STEP)
+        return passed < -_JUMP
+
+
+class Trials:
+    """Judges an exploration that came to its end, and says when to try again what wasn't reached."""
+
+    def __init__(self) -> None:
+        self.again_at = -math.inf  # [s]
+        self.pause = 0.0  # [s]
+        self._tried, self._in_vain = 0, 0  # with another goal reached meanwhile, and in a row without any
+        self.reached, self._known_area = 0, 0.0  # by the loop when it last ended
+
+    def is_over(self, loop: ExplorationLoop, is_lost: bool, time: float) -> bool:
+        """True if the end is one; else it is to be tried again later.
+
+        Args:
+            loop: That has ended.
+            is_lost: The robot stands where the map shows nothing.
+            time: Now [s].
+        """
+        if loop.known_area > self._known_area + LEAST_GROWTH:
+            self._tried = self._in_vain = 0
+        is_driving, left = loop.reached > self.reached, bool(loop.unreached())
+        tries = self._tried if is_driving else self._in_vain
+        enough = tries >= MOST_TRIES or (is_driving and not left)
+        if loop.is_promise_kept or (enough and not is_lost and (is_driving or not left)):
+            return True
+        if is_driving:
+            self._tried, self._in_vain = self._tried + 1, 0
+        else:
+            self._in_vain += 1
+        self.pause = min(FIRST_PAUSE * 2.0 ** min(tries, 10), _LONGEST_PAUSE)
+        self.again_at, self.reached, self._known_area = time + self.pause, loop.reached, loop.known_area
+        return False
+
+    @property
+    def is_vain(self) -> bool:
+        """True if the robot reached nothing in the last one."""
+        return self._in_vain > 0
