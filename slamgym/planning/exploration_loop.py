@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, GridFrame, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.costmap import NO_INFORMATION, Costmap
-from slamgym.planning.exploration_progress import MapGrowth, TargetProgress
+from slamgym.planning.costmap import NO_INFORMATION
+from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
 from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
@@ -30,6 +30,8 @@ _BLACKLIST_DISTANCE = 0.25
 """A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
 Lite. A pose that moves so much farther than the robot drives was corrected, and the map with it: the blacklist, and all
 else that was noted by its place, is somewhere else now."""
+_NEAR_BY = 1.0
+"""Driving farther than this shows that the robot can drive [m]."""
 _STALL_TIME = 40.0
 """If the map hasn't grown for so long, choices are no longer reconsidered while driving [s]: a policy that
 changes its mind for ever would never arrive."""
@@ -69,18 +71,6 @@ class _Belief:
     cells: ByteArray | None = None  # the map
 
 
-@dataclass
-class _Choice:
-    """The last choice, and what asks for the next one."""
-
-    made_at: float = -math.inf  # [s]
-    is_open: bool = True  # none was made since the candidates were searched
-    is_new_map: bool = False  # since the last search of candidates
-    is_stale: bool = True  # something but the map has changed since then
-    settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
-    checked: tuple[Costmap, FrontierCandidate] | None = None  # a frontier that is still there on a map
-
-
 class ExplorationLoop:
     """One robot's exploration by chosen frontiers.
 
@@ -108,9 +98,9 @@ class ExplorationLoop:
         self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
         self._recovery = RecoveryBehaviours()
-        self._begin(_Choice())
+        self._begin(LastChoice())
 
-    def _begin(self, choice: _Choice) -> None:
+    def _begin(self, choice: LastChoice) -> None:
         """Begin without anything that is noted by its place on the map."""
         self.navigator = Navigator(self.context, self.config.navigator)
         self.candidates: list[FrontierCandidate] = []
@@ -158,7 +148,7 @@ class ExplorationLoop:
         belief.pose, belief.time, belief.scan = pose, time, observation["scan"]
         if is_corrected and belief.cells is not None and not self.finished:
             # The last map that was published is still the old one.
-            self._begin(_Choice(is_stale=False, settles_at=self._next_map_at()))
+            self._begin(LastChoice(is_stale=False, settles_at=self._next_map_at()))
             self._growth.grown_to = 0.0  # corrected maps may be smaller
         self._recovery.note_time(belief.time)
         self._take_map(observation["map"])
@@ -216,19 +206,25 @@ class ExplorationLoop:
         costmap, places = self.navigator.costmap, {one.frontier.centroid: one for one in self._missed}
         return [one for one in places.values() if costmap is not None and one.is_still_there(costmap)]
 
-    def forgive(self, first: Point | None = None) -> None:
+    def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
 
-        Args:
-            first: Go there before [m], which shows that the robot can still drive.
+        First it drives to a place near by, which shows that it still can.
         """
         missed = {one.frontier.centroid for one in self._missed}
         reached = [place for place in self._blacklist if place not in missed]
-        self._begin(_Choice())
+        self._begin(LastChoice())
         self._blacklist, self.finished = reached, False
         self.navigator.update_map(self.known_map(), self.pose, self.time)
-        if first is not None:
-            self.navigator.set_goal(Goal(*first), self.pose, self.time)
+        costmap, space = self.navigator.costmap, self.navigator.reachable
+        if costmap is not None and space is not None:
+            # In the order of the search, the nearest first.
+            places = costmap.frame.to_points(
+                *np.divmod(space.order[: space.num_centre], costmap.frame.width_px)
+            )
+            away = places[np.hypot(*(places - self.pose[:2]).T) > _NEAR_BY].tolist()
+            if away:
+                self.navigator.set_goal(Goal(*away[0]), self.pose, self.time)
 
     # The parts of observe.
 

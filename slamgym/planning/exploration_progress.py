@@ -1,8 +1,10 @@
-"""Progress of an exploration: of its map, and of the robot towards its target."""
+"""Progress of an exploration: its last choice, its map, and the robot on the way to its target."""
 
 import math
 from dataclasses import dataclass
 
+from slamgym.planning.costmap import Costmap
+from slamgym.planning.frontier_candidates import FrontierCandidate
 from slamgym.planning.frontiers import Point
 
 LEAST_GROWTH = 0.5
@@ -39,3 +41,15 @@ class TargetProgress:
         if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
             self.target, self.distance, self.at = target, distance, time
         return time - self.at
+
+
+@dataclass
+class LastChoice:
+    """The last choice, and what asks for the next one."""
+
+    made_at: float = -math.inf  # [s]
+    is_open: bool = True  # none was made since the candidates were searched
+    is_new_map: bool = False  # since the last search of candidates
+    is_stale: bool = True  # something but the map has changed since then
+    settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
+    checked: tuple[Costmap, FrontierCandidate] | None = None  # a frontier that is still there on a map

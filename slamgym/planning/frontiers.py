@@ -7,7 +7,16 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, FloatArray, Int32Array, IntArray, LaserGeometry, Pose2D
+from slamgym.core.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    Int32Array,
+    IntArray,
+    LaserGeometry,
+    Pose2D,
+)
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
 from slamgym.planning.frontier_feature_kernels import unknown_by_ray
 
@@ -40,6 +49,10 @@ class Reachable(NamedTuple):
     order: Int32Array  # (N,) flat indices in the order of the search
     mask: BoolArray  # (H * W,) the same as a mask
     num_centre: int  # the robot's centre can stand on the first so many cells; its body covers the others
+
+    def centre_points(self, frame: GridFrame) -> FloatArray:
+        """Where the robot's centre can stand, in the order of the search, shape (num_centre, 2) [m]."""
+        return frame.to_points(*np.divmod(self.order[: self.num_centre], frame.width_px))
 
 
 def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:

@@ -262,7 +262,7 @@ class Navigator:
         """End a goal that another navigation drives to, also if it doesn't say so but stands for long."""
         self._note_moving(pose, time)
         stands = time - self._leg.anchor_at
-        is_there = stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < PLAN_TOLERANCE
+        is_there = stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < _DEVIATION
         if self._outcome or (self._outcome is None and is_there):
             self.status = GoalStatus.SUCCEEDED
         elif self._outcome is False or stands > self.config.progress_time:

@@ -9,7 +9,6 @@ only if the robot drove elsewhere meanwhile. A robot that reaches nothing is blo
 
 import enum
 import math
-from collections import deque
 from dataclasses import replace
 from typing import Literal, NamedTuple
 
@@ -42,8 +41,6 @@ from slamgym.ros2.way_back import WayBack
 
 _PATIENCE = 2.0
 """A goal that was sent is kept for so long without a pose [s]: transforms are late now and then."""
-_CRUMB = 1.0
-"""Places where the robot was are noted so far apart [m]; driving back to one shows that it can drive."""
 _NO_SCANNER = LaserGeometry(360, -math.pi, math.pi / 180.0, 0.12, 3.5)
 """Assumed where another navigation drives and there is no scan (TurtleBot3's)."""
 _MAP_INTERVAL = 5.0
@@ -162,7 +159,6 @@ class Exploration:
         self._notes: list[str] = []  # what there is to say at the end
         self._back: WayBack | None = None
         self._trials = Trials()
-        self._crumbs: deque[Point] = deque(maxlen=100)
 
     # What the node hands over.
 
@@ -211,8 +207,6 @@ class Exploration:
             if scan is not None:
                 self._context = _with_scanner(self._context, scan)
             self._pilot = _make_pilot(self.settings.explorer, self._context)
-        if not self._crumbs or math.dist(self._crumbs[-1], pose[:2]) > _CRUMB:
-            self._crumbs.append(pose[:2])
         ranges = fit_ranges(scan, self._context.geometry)
         if self._wants_back:
             self._wants_back, self._notes, radius = (
@@ -226,7 +220,7 @@ class Exploration:
         if self._back is not None:
             return self._return(self._back, self._grid, pose, ranges)
         if self._is_over:
-            return self._stand(ExplorationState.DONE, "; ".join(["done", *self._notes]))
+            return self._stand(ExplorationState.DONE, self._summary())
         return self._explore(self._pilot, self._grid, pose, ranges)
 
     # The states.
@@ -251,15 +245,13 @@ class Exploration:
         if loop.finished:
             if now < trials.again_at:
                 return self._stand(*self._describe_end(loop))
-            loop.forgive(
-                next((place for place in reversed(self._crumbs) if math.dist(place, pose[:2]) > _CRUMB), None)
-            )
+            loop.forgive()
         observation = {"map": grid, "scan": ranges, "pose": np.array(pose), "time": np.array([now])}
         twist = pilot.act(observation)
         if not loop.finished:
-            is_vain = trials.is_vain and loop.reached == trials.reached and bool(loop.unreached())
+            trials.note(loop)
             known = f"{loop.num_frontiers} frontiers, {loop.known_area:.0f} m2 known"
-            state = ExplorationState.BLOCKED if is_vain else ExplorationState.EXPLORING
+            state = ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
             self._say(state, f"{state.value}: {known}")
             return self._order(twist, loop.navigator)
         is_lost = loop.navigator.reachable is None or not knows_place(grid, pose, self.settings.robot_radius)
@@ -267,10 +259,14 @@ class Exploration:
             return self._stand(*self._describe_end(loop))
         self._is_over, count = True, len(loop.unreached())
         self._notes = [f"{loop.known_area:.0f} m2 known"]
-        self._notes += [f"{count} places were not reached"] if count else []
+        self._notes += [f"places not reached: {count}"] if count else []
         self._wants_back = self.settings.return_to_start
-        state = ExplorationState.RETURNING if self._wants_back else ExplorationState.DONE
-        return self._stand(state, "; ".join([state.value, *self._notes]))
+        if self._wants_back:
+            return self._stand(ExplorationState.RETURNING, "returning to the start")
+        return self._stand(ExplorationState.DONE, self._summary())
+
+    def _summary(self) -> str:
+        return f"done: {'; '.join(self._notes)}"
 
     def _describe_end(self, loop: ExplorationLoop) -> tuple[ExplorationState, str]:
         """State and text between an end that isn't final and the next try."""
@@ -281,9 +277,9 @@ class Exploration:
                 ExplorationState.WAITING,
                 f"waiting for a map with a frontier that the robot can get to; {again}",
             )
-        if self._trials.is_vain:
-            return ExplorationState.BLOCKED, f"blocked: none of {count} places was reached; {again}"
-        return ExplorationState.EXPLORING, f"exploring: {count} places were not reached; {again}"
+        if self._trials.is_blocked:
+            return ExplorationState.BLOCKED, f"blocked: no place was reached, left are {count}; {again}"
+        return ExplorationState.EXPLORING, f"exploring: places not reached: {count}; {again}"
 
     def _return(self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array) -> Order:
         twist = back.step(grid, pose, ranges, self._clock.now)

@@ -5,7 +5,7 @@ import math
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.exploration_progress import LEAST_GROWTH
 
-MOST_TRIES = 3
+MOST_TRIES = 2
 """Places that weren't reached in so many more tries, while the robot could drive elsewhere, count as unreachable."""
 FIRST_PAUSE, _LONGEST_PAUSE = 5.0, 60.0
 """Before the first of them, and the longest to which it doubles [s]: people walk on within a minute."""
@@ -38,8 +38,19 @@ class Trials:
     def __init__(self) -> None:
         self.again_at = -math.inf  # [s]
         self.pause = 0.0  # [s]
+        self.is_blocked = False  # the robot reached none of what was left
         self._tried, self._in_vain = 0, 0  # with another goal reached meanwhile, and in a row without any
-        self.reached, self._known_area = 0, 0.0  # by the loop when it last ended
+        self._reached, self._known_area = 0, math.nan  # by the loop when this try began
+
+    def note(self, loop: ExplorationLoop) -> None:
+        """Note a step of the loop: what it reaches, or adds to the map, shows that the robot can drive."""
+        if math.isnan(self._known_area):
+            self._known_area = loop.known_area
+        if self._is_driving(loop):
+            self.is_blocked = False
+
+    def _is_driving(self, loop: ExplorationLoop) -> bool:
+        return loop.reached > self._reached or loop.known_area > self._known_area + LEAST_GROWTH
 
     def is_over(self, loop: ExplorationLoop, is_lost: bool, time: float) -> bool:
         """True if the end is one; else it is to be tried again later.
@@ -51,20 +62,14 @@ class Trials:
         """
         if loop.known_area > self._known_area + LEAST_GROWTH:
             self._tried = self._in_vain = 0
-        is_driving, left = loop.reached > self.reached, bool(loop.unreached())
+        is_driving, left = self._is_driving(loop), bool(loop.unreached())
         tries = self._tried if is_driving else self._in_vain
         enough = tries >= MOST_TRIES or (is_driving and not left)
         if loop.is_promise_kept or (enough and not is_lost and (is_driving or not left)):
             return True
-        if is_driving:
-            self._tried, self._in_vain = self._tried + 1, 0
-        else:
-            self._in_vain += 1
+        self._tried += is_driving
+        self._in_vain = 0 if is_driving else self._in_vain + 1
+        self.is_blocked = left and not is_driving
         self.pause = min(FIRST_PAUSE * 2.0 ** min(tries, 10), _LONGEST_PAUSE)
-        self.again_at, self.reached, self._known_area = time + self.pause, loop.reached, loop.known_area
+        self.again_at, self._reached, self._known_area = time + self.pause, loop.reached, loop.known_area
         return False
-
-    @property
-    def is_vain(self) -> bool:
-        """True if the robot reached nothing in the last one."""
-        return self._in_vain > 0

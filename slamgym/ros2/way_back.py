@@ -59,6 +59,6 @@ class WayBack:
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is None or space is None:
             return self._start[:2]
-        places = costmap.frame.to_points(*np.divmod(space.order[: space.num_centre], costmap.frame.width_px))
+        places = space.centre_points(costmap.frame)
         x, y = places[np.argmin(np.hypot(*(places - self._start[:2]).T))].tolist()
         return x, y
