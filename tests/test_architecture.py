@@ -28,6 +28,7 @@ ROOMS = {
     "agents": "explorers, their training and their evaluation",
     "gan": "translators between SLAM maps and CAD maps",
     "drawing": "from a SLAM map to vectors with dimensions and CAD files; comparison with a plan",
+    "ros2": "what ROS 2 nodes decide, and the nodes",
     "commands": "the command line",
 }
 
@@ -69,6 +70,9 @@ ALLOWED = {
     ("drawing", "gan"): "cleaning or a translator finds the floor, and the walls' direction",
     ("drawing", "interop"): "a drawing is a ROS map, too",
     ("drawing", "metrics"): "rooms are parts that only a doorway joins",
+    ("ros2", "agents"): "robots are driven by the explorers",
+    ("ros2", "interop"): "maps from outside are bounded as map files are",
+    ("ros2", "planning"): "the exploration loop and the navigation stack decide",
     ("drawing", "viz"): "drawings and comparisons are shown over their maps",
 }
 BLIND = ("slam", "planning")

@@ -195,7 +195,7 @@ class ExplorationLoop:
             # The robot looks at a closed room: what the scan sees through is no wall.
             self.navigator.trust_scan(pose, scan, time)
             self.navigator.cancel()
-            self.reached += 1
+            self.reached += self.round > 0  # before, it looked around
             self._choice.is_stale = True
         return command
 

@@ -3,14 +3,15 @@
 import math
 
 import numpy as np
+import pytest
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, LaserGeometry, LaserScan, Pose2D
 from slamgym.ros2.exploration import Exploration, ExplorationSettings, ExplorationState
-from slamgym.ros2.foreign_maps import ForeignMap
+from slamgym.ros2.foreign_maps import CELL, ForeignMap
 
-CELL = 0.05
 STEP = 0.5  # [s]
 MAP_EVERY = 4  # steps
+BEGAN = 1.7e9  # [s]
 SCANNER = LaserGeometry(180, -math.pi, 2.0 * math.pi / 180, 0.1, 3.5)
 
 
@@ -23,48 +24,47 @@ def two_rooms():
     return cells
 
 
-class Robot:
-    """Runs an exploration against the stubs.
+class StubRobot:
+    """Runs an exploration in the flat.
 
     Args:
+        aborts: Says of a time [s] and a goal if the navigation gives it up.
         truth: The flat, row 0 at the bottom, from (0, 0).
-        aborts: Says of a time and a goal if the navigation gives it up.
         settings: Of the exploration.
     """
 
-    def __init__(self, truth=None, aborts=lambda time, goal: False, pose=Pose2D(2.0, 2.0, 0.0), **settings):
+    def __init__(self, aborts=lambda time, goal: False, truth=None, **settings):
         self.truth = two_rooms() if truth is None else truth
-        self.aborts, self.pose, self.time = aborts, pose, 0.0
+        self.aborts, self.pose, self.time = aborts, Pose2D(2.0, 2.0, 0.0), 0.0
         self.known = np.full(self.truth.shape, UNKNOWN, np.uint8)
         self.exploration = Exploration(ExplorationSettings(**({"drive": "goals"} | settings)))
         self.maps = ForeignMap("/map")
-        self.number, self.goals, self.states, self.texts = 0, [], [], []
-        self.steps = 0
+        self.steps, self.number = 0, 0
+        self.goals, self.states, self.texts = [], [], []
 
     @property
     def state(self):
         return self.exploration.state
 
     def seen_share(self):
+        """Share of the free floor that the map shows."""
         return np.count_nonzero(self.known == FREE) / np.count_nonzero(self.truth == FREE)
 
-    def scan(self):
-        """Cast rays; what they pass is known."""
+    def look(self):
+        """Cast rays: what they pass is known."""
         lengths = np.arange(0.0, 3.5, 0.4 * CELL)
-        angles = self.pose.theta + SCANNER.angles
-        x = self.pose.x + lengths[None] * np.cos(angles)[:, None]
-        y = self.pose.y + lengths[None] * np.sin(angles)[:, None]
-        row = np.clip((y / CELL).astype(int), 0, self.truth.shape[0] - 1)
-        col = np.clip((x / CELL).astype(int), 0, self.truth.shape[1] - 1)
+        angles = (self.pose.theta + SCANNER.angles)[:, None]
+        row = ((self.pose.y + lengths * np.sin(angles)) / CELL).astype(int).clip(0, self.truth.shape[0] - 1)
+        col = ((self.pose.x + lengths * np.cos(angles)) / CELL).astype(int).clip(0, self.truth.shape[1] - 1)
         hit = self.truth[row, col] == OCCUPIED
         end = np.where(hit.any(axis=1), hit.argmax(axis=1), len(lengths) - 1)
         passed = np.arange(len(lengths))[None] <= end[:, None]
         self.known[row[passed], col[passed]] = self.truth[row[passed], col[passed]]
-        ranges = np.where(hit.any(axis=1), lengths[end], np.inf).astype(np.float32)
-        return LaserScan(self.time, ranges, SCANNER)
+        ranges = np.where(hit.any(axis=1), lengths[end], np.inf)
+        return LaserScan(self.time, ranges.astype(np.float32), SCANNER)
 
     def publish(self):
-        """Hand the known part over, as a mapper whose map grows does."""
+        """Hand the known part over: the map grows and its origin moves."""
         rows, cols = (np.flatnonzero((self.known != UNKNOWN).any(axis=axis)) for axis in (1, 0))
         part = self.known[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
         values = np.where(part == OCCUPIED, 100, np.where(part == FREE, 0, -1)).astype(np.int8)
@@ -73,44 +73,44 @@ class Robot:
 
     def step(self, **given):
         """One step of everything; returns the order."""
-        scan = self.scan()
+        scan = self.look()
         if self.steps % MAP_EVERY == 0:
             self.publish()
-        inputs = {"pose": self.pose, "scan": scan, "stamp": 1.7e9 + self.time} | given
-        order = self.exploration.step(**inputs)
-        if order.number != self.number:
-            self.number = order.number
-            if order.goal is not None:
-                self.goals.append((self.time, order.goal))
+        order = self.exploration.step(
+            **({"pose": self.pose, "scan": scan, "stamp": BEGAN + self.time} | given)
+        )
+        if order.number != self.number and order.goal is not None:
+            self.goals.append((self.time, order.goal))
+        self.number = order.number
         if order.goal is not None:
             self._drive(order)
-        self.steps += 1
-        self.time += STEP
-        if self.states[-1:] != [self.state]:
-            self.states.append(self.state)
-        if self.texts[-1:] != [self.exploration.text]:
-            self.texts.append(self.exploration.text)
+        self.steps, self.time = self.steps + 1, self.time + STEP
+        for history, value in ((self.states, self.state), (self.texts, self.exploration.text)):
+            history += [] if history[-1:] == [value] else [value]
         return order
 
     def _drive(self, order):
-        if self.aborts(self.time, order.goal):
+        """The navigation: 0.5 m/s along the path, or it gives up."""
+        path = self.exploration.view().path
+        if self.aborts(self.time, order.goal) or len(path) == 0:
             self.exploration.goal_ended(order.number, reached=False)
             return
-        path = self.exploration.view().path
-        begin = int(np.argmin(np.hypot(*(path - self.pose[:2]).T)))
-        x, y = path[min(begin + 5, len(path) - 1)]  # 0.5 m/s
-        self.pose = Pose2D(x, y, math.atan2(y - self.pose.y, x - self.pose.x) if begin < len(path) - 1 else order.goal.theta)
+        here = int(np.argmin(np.hypot(*(path - self.pose[:2]).T)))
+        x, y = path[min(here + 5, len(path) - 1)].tolist()
+        self.pose = Pose2D(x, y, math.atan2(y - self.pose.y, x - self.pose.x))
         if math.dist(self.pose[:2], order.goal[:2]) < 0.1:
             self.pose = order.goal
             self.exploration.goal_ended(order.number, reached=True)
 
-    def run(self, seconds=600.0, until=(ExplorationState.DONE,)):
+    def run(self, seconds=600.0, until=ExplorationState.DONE):
         """Step until a state, or for so long [s]."""
         end = self.time + seconds
-        while self.time < end and self.state not in until:
+        while self.time < end and self.state is not until:
             self.step()
         return self
 
 
-def grid_frame():
-    return GridFrame(CELL, 0.0, 0.0, 1, 1)
+@pytest.fixture
+def stub_robot():
+    """Makes a robot of the arguments of :class:`StubRobot`."""
+    return StubRobot
