@@ -83,7 +83,7 @@ class Grey:
         return message(np.where(values < 0, -1, np.rint(belief)).astype(np.int8), *frame[:3])
 
 
-def overlap(shape: tuple[int, int], other: tuple[int, int], row: int, col: int) -> tuple[Any, Any]:
+def overlap(shape: tuple[int, ...], other: tuple[int, ...], row: int, col: int) -> tuple[Any, Any]:
     """Slices of two arrays for what both hold, the second beginning at (row, col) of the first."""
     own, theirs = [], []
     for size, there, begin in zip(shape, other, (row, col), strict=True):
@@ -150,7 +150,8 @@ def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[s
     _, info = env.reset(seed=exploration_seed(0, plan.id, 0), options={"plan": plan})
     settings = ExplorationSettings(explorer, robot_radius=env.config.robot.radius)
     exploration, context, limit = Exploration(settings), env.explorer_context(), time_limit(plan, "auto")
-    simulation, texts = env.simulation, []
+    simulation = env.simulation
+    texts: list[str] = []
     while exploration.state is not ExplorationState.DONE and simulation.time < limit:
         if simulation.steps % env.config.publication_steps == 0:
             exploration.take_map(maps.take(*rewrite(env.mapper.occupancy_grid())))

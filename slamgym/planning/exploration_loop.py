@@ -82,8 +82,6 @@ class ExplorationLoop:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
         finished: Nothing that the robot can get to is left to explore, or the promise is kept.
-        is_promise_kept: That ended it.
-        reached: Number of goals that the robot got to.
         target: The frontier that the robot drives to, None if there is none.
     """
 
@@ -91,8 +89,7 @@ class ExplorationLoop:
         self.context = context
         self.config = config or ExplorationLoopConfig()
         self.num_frontiers = 0
-        self.finished = self.is_promise_kept = False
-        self.reached = 0
+        self.finished = False
         self._belief = _Belief(context.frame)
         self._growth = MapGrowth()
         self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
@@ -107,8 +104,7 @@ class ExplorationLoop:
         self.target: FrontierCandidate | None = None
         self._choice = choice
         self._progress = TargetProgress()
-        self._blacklist: list[Point] = []
-        self._missed: list[FrontierCandidate] = []  # of these, what was given up on the way
+        self._blacklist: list[tuple[FrontierCandidate, bool]] = []  # and whether it was reached
         self._recovery.start(self.navigator)
 
     @property
@@ -125,6 +121,11 @@ class ExplorationLoop:
     def known_area(self) -> float:
         """Area of the map's known cells [m2]."""
         return self._growth.known_area
+
+    @property
+    def reached(self) -> int:
+        """Number of goals that the robot got to."""
+        return self._growth.reached
 
     @property
     def round(self) -> int:
@@ -195,24 +196,24 @@ class ExplorationLoop:
             # The robot looks at a closed room: what the scan sees through is no wall.
             self.navigator.trust_scan(pose, scan, time)
             self.navigator.cancel()
-            self.reached += self.round > 0  # before, it looked around
+            self._growth.reached += self.round > 0  # before, it looked around
             self._choice.is_stale = True
         return command
 
     # After the end.
 
     def unreached(self) -> list[FrontierCandidate]:
-        """Frontiers that were given up on the way and are still on the map, each once."""
-        costmap, places = self.navigator.costmap, {one.frontier.centroid: one for one in self._missed}
-        return [one for one in places.values() if costmap is not None and one.is_still_there(costmap)]
+        """Frontiers that were given up on the way and are still on the map."""
+        costmap = self.navigator.costmap
+        assert costmap is not None
+        return [one for one, reached in self._blacklist if not reached and one.is_still_there(costmap)]
 
     def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
 
         First it drives to a place near by, which shows that it still can.
         """
-        missed = {one.frontier.centroid for one in self._missed}
-        reached = [place for place in self._blacklist if place not in missed]
+        reached = [entry for entry in self._blacklist if entry[1]]
         self._begin(LastChoice())
         self._blacklist, self.finished = reached, False
         self.navigator.update_map(self.known_map(), self.pose, self.time)
@@ -263,7 +264,7 @@ class ExplorationLoop:
         status = self.navigator.status
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
-        self.reached += status is GoalStatus.SUCCEEDED
+        self._growth.reached += status is GoalStatus.SUCCEEDED
         self._growth.futile = 0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
         if self.navigator.reason == "stuck":
             self.navigator.block_ahead(self.pose, self.time)
@@ -313,7 +314,9 @@ class ExplorationLoop:
             self._recover()
         # Where nothing is promised, what remains need not be measured.
         if self.config.promise is not None and not self.finished and self.known_area <= LARGEST_CALIBRATED:
-            self.finished = self.is_promise_kept = is_kept(self.config.promise, self.remains())
+            self.finished = is_kept(self.config.promise, self.remains())
+            if self.finished:
+                self._blacklist.clear()  # so nothing is left to try again
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
@@ -352,9 +355,7 @@ class ExplorationLoop:
 
     def _give_up(self, candidate: FrontierCandidate) -> None:
         """Blacklist a frontier, and drive nowhere."""
-        self._blacklist.append(candidate.frontier.centroid)
-        if self.navigator.status is not GoalStatus.SUCCEEDED:
-            self._missed.append(candidate)
+        self._blacklist.append((candidate, self.navigator.status is GoalStatus.SUCCEEDED))
         self.target = None
         self.navigator.cancel()
 
@@ -379,7 +380,8 @@ class ExplorationLoop:
 
     def _is_blacklisted(self, point: Point) -> bool:
         within = _BLACKLIST_DISTANCE + 0.5 * self.context.frame.resolution
-        return any(abs(point[0] - x) < within and abs(point[1] - y) < within for x, y in self._blacklist)
+        centroids = [one.frontier.centroid for one, _ in self._blacklist]
+        return any(abs(point[0] - x) < within and abs(point[1] - y) < within for x, y in centroids)
 
     def _recover(self) -> None:
         """Begin the recovery behaviour that is next, or end."""
@@ -392,4 +394,3 @@ class ExplorationLoop:
         if self.round > rounds == 0:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()
-            self._missed.clear()

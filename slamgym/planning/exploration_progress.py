@@ -13,11 +13,12 @@ LEAST_GROWTH = 0.5
 
 @dataclass
 class MapGrowth:
-    """Growth of the map."""
+    """Growth of the map, and goals that add to it or not."""
 
     known_area: float = 0.0  # [m2]
     grown_to: float = 0.0  # known area when it last grew [m2]
     grown_at: float = 0.0  # [s]
+    reached: int = 0  # goals
     futile: int = 0  # goals in a row that added nothing
 
     def note(self, known_area: float, time: float) -> None:

@@ -95,6 +95,7 @@ class _Leg:
     planned_at: float = -math.inf  # [s]
     best_remaining: float = math.inf  # the shortest path left since the goal was set [m]
     arrived: bool = False
+    outcome: bool | None = None  # what another navigation said: whether it is reached
     recoveries: int = 0  # since the last progress
     recovery: str = ""  # the one in progress
     recovery_from: Pose2D = Pose2D(0.0, 0.0, 0.0)
@@ -124,7 +125,6 @@ class Navigator:
         self.status = GoalStatus.IDLE
         self.reason = ""  # why the last goal was given up
         self.goal: Goal | None = None
-        self._outcome: bool | None = None  # what another navigation said
         self.inscribed_radius = context.robot_radius
         self.costmap: Costmap | None = None
         self._reachable: Reachable | None = None
@@ -214,8 +214,8 @@ class Navigator:
         """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there."""
         if not self.is_active:
             self._leg = _Leg(pose, time, pose, time)
-        self.goal, self.status, self.reason, self._outcome = goal, GoalStatus.ACTIVE, "", None
-        self._leg.arrived = False
+        self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
+        self._leg.arrived, self._leg.outcome = False, None
         self._leg.best_remaining, self._leg.progress_at = math.inf, time
         self._plan(pose, time)
 
@@ -225,7 +225,7 @@ class Navigator:
 
     def end(self, reached: bool) -> None:
         """Take over from another navigation that drives how it ended; the next :meth:`step` says so."""
-        self._outcome = reached
+        self._leg.outcome = reached
 
     def step(self, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
         """Velocity for the next control step; updates :attr:`status`.
@@ -263,9 +263,9 @@ class Navigator:
         self._note_moving(pose, time)
         stands = time - self._leg.anchor_at
         is_there = stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < _DEVIATION
-        if self._outcome or (self._outcome is None and is_there):
+        if self._leg.outcome or (self._leg.outcome is None and is_there):
             self.status = GoalStatus.SUCCEEDED
-        elif self._outcome is False or stands > self.config.progress_time:
+        elif self._leg.outcome is False or stands > self.config.progress_time:
             self._abort("given up by the navigation")
 
     def _finish(self, pose: Pose2D) -> Twist2D:

@@ -1,10 +1,10 @@
 """One robot's exploration on maps from outside: everything that an explorer node decides, without ROS.
 
-The node hands maps, poses and scans over and carries out the :class:`Order` of each :meth:`Exploration.step`. The
-explorers are those of the environments, on the same loop. What differs here: the navigation may be another's, which
-aborts goals for reasons that nobody sees, and nobody ends the episode. So nothing is given up for good at once. When
-the loop has ended, places that were not reached are tried again after a growing pause, and they count as unreachable
-only if the robot drove elsewhere meanwhile. A robot that reaches nothing is blocked, says so, and goes on trying.
+The node hands maps, poses and scans over and carries out the order of each :meth:`Exploration.step`. The explorers are
+those of the environments, on the same loop. What differs here: the navigation may be another's, which aborts goals for
+reasons that nobody sees, and nobody ends the episode. So nothing is given up for good at once. When the loop has
+ended, places that were not reached are tried again after a growing pause, and they count as unreachable only if the
+robot drove elsewhere meanwhile. A robot that reaches nothing is blocked, says so, and goes on trying.
 """
 
 import enum
@@ -33,9 +33,10 @@ from slamgym.core.types import (
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontiers import Point
-from slamgym.planning.navigator import STOP, Goal, Navigator
-from slamgym.ros2.foreign_maps import CELL
-from slamgym.ros2.inputs import fence, fit_ranges, knows_place
+from slamgym.planning.navigator import STOP, Navigator
+from slamgym.ros2.foreign_maps import LATTICE_CELL
+from slamgym.ros2.inputs import fence, fit_ranges, knows_place, usable_scan
+from slamgym.ros2.orders import DriveOrder, GoalDesk
 from slamgym.ros2.trials import RobotClock, Trials
 from slamgym.ros2.way_back import WayBack
 
@@ -81,16 +82,6 @@ class ExplorationSettings(Settings, section="exploration"):
             raise ConfigError(f"exploration.area needs three corners or more, not {len(self.area)}")
 
 
-class Order(NamedTuple):
-    """What the robot is to do now."""
-
-    twist: Twist2D
-    goal: Pose2D | None
-    """Where another navigation is to drive, map frame; None for nowhere."""
-    number: int
-    """Changes with the goal."""
-
-
 class ExplorationView(NamedTuple):
     """What viewers show, in the map frame [m]."""
 
@@ -118,7 +109,6 @@ class Exploration:
 
     Attributes:
         settings: Settings.
-        control_step: Time from step to step [s].
         state: The state after the last step.
         text: The same in words: what it waits for, what is left, why it is blocked, what was not reached.
         start: Where the exploration began, map frame.
@@ -131,34 +121,35 @@ class Exploration:
         self.settings = settings
         self.state, self.text = ExplorationState.WAITING, "waiting for a map"
         self.start: Pose2D | None = None
-        frame = GridFrame(CELL, 0.0, 0.0, 1, 1)
-        limits = settings.robot_radius, settings.max_linear, settings.max_angular
         self._context = ExplorerContext(
-            frame,
+            GridFrame(LATTICE_CELL, 0.0, 0.0, 1, 1),
             _NO_SCANNER,
-            *limits,
+            settings.robot_radius,
+            settings.max_linear,
+            settings.max_angular,
             map_update_interval=_MAP_INTERVAL,
             normalized_actions=False,
             drives=settings.drive == "wheels",
         )
-        self.control_step = self._context.control_step
         _make_pilot(settings.explorer, self._context)
         self._grid: OccupancyGrid | None = None
         self._clock, self._complete_at = RobotClock(), -math.inf
-        self._driver: Navigator | None = None  # what set the goal that another navigation drives to
-        self._goal: Goal | None = None
-        self._place: Pose2D | None = None  # of the goal
-        self._number = 0
+        self._desk = GoalDesk()
+        self._is_paused = False
         self._begin()
 
     def _begin(self) -> None:
         """Begin a new exploration, on the map that there is."""
         self._pilot: FrontierPilot | None = None
-        self._is_paused, self._wants_back = False, False
+        self._back: WayBack | None = None
         self._is_over = False
         self._notes: list[str] = []  # what there is to say at the end
-        self._back: WayBack | None = None
         self._trials = Trials()
+
+    @property
+    def control_step(self) -> float:
+        """Time from step to step [s]."""
+        return self._context.control_step
 
     # What the node hands over.
 
@@ -168,8 +159,7 @@ class Exploration:
 
     def goal_ended(self, number: int, reached: bool) -> None:
         """Take over what became of the goal of a number; what became of older ones is passed over."""
-        if number == self._number and self._driver is not None:
-            self._driver.end(reached)
+        self._desk.end(number, reached)
 
     def pause(self) -> None:
         """Stand still until :meth:`resume`; time stands still, too."""
@@ -182,10 +172,12 @@ class Exploration:
         self._is_paused = False
 
     def return_to_start(self) -> None:
-        """Drive to where the exploration began; it is paused then, if it isn't done."""
-        self._wants_back, self._is_paused = True, False
+        """Drive to where the exploration began, if it has; it is paused then, if it isn't done."""
+        if self._pilot is not None and self.start is not None:
+            self._back = WayBack(self._context, self.start, self._pilot.loop.navigator.inscribed_radius)
+            self._is_paused, self._notes = False, self._notes if self._is_over else []
 
-    def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> Order:
+    def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> DriveOrder:
         """Decide about the next control step.
 
         Args:
@@ -196,51 +188,46 @@ class Exploration:
         if self._clock.tick(stamp, self._is_paused):
             self.start = None
             self._begin()
+        scan, grid = usable_scan(scan), self._grid
         missing = self._find_missing(pose, scan)
-        if missing or pose is None or self._grid is None:
-            keeps_goal = self._clock.now - self._complete_at < _PATIENCE and not self._is_paused
-            self._say(ExplorationState.WAITING, missing)
-            return Order(STOP, self._place, self._number) if keeps_goal else self._order(STOP, None)
+        if missing or pose is None or grid is None:
+            self.state, self.text = ExplorationState.WAITING, f"waiting for {missing}"
+            if self._clock.now - self._complete_at < _PATIENCE and not self._is_paused:
+                return DriveOrder(STOP, *self._desk.last)
+            return self._desk.order(STOP, None)
         self._complete_at = self._clock.now
         self.start = self.start or pose
         if self._pilot is None:
-            if scan is not None:
-                self._context = _with_scanner(self._context, scan)
+            geometry = scan.geometry if scan else _NO_SCANNER
+            self._context = replace(self._context, geometry=geometry)
             self._pilot = _make_pilot(self.settings.explorer, self._context)
         ranges = fit_ranges(scan, self._context.geometry)
-        if self._wants_back:
-            self._wants_back, self._notes, radius = (
-                False,
-                self._notes[: self._is_over],
-                self._pilot.loop.navigator.inscribed_radius,
-            )
-            self._back = WayBack(self._context, self.start, radius)
         if self._is_paused:
             return self._stand(ExplorationState.PAUSED, "; ".join(["paused", *self._notes]))
         if self._back is not None:
-            return self._return(self._back, self._grid, pose, ranges)
+            return self._return(self._back, grid, pose, ranges)
         if self._is_over:
-            return self._stand(ExplorationState.DONE, self._summary())
-        return self._explore(self._pilot, self._grid, pose, ranges)
+            return self._stand(ExplorationState.DONE, f"done: {'; '.join(self._notes)}")
+        return self._explore(self._pilot, grid, pose, ranges)
 
     # The states.
 
     def _find_missing(self, pose: Pose2D | None, scan: LaserScan | None) -> str:
         """What a step waits for, in words; empty if nothing is missing."""
         if self._grid is None:
-            return "waiting for a map"
+            return "a map"
         if not (self._grid.cells != UNKNOWN).any():
-            return "waiting for a map that shows anything"
+            return "a map that shows anything"
         if pose is None or not all(map(math.isfinite, pose)):
-            return "waiting for the robot's pose on the map"
+            return "the robot's pose on the map"
         left, bottom, right, top = self._grid.frame.bounds
         if not (left <= pose.x < right and bottom <= pose.y < top):
-            return f"waiting for a map of where the robot is, ({pose.x:.1f}, {pose.y:.1f}) m"
-        return "waiting for a scan" if scan is None and self._context.drives else ""
+            return f"a map of where the robot is, ({pose.x:.1f}, {pose.y:.1f}) m"
+        return "a scan" if scan is None and self._context.drives else ""
 
     def _explore(
         self, pilot: FrontierPilot, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
-    ) -> Order:
+    ) -> DriveOrder:
         loop, trials, now = pilot.loop, self._trials, self._clock.now
         if loop.finished:
             if now < trials.again_at:
@@ -251,8 +238,8 @@ class Exploration:
         if not loop.finished:
             trials.note(loop)
             known = f"{loop.num_frontiers} frontiers, {loop.known_area:.0f} m2 known"
-            state = ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
-            self._say(state, f"{state.value}: {known}")
+            self.state = ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
+            self.text = f"{self.state.value}: {known}"
             return self._order(twist, loop.navigator)
         is_lost = loop.navigator.reachable is None or not knows_place(grid, pose, self.settings.robot_radius)
         if not trials.is_over(loop, is_lost, now):
@@ -260,68 +247,52 @@ class Exploration:
         self._is_over, count = True, len(loop.unreached())
         self._notes = [f"{loop.known_area:.0f} m2 known"]
         self._notes += [f"places not reached: {count}"] if count else []
-        self._wants_back = self.settings.return_to_start
-        if self._wants_back:
+        if self.settings.return_to_start:
+            self.return_to_start()
             return self._stand(ExplorationState.RETURNING, "returning to the start")
-        return self._stand(ExplorationState.DONE, self._summary())
-
-    def _summary(self) -> str:
-        return f"done: {'; '.join(self._notes)}"
+        return self._stand(ExplorationState.DONE, f"done: {'; '.join(self._notes)}")
 
     def _describe_end(self, loop: ExplorationLoop) -> tuple[ExplorationState, str]:
         """State and text between an end that isn't final and the next try."""
         count = len(loop.unreached())
-        again = f"trying again every {self._trials.pause:.0f} s"
+        again = f"trying again after {self._trials.pause:.0f} s"
         if not count:
-            return (
-                ExplorationState.WAITING,
-                f"waiting for a map with a frontier that the robot can get to; {again}",
-            )
+            text = f"waiting for a map with a frontier that the robot can get to; {again}"
+            return ExplorationState.WAITING, text
         if self._trials.is_blocked:
             return ExplorationState.BLOCKED, f"blocked: no place was reached, left are {count}; {again}"
         return ExplorationState.EXPLORING, f"exploring: places not reached: {count}; {again}"
 
-    def _return(self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array) -> Order:
+    def _return(self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array) -> DriveOrder:
         twist = back.step(grid, pose, ranges, self._clock.now)
         if back.result:
             self._back, self._is_paused = None, not self._is_over
             self._notes.append(back.result)
-        self._say(ExplorationState.RETURNING, "returning to the start")
+        self.state, self.text = ExplorationState.RETURNING, "returning to the start"
         return self._order(twist, back.navigator)
 
-    def _stand(self, state: ExplorationState, text: str) -> Order:
-        self._say(state, text)
-        return self._order(STOP, None)
-
-    def _say(self, state: ExplorationState, text: str) -> None:
+    def _stand(self, state: ExplorationState, text: str) -> DriveOrder:
         self.state, self.text = state, text
+        return self._desk.order(STOP, None)
 
-    def _order(self, twist: Twist2D, driver: Navigator | None) -> Order:
-        """The order; its number changes when the goal does."""
-        goal = driver.goal if driver is not None and driver.is_active and not self._context.drives else None
-        if goal is not self._goal:
-            self._goal, self._driver, self._number = goal, driver, self._number + 1
-            self._place = None if goal is None or driver is None else _pose_at(goal, driver.follower.path)
-        return Order(twist, self._place, self._number)
+    def _order(self, twist: Twist2D, navigator: Navigator) -> DriveOrder:
+        return self._desk.order(twist, None if self._context.drives else navigator)
 
     def view(self) -> ExplorationView:
         """What viewers show."""
-        loop = self._pilot.loop if self._pilot else None
-        navigator = self._back.navigator if self._back else loop.navigator if loop else None
-        goal = navigator.goal if navigator is not None and navigator.is_active else None
+        if self._pilot is None or self._grid is None:
+            return ExplorationView((), None, None, np.zeros((0, 2)), 0.0, ())
+        loop = self._pilot.loop
+        navigator = self._back.navigator if self._back else loop.navigator
+        goal = navigator.goal if navigator.is_active else None
         return ExplorationView(
-            tuple(one.points for one in loop.candidates) if loop else (),
-            loop.target.points if loop and loop.target else None,
+            tuple(one.points for one in loop.candidates),
+            loop.target.points if loop.target else None,
             (goal.x, goal.y) if goal else None,
-            navigator.follower.ahead if navigator is not None and goal else np.zeros((0, 2)),
-            loop.known_area if loop else 0.0,
-            tuple(one.frontier.middle for one in loop.unreached()) if loop else (),
+            navigator.follower.ahead if goal else np.zeros((0, 2)),
+            loop.known_area,
+            tuple(one.frontier.middle for one in loop.unreached()),
         )
-
-
-def _with_scanner(context: ExplorerContext, scan: LaserScan) -> ExplorerContext:
-    """The context with the scanner that a scan shows."""
-    return replace(context, geometry=scan.geometry._replace(num_beams=len(scan.ranges)))
 
 
 def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:
@@ -333,10 +304,3 @@ def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:
             f"the explorer {name} doesn't choose frontiers; take one that does, such as tour or rl"
         )
     return pilot
-
-
-def _pose_at(goal: Goal, path: FloatArray) -> Pose2D:
-    """The end of the path to a goal, looking where the goal wants, or along the path."""
-    x, y = path[-1].tolist()
-    to_x, to_y = goal.look_at or (path[-1] + path[-1] - path[-2]).tolist()
-    return Pose2D(x, y, math.atan2(to_y - y, to_x - x))

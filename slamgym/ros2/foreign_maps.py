@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import MAP_CELLS, shown
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
 from slamgym.interop.ros_map import MAX_ORIGIN
 
-CELL = 0.05
+LATTICE_CELL = 0.05
 """Side of the cells that foreign maps are brought to [m]."""
 _BLOCK = 8
 """Maps begin and end at multiples of so many cells: how places are rounded doesn't change as a map grows."""
@@ -40,7 +40,7 @@ class ForeignMap:
     def __init__(self, name: str) -> None:
         self.name = name
         self._values: NDArray[np.int8] | None = None  # (H, W), row 0 at the bottom
-        self._resolution, self._origin = CELL, (0.0, 0.0)
+        self._resolution, self._origin = LATTICE_CELL, (0.0, 0.0)
 
     def take(self, data: Any, width: int, height: int, resolution: float, origin: Pose2D) -> OccupancyGrid:
         """Take over a whole map.
@@ -67,7 +67,7 @@ class ForeignMap:
         if origin.theta != 0.0:
             raise self._error(f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0")
         resolution = round(resolution, 7)  # the message has it in single precision
-        MAP_CELLS.check(self.name, width * height * max(1.0, resolution / CELL) ** 2)
+        MAP_CELLS.check(self.name, width * height * max(1.0, resolution / LATTICE_CELL) ** 2)
         values = self._checked(data, width, height)
         self._values, self._resolution, self._origin = values.copy(), resolution, (origin.x, origin.y)
         return self._on_lattice(self._values)
@@ -115,7 +115,7 @@ class ForeignMap:
         ranks = classify_values(values)
         frame: list[tuple[int, int]] = []
         for axis, start in ((1, self._origin[0]), (0, self._origin[1])):
-            ranks, first = _onto_lattice(ranks, start / CELL, self._resolution / CELL, axis)
+            ranks, first = _onto_lattice(ranks, start / LATTICE_CELL, self._resolution / LATTICE_CELL, axis)
             low = (first - _MARGIN) // _BLOCK * _BLOCK
             high = -((first + ranks.shape[axis] + _MARGIN) // -_BLOCK) * _BLOCK
             margins = [(0, 0), (0, 0)]
@@ -125,7 +125,9 @@ class ForeignMap:
         (left, width), (bottom, height) = frame
         cells = np.ascontiguousarray(_VALUES[ranks[::-1]])
         cells.flags.writeable = False
-        return OccupancyGrid(cells, GridFrame(CELL, left * CELL, bottom * CELL, height, width))
+        return OccupancyGrid(
+            cells, GridFrame(LATTICE_CELL, left * LATTICE_CELL, bottom * LATTICE_CELL, height, width)
+        )
 
 
 def classify_values(values: NDArray[np.int8]) -> ByteArray:
@@ -143,16 +145,12 @@ def classify_values(values: NDArray[np.int8]) -> ByteArray:
 
 def _is_costmap(values: NDArray[np.int8]) -> bool:
     """True if nothing but the seam, or the unknown, lies next to walls."""
-    if not (values == _INSCRIBED).any():
-        return False
-    wall = values == _LETHAL
-    beside: BoolArray = np.zeros_like(wall)
-    beside[1:] |= wall[:-1]
-    beside[:-1] |= wall[1:]
-    beside[:, 1:] |= wall[:, :-1]
-    beside[:, :-1] |= wall[:, 1:]
-    around = values[beside & ~wall]
-    return len(around) > 0 and float(np.mean((around == _INSCRIBED) | (around < 0))) > 0.95
+    import cv2
+
+    wall = (values == _LETHAL).view(np.uint8)
+    around = values[cv2.dilate(wall, np.ones((3, 3), np.uint8)) > wall]
+    seam = around == _INSCRIBED
+    return bool(seam.any()) and float(np.mean(seam | (around < 0))) > 0.95
 
 
 def _onto_lattice(ranks: ByteArray, start: float, size: float, axis: int) -> tuple[ByteArray, int]:

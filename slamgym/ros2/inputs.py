@@ -39,15 +39,29 @@ def knows_place(grid: OccupancyGrid, pose: Pose2D, radius: float) -> bool:
     return bool((around == FREE).any())
 
 
+def usable_scan(scan: LaserScan | None) -> LaserScan | None:
+    """The scan with its beams counter-clockwise, as many as it has; None if it says nothing."""
+    if scan is None or not len(scan.ranges):
+        return None
+    count, ranges, geometry = len(scan.ranges), scan.ranges, scan.geometry
+    step, reach = geometry.angle_increment, geometry.range_max
+    if not all(map(math.isfinite, (geometry.angle_min, step, reach))) or step == 0.0 or reach <= 0.0:
+        return None
+    if step < 0.0:
+        ranges, first = ranges[::-1], geometry.angle_min + step * (count - 1)
+        geometry = geometry._replace(angle_min=first, angle_increment=-step)
+    return LaserScan(scan.stamp, np.asarray(ranges, np.float32), geometry._replace(num_beams=count))
+
+
 def fit_ranges(scan: LaserScan | None, geometry: LaserGeometry) -> Float32Array:
-    """Ranges on the beams of a scanner, shape (num_beams,) [m], of any scan; none where there is no scan.
+    """Ranges on the beams of a scanner, shape (num_beams,) [m], of any usable scan; none where there is no scan.
 
     No return is the largest range. What is too near, erroneous, or not measured there is 0.
     """
     if scan is None:
         return np.zeros(0, np.float32)
-    ranges, theirs = np.asarray(scan.ranges, np.float32), scan.geometry
-    if (len(ranges), *theirs[1:3]) != geometry[:3]:
+    ranges, theirs = scan.ranges, scan.geometry
+    if theirs[:3] != geometry[:3]:
         index = np.rint((geometry.angles - theirs.angle_min) % (2.0 * math.pi) / theirs.angle_increment)
         index = index.astype(np.int64) % max(1, round(2.0 * math.pi / theirs.angle_increment))
         measured = index < len(ranges)

@@ -9,10 +9,8 @@ MOST_TRIES = 2
 """Places that weren't reached in so many more tries, while the robot could drive elsewhere, count as unreachable."""
 FIRST_PAUSE, _LONGEST_PAUSE = 5.0, 60.0
 """Before the first of them, and the longest to which it doubles [s]: people walk on within a minute."""
-_JUMP = 1.0
-"""A clock that jumps back by more began again [s]; less is the disorder of messages."""
-_LONGEST_STEP = 10.0
-"""No step of the clock counts for more [s]: jumps ahead aren't time in which the robot made no progress."""
+_JUMP = 5.0
+"""A clock that steps farther back than this began again, and no step ahead counts for more [s]."""
 
 
 class RobotClock:
@@ -28,7 +26,7 @@ class RobotClock:
             return False
         passed = 0.0 if math.isnan(self._stamp) else stamp - self._stamp
         self._stamp = stamp
-        self.now += 0.0 if is_paused else min(max(passed, 0.0), _LONGEST_STEP)
+        self.now += 0.0 if is_paused else min(max(passed, 0.0), _JUMP)
         return passed < -_JUMP
 
 
@@ -65,7 +63,7 @@ class Trials:
         is_driving, left = self._is_driving(loop), bool(loop.unreached())
         tries = self._tried if is_driving else self._in_vain
         enough = tries >= MOST_TRIES or (is_driving and not left)
-        if loop.is_promise_kept or (enough and not is_lost and (is_driving or not left)):
+        if enough and not is_lost and (is_driving or not left):
             return True
         self._tried += is_driving
         self._in_vain = 0 if is_driving else self._in_vain + 1

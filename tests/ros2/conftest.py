@@ -7,7 +7,7 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, LaserGeometry, LaserScan, Pose2D
 from slamgym.ros2.exploration import Exploration, ExplorationSettings, ExplorationState
-from slamgym.ros2.foreign_maps import CELL, ForeignMap
+from slamgym.ros2.foreign_maps import LATTICE_CELL, ForeignMap
 
 STEP = 0.5  # [s]
 MAP_EVERY = 4  # steps
@@ -52,10 +52,18 @@ class StubRobot:
 
     def look(self):
         """Cast rays: what they pass is known."""
-        lengths = np.arange(0.0, 3.5, 0.4 * CELL)
+        lengths = np.arange(0.0, 3.5, 0.4 * LATTICE_CELL)
         angles = (self.pose.theta + SCANNER.angles)[:, None]
-        row = ((self.pose.y + lengths * np.sin(angles)) / CELL).astype(int).clip(0, self.truth.shape[0] - 1)
-        col = ((self.pose.x + lengths * np.cos(angles)) / CELL).astype(int).clip(0, self.truth.shape[1] - 1)
+        row = (
+            ((self.pose.y + lengths * np.sin(angles)) / LATTICE_CELL)
+            .astype(int)
+            .clip(0, self.truth.shape[0] - 1)
+        )
+        col = (
+            ((self.pose.x + lengths * np.cos(angles)) / LATTICE_CELL)
+            .astype(int)
+            .clip(0, self.truth.shape[1] - 1)
+        )
         hit = self.truth[row, col] == OCCUPIED
         end = np.where(hit.any(axis=1), hit.argmax(axis=1), len(lengths) - 1)
         passed = np.arange(len(lengths))[None] <= end[:, None]
@@ -68,8 +76,8 @@ class StubRobot:
         rows, cols = (np.flatnonzero((self.known != UNKNOWN).any(axis=axis)) for axis in (1, 0))
         part = self.known[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
         values = np.where(part == OCCUPIED, 100, np.where(part == FREE, 0, -1)).astype(np.int8)
-        origin = Pose2D(cols[0] * CELL, rows[0] * CELL, 0.0)
-        self.exploration.take_map(self.maps.take(values, *values.shape[::-1], CELL, origin))
+        origin = Pose2D(cols[0] * LATTICE_CELL, rows[0] * LATTICE_CELL, 0.0)
+        self.exploration.take_map(self.maps.take(values, *values.shape[::-1], LATTICE_CELL, origin))
 
     def step(self, **given):
         """One step of everything; returns the order."""

@@ -11,7 +11,7 @@ import pytest
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import UNKNOWN, LaserGeometry, LaserScan, Pose2D, Twist2D
 from slamgym.ros2.exploration import Exploration, ExplorationSettings, ExplorationState
-from slamgym.ros2.foreign_maps import CELL, ForeignMap
+from slamgym.ros2.foreign_maps import LATTICE_CELL, ForeignMap
 from slamgym.ros2.inputs import fit_ranges
 
 STOP = Twist2D(0.0, 0.0)
@@ -165,7 +165,7 @@ def test_a_first_map_that_shows_nothing_is_waited_for():
     here = Pose2D(1.0, 1.0, 0.0)
     exploration.step(here, None, 0.0)
     assert (exploration.state, exploration.text) == (WAITING, "waiting for a map")
-    exploration.take_map(maps.take(np.full(1600, -1, np.int8), 40, 40, CELL, Pose2D(0.0, 0.0, 0.0)))
+    exploration.take_map(maps.take(np.full(1600, -1, np.int8), 40, 40, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
     exploration.step(here, None, 0.2)
     assert exploration.text == "waiting for a map that shows anything"
     exploration.step(Pose2D(9.0, 1.0, 0.0), None, 0.4)
@@ -176,7 +176,7 @@ def lonely(free):
     """A map of 8 x 8 m of which only a box (first row, end row, first col, end col) is free."""
     values = np.full((160, 160), -1, np.int8)
     values[free[0] : free[1], free[2] : free[3]] = 0
-    return ForeignMap("/map").take(values, 160, 160, CELL, Pose2D(0.0, 0.0, 0.0))
+    return ForeignMap("/map").take(values, 160, 160, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0))
 
 
 def test_a_robot_on_an_unknown_cell_is_never_done():
@@ -207,7 +207,7 @@ def test_a_robot_beside_a_wall_finds_its_frontiers(stub_robot):
 def test_frontiers_on_the_border_of_the_map_count():
     """Exploration ends early where free space meets the border of the map (m-explore #55)."""
     exploration, maps = Exploration(ExplorationSettings(drive="goals")), ForeignMap("/map")
-    exploration.take_map(maps.take(np.zeros(3600, np.int8), 60, 60, CELL, Pose2D(0.0, 0.0, 0.0)))
+    exploration.take_map(maps.take(np.zeros(3600, np.int8), 60, 60, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
     order = exploration.step(Pose2D(1.5, 1.5, 0.0), None, 0.0)
     assert order.goal is not None
     assert exploration.view().frontiers
@@ -217,7 +217,7 @@ def test_a_closed_room_is_done_after_some_waiting():
     values = np.zeros((60, 60), np.int8)
     values[:2] = values[-2:] = values[:, :2] = values[:, -2:] = 100
     exploration, maps = Exploration(ExplorationSettings(drive="goals")), ForeignMap("/map")
-    exploration.take_map(maps.take(values, 60, 60, CELL, Pose2D(0.0, 0.0, 0.0)))
+    exploration.take_map(maps.take(values, 60, 60, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
     stamps = np.arange(0.0, 300.0, 0.5)
     for stamp in stamps:
         exploration.step(Pose2D(1.5, 1.5, 0.0), None, stamp)

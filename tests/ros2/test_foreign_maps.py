@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D
-from slamgym.ros2.foreign_maps import CELL, ForeignMap, classify_values
+from slamgym.ros2.foreign_maps import LATTICE_CELL, ForeignMap, classify_values
 
 HERE = Pose2D(-1.0, 2.0, 0.0)
 
 
-def take(values, resolution=CELL, origin=HERE):
+def take(values, resolution=LATTICE_CELL, origin=HERE):
     height, width = values.shape
     return ForeignMap("/map").take(values.reshape(-1), width, height, resolution, origin)
 
@@ -54,15 +54,15 @@ def test_a_map_on_our_lattice_stays_as_it_is():
 def test_any_lattice_keeps_walls_closed_and_doors_open(resolution, x, y):
     origin = Pose2D(x, y, 0.0)
     grid = take(walls(resolution, origin), resolution, origin)
-    for value in np.array(grid.frame[1:3]) / CELL:
+    for value in np.array(grid.frame[1:3]) / LATTICE_CELL:
         assert value == pytest.approx(round(value), abs=1e-6)
     # Along the wall at least one cell of every row is occupied but in the door, which stays open by two cells less.
     low, high = grid.frame.to_cell(1.0, 3.0)[0], grid.frame.to_cell(1.0, 2.1)[0]
     is_wall = (grid.cells == OCCUPIED).any(axis=1)
     assert is_wall[low:high].all()
     open_rows = np.count_nonzero(~is_wall[grid.frame.to_cell(1.0, 4.2)[0] : low])
-    assert open_rows * CELL >= 0.8 - 2.0 * max(CELL, resolution) - 1e-9
-    assert open_rows * CELL <= 0.8 + 2.0 * max(CELL, resolution) + 1e-9
+    assert open_rows * LATTICE_CELL >= 0.8 - 2.0 * max(LATTICE_CELL, resolution) - 1e-9
+    assert open_rows * LATTICE_CELL <= 0.8 + 2.0 * max(LATTICE_CELL, resolution) + 1e-9
 
 
 def test_doors_of_fine_maps_close_by_less_than_a_cell_on_average():
@@ -71,8 +71,8 @@ def test_doors_of_fine_maps_close_by_less_than_a_cell_on_average():
         origin = Pose2D(-1.0, 2.0 + shift, 0.0)
         grid = take(walls(0.02, origin), 0.02, origin)
         rows = slice(grid.frame.to_cell(1.0, 4.2)[0], grid.frame.to_cell(1.0, 2.8)[0])
-        closed.append(0.8 - CELL * np.count_nonzero(~(grid.cells[rows] == OCCUPIED).any(axis=1)))
-    assert np.mean(closed) < CELL  # half a cell at each side
+        closed.append(0.8 - LATTICE_CELL * np.count_nonzero(~(grid.cells[rows] == OCCUPIED).any(axis=1)))
+    assert np.mean(closed) < LATTICE_CELL  # half a cell at each side
 
 
 def test_occupied_wins_over_free_and_free_over_unknown():
@@ -106,8 +106,8 @@ def test_only_lethal_cells_of_a_costmap_are_walls():
 
 def test_a_map_may_grow_and_move_and_its_places_stay():
     maps = ForeignMap("/map")
-    small = maps.take(np.zeros(100, np.int8), 10, 10, CELL, HERE)
-    large = maps.take(np.full(400, 100, np.int8), 20, 20, CELL, Pose2D(-1.25, 1.9, 0.0))
+    small = maps.take(np.zeros(100, np.int8), 10, 10, LATTICE_CELL, HERE)
+    large = maps.take(np.full(400, 100, np.int8), 20, 20, LATTICE_CELL, Pose2D(-1.25, 1.9, 0.0))
     for grid, value in ((small, FREE), (large, OCCUPIED)):
         assert value_at(grid, -0.975, 2.025) == value
 
@@ -115,7 +115,7 @@ def test_a_map_may_grow_and_move_and_its_places_stay():
 def test_updates_patch_the_last_map():
     maps = ForeignMap("/map")
     assert maps.patch([100], 0, 0, 1, 1) is None
-    first = maps.take(array.array("b", [0] * 12), 4, 3, CELL, HERE)
+    first = maps.take(array.array("b", [0] * 12), 4, 3, LATTICE_CELL, HERE)
     second = maps.patch(array.array("b", [100, -1]), 2, 1, 2, 1)
     assert value_at(first, -0.875, 2.075) == FREE
     assert value_at(second, -0.875, 2.075) == OCCUPIED
@@ -140,6 +140,6 @@ def test_updates_patch_the_last_map():
     ],
 )
 def test_broken_maps_are_refused_with_one_sentence(changes, sentence):
-    whole = {"data": [0] * 4, "width": 2, "height": 2, "resolution": CELL, "origin": HERE}
+    whole = {"data": [0] * 4, "width": 2, "height": 2, "resolution": LATTICE_CELL, "origin": HERE}
     with pytest.raises(InputFileError, match=sentence):
         ForeignMap("/map").take(**(whole | changes))
