@@ -2,8 +2,8 @@
 
     python benchmarks/exploring/foreign_maps.py [--homes 20] [--mode ground_truth] [--workers 2]
 
-The environment's map is rewritten as grey values that settle slowly (Cartographer), with an origin that moves off our
-lattice as the map grows (slam_toolbox), as an inflated costmap (nav2), or drawn with other cells, and explored by
+The environment's map is rewritten as grey values that settle slowly (Cartographer), on cells that move as the map
+grows (slam_toolbox), as an inflated costmap (nav2), or drawn with other cells, and explored by
 :class:`slamgym.ros2.exploration.Exploration`. ``ours`` is the same explorer in the environment. Trials that are in
 ``--out`` already are not done again.
 """
@@ -93,13 +93,21 @@ def overlap(shape: tuple[int, ...], other: tuple[int, ...], row: int, col: int) 
     return tuple(own), tuple(theirs)
 
 
-def moving(grid: OccupancyGrid) -> Message:
-    """The known part alone, on a lattice that begins where it does, anywhere between ours."""
+def cropped(grid: OccupancyGrid) -> Message:
+    """The known part alone."""
     values, (size, x, y, _, _) = values_of(grid), grid.frame
-    rows, cols = np.nonzero((values >= 0).any(axis=1))[0], np.nonzero((values >= 0).any(axis=0))[0]
+    rows, cols = (np.flatnonzero((values >= 0).any(axis=axis)) for axis in (1, 0))
     values = values[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    off_x, off_y = (math.modf(0.618 * (len(values) + k * values.shape[1]))[0] - 0.5 for k in (1, 2))
-    return message(values, size, x + (cols[0] + off_x) * size, y + (rows[0] + off_y) * size)
+    return message(values, size, x + cols[0] * size, y + rows[0] * size)
+
+
+def moving(grid: OccupancyGrid) -> Message:
+    """The known part alone on cells twice as large that begin where it does, as slam_toolbox draws all scans anew."""
+    values, width, height, size, origin = cropped(grid)
+    whole = np.full((height + height % 2, width + width % 2), -1, np.int8)
+    whole[:height, :width] = values.reshape(height, width)
+    joined = np.maximum.reduce([whole[row::2, col::2] for row in (0, 1) for col in (0, 1)])
+    return message(joined, 2.0 * size, origin.x, origin.y)
 
 
 def costmap(grid: OccupancyGrid) -> Message:
@@ -118,12 +126,14 @@ def costmap(grid: OccupancyGrid) -> Message:
 FORMS: dict[str, tuple[float, Callable[[], Callable[[OccupancyGrid], Message]]]] = {
     "trinary": (0.05, lambda: trinary),
     "grey": (0.05, Grey),
-    "moving": (0.05, lambda: moving),
+    "moving": (0.025, lambda: moving),
     "costmap": (0.05, lambda: costmap),
-    "fine": (0.02, lambda: moving),
-    "coarse": (0.1, lambda: moving),
+    "fine": (0.02, lambda: cropped),
+    "coarse": (0.1, lambda: cropped),
 }
 """Size of the cells that the mapper draws [m], and what rewrites its map."""
+APART = 0.017, -0.031
+"""Where the mapper's frame lies, so that its cells are between ours [m]."""
 
 
 def environment_of(plan: FloorPlan, mode: Any, resolution: float) -> ExploreEnv:
@@ -131,6 +141,11 @@ def environment_of(plan: FloorPlan, mode: Any, resolution: float) -> ExploreEnv:
         plan, ExploreConfig(slam=SlamConfig(mode=mode, resolution=resolution)).for_explorer(), "auto"
     )
     return ExploreEnv(plan, config)
+
+
+def moved(pose: Pose2D) -> Pose2D:
+    """A pose in the mapper's frame."""
+    return Pose2D(pose.x + APART[0], pose.y + APART[1], pose.theta)
 
 
 def explore_ours(plan: FloorPlan, explorer: str, mode: str) -> dict[str, Any]:
@@ -154,8 +169,9 @@ def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[s
     texts: list[str] = []
     while exploration.state is not ExplorationState.DONE and simulation.time < limit:
         if simulation.steps % env.config.publication_steps == 0:
-            exploration.take_map(maps.take(*rewrite(env.mapper.occupancy_grid())))
-        order = exploration.step(simulation.believed_pose, simulation.scan, 1.7e9 + simulation.time)
+            *cells, origin = rewrite(env.mapper.occupancy_grid())
+            exploration.take_map(maps.take(*cells, moved(origin)))
+        order = exploration.step(moved(simulation.believed_pose), simulation.scan, 1.7e9 + simulation.time)
         texts += [] if texts[-1:] == [exploration.state.value] else [exploration.state.value]
         _, _, _, _, info = env.step(context.to_action(order.twist))
     is_done = exploration.state is ExplorationState.DONE

@@ -204,9 +204,8 @@ class ExplorationLoop:
 
     def unreached(self) -> list[FrontierCandidate]:
         """Frontiers that were given up on the way and are still on the map."""
-        costmap = self.navigator.costmap
-        assert costmap is not None
-        return [one for one, reached in self._blacklist if not reached and one.is_still_there(costmap)]
+        costmap, missed = self.navigator.costmap, [one for one, reached in self._blacklist if not reached]
+        return [one for one in missed if costmap is not None and one.is_still_there(costmap)]
 
     def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.

@@ -374,3 +374,39 @@ def test_scans_of_other_beams_are_fitted():
     half = fit_ranges(LaserScan(0.0, ranges[:3], other), own)
     np.testing.assert_array_equal(half, np.array([0.0, 0.0, 1.0, 2.0], np.float32))
     assert len(fit_ranges(None, own)) == 0
+
+
+@pytest.mark.parametrize("drive", ["goals", "wheels"])
+def test_nothing_that_comes_makes_it_crash(stub_robot, drive):
+    rng = np.random.default_rng(1)
+    robot = stub_robot(aborts=lambda time, goal: rng.random() < 0.2, drive=drive, return_to_start=True)
+    exploration = robot.exploration
+    calls = [
+        exploration.pause,
+        exploration.resume,
+        exploration.resume,
+        exploration.return_to_start,
+        lambda: exploration.goal_ended(int(rng.integers(100)), reached=False),
+    ]
+    for _ in range(250):
+        given = {}
+        if rng.random() < 0.1:
+            poses = [None, Pose2D(math.nan, 1.0, 1.0), Pose2D(*rng.uniform(-3.0, 12.0, 3))]
+            given["pose"] = poses[rng.integers(3)]
+        if rng.random() < 0.1:
+            beams = rng.uniform(0.0, 5.0, rng.integers(400)).astype(np.float32)
+            step, reach = rng.choice([0.01, -0.01, 0.0, math.nan]), rng.choice([3.5, 12.0, math.inf, 0.0])
+            given["scan"] = LaserScan(0.0, beams, LaserGeometry(180, -3.0, step, 0.1, reach))
+        if rng.random() < 0.03:
+            given["stamp"] = rng.choice([math.nan, 0.0, 2e9])
+        if rng.random() < 0.1:
+            calls[rng.integers(len(calls))]()
+        if rng.random() < 0.03:
+            values = rng.choice(np.array([-1, 0, 50, 100], np.int8), rng.integers(1, 90, 2))
+            origin = Pose2D(*rng.uniform(-1.0, 1.0, 2), 0.0)
+            exploration.take_map(
+                robot.maps.take(values, *values.shape[::-1], rng.choice([0.02, 0.1]), origin)
+            )
+        order = robot.step(**given)
+        assert all(map(math.isfinite, order.twist))
+        exploration.view()
