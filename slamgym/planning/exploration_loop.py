@@ -16,20 +16,16 @@ from numpy.typing import NDArray
 
 from slamgym.core.config import Count, Positive, Settings, Within
 from slamgym.core.types import ByteArray, GridFrame, Observation, OccupancyGrid, Pose2D, Twist2D
+from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
-from slamgym.planning.frontiers import Point
 from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.promise import FAMILIAR_AREA, LARGEST_CALIBRATED, Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 from slamgym.planning.remaining import Remains, measure_remains
 
-_BLACKLIST_DISTANCE = 0.25
-"""A frontier is blacklisted if both coordinates of its centroid are this near to an entry [m]: 5 cells, as in Explore
-Lite. A pose that moves so much farther than the robot drives was corrected, and the map with it: the blacklist, and all
-else that was noted by its place, is somewhere else now."""
 _NEAR_BY = 1.0
 """Driving farther than this shows that the robot can drive [m]."""
 _STALL_TIME = 40.0
@@ -104,7 +100,7 @@ class ExplorationLoop:
         self.target: FrontierCandidate | None = None
         self._choice = choice
         self._progress = TargetProgress()
-        self._blacklist: list[tuple[FrontierCandidate, bool]] = []  # and whether it was reached
+        self._blacklist = Blacklist(0.5 * self.context.frame.resolution)
         self._recovery.start(self.navigator)
 
     @property
@@ -145,7 +141,7 @@ class ExplorationLoop:
         belief = self._belief
         pose, time = Pose2D(*observation["pose"].tolist()), float(observation["time"][0])
         driven = self.context.max_linear * max(time - belief.time, self.context.control_step)
-        is_corrected = math.dist(pose[:2], belief.pose[:2]) > driven + _BLACKLIST_DISTANCE
+        is_corrected = math.dist(pose[:2], belief.pose[:2]) > driven + SAME_CENTROID
         belief.pose, belief.time, belief.scan = pose, time, observation["scan"]
         if is_corrected and belief.cells is not None and not self.finished:
             # The last map that was published is still the old one.
@@ -203,18 +199,23 @@ class ExplorationLoop:
     # After the end.
 
     def unreached(self) -> list[FrontierCandidate]:
-        """Frontiers that were given up on the way and are still on the map."""
-        costmap, missed = self.navigator.costmap, [one for one, reached in self._blacklist if not reached]
-        return [one for one in missed if costmap is not None and one.is_still_there(costmap)]
+        """Frontiers that were given up on the way and are still on the map, or keep others from being offered."""
+        costmap, space = self.navigator.costmap, self.navigator.reachable
+        size, split = self.config.last_frontier_size, self.config.split_extent
+        if costmap is None or space is None:
+            return []
+        found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
+        return self._blacklist.unreached(costmap, [one.centroid for one, _ in found])
 
     def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
 
         First it drives to a place near by, which shows that it still can.
         """
-        reached = [entry for entry in self._blacklist if entry[1]]
+        blacklist = self._blacklist
+        blacklist.forgive()
         self._begin(LastChoice())
-        self._blacklist, self.finished = reached, False
+        self._blacklist, self.finished = blacklist, False
         self.navigator.update_map(self.known_map(), self.pose, self.time)
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is not None and space is not None:
@@ -301,7 +302,7 @@ class ExplorationLoop:
             size, split = min(self.config.min_frontier_size, last), self.config.split_extent
             keep = self.target.target if self.target else None
             found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
-            found = [one for one in found if not self._is_blacklisted(one[0].centroid)]
+            found = [one for one in found if not self._blacklist.holds(one[0].centroid)]
             # A robot that sees no wall soon doesn't know where it is: in halls, such places come last.
             if self.known_area > FAMILIAR_AREA:
                 found = [one for one in found if costmap.distance[one[1]] < np.inf] or found
@@ -354,7 +355,7 @@ class ExplorationLoop:
 
     def _give_up(self, candidate: FrontierCandidate) -> None:
         """Blacklist a frontier, and drive nowhere."""
-        self._blacklist.append((candidate, self.navigator.status is GoalStatus.SUCCEEDED))
+        self._blacklist.add(candidate, self.navigator.status is GoalStatus.SUCCEEDED)
         self.target = None
         self.navigator.cancel()
 
@@ -376,11 +377,6 @@ class ExplorationLoop:
         is_there = candidate.is_still_there(costmap)
         self._choice.checked = (costmap, candidate) if is_there else None
         return is_there
-
-    def _is_blacklisted(self, point: Point) -> bool:
-        within = _BLACKLIST_DISTANCE + 0.5 * self.context.frame.resolution
-        centroids = [one.frontier.centroid for one, _ in self._blacklist]
-        return any(abs(point[0] - x) < within and abs(point[1] - y) < within for x, y in centroids)
 
     def _recover(self) -> None:
         """Begin the recovery behaviour that is next, or end."""

@@ -134,11 +134,19 @@ def classify_values(values: NDArray[np.int8]) -> ByteArray:
     """Ranks 0 unknown, 1 free, 2 occupied of the values of a published map, shape (H, W).
 
     What the values mean is told by themselves. In a costmap the robot's body makes a seam of 99 round each wall of
-    100, so only 100 is a wall. Otherwise they are probabilities, with nothing but 0 and 100 in trinary maps.
+    100, so only 100 is a wall; the seam lies on the unknown behind it, too, and is known where it is nearer to free
+    space than to the unknown. Otherwise they are probabilities, with nothing but 0 and 100 in trinary maps.
     """
+    import cv2
+
     known = (values >= 0) & (values <= _LETHAL)
     if _is_costmap(values):
-        return np.where(values == _LETHAL, 2, known).astype(np.uint8)
+        open_space, unknown = known & (values < _INSCRIBED), ~known
+        to_open, to_unknown = (
+            cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3)
+            for mask in (open_space, unknown)
+        )
+        return np.where(values == _LETHAL, 2, known & (to_open <= to_unknown)).astype(np.uint8)
     occupied, free = values > 50 + _UNDECIDED, values < 50 - _UNDECIDED
     return np.where(occupied & known, 2, free & known).astype(np.uint8)
 

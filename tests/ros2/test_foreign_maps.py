@@ -97,11 +97,12 @@ def test_probabilities_about_a_half_are_unknown():
 
 
 def test_only_lethal_cells_of_a_costmap_are_walls():
-    values = np.array([[100, 99, 99, 70, 40, 0, -1], [100, 99, 99, 70, 40, 0, -1]], np.int8)
-    assert classify_values(values).tolist() == [[2, 1, 1, 1, 1, 1, 0]] * 2
+    values = np.array([[-1, 99, 99, 100, 99, 99, 70, 40, 0, -1]] * 2, np.int8)
+    # Behind the wall the seam lies on what nobody has seen.
+    assert classify_values(values).tolist() == [[0, 0, 0, 2, 1, 1, 1, 1, 1, 0]] * 2
     # Without the seam that the body makes, the same values are probabilities.
-    values[:, 1] = 20
-    assert classify_values(values).tolist() == [[2, 1, 2, 2, 1, 1, 0]] * 2
+    values[:, 4] = 20
+    assert classify_values(values).tolist() == [[0, 2, 2, 2, 1, 2, 2, 1, 1, 0]] * 2
 
 
 def test_a_map_may_grow_and_move_and_its_places_stay():
