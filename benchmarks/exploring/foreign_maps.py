@@ -169,8 +169,8 @@ def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[s
     texts: list[str] = []
     while exploration.state is not ExplorationState.DONE and simulation.time < limit:
         if simulation.steps % env.config.publication_steps == 0:
-            *cells, origin = rewrite(env.mapper.occupancy_grid())
-            exploration.take_map(maps.take(*cells, moved(origin)))
+            values, width, height, cell, origin = rewrite(env.mapper.occupancy_grid())
+            exploration.take_map(maps.take(values, width, height, cell, moved(origin)))
         order = exploration.step(moved(simulation.believed_pose), simulation.scan, 1.7e9 + simulation.time)
         texts += [] if texts[-1:] == [exploration.state.value] else [exploration.state.value]
         _, _, _, _, info = env.step(context.to_action(order.twist))
