@@ -33,7 +33,7 @@ class MotionConfig(Settings, section="motion"):
     TurtleBot3."""
 
 
-class Scanner(NamedTuple):
+class ScannerView(NamedTuple):
     """Field of view and ranges of the LIDAR whose beams say what the robot saw, and so where a map is displaced."""
 
     field_of_view: float = 2.0 * math.pi  # [rad] centred on the robot's heading
@@ -137,14 +137,14 @@ class ParametricConfig(Settings):
     went; scans: the simulator's scans drawn at their believed poses by the mapper's own counts (``sensing``)."""
 
     @property
-    def scanner(self) -> Scanner:
+    def scanner(self) -> ScannerView:
         """The LIDAR of ``sensing``; a warped map is seen all around, as the paper's scanner does."""
         lidar = self.sensing.lidar
         if self.renderer == "warp":
-            return Scanner(range_min=lidar.range_min, range_max=lidar.range_max, mount_x=lidar.mount[0])
+            return ScannerView(range_min=lidar.range_min, range_max=lidar.range_max, mount_x=lidar.mount[0])
         view, num_beams = math.radians(lidar.field_of_view_deg), min(lidar.num_beams, _FIELD_BEAMS)
         range_max = min(lidar.range_max, self.sensing.slam.max_usable_range)
-        return Scanner(view, lidar.range_min, range_max, num_beams, lidar.mount[0])
+        return ScannerView(view, lidar.range_min, range_max, num_beams, lidar.mount[0])
 
 
 def scaled(config: ParametricConfig) -> ParametricConfig:

@@ -8,7 +8,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, Int32Array
-from slamgym.parametric.config import Scanner
+from slamgym.parametric.config import ScannerView
 
 
 class SeenCells(NamedTuple):
@@ -102,7 +102,7 @@ class Visibility:
         return self.frame.to_points(*np.divmod(cells, self.frame.width_px))
 
 
-def beam_angles(scanner: Scanner, resolution: float) -> FloatArray:
+def beam_angles(scanner: ScannerView, resolution: float) -> FloatArray:
     """Beam directions in the sensor frame, shape (B,) [rad], symmetric about the heading."""
     view = float(scanner.field_of_view)
     num = scanner.num_beams or math.ceil(view * scanner.range_max / resolution)
@@ -112,7 +112,7 @@ def beam_angles(scanner: Scanner, resolution: float) -> FloatArray:
     return np.asarray(view / (num - 1) * beams - 0.5 * view, dtype=np.float64)
 
 
-def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: Scanner) -> Visibility:
+def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: ScannerView) -> Visibility:
     """Cast the scans of a trajectory on a raster.
 
     Convention: ``poses`` are in the frame that ``frame`` places the raster in.

@@ -6,7 +6,7 @@ from scipy.optimize import least_squares
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FREE, GridFrame
-from slamgym.parametric.config import EkfConfig, MotionConfig, Scanner
+from slamgym.parametric.config import EkfConfig, MotionConfig, ScannerView
 from slamgym.parametric.ekf_slam import landmark_problem, observation_model
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import (
@@ -27,7 +27,7 @@ def problem_of(flat, tour, resolution=0.3, wheels=ERRORS, noise=1.0):
     frame = GridFrame.covering(flat.bounds, resolution, 0.5)
     occupied = flat.raster(resolution, frame).cells != FREE
     scans = pick_scans(tour, MotionConfig(scan_spacing=0.3, scan_angle=0.5))
-    scanner = Scanner()
+    scanner = ScannerView()
     visibility = observe(occupied, frame, scans.poses, scanner)
     motion = increments_of(scans.poses)
     controls = believed_increments(motion, wheels)
@@ -96,7 +96,7 @@ def test_a_limit_on_landmarks_per_scan_holds(flat, tour) -> None:
     frame = GridFrame.covering(flat.bounds, 0.1, 0.5)
     occupied = flat.raster(0.1, frame).cells != FREE
     scans = pick_scans(tour, MotionConfig())
-    visibility = observe(occupied, frame, scans.poses, Scanner())
+    visibility = observe(occupied, frame, scans.poses, ScannerView())
     motion = increments_of(scans.poses)
     problem = landmark_problem(
         scans.poses, motion, visibility, -0.064, LidarErrors(),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
-from slamgym.parametric.config import Scanner
+from slamgym.parametric.config import ScannerView
 from slamgym.parametric.lidar_error import LidarErrors, observed_cad, wall_beams
 from slamgym.parametric.visibility import observe
 
@@ -18,7 +18,7 @@ def one_wall():
     frame = GridFrame(0.05, -1.0, -1.5, 60, 80)
     occupied = np.zeros(frame.shape, dtype=bool)
     occupied[:, frame.to_cell(2.0 + 0.025, 0.0)[1]] = True
-    return frame, occupied, observe(occupied, frame, np.zeros((1, 3)), Scanner(mount_x=0.0))
+    return frame, occupied, observe(occupied, frame, np.zeros((1, 3)), ScannerView(mount_x=0.0))
 
 
 def beams_of(visibility, errors=NO_ERRORS, severity=0.0, seed=0):
