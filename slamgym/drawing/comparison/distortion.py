@@ -18,8 +18,6 @@ DEVIATIONS = (0.01, 0.02, 0.04, 0.08, 0.15)
 """Standard deviations of the drift that are tried [m]."""
 LENGTHS = (2.0, 4.0, 8.0)
 """Distances over which the drift changes that are tried [m]."""
-FEW = 400
-"""Stretches that judge the drift's size and smoothness, evenly from all."""
 ROUNDS = 6
 _OUTLIER = 2.0
 """A stretch this many standard errors off what the others say counts half [1]."""
@@ -47,12 +45,8 @@ def estimate_drift(
     Returns:
         Offsets and standard errors at each stretch without its own wall, (M,), and at the asked ones, (Q,).
     """
-    some = np.arange(0, len(stretches.places), -(-len(stretches.places) // FEW))
-    few, same = Stretches(*(part[some] for part in stretches)), same_wall[np.ix_(some, some)]
-    size, length = max(
-        itertools.product(DEVIATIONS, LENGTHS), key=lambda guess: _Fit(few, same, *guess).likelihood
-    )
-    fit = _Fit(stretches, same_wall, size, length)
+    fits = (_Fit(stretches, same_wall, *guess) for guess in itertools.product(DEVIATIONS, LENGTHS))
+    fit = max(fits, key=lambda fit: fit.likelihood)
     return fit.expected, fit.deviation, *fit.predict(asked)
 
 

@@ -17,8 +17,6 @@ LATERAL = 0.045
 """A point of the map lies before a point of a face if it is no farther to its side [m]."""
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
-_CORNER = 0.08
-"""Points nearer to the ends of a face say little about it [m]."""
 NEAR = 0.1
 """So near to its place a wall is there, and so near to the commonest offset a point belongs to its face [m]."""
 NO_OPENING = 0.3
@@ -69,8 +67,6 @@ def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
     plan = found.plan
     line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
     own = np.flatnonzero(plan.face == face)
-    inner = own[(plan.along[own] > _CORNER) & (plan.lengths[face] - plan.along[own] > _CORNER)]
-    own = inner if len(inner) >= 3 else own
     view = own[found.in_view[own]]
     seen = len(view) / len(own)
     if seen < LEAST_SEEN or len(view) < 3:
