@@ -113,10 +113,7 @@ def _draw_card(area: ByteArray, card: Card, panel_px: int) -> None:
 
 
 def draw_grid(
-    titles: Sequence[str],
-    rows: Sequence[Sequence[ByteArray]],
-    captions: Sequence[str] = (),
-    panel_px: int = GRID_PX,
+    titles: Sequence[str], rows: Sequence[Sequence[ByteArray]], captions: Sequence[str] = ()
 ) -> ByteArray:
     """Draw pictures in a grid with a title over each column; many rows of few columns stand in two blocks.
 
@@ -124,14 +121,13 @@ def draw_grid(
         titles: Over the columns.
         rows: At least one; each with one picture per column: (H, W) grey or (H, W, 3) RGB, any size.
         captions: A line under each row.
-        panel_px: Side of a picture.
 
     Returns:
         RGB, shape (rows, cols, 3).
     """
     in_two = len(rows) > ROWS_IN_A_BLOCK and len(titles) <= MAX_COLUMNS_OF_TWO_BLOCKS
     cards = [Card(row, captions[i : i + 1]) for i, row in enumerate(rows)]
-    return draw_sheet(cards, 2 if in_two else 1, panel_px, titles)
+    return draw_sheet(cards, 2 if in_two else 1, GRID_PX, titles)
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from slamgym.drawing.comparison.extra_walls import extra_structures
 from slamgym.drawing.comparison.faces import MapEvidence, PlanFaces, map_evidence, plan_faces
 from slamgym.drawing.comparison.records import Change, ChangeKind, FaceReport, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
-from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs
+from slamgym.drawing.comparison.walls import Faces, judge_face, measure_faces, open_runs, runs_of
 from slamgym.drawing.settings import ComparisonConfig
 
 AGREE = 0.15
@@ -240,13 +240,8 @@ def _states(door: Door, unit: FloatArray, evidence: MapEvidence, shift: FloatArr
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
     """The gap that overlaps the door most, or else is nearest to it: its ends along the wall [m]."""
-    gap = np.concatenate([[False], states == 1, [False]])
-    starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
-    runs = [
-        (float(along[a] - 0.5 * _STEP), float(along[b] + 0.5 * _STEP))
-        for a, b in zip(starts, stops, strict=True)
-    ]
-    runs = [run for run in runs if run[1] - run[0] >= NARROWEST_DOOR]
+    ends = along[0] + _STEP * (runs_of(states == 1) - 0.5)
+    runs = [(start, stop) for start, stop in ends.tolist() if stop - start >= NARROWEST_DOOR]
     return max(runs, key=lambda run: min(run[1], width) - max(run[0], 0.0), default=None)
 
 

@@ -95,11 +95,14 @@ def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, flo
     """Gaps in a face through which the map is free: first and last place along it [m]."""
     own = np.flatnonzero(found.plan.face == face)
     wall_beside = np.abs(found.corrected[own]) <= NO_OPENING  # false for nan
-    gap = np.concatenate([[False], found.is_open[own] & ~wall_beside, [False]])
-    starts, stops = np.flatnonzero(~gap[:-1] & gap[1:]), np.flatnonzero(gap[:-1] & ~gap[1:]) - 1
     step = found.plan.lengths[face] / len(own)
-    runs = [(start * step, (stop + 1) * step) for start, stop in zip(starts, stops, strict=True)]
-    return [run for run in runs if run[1] - run[0] >= shortest]
+    runs = step * runs_of(found.is_open[own] & ~wall_beside)
+    return [(start, stop) for start, stop in runs.tolist() if stop - start >= shortest]
+
+
+def runs_of(mask: BoolArray) -> IntArray:
+    """Where each run of a mask (N,) begins, and where the next place behind it is, (R, 2)."""
+    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
 
 
 def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
