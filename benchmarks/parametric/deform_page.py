@@ -23,7 +23,7 @@ from slamgym.dataset.generate.recipe import episode_conditions, open_recipe
 from slamgym.dataset.images.square_images import resample_map
 from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.viz.canvas import write_picture
-from slamgym.viz.sheets import draw_grid
+from slamgym.viz.sheets import Card, draw_sheet
 
 DRAWS, PANEL_PX = 3, 150
 
@@ -59,7 +59,7 @@ def main() -> None:
     titles = ["plan"] + [f"{name} {n + 1}" for name in ("simulated", *methods) for n in range(DRAWS)]
     plans = useful_plans(arguments.plans, arguments.count)
     rows = [row(plan, arguments.recipe, maker, methods) for plan in plans]
-    write_picture(arguments.out, draw_grid(titles, rows, panel_px=PANEL_PX))
+    write_picture(arguments.out, draw_sheet([Card(each) for each in rows], 1, PANEL_PX, titles))
     print(f"{len(rows)} plans: {arguments.out}")
 
 
