@@ -3,7 +3,7 @@
 import functools
 import gzip
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -35,10 +35,21 @@ def write_carmen(
     Ranges are written in millimetres' precision; no return becomes the laser's maximum range, a reading that
     is too close or erroneous becomes 0.
     """
+    lines = carmen_lines(records, geometry, message)
+    content = "".join(lines).encode()
+    # mtime=0: the same log gives the same bytes.
+    compressed = Path(path).suffix == ".gz"
+    write_bytes(path, gzip.compress(content, COMPRESSION, mtime=0) if compressed else content)
+
+
+def carmen_lines(
+    records: Iterable[LogRecord], geometry: LaserGeometry, message: str | None = None
+) -> Iterator[str]:
+    """The lines of a log, as :func:`write_carmen` writes them, one record after the other."""
     if message is None:
         message = "FLASER" if _looks_like_flaser(geometry) else "ROBOTLASER1"
     limit = geometry.range_max
-    lines = [
+    head = [
         f"# CARMEN log. FLASER n r1..rn x y theta odom_x odom_y odom_theta t host t; "
         f"beams from {geometry.angle_min:.9f} rad in steps of {geometry.angle_increment:.9f} rad; "
         f"ranges from {limit:.6g} m mean no return; ranges below {geometry.range_min:.6g} m are invalid",
@@ -51,17 +62,14 @@ def write_carmen(
         view = geometry.angle_increment * (geometry.num_beams - 1)
         beams = f"{geometry.angle_min:.9f} {view:.9f} {geometry.angle_increment:.9f}"
         before, between, after = f"ROBOTLASER1 0 {beams} {limit:.6g} 0.01 0", "0 ", "0 0 0 0 0 "
+    yield "".join(f"{line}\n" for line in head)
     for record in records:
         stamp = f"{record.stamp:.6f}"
         odometry = _format_pose(record.odometry)
         laser = _format_pose(compose(record.odometry, geometry.mount))
         ranges = f"{len(record.scan.ranges)} {_format_ranges(record.scan.ranges, limit)}"
-        lines.append(f"ODOM {odometry} 0 0 0 {stamp} host {stamp}")
-        lines.append(f"{before} {ranges} {between}{laser} {odometry} {after}{stamp} host {stamp}")
-    content = ("\n".join(lines) + "\n").encode()
-    # mtime=0: the same log gives the same bytes.
-    compressed = Path(path).suffix == ".gz"
-    write_bytes(path, gzip.compress(content, COMPRESSION, mtime=0) if compressed else content)
+        yield f"ODOM {odometry} 0 0 0 {stamp} host {stamp}\n"
+        yield f"{before} {ranges} {between}{laser} {odometry} {after}{stamp} host {stamp}\n"
 
 
 def _looks_like_flaser(geometry: LaserGeometry) -> bool:

@@ -15,7 +15,6 @@ import numpy as np
 from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
 from slamgym.core.types import (
-    Float32Array,
     FloatArray,
     LaserGeometry,
     LaserScan,
@@ -25,18 +24,17 @@ from slamgym.core.types import (
 from slamgym.interop.odometry import merged_track, without_jumps
 from slamgym.interop.ranges import range_limit
 from slamgym.interop.records import (
-    MAX_ABS_COORDINATE,
     BrokenMessageError,
     Log,
     LogFinding,
     LogRecord,
     LogWarnings,
     OdometryTrack,
-    check_beams,
     longest_ordered,
     usable_scans,
 )
-from slamgym.interop.transforms import TransformTree, clean_frame, planar, rigid_transform
+from slamgym.interop.ros_messages import check_scan, geometry_of, matrix_of, pose_of, ranges_of, stamp_of
+from slamgym.interop.transforms import TransformTree, clean_frame, planar
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
 ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
@@ -138,7 +136,7 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
     records = []
     for index, pose in zip(kept.tolist(), track.poses[track.scans].tolist(), strict=True):
         stamp, message = contents.scans[index]
-        scan = LaserScan(stamp, _ranges(message, geometry, flipped), geometry)
+        scan = LaserScan(stamp, ranges_of(message, geometry, flipped), geometry)
         records.append(LogRecord(stamp, Pose2D(*pose), scan))
     found, sources = contents.findings, contents.sources
     return Log(str(path), records, geometry, warnings, track, found, odometry is not None, sources=sources)
@@ -226,37 +224,23 @@ def _choose_topic(path: Path, topics: Counter[str], wanted: str | None, usual: t
 def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
     topic = connection.topic
     if connection.msgtype == SCAN_TYPE:
-        what = "scan left out because of"
-        check_beams(float(message.angle_min), float(message.angle_increment), len(message.ranges), what)
-        if not abs(float(message.range_min)) <= MAX_ABS_COORDINATE:  # false for nan
-            raise BrokenMessageError(f"{what} impossible range limits")
-        contents.scans.append((_stamp(message.header, stamp_ns), message))
+        check_scan(message)
+        contents.scans.append((stamp_of(message.header, stamp_ns * 1e-9), message))
     elif connection.msgtype == ODOMETRY_TYPE:
-        pose = message.pose.pose
-        place = planar(_matrix(pose.position, pose.orientation, f"pose on {topic}"))
-        contents.odometry.append((_stamp(message.header, stamp_ns), place))
+        place = pose_of(message.pose.pose, f"pose on {topic}")
+        contents.odometry.append((stamp_of(message.header, stamp_ns * 1e-9), place))
         contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
     else:
         for entry in message.transforms:
-            parent, child, stamp = entry.header.frame_id, entry.child_frame_id, _stamp(entry.header, stamp_ns)
+            parent, child = entry.header.frame_id, entry.child_frame_id
+            stamp = stamp_of(entry.header, stamp_ns * 1e-9)
             try:
                 what = f"transform from {parent} to {child}"
-                matrix = _matrix(entry.transform.translation, entry.transform.rotation, what)
+                matrix = matrix_of(entry.transform.translation, entry.transform.rotation, what)
             except BrokenMessageError as error:
                 contents.warnings.add(str(error), f"{stamp:.3f} s")
                 continue
             contents.transforms.add(parent, child, stamp, matrix, static=topic.endswith("tf_static"))
-
-
-def _stamp(header: Any, stamp_ns: int) -> float:
-    """The header's stamp, or the moment of recording where the driver left it at zero [s]."""
-    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
-    return float(stamp) if stamp > 0.0 else stamp_ns * 1e-9
-
-
-def _matrix(position: Any, orientation: Any, what: str) -> FloatArray:
-    place, turn = (position.x, position.y, position.z), [getattr(orientation, axis) for axis in "xyzw"]
-    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what)
 
 
 def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
@@ -321,28 +305,7 @@ def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometr
     messages = [message for _, message in contents.scans]
     usual = Counter(len(message.ranges) for message in messages).most_common(1)[0][0]
     message = next(message for message in messages if len(message.ranges) == usual)
-    first, step = _fan(message, flipped)
     every = [message.ranges for message in messages]
     limit, findings = range_limit(every, float(message.range_max), contents.choices.range_max)
     contents.findings += findings
-    angle_min = min(first, first + (usual - 1) * step)
-    return LaserGeometry(usual, angle_min, abs(step), max(float(message.range_min), 0.0), limit, mount)
-
-
-def _fan(message: Any, flipped: bool) -> tuple[float, float]:
-    """First angle and step of a scan seen from above; below 0, it is stored clockwise."""
-    sign = -1.0 if flipped else 1.0
-    return sign * float(message.angle_min), sign * float(message.angle_increment)
-
-
-def _ranges(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
-    """Ranges at the angles of the log's geometry, as those of rotating scanners vary."""
-    first, step = _fan(message, flipped)
-    stored = np.array(message.ranges, dtype=np.float32)
-    beam = np.rint((geometry.angles - first) / step).astype(np.int64)
-    inside = (beam >= 0) & (beam < len(stored))
-    ranges = np.where(inside, stored[beam.clip(0, len(stored) - 1)], np.float32(np.nan))
-    ranges[ranges >= geometry.range_max] = np.inf
-    # Some drivers report 0 for "nothing came back" and for errors alike: neither space nor wall is known.
-    ranges[ranges < max(geometry.range_min, 1e-6)] = np.nan
-    return ranges
+    return geometry_of(message, mount, flipped, limit)

@@ -4,7 +4,6 @@
 Frames are called as on a TurtleBot3.
 """
 
-import math
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -16,8 +15,16 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import storage_errors
 from slamgym.core.geometry import compose, inverse, unit_vectors, wrap_angle
-from slamgym.core.types import FREE, OCCUPIED, FloatArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import FloatArray, LaserGeometry, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import LogRecord, interpolated
+from slamgym.interop.ros_messages import (
+    Fields,
+    grid_fields,
+    header_fields,
+    odometry_fields,
+    scan_fields,
+    transform_fields,
+)
 from slamgym.interop.rosbag import import_rosbags
 
 TOPICS = {
@@ -30,8 +37,6 @@ TOPICS = {
     "/map": "nav_msgs/msg/OccupancyGrid",
 }
 Storage = Literal["sqlite3", "mcap"]
-POSE_VARIANCES = (1e-5, 1e-5, 1e12, 1e12, 1e12, 1e-3)
-"""x, y, z [m2], roll, pitch, yaw [rad2] of odometry: the defaults of gazebo_ros_diff_drive. Filters refuse zeros."""
 
 
 class BagTracks(NamedTuple):
@@ -84,7 +89,7 @@ def write_rosbag2(
         bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
         bag.write_transform("/tf_static", records[0].stamp, ("base_footprint", "base_scan"), geometry.mount)
         if grid is not None:
-            bag.write_map(records[0].stamp, grid)
+            bag.write("/map", records[0].stamp, **grid_fields(bag.header(records[0].stamp, "map"), grid))
         _write_records(bag, records, geometry, tracks)
 
 
@@ -97,18 +102,10 @@ def _write_records(
     at_scans = (None if track is None else interpolated(track, stamps) for track in tracks)
     true_poses, estimates = at_scans
     true_twists = _twists(stamps, true_poses) if true_poses is not None else twists
-    settings = {
-        "angle_min": laser.angle_min,
-        "angle_max": laser.angle_min + laser.angle_increment * (laser.num_beams - 1),
-        "angle_increment": laser.angle_increment,
-        "scan_time": float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0,
-        "range_min": laser.range_min,
-        "range_max": laser.range_max,
-        "intensities": np.zeros(0, dtype=np.float32),
-    }
+    scan_time = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     for i, record in enumerate(records):
         stamp, pose = record.stamp, record.odometry
-        bag.write("/clock", stamp, clock=bag.time(stamp))  # for nodes with use_sim_time
+        bag.write("/clock", stamp, clock=bag.header(stamp, "")["stamp"])  # for nodes with use_sim_time
         bag.write_transform("/tf", stamp, ("odom", "base_footprint"), pose)
         if estimates is not None:
             map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
@@ -116,8 +113,8 @@ def _write_records(
         bag.write_odometry("/odom", stamp, "odom", pose, twists[i])
         if true_poses is not None:
             bag.write_odometry("/ground_truth", stamp, "map", Pose2D(*true_poses[i]), true_twists[i])
-        ranges = np.asarray(record.scan.ranges, dtype=np.float32)  # no return is +inf (REP 117)
-        bag.write("/scan", stamp, header=bag.header(stamp, "base_scan"), ranges=ranges, **settings)
+        header = bag.header(stamp, "base_scan")
+        bag.write("/scan", stamp, **scan_fields(header, record.scan.ranges, laser, scan_time))
 
 
 def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
@@ -199,46 +196,16 @@ class _Bag:
     def _nanoseconds(self, stamp: float) -> int:
         return round(stamp * 1e9) + self._shift_ns
 
-    def time(self, stamp: float) -> dict[str, int]:
-        """The fields of a Time message."""
-        return dict(zip(("sec", "nanosec"), divmod(self._nanoseconds(stamp), 10**9), strict=True))
-
-    def header(self, stamp: float, frame: str) -> dict[str, Any]:
+    def header(self, stamp: float, frame: str) -> Fields:
         """The fields of a Header message."""
-        return {"stamp": self.time(stamp), "frame_id": frame}
+        return header_fields(self._nanoseconds(stamp), frame)
 
     def write_transform(self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D) -> None:
         """Write the pose of a frame, the second, in its parent."""
-        transform = dict(zip(("translation", "rotation"), _pose(pose).values(), strict=True))
-        header = self.header(stamp, frames[0])
-        stamped = {"child_frame_id": frames[1], "transform": transform, "header": header}
-        self.write(topic, stamp, transforms=[stamped])
+        self.write(
+            topic, stamp, transforms=[transform_fields(self.header(stamp, frames[0]), frames[1], pose)]
+        )
 
     def write_odometry(self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray) -> None:
         """Write a pose in ``frame`` and the speeds [m/s, rad/s] in the robot's own."""
-        covariance = np.diag(POSE_VARIANCES).ravel()
-        speeds = {"linear": {"x": float(twist[0])}, "angular": {"z": float(twist[1])}}
-        self.write(
-            topic, stamp, header=self.header(stamp, frame), child_frame_id="base_footprint",
-            pose={"pose": _pose(pose), "covariance": covariance},
-            twist={"twist": speeds, "covariance": covariance},
-        )  # fmt: skip
-
-    def write_map(self, stamp: float, grid: OccupancyGrid) -> None:
-        """Write a map: 0 free, 100 occupied, -1 unknown, row 0 at the bottom."""
-        data = np.full(grid.cells.shape, -1, dtype=np.int8)
-        data[grid.cells == FREE] = 0
-        data[grid.cells == OCCUPIED] = 100
-        resolution, x, y, rows, cols = grid.frame
-        info = {"resolution": resolution, "width": cols, "height": rows, "origin": _pose(Pose2D(x, y, 0.0))}
-        info["map_load_time"] = self.time(stamp)
-        self.write("/map", stamp, header=self.header(stamp, "map"), info=info, data=data[::-1].ravel())
-
-
-def _pose(pose: Pose2D) -> dict[str, dict[str, float]]:
-    """The fields of a Pose message."""
-    half = 0.5 * pose.theta
-    return {
-        "position": {"x": float(pose.x), "y": float(pose.y)},
-        "orientation": {"z": math.sin(half), "w": math.cos(half)},
-    }
+        self.write(topic, stamp, **odometry_fields(self.header(stamp, frame), "base_footprint", pose, twist))

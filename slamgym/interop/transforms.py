@@ -43,9 +43,13 @@ class TransformTree:
     """Edges from child frames to their parents, with their history.
 
     Convention: the transform of an edge expresses points of the child frame in the parent frame.
+
+    Args:
+        keeps_history: False to keep only the latest transform of each edge.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, *, keeps_history: bool = True) -> None:
+        self._keeps_history = keeps_history
         self._parents: dict[str, str] = {}
         self._latest: dict[str, FloatArray] = {}
         self._history: dict[str, list[tuple[float, Pose2D]]] = defaultdict(list)
@@ -55,7 +59,7 @@ class TransformTree:
         parent, child = clean_frame(parent), clean_frame(child)
         self._parents[child] = parent
         self._latest[child] = matrix
-        if not static:
+        if self._keeps_history and not static:
             self._history[child].append((stamp, planar(matrix)))
 
     def moving(self) -> dict[str, str]:

@@ -1,0 +1,147 @@
+"""ROS messages and the records that they stand for, whoever makes the messages: a bag's reader or a running node.
+
+What is read may be any object with the attributes of the message. What is written are mappings of a message's fields;
+what isn't named is zero.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.types import FREE, OCCUPIED, Float32Array, FloatArray, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.interop.records import MAX_ABS_COORDINATE, BrokenMessageError, check_beams
+from slamgym.interop.transforms import planar, rigid_transform
+
+POSE_VARIANCES = (1e-5, 1e-5, 1e12, 1e12, 1e12, 1e-3)
+"""x, y, z [m2], roll, pitch, yaw [rad2] of odometry: the defaults of gazebo_ros_diff_drive. Filters refuse zeros."""
+
+Fields = dict[str, Any]
+
+
+# --- read ---
+
+
+def stamp_of(header: Any, otherwise: float) -> float:
+    """The header's stamp, or the moment of recording where the driver left it at zero [s]."""
+    stamp = header.stamp.sec + header.stamp.nanosec * 1e-9
+    return float(stamp) if stamp > 0.0 else otherwise
+
+
+def matrix_of(position: Any, orientation: Any, what: str) -> FloatArray:
+    """The 4 x 4 matrix of a message's position and quaternion.
+
+    Raises:
+        BrokenMessageError: Named by ``what``, if the quaternion is zero.
+        ValueError: If a value is no number or absurdly large.
+    """
+    place, turn = (position.x, position.y, position.z), [getattr(orientation, axis) for axis in "xyzw"]
+    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what)
+
+
+def pose_of(pose: Any, what: str) -> Pose2D:
+    """A Pose message seen from above; raises as :func:`matrix_of`."""
+    return planar(matrix_of(pose.position, pose.orientation, what))
+
+
+def check_scan(message: Any) -> None:
+    """Refuse a LaserScan that no laser sends.
+
+    Raises:
+        BrokenMessageError: If its angles, its number of readings or its limits are impossible.
+    """
+    what = "scan left out because of"
+    check_beams(float(message.angle_min), float(message.angle_increment), len(message.ranges), what)
+    if not abs(float(message.range_min)) <= MAX_ABS_COORDINATE:  # false for nan
+        raise BrokenMessageError(f"{what} impossible range limits")
+
+
+def _fan(message: Any, flipped: bool) -> tuple[float, float]:
+    """First angle and step of a scan seen from above; below 0, it is stored clockwise."""
+    sign = -1.0 if flipped else 1.0
+    return sign * float(message.angle_min), sign * float(message.angle_increment)
+
+
+def geometry_of(message: Any, mount: Pose2D, flipped: bool, range_max: float) -> LaserGeometry:
+    """The laser that a LaserScan shows, with its mount and the range from which on a reading means no return [m]."""
+    (first, step), count = _fan(message, flipped), len(message.ranges)
+    angle_min = min(first, first + (count - 1) * step)
+    return LaserGeometry(count, angle_min, abs(step), max(float(message.range_min), 0.0), range_max, mount)
+
+
+def ranges_of(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
+    """Ranges at the angles of a geometry, as those of rotating scanners vary, shape (num_beams,) [m]."""
+    first, step = _fan(message, flipped)
+    stored = np.array(message.ranges, dtype=np.float32)
+    beam = np.rint((geometry.angles - first) / step).astype(np.int64)
+    inside = (beam >= 0) & (beam < len(stored))
+    ranges = np.where(inside, stored[beam.clip(0, len(stored) - 1)], np.float32(np.nan))
+    ranges[ranges >= geometry.range_max] = np.inf
+    # Some drivers report 0 for "nothing came back" and for errors alike: neither space nor wall is known.
+    ranges[ranges < max(geometry.range_min, 1e-6)] = np.nan
+    return ranges
+
+
+# --- write ---
+
+
+def time_fields(nanoseconds: int) -> Fields:
+    """The fields of a Time message."""
+    return dict(zip(("sec", "nanosec"), divmod(nanoseconds, 10**9), strict=True))
+
+
+def header_fields(nanoseconds: int, frame: str) -> Fields:
+    """The fields of a Header message."""
+    return {"stamp": time_fields(nanoseconds), "frame_id": frame}
+
+
+def pose_fields(pose: Pose2D) -> dict[str, Fields]:
+    """The fields of a Pose message."""
+    half = 0.5 * pose.theta
+    return {
+        "position": {"x": float(pose.x), "y": float(pose.y)},
+        "orientation": {"z": math.sin(half), "w": math.cos(half)},
+    }
+
+
+def transform_fields(header: Fields, child: str, pose: Pose2D) -> Fields:
+    """The fields of a TransformStamped message: the pose of a frame, ``child``, in that of the header."""
+    transform = dict(zip(("translation", "rotation"), pose_fields(pose).values(), strict=True))
+    return {"header": header, "child_frame_id": child, "transform": transform}
+
+
+def odometry_fields(header: Fields, child: str, pose: Pose2D, twist: FloatArray) -> Fields:
+    """The fields of an Odometry message: a pose, and the speeds [m/s, rad/s] in the robot's own frame, ``child``."""
+    covariance = np.diag(POSE_VARIANCES).ravel()
+    speeds = {"linear": {"x": float(twist[0])}, "angular": {"z": float(twist[1])}}
+    return {
+        "header": header, "child_frame_id": child,
+        "pose": {"pose": pose_fields(pose), "covariance": covariance},
+        "twist": {"twist": speeds, "covariance": covariance},
+    }  # fmt: skip
+
+
+def scan_fields(header: Fields, ranges: Float32Array, laser: LaserGeometry, scan_time: float) -> Fields:
+    """The fields of a LaserScan message; no return is +inf, as REP 117 has it."""
+    return {
+        "header": header,
+        "angle_min": laser.angle_min,
+        "angle_max": laser.angle_min + laser.angle_increment * (laser.num_beams - 1),
+        "angle_increment": laser.angle_increment,
+        "scan_time": scan_time,
+        "range_min": laser.range_min,
+        "range_max": laser.range_max,
+        "ranges": np.asarray(ranges, dtype=np.float32),
+        "intensities": np.zeros(0, dtype=np.float32),
+    }
+
+
+def grid_fields(header: Fields, grid: OccupancyGrid) -> Fields:
+    """The fields of an OccupancyGrid message: 0 free, 100 occupied, -1 unknown, row 0 at the bottom."""
+    data = np.full(grid.cells.shape, -1, dtype=np.int8)
+    data[grid.cells == FREE] = 0
+    data[grid.cells == OCCUPIED] = 100
+    resolution, x, y, rows, cols = grid.frame
+    origin = pose_fields(Pose2D(x, y, 0.0))
+    info = {"resolution": resolution, "width": cols, "height": rows, "origin": origin}
+    return {"header": header, "info": {**info, "map_load_time": header["stamp"]}, "data": data[::-1].ravel()}
