@@ -83,8 +83,8 @@ class Actions:
             raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None
 
 
-class Simulation:
-    """The robot's episode.
+class SimulatedRobot:
+    """A robot in a building: driven, and seen by its own sensors.
 
     Convention: the map frame has its origin at the start position and the world's axes; the robot starts
     there with its true heading, as if read from a compass.
@@ -102,13 +102,10 @@ class Simulation:
         steps: So far.
         start: Start pose, world frame.
         world_from_map: The map frame in the world.
-        mapper: SLAM.
         scan: The newest scan.
         true_ranges: Without errors, from the robot's pose alone, shape (num_beams,) [m].
         odometry_pose: Integrated wheel odometry; starts in the map frame.
-        believed_pose: What SLAM believes, map frame.
         velocity: As measured by the wheel odometry.
-        is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
         path_length: True path length so far [m].
         collisions: How often the robot came into contact with something.
 
@@ -125,18 +122,14 @@ class Simulation:
         self._rng = streams.lidar
         self._odometry_rng = streams.odometry
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
-        self._believes_truth = config.slam.mode == "ground_truth"
         self._dt = config.control_step
         self.radius = config.robot.radius
         self.steps = 0
         self._in_contact = False
         self.start = start
         self.world_from_map = Pose2D(start.x, start.y, 0.0)
-        initial = Pose2D(0.0, 0.0, start.theta)
-        self._odometry.reset(initial)
-        self.odometry_pose = initial
-        finished = finished_map(prepared.plan, start, config)
-        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
+        self.odometry_pose = Pose2D(0.0, 0.0, start.theta)
+        self._odometry.reset(self.odometry_pose)
         self.velocity = Twist2D(0.0, 0.0)
         self.path_length = 0.0
         self.collisions = 0
@@ -159,7 +152,7 @@ class Simulation:
         return Pose2D(x - self.start.x, y - self.start.y, theta)
 
     def step(self, command: Twist2D) -> Motion:
-        """Drive for one control step towards a velocity, then scan and map."""
+        """Drive for one control step towards a velocity, then scan."""
         motion = self.world.step(command, self._dt)
         before = self.odometry_pose
         self.odometry_pose = self._odometry.update(motion, self._odometry_rng)
@@ -173,13 +166,37 @@ class Simulation:
         return motion
 
     def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
-        """Scan from where the robot stands or has just ``driven``, and let SLAM take it in."""
+        """Scan from where the robot stands or has just ``driven``."""
         world = self.world
         sighting = self._lidar.look(world.pose, world.segments(), driven)
         self.true_ranges = sighting.ranges
         if len(sighting.sensors) > 1:
             self.true_ranges = self._lidar.true_ranges(world.pose, world.segments())
         self.scan: LaserScan = self._lidar.measure(sighting, self._rng, self.time, world.surfaces)
+
+
+class Simulation(SimulatedRobot):
+    """The episode of a robot that maps.
+
+    Args and frames as :class:`SimulatedRobot`.
+
+    Attributes:
+        mapper: SLAM.
+        believed_pose: What SLAM believes, map frame.
+        is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
+    """
+
+    def __init__(
+        self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
+    ) -> None:
+        initial, finished = Pose2D(0.0, 0.0, start.theta), finished_map(prepared.plan, start, config)
+        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
+        self._believes_truth = config.slam.mode == "ground_truth"
+        super().__init__(prepared, start, config, lidar, streams)
+
+    def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
+        """Scan, and let SLAM take it in."""
+        super()._sense(driven)
         odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
         self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
         self.believed_pose = self.mapper.pose
