@@ -56,6 +56,7 @@ class RecoveryBehaviours:
     def note_time(self, time: float) -> None:
         """Note the time of a control step: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
+        self.is_turning &= time - self._began_at < 2.0 * LOOK_AROUND_BEFORE  # else the wheels don't turn
 
     def turn(self, pose: Pose2D) -> Twist2D:
         """Velocity for the next control step of a look around."""
