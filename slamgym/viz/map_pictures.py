@@ -151,6 +151,8 @@ class GrowingView:
         frame = self._frame(grid.frame)
         min_x, min_y, max_x, max_y = frame.bounds
         scale = min(FRAME_WIDTH / (max_x - min_x), (FRAME_HEIGHT - FOOTER_PX) / (max_y - min_y))  # [px/m]
+        min_x -= 0.5 * (FRAME_WIDTH / scale - (max_x - min_x))
+        frame = frame._replace(origin_x=min_x)
         page = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
         view = page[: FRAME_HEIGHT - FOOTER_PX]
         view[:] = UNKNOWN_TINT

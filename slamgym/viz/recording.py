@@ -10,14 +10,22 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.files import staged
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, GridFrame, Pose2D
+from slamgym.core.types import (
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, WALL_TINT, Colour, colour_cells
 from slamgym.viz.exploration import BAR_COLOUR, BEAM_COLOUR, FURNITURE_COLOUR, PERSON_COLOUR, Scene, beam_ends
 
@@ -45,6 +53,16 @@ def check_recording_name(path: Path) -> None:
         raise ConfigError(f"{path}: a recording's name must end in .rrd")
     if importlib.util.find_spec("rerun") is None:
         raise ConfigError(f"{path}: a recording needs rerun; install it with: pip install 'slamgym[viz]'")
+
+
+class RobotBelief(NamedTuple):
+    """Where a robot believes to be, and on what map."""
+
+    grid: OccupancyGrid
+    pose: Pose2D
+    scan: LaserScan
+    path: FloatArray  # (N, 2) [m]
+    radius: float  # of the robot [m]
 
 
 @contextmanager
@@ -91,20 +109,29 @@ class Recording:
             self._lines("world/furniture", outlines, FURNITURE_COLOUR)
         self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
         self._robot("world/robot", scene.true_pose, scene.robot_radius, TRUE_COLOUR)
-        self._robot("belief/robot", scene.believed_pose, scene.robot_radius, BELIEVED_COLOUR)
-        self._points("world/beams", _ends(scene, scene.true_pose, scene.true_ranges), BEAM_COLOUR)
-        ranges = scene.scan.ranges.astype(np.float64)
-        self._points("belief/scan", _ends(scene, scene.believed_pose, ranges), BEAM_COLOUR)
+        self._points("world/beams", _ends(scene.scan, scene.true_pose, scene.true_ranges), BEAM_COLOUR)
         if scene.grid.cells is not self._cells:
-            self._cells = scene.grid.cells
-            self._grid("belief/map", _with_alpha(colour_cells(self._cells), 255), scene.grid.frame, 0.0)
             self._lines("world/path", [scene.true_path], TRUE_COLOUR)
-            self._lines("belief/path", [scene.believed_path], BELIEVED_COLOUR)
+        belief = RobotBelief(
+            scene.grid, scene.believed_pose, scene.scan, scene.believed_path, scene.robot_radius
+        )
+        self.believe(scene.figures.time, belief, deliberation)
+        for name in ("coverage", "pose_error"):
+            self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
+
+    def believe(self, time: float, belief: "RobotBelief", deliberation: Deliberation) -> None:
+        """Add what a robot believes at a moment of its clock [s]."""
+        self._stream.set_time("robot time", duration=time)
+        self._robot("belief/robot", belief.pose, belief.radius, BELIEVED_COLOUR)
+        ranges = belief.scan.ranges.astype(np.float64)
+        self._points("belief/scan", _ends(belief.scan, belief.pose, ranges), BEAM_COLOUR)
+        if belief.grid.cells is not self._cells:
+            self._cells = belief.grid.cells
+            self._grid("belief/map", _with_alpha(colour_cells(self._cells), 255), belief.grid.frame, 0.0)
+            self._lines("belief/path", [belief.path], BELIEVED_COLOUR)
         if deliberation is not self._deliberation:
             self._deliberation = deliberation
             self._deliberate(deliberation)
-        for name in ("coverage", "pose_error"):
-            self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
 
     def _deliberate(self, deliberation: Deliberation) -> None:
         """Particles, frontiers, and the way to the chosen one."""
@@ -146,10 +173,10 @@ class Recording:
         self._stream.log(name, grid)
 
 
-def _ends(scene: Scene, pose: Pose2D, ranges: FloatArray) -> FloatArray:
-    """Where the beams that met something ended, (N, 2), world frame."""
-    met = (ranges > 0.0) & (ranges <= scene.scan.geometry.range_max)
-    return beam_ends(scene.scan, pose, ranges)[met]
+def _ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
+    """Where the beams that met something ended, (N, 2), in the pose's frame."""
+    met = (ranges > 0.0) & (ranges <= scan.geometry.range_max)
+    return beam_ends(scan, pose, ranges)[met]
 
 
 def _lifted(points: FloatArray, height: float) -> FloatArray:
