@@ -38,6 +38,7 @@ DATA = (
     "gan/pretrained/slam2cad.safetensors",
     "planning/pretrained/remaining.safetensors",
     "pretrained.sha256",
+    "ros2/launch/demo.launch.xml",
 )
 BESIDE = (
     "setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md",

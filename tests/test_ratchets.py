@@ -53,11 +53,11 @@ MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.trial.Trial": 17,
     "slamgym.envs.batch.arrays.Maps": 16,
-    "slamgym.commands.deforming.arguments.DeformArguments": 19,
+    "slamgym.commands.deforming.arguments.DeformArguments": 17,
     "slamgym.commands.generate.GenerateArguments": 17,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.explore_env.ExploreEnv": 18,
-    "slamgym.envs.simulation.Simulation": 21,
+    "slamgym.envs.simulation.SimulatedRobot": 17,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.slam.config.SlamConfig": 22,
 }

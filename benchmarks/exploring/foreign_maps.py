@@ -25,8 +25,9 @@ from slamgym.core.names import exploration_seed
 from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import fitted_env, time_limit
-from slamgym.ros2.exploration import Exploration, ExplorationSettings, ExplorationState
+from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
+from slamgym.ros2.parameters import ExploreParameters
 from slamgym.slam import SlamConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -163,7 +164,7 @@ def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[s
     resolution, make = FORMS[form]
     env, rewrite, maps = environment_of(plan, mode, resolution), make(), ForeignMap("/map")
     _, info = env.reset(seed=exploration_seed(0, plan.id, 0), options={"plan": plan})
-    settings = ExplorationSettings(explorer, robot_radius=env.config.robot.radius)
+    settings = ExploreParameters(explorer=explorer, robot_radius=env.config.robot.radius)
     exploration, context, limit = Exploration(settings), env.explorer_context(), time_limit(plan, "auto")
     simulation = env.simulation
     texts: list[str] = []

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 import tyro
 
 from slamgym import __version__
-from slamgym.commands.frame import LEARNING, TRANSLATING, Extra, require
+from slamgym.commands.frame import LEARNING, ROS2, TRANSLATING, Extra, require
 from slamgym.core.config import suggest
 from slamgym.core.errors import SlamgymError
 from slamgym.core.interruption import Terminated, termination_as_interrupt
@@ -56,7 +56,12 @@ class Command:
         command = getattr(importlib.import_module(f"slamgym.commands.{module}"), function)
         hints = typing.get_type_hints(command)
         is_quiet, argv = QUIET in argv, [word for word in argv if word != QUIET]
-        given = {"typed": shlex.join([*name.split(), *argv])} if "typed" in hints else {}
+        given: dict[str, typing.Any] = (
+            {"typed": shlex.join([*name.split(), *argv])} if "typed" in hints else {}
+        )
+        if "ros" in hints:  # what follows is ROS's own
+            end = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
+            argv, given["ros"] = argv[:end], tuple(argv[end:])
         arguments = tyro.cli(hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,))
         with contextlib.redirect_stderr(io.StringIO()) if is_quiet else contextlib.nullcontext():
             return int(command(arguments, **given) or 0)
@@ -124,6 +129,10 @@ GROUPS = {
     "agents": Group("train, evaluate and compare explorers"),
     "agents train": Group("train a policy by reinforcement learning"),
     "bench": Group("measure explorers on frozen buildings, starts and seeds, and rank them"),
+    "ros2": Group(
+        "a simulated robot, the mapper and the explorers as ROS 2 nodes",
+        ". `--ros-args` and what follows is ROS's own: remappings (-r) and parameters (-p), called as the options.",
+    ),
     "gan": Group("train and use the translators between SLAM maps and CAD drawings"),
     "cad": Group(
         "draw a SLAM map with true dimensions (DXF, SVG, IFC, GeoJSON, JSON, PNG), compare it with a plan",
@@ -162,6 +171,10 @@ COMMANDS = {
     "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
     "localize": Command("localize:main", "find the robot of a log on a finished map"),
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
+    "ros2 sim": Command("ros2:sim_command", "a TurtleBot3 in a floor plan, without Gazebo", ROS2),
+    "ros2 map": Command("ros2:map_command", "map, or localise on a finished map", ROS2),
+    "ros2 explore": Command("ros2:explore_command", "explore on any mapper's map, driving itself or by Nav2", ROS2),
+    "ros2 demo": Command("ros2:demo_command", "all three at once, then the map and its drawing", ROS2),
     "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
     "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),
     "gan evaluate": Command("gan.main:evaluate_command", "measure translators on test pairs", TRANSLATING),

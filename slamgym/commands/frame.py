@@ -37,6 +37,9 @@ class Extra(NamedTuple):
 
 LEARNING = Extra("agents", ("torch", "stable_baselines3", "tensorboard", "matplotlib"))
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
+ROS2 = Extra(
+    "ros2", ("rclpy", "nav_msgs", "sensor_msgs", "std_srvs", "visualization_msgs", "diagnostic_msgs")
+)
 
 
 def require(extra: Extra, what: str, otherwise: str = "") -> None:

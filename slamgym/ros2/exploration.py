@@ -10,15 +10,15 @@ robot drove elsewhere meanwhile. A robot that reaches nothing is blocked, says s
 import enum
 import math
 from dataclasses import replace
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.agents.explorer import FrontierExplorer, FrontierPilot
 from slamgym.agents.pretrained_policy import LearnedExplorer
 from slamgym.agents.registry import make_explorer
-from slamgym.core.config import Positive, Settings
 from slamgym.core.errors import ConfigError
+from slamgym.core.progress import counted
 from slamgym.core.types import (
     UNKNOWN,
     Float32Array,
@@ -37,6 +37,7 @@ from slamgym.planning.navigator import STOP, Navigator
 from slamgym.ros2.foreign_maps import LATTICE_CELL
 from slamgym.ros2.inputs import fence, fit_ranges, knows_place, usable_scan
 from slamgym.ros2.orders import DriveOrder, GoalDesk
+from slamgym.ros2.parameters import ExploreParameters
 from slamgym.ros2.trials import RobotClock, Trials
 from slamgym.ros2.way_back import WayBack
 
@@ -57,29 +58,6 @@ class ExplorationState(enum.Enum):
     RETURNING = "returning"
     DONE = "done"
     BLOCKED = "blocked"
-
-
-class ExplorationSettings(Settings, section="exploration"):
-    """Settings of an exploration."""
-
-    explorer: str = "tour"
-    """One that chooses frontiers, maybe with a promise, as in ``tour@98%:95%``."""
-    drive: Literal["wheels", "goals"] = "wheels"
-    """Velocities for the wheels, or goals for another navigation."""
-    area: tuple[tuple[float, float], ...] = ()
-    """Corners of the polygon to which the exploration keeps, map frame [m]; without any it has no limit."""
-    return_to_start: bool = False
-    """At the end the robot drives back to where it began."""
-    robot_radius: Positive = 0.22
-    """Radius of the circle about the axle that holds the robot [m]."""
-    max_linear: Positive = 0.26
-    """Largest forward speed [m/s]."""
-    max_angular: Positive = 1.82
-    """Largest rate of turn [rad/s]."""
-
-    def _check(self) -> None:
-        if 0 < len(self.area) < 3:
-            raise ConfigError(f"exploration.area needs three corners or more, not {len(self.area)}")
 
 
 class ExplorationView(NamedTuple):
@@ -105,10 +83,10 @@ class Exploration:
     navigation drives, :meth:`goal_ended` with what became of a goal.
 
     Args:
-        settings: Settings.
+        settings: What the node was told.
 
     Attributes:
-        settings: Settings.
+        settings: The same.
         state: The state after the last step.
         text: The same in words: what it waits for, what is left, why it is blocked, what was not reached.
         start: Where the exploration began, map frame.
@@ -117,7 +95,7 @@ class Exploration:
         ConfigError: If there is no such explorer, or it doesn't choose frontiers.
     """
 
-    def __init__(self, settings: ExplorationSettings) -> None:
+    def __init__(self, settings: ExploreParameters) -> None:
         self.settings = settings
         self.state, self.text = ExplorationState.WAITING, "waiting for a map"
         self.start: Pose2D | None = None
@@ -155,7 +133,7 @@ class Exploration:
 
     def take_map(self, grid: OccupancyGrid) -> None:
         """Take over a newly published map, on the lattice of :class:`~slamgym.ros2.foreign_maps.ForeignMap`."""
-        self._grid = fence(grid, self.settings.area)
+        self._grid = fence(grid, self.settings.corners)
 
     def goal_ended(self, number: int, reached: bool) -> None:
         """Take over what became of the goal of a number; what became of older ones is passed over."""
@@ -237,7 +215,7 @@ class Exploration:
         twist = pilot.act(observation)
         if not loop.finished:
             trials.note(loop)
-            known = f"{loop.num_frontiers} frontiers, {loop.known_area:.0f} m2 known"
+            known = f"{counted(loop.num_frontiers, 'frontier')}, {loop.known_area:.0f} m2 known"
             self.state = ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
             self.text = f"{self.state.value}: {known}"
             return self._order(twist, loop.navigator)

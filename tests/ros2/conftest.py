@@ -1,128 +1,120 @@
-"""A flat, a mapper that sees it from where the robot stands, and another navigation that drives, or gives up."""
+"""Nodes in this process without middleware, and ROS for those in others."""
 
-import math
+import importlib
+import os
+import threading
+import time
+import warnings
+from types import SimpleNamespace
 
-import numpy as np
 import pytest
-
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, LaserGeometry, LaserScan, Pose2D
-from slamgym.ros2.exploration import Exploration, ExplorationSettings, ExplorationState
-from slamgym.ros2.foreign_maps import LATTICE_CELL, ForeignMap
-
-STEP = 0.5  # [s]
-MAP_EVERY = 4  # steps
-BEGAN = 1.7e9  # [s]
-SCANNER = LaserGeometry(180, -math.pi, 2.0 * math.pi / 180, 0.1, 3.5)
+from ros_stand_ins import Transforms
+from stub_robot import StubRobot
 
 
-def two_rooms():
-    """Two rooms of 4 x 4 m side by side with a door of 0.9 m between them; row 0 at the bottom, from (0, 0)."""
-    cells = np.full((86, 170), FREE, np.uint8)
-    cells[:3], cells[-3:], cells[:, :3], cells[:, -3:] = OCCUPIED, OCCUPIED, OCCUPIED, OCCUPIED
-    cells[:, 83:86] = OCCUPIED
-    cells[34:52, 83:86] = FREE
-    return cells
+@pytest.fixture(scope="session")
+def ros_domain():
+    """A domain of this process's own: tests that run at the same time don't meet."""
+    pytest.importorskip("rclpy")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # a parser that its messages import is older than its Python
+        importlib.import_module("rosidl_generator_py")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
 
 
-class StubRobot:
-    """Runs an exploration in the flat.
+class Desk:
+    """Nodes whose topics end here: what they publish is kept, and what they are to receive is handed to them.
 
-    Args:
-        aborts: Says of a time [s] and a goal if the navigation gives it up.
-        truth: The flat, row 0 at the bottom, from (0, 0).
-        settings: Of the exploration.
+    Attributes:
+        sent: Each topic's messages, in the order of publishing.
+        later: The wall clock of the nodes is so far ahead [s].
     """
 
-    def __init__(self, aborts=lambda time, goal: False, truth=None, **settings):
-        self.truth = two_rooms() if truth is None else truth
-        self.aborts, self.pose, self.time = aborts, Pose2D(2.0, 2.0, 0.0), 0.0
-        self.known = np.full(self.truth.shape, UNKNOWN, np.uint8)
-        self.exploration = Exploration(ExplorationSettings(**({"drive": "goals"} | settings)))
-        self.maps = ForeignMap("/map")
-        self.steps, self.number = 0, 0
-        self.looked_from, self.ranges = None, None
-        self.goals, self.states, self.texts = [], [], []
+    def __init__(self):
+        self.sent, self.nodes, self.answers, self.later = {}, [], {}, 0.0
 
-    @property
-    def state(self):
-        return self.exploration.state
-
-    def seen_share(self):
-        """Share of the free floor that the map shows."""
-        return np.count_nonzero(self.known == FREE) / np.count_nonzero(self.truth == FREE)
-
-    def look(self):
-        """Cast rays: what they pass is known."""
-        if self.looked_from == self.pose:
-            return LaserScan(self.time, self.ranges, SCANNER)
-        self.looked_from = self.pose
-        lengths = np.arange(0.0, 3.5, 0.4 * LATTICE_CELL)
-        angles = (self.pose.theta + SCANNER.angles)[:, None]
-        row = (
-            ((self.pose.y + lengths * np.sin(angles)) / LATTICE_CELL)
-            .astype(int)
-            .clip(0, self.truth.shape[0] - 1)
+    def publisher(self, node, kind, topic, *_, **__):
+        name = node.resolve_topic_name(topic)
+        self.sent.setdefault(name, [])
+        return SimpleNamespace(
+            publish=lambda message: self.sent[name].append(message), topic=name, kind=kind, node=node
         )
-        col = (
-            ((self.pose.x + lengths * np.cos(angles)) / LATTICE_CELL)
-            .astype(int)
-            .clip(0, self.truth.shape[1] - 1)
-        )
-        hit = self.truth[row, col] == OCCUPIED
-        end = np.where(hit.any(axis=1), hit.argmax(axis=1), len(lengths) - 1)
-        passed = np.arange(len(lengths))[None] <= end[:, None]
-        self.known[row[passed], col[passed]] = self.truth[row[passed], col[passed]]
-        self.ranges = np.where(hit.any(axis=1), lengths[end], np.inf).astype(np.float32)
-        return LaserScan(self.time, self.ranges, SCANNER)
 
-    def publish(self):
-        """Hand the known part over: the map grows and its origin moves."""
-        rows, cols = (np.flatnonzero((self.known != UNKNOWN).any(axis=axis)) for axis in (1, 0))
-        part = self.known[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-        values = np.where(part == OCCUPIED, 100, np.where(part == FREE, 0, -1)).astype(np.int8)
-        origin = Pose2D(cols[0] * LATTICE_CELL, rows[0] * LATTICE_CELL, 0.0)
-        self.exploration.take_map(self.maps.take(values, *values.shape[::-1], LATTICE_CELL, origin))
+    def subscription(self, node, kind, topic, callback, qos, **_):
+        end = SimpleNamespace(topic=node.resolve_topic_name(topic), callback=callback, kind=kind, qos=qos)
+        self.answers.setdefault(node, []).append(end)
+        return end
 
-    def step(self, **given):
-        """One step of everything; returns the order."""
-        scan = self.look()
-        if self.steps % MAP_EVERY == 0:
-            self.publish()
-        order = self.exploration.step(
-            **({"pose": self.pose, "scan": scan, "stamp": BEGAN + self.time} | given)
-        )
-        if order.number != self.number and order.goal is not None:
-            self.goals.append((self.time, order.goal))
-        self.number = order.number
-        if order.goal is not None:
-            self._drive(order)
-        self.steps, self.time = self.steps + 1, self.time + STEP
-        for history, value in ((self.states, self.state), (self.texts, self.exploration.text)):
-            history += [] if history[-1:] == [value] else [value]
-        return order
+    def make(self, kind, *args):
+        node = kind(*args)
+        self.nodes.append(node)
+        return node
 
-    def _drive(self, order):
-        """The navigation: 0.5 m/s along the path, or it gives up."""
-        path = self.exploration.view().path
-        if self.aborts(self.time, order.goal) or len(path) == 0:
-            self.exploration.goal_ended(order.number, reached=False)
-            return
-        here = int(np.argmin(np.hypot(*(path - self.pose[:2]).T)))
-        x, y = path[min(here + 5, len(path) - 1)].tolist()
-        self.pose = Pose2D(x, y, math.atan2(y - self.pose.y, x - self.pose.x))
-        if math.dist(self.pose[:2], order.goal[:2]) < 0.1:
-            self.pose = order.goal
-            self.exploration.goal_ended(order.number, reached=True)
+    def hand(self, node, topic, message):
+        """Give a node a message, and wait until it has done what follows; returns the node."""
+        for end in list(self.answers[node]):
+            if end.topic == topic:
+                end.callback(message)
+        return self.settle(node)
 
-    def run(self, seconds=600.0, until=ExplorationState.DONE):
-        """Step until a state, or for so long [s]."""
-        end = self.time + seconds
-        while self.time < end and self.state is not until:
-            self.step()
-        return self
+    def settle(self, node):
+        """Wait until the worker has done what is pending."""
+        for _ in range(2):  # what was done may have given it more to do
+            done = threading.Event()
+            node.worker.put(done.set)
+            deadline = 300
+            while not (node.worker.is_over or done.wait(0.1)):
+                deadline -= 1
+                assert deadline, "the worker hangs"
+        return node
+
+    def call(self, node, name, **request):
+        """Call a service; returns its response."""
+        service = next(one for one in node.services if one.srv_name == f"~/{name}")
+        return service.callback(SimpleNamespace(**request), SimpleNamespace(success=None, message=""))
+
+    def tick(self, node):
+        """Let each of the node's timers come once."""
+        for timer in list(node.timers):
+            timer.callback()
+        return self.settle(node)
+
+
+@pytest.fixture
+def desk(ros_domain, monkeypatch, tmp_path):
+    """Nodes in this process without middleware."""
+    import rclpy
+    from rclpy.node import Node
+
+    from slamgym.ros2 import node as nodes
+    from slamgym.ros2 import topics
+
+    monkeypatch.chdir(tmp_path)
+    desk = Desk()
+    rclpy.init()
+    with monkeypatch.context() as patch:
+        now = time.monotonic
+        patch.setattr(time, "monotonic", lambda: now() + desk.later)
+        patch.setattr(Node, "create_publisher", lambda *args, **names: desk.publisher(*args, **names))
+        patch.setattr(Node, "create_subscription", lambda *args, **names: desk.subscription(*args, **names))
+        patch.setattr(Node, "destroy_publisher", lambda _node, _end: True)
+        patch.setattr(Node, "destroy_subscription", lambda node, end: desk.answers[node].remove(end))
+        for module in (nodes, topics):
+            patch.setattr(module, "TFMessage", Transforms)
+        try:
+            yield desk
+        finally:
+            for node in desk.nodes:
+                node.worker.is_over = True
+                with node.worker.lock:
+                    node.destroy_node()
+            rclpy.try_shutdown()
 
 
 @pytest.fixture
 def stub_robot():
-    """Makes a robot of the arguments of :class:`StubRobot`."""
+    """Makes a robot of the arguments of :class:`stub_robot.StubRobot`."""
     return StubRobot

@@ -1,0 +1,126 @@
+"""The three nodes at once, each in a process of its own, until the building is explored."""
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from std_msgs.msg import Float32
+
+from slamgym.core.errors import SlamgymError
+from slamgym.core.progress import duration, say, tell
+from slamgym.interop.ros_messages import pose_of, stamp_of
+from slamgym.ros2.frames import PoseHistory
+from slamgym.ros2.node import RosNode, run_node
+from slamgym.ros2.parameters import DemoParameters
+
+GRACE = 10.0
+"""A node that was asked to end gets so long [s]."""
+
+
+class DemoNode(RosNode):
+    """Watches the other nodes and compares them with the truth.
+
+    Args:
+        parameters: What the command line says.
+        nodes: The processes, by the names of their commands.
+
+    Attributes:
+        coverage: Share of the reachable floor that was seen.
+        error: Between the pose that is believed and the true one [m].
+        stamp: Robot time [s].
+        ended: Name of the process that has ended.
+    """
+
+    def __init__(self, parameters: DemoParameters, nodes: dict[str, subprocess.Popen[bytes]]) -> None:
+        super().__init__("slamgym_demo", parameters)
+        self._nodes, self._truth = nodes, PoseHistory()
+        self.coverage, self.error, self.stamp, self.ended = 0.0, float("nan"), 0.0, ""
+        self.listen(Float32, "ground_truth/coverage", self._take_coverage)
+        self.listen(PoseStamped, "ground_truth/pose", self._take_truth)
+        self.listen(PoseWithCovarianceStamped, "pose", self._take_pose)
+        self.create_timer(0.2, self._look, clock=self.wall_clock)
+
+    def _take_coverage(self, message: Any) -> None:
+        self.coverage = message.data
+
+    def _take_truth(self, message: Any) -> None:
+        self._truth.add(stamp_of(message.header, 0.0), pose_of(message.pose, "pose"))
+
+    def _take_pose(self, message: Any) -> None:
+        self.stamp = stamp_of(message.header, 0.0)
+        truth, pose = self._truth.at(self.stamp), pose_of(message.pose.pose, "pose")
+        if truth is not None:
+            self.error = ((pose.x - truth.x) ** 2 + (pose.y - truth.y) ** 2) ** 0.5
+
+    def _look(self) -> None:
+        """End as soon as one of the nodes has ended."""
+        self.ended = next((name for name, node in self._nodes.items() if node.poll() is not None), "")
+        if self.ended:
+            self.worker.end()
+
+
+def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
+    """Explore a building over topics.
+
+    Returns:
+        The explorer's exit code.
+
+    Raises:
+        SlamgymError: If another node has ended before it.
+    """
+    begun, out = time.monotonic(), str(parameters.out)
+    seed, speed = str(parameters.seed), str(parameters.speed)
+    plan = ["--plan", parameters.plan] if parameters.plan else []
+    films = [
+        word
+        for name in ("rerun", "video")
+        if (path := getattr(parameters, name))
+        for word in (f"--{name}", path)
+    ]
+    commands = {
+        "sim": ["--plans", parameters.plans, *plan, "--seed", seed, "--speed", speed],
+        "map": ["--out", out],
+        "explore": ["--explorer", parameters.explorer, "--out", out, "--exit", *films],
+    }
+    nodes = {
+        name: subprocess.Popen(
+            [sys.executable, "-m", "slamgym", "ros2", name, *words, *ros_arguments],
+            start_new_session=True,  # Ctrl-C reaches this process alone, which ends them in order
+        )
+        for name, words in commands.items()
+    }
+    watched: list[DemoNode] = []
+
+    def make() -> DemoNode:
+        watched.append(DemoNode(parameters, nodes))
+        return watched[0]
+
+    try:
+        run_node(make, ros_arguments)
+    finally:
+        for node in reversed(nodes.values()):
+            _end(node)
+    seen = watched[0]
+    if seen.ended not in ("", "explore"):
+        raise SlamgymError(f"the node {seen.ended} ended early; its last lines say why")
+    say(
+        f"{100.0 * seen.coverage:.1f} % of the floor seen in {duration(seen.stamp)} of robot time "
+        f"({duration(time.monotonic() - begun)} here); the robot is {seen.error:.2f} m from where it believes to be"
+    )
+    tell(out)
+    return int(nodes["explore"].returncode)
+
+
+def _end(node: subprocess.Popen[bytes]) -> None:
+    """Ask a node to end, and then make it."""
+    if node.poll() is None:
+        node.send_signal(signal.SIGINT)
+        try:
+            node.wait(GRACE)
+        except subprocess.TimeoutExpired:
+            node.kill()
+            node.wait()

@@ -1,0 +1,246 @@
+"""The explorers as a node: a drop-in for explore_lite on anybody's map, driving itself or by another navigation."""
+
+import functools
+import time
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
+from std_msgs.msg import Bool
+
+from slamgym.core.errors import InputFileError
+from slamgym.core.files import storage_errors
+from slamgym.core.types import UNKNOWN, LaserScan, Pose2D
+from slamgym.core.types import OccupancyGrid as Grid
+from slamgym.interop import write_ros_map
+from slamgym.interop.records import BrokenMessageError
+from slamgym.interop.ros_messages import pose_of, stamp_of
+from slamgym.planning.navigator import STOP
+from slamgym.ros2.exploration import Exploration, ExplorationState
+from slamgym.ros2.foreign_maps import ForeignMap
+from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
+from slamgym.ros2.goals import GoalSender
+from slamgym.ros2.laser import LaserReader
+from slamgym.ros2.mapping import draw_saved_map
+from slamgym.ros2.node import SENSOR, RosNode
+from slamgym.ros2.parameters import ExploreParameters
+from slamgym.ros2.topics import KeptTopic, VelocityTopic, listen_to_odometry, listen_to_scans
+from slamgym.ros2.viewing import Display
+
+try:
+    from map_msgs.msg import OccupancyGridUpdate
+except ImportError:  # no wheel has it: it comes with a ROS installation
+    OccupancyGridUpdate = None
+
+POSE_WAIT = 0.3
+"""A step waits so long for the mapper's pose at its scan [s], if the mapper gives poses; then the last one serves."""
+POSES_END = 5.0
+"""A mapper that has given no pose, and no transform, for so long gives none any more [s]."""
+STANDING = ExplorationState.PAUSED, ExplorationState.DONE
+"""In these a robot is told once to stay still, and others may drive it then."""
+STOP_AFTER = 1.0
+"""Without a scan for so long the robot is stopped; another navigation drives without scans [s]."""
+
+
+class _Due(NamedTuple):
+    """A scan that is to be acted on."""
+
+    message: Any
+    stamp: float
+    odometry: Pose2D
+    since: float
+
+
+class _Map(NamedTuple):
+    """The newest map, if there is one."""
+
+    grid: Grid | None = None
+    stamp: float = 0.0
+
+
+class ExploreNode(RosNode):
+    """Explores, and saves the map and its drawing at the end.
+
+    Args:
+        parameters: What the command line says.
+
+    Raises:
+        ConfigError: If there is no such explorer, or a parameter makes no sense.
+    """
+
+    def __init__(self, parameters: ExploreParameters) -> None:
+        super().__init__("slamgym_explore", parameters)
+        self._options = names = self.read_parameters(parameters)
+        self._exploration = exploration = Exploration(names)
+        if names.wait:
+            exploration.pause()
+        self._frames = RobotFrames(names)
+        self._sync = ScanSync(self._frames, self._hand_on, self.once)
+        self._laser = LaserReader(self._frames, Pose2D(*names.laser_mount), self.once)
+        self._foreign = ForeignMap("map")
+        self._map = _Map()
+        self._due: _Due | None = None
+        self._stamp, self._stepped_at = 0.0, time.monotonic()
+        self._is_saved, self._is_moving = False, True
+        self._goals = GoalSender(self, self._end_goal) if names.drive == "goals" else None
+        if self._goals is None:
+            self._velocity = VelocityTopic(self)
+        self._display = Display(self, names)
+        self._listen()
+        services = {
+            "start": (exploration.resume, "exploring"),
+            "stop": (exploration.pause, "the robot stands"),
+            "return_to_start": (exploration.return_to_start, "returning to the start"),
+        }
+        for name, (action, answer) in services.items():
+            self.serve(name, functools.partial(self._tell, action, answer))
+        self.create_timer(0.1, self._look, clock=self.wall_clock)
+
+    def _listen(self) -> None:
+        for topic in ("odom", "map", "scan")[: 2 + (self._goals is None)]:
+            self.need(topic)
+        KeptTopic(self, OccupancyGrid, "map", self._take_map)
+        if OccupancyGridUpdate:
+            self.listen(OccupancyGridUpdate, "map_updates", self._take_update)
+        self.listen(PoseWithCovarianceStamped, "pose", self._take_pose, SENSOR)
+        listen_to_odometry(self, self._frames, self._sync.flush)
+        listen_to_scans(self, self._sync.take)
+        self.listen(Bool, "explore/resume", self._switch)
+
+    # --- callbacks, which return at once ---
+
+    def _take_map(self, message: Any) -> None:
+        self.heard("map", for_good=True)  # a map that stays as it is isn't sent again
+        if self.is_on_map(message, "map"):
+            self.worker.put(functools.partial(self._read_map, message))
+
+    def _take_update(self, message: Any) -> None:
+        self.worker.put(functools.partial(self._patch_map, message))
+
+    def _take_pose(self, message: Any) -> None:
+        if not self.is_on_map(message, "pose"):
+            return
+        self._frames.take_pose(message)
+        if self._due is not None and self._frames.pose_stamp >= self._due.stamp:
+            self._go()
+
+    def _hand_on(self, message: Any, stamp: float, odometry: Pose2D) -> None:
+        """Act on a scan once the mapper has placed it, if it says so of each."""
+        self._go()
+        self._due = _Due(message, stamp, odometry, time.monotonic())
+        if not 0.0 < stamp - self._frames.pose_stamp < POSES_END:
+            self._go()
+
+    def _go(self) -> None:
+        due, self._due = self._due, None
+        if due is not None:
+            self.worker.put(functools.partial(self._step, due))
+
+    def _look(self) -> None:
+        """Go on without the mapper's pose, and stop a robot that sees nothing."""
+        now = time.monotonic()
+        if self._due is not None and now - self._due.since > POSE_WAIT:
+            self._go()
+        if now - self._stepped_at > STOP_AFTER:
+            self._stepped_at = now
+            self.worker.put(functools.partial(self._step, None))
+
+    def _switch(self, message: Any) -> None:
+        """Start or stop, as explore_lite's users do."""
+        self.worker.put(self._exploration.resume if message.data else self._exploration.pause)
+
+    def _tell(self, action: Callable[[], None], answer: str) -> str:
+        action()
+        return answer
+
+    def _end_goal(self, number: int, reached: bool) -> None:
+        self.worker.put(functools.partial(self._exploration.goal_ended, number, reached))
+
+    # --- the worker ---
+
+    def _read_map(self, message: Any) -> None:
+        def read() -> Grid:
+            info, origin = message.info, pose_of(message.info.origin, "map")
+            return self._foreign.take(message.data, info.width, info.height, info.resolution, origin)
+
+        self._use_map(read, stamp_of(message.header, 0.0))
+
+    def _patch_map(self, message: Any) -> None:
+        place = message.x, message.y, message.width, message.height
+        self._use_map(lambda: self._foreign.patch(message.data, *place), self._map.stamp)
+
+    def _use_map(self, read: Callable[[], Grid | None], stamp: float) -> None:
+        try:
+            grid = read()
+        except (InputFileError, ValueError) as error:
+            self.once(f"map {error}", f"a map is left out: {error}")
+        else:
+            if grid is not None:
+                self._map = _Map(grid, stamp)
+                self._exploration.take_map(grid)
+
+    def _forget_map(self) -> None:
+        """Wait for the next map: the last one is of a run that has ended."""
+        self._foreign, grid = ForeignMap("map"), self._map.grid
+        if grid is not None:
+            self._exploration.take_map(Grid(np.full_like(grid.cells, UNKNOWN), grid.frame))
+        self._map = _Map()
+
+    def _step(self, due: _Due | None) -> None:
+        """Do what the exploration asks for now; without a scan it knows the robot's place at most."""
+        exploration, frames, pose, scan = self._exploration, self._frames, None, None
+        if due is not None:
+            try:
+                scan = self._laser.read(due.message, due.stamp)
+            except BrokenMessageError as error:
+                self.once("scan", str(error))
+                return
+            if due.stamp < min(self._stamp, self._map.stamp) - CLOCK_JUMP:
+                self._forget_map()
+            self._stamp, self._stepped_at = due.stamp, time.monotonic()
+            pose = frames.on_map(due.odometry)
+        elif frames.odometry.newest > self._stamp:
+            self._stamp = frames.odometry.newest
+            pose = frames.on_map(frames.odometry.poses[-1])
+        if self._stamp - frames.map_stamp > POSES_END:
+            pose = None  # the mapper has ended
+        self._act(pose, scan)
+        self._display.show(exploration, self._map.grid, pose, scan)
+        if exploration.state is ExplorationState.DONE and not self._is_saved:
+            self._finish()
+        self._is_saved &= exploration.state is not ExplorationState.EXPLORING
+
+    def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
+        """Ask what is to be done now, and send it."""
+        order = self._exploration.step(pose, scan, self._stamp)
+        names, is_moving = self._options, order.twist != STOP
+        if self._goals is not None:
+            self._goals.send(order.number, order.goal, pose, self.header(self._stamp, names.map_frame))
+        elif self._is_moving or is_moving or self._exploration.state not in STANDING:
+            self._velocity.send(order.twist, self.header(self._stamp, names.base_frame))
+        self._is_moving = is_moving
+
+    def _finish(self) -> None:
+        """Save the map, and begin its drawing."""
+        self._is_saved, out = True, self._options.out
+        if self._map.grid is not None:
+            with storage_errors(out):
+                out.mkdir(parents=True, exist_ok=True)
+            write_ros_map(out, self._map.grid)
+            self.get_logger().info(f"the map is in {out}; its drawing follows")
+            self.worker.start(self._draw)
+
+    def _draw(self) -> None:
+        draw_saved_map(self._options.out)
+        if self._options.exit:
+            self.worker.end()
+
+    def close(self) -> None:
+        """Stop the robot, and complete the files."""
+        if self._goals is not None:
+            self._goals.cancel()
+        else:
+            self._velocity.send(STOP, self.header(self._stamp, self._options.base_frame))
+        self._display.close()

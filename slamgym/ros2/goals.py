@@ -1,0 +1,80 @@
+"""Goals for another navigation: Nav2's action, or a topic where nav2_msgs isn't installed."""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.action import ActionClient
+
+from slamgym.core.types import Pose2D
+from slamgym.interop.ros_messages import Fields, pose_fields
+from slamgym.ros2.node import RosNode, fill
+
+try:
+    from nav2_msgs.action import NavigateToPose
+except ImportError:  # no wheel has it: it comes with Nav2
+    NavigateToPose = None
+
+SUCCEEDED = 4
+"""Of action_msgs/GoalStatus."""
+
+
+class GoalSender:
+    """Sends the goal that is wanted now, and says how it ended; on the topic ``goal_pose`` nobody says that.
+
+    Args:
+        node: The node.
+        ended: Called with the goal's number, and true if it was reached.
+    """
+
+    def __init__(self, node: RosNode, ended: Callable[[int, bool], None]) -> None:
+        self._node, self._ended = node, ended
+        self._action = ActionClient(node, NavigateToPose, "navigate_to_pose") if NavigateToPose else None
+        self._topic = node.create_publisher(PoseStamped, "goal_pose", 10)
+        self._number = 0
+        self._handle: Any = None
+
+    def send(self, number: int, goal: Pose2D | None, here: Pose2D | None, header: Fields) -> None:
+        """Send a goal if its number is new; without a goal the last one is cancelled.
+
+        Args:
+            number: Of the goal.
+            goal: Where to, map frame.
+            here: The robot, which a topic's last goal is replaced by.
+            header: Of the message.
+        """
+        if number == self._number:
+            return
+        self._number, place = number, goal or here
+        message = (
+            None if place is None else fill(PoseStamped(), {"header": header, "pose": pose_fields(place)})
+        )
+        if self._action is None:
+            if message is not None:
+                self._topic.publish(message)
+        elif goal is None:
+            self.cancel()
+        elif self._action.server_is_ready():
+            answer = self._action.send_goal_async(NavigateToPose.Goal(pose=message))
+            answer.add_done_callback(functools.partial(self._take_answer, number))
+        else:
+            self._node.once("navigation", "waiting for the action navigate_to_pose: is Nav2 running?")
+            self._ended(number, False)
+
+    def cancel(self) -> None:
+        """Have the navigation give up the goal."""
+        if self._handle is not None:
+            self._handle.cancel_goal_async()
+            self._handle = None
+
+    def _take_answer(self, number: int, answer: Any) -> None:
+        handle = answer.result()
+        if not handle.accepted:
+            self._ended(number, False)
+            return
+        self._handle = handle
+        if number != self._number:  # it isn't wanted any more
+            self.cancel()
+        result = handle.get_result_async()
+        result.add_done_callback(lambda done: self._ended(number, done.result().status == SUCCEEDED))

@@ -1,0 +1,63 @@
+"""LaserScan messages as scans of one geometry, whatever the driver sends."""
+
+from typing import Any
+
+import numpy as np
+
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
+from slamgym.interop.ranges import range_limit
+from slamgym.interop.ros_messages import check_scan, geometry_of, ranges_of
+from slamgym.interop.transforms import clean_frame
+from slamgym.ros2.frames import RobotFrames, Warn
+
+OTHER_BEAMS = 0.1
+"""A rotating scanner's number of beams varies by less than this share."""
+
+
+class LaserReader:
+    """Reads scans; all have the geometry of the first.
+
+    Args:
+        frames: Say where the laser is on the robot.
+        mount: Taken where they don't.
+        warn: Told what is wrong.
+
+    Attributes:
+        geometry: None before the first scan.
+    """
+
+    def __init__(self, frames: RobotFrames, mount: Pose2D, warn: Warn) -> None:
+        self._frames, self._mount, self._warn = frames, mount, warn
+        self.geometry: LaserGeometry | None = None
+        self._flipped = False
+
+    def read(self, message: Any, stamp: float) -> LaserScan:
+        """The scan of a message.
+
+        Raises:
+            BrokenMessageError: If no laser sends such a message.
+        """
+        check_scan(message)
+        if self.geometry is None:
+            self.geometry = self._first(message)
+        beams, usual = len(message.ranges), self.geometry.num_beams
+        if abs(beams - usual) > OTHER_BEAMS * usual:
+            what = (
+                f"a scan has {beams} beams where the first had {usual}: what the first didn't see is left out"
+            )
+            self._warn("beams", f"{what}; call the service reset if the laser was changed")
+        return LaserScan(stamp, ranges_of(message, self.geometry, self._flipped), self.geometry)
+
+    def _first(self, message: Any) -> LaserGeometry:
+        frame = clean_frame(message.header.frame_id)
+        found = self._frames.mount(frame)
+        if found is None:
+            what = (
+                f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame)"
+            )
+            self._warn("mount", f"{what}: laser_mount is taken, {tuple(self._mount)}")
+        mount, self._flipped = found or (self._mount, False)
+        limit, findings = range_limit([np.array(message.ranges, np.float32)], float(message.range_max), None)
+        for finding in findings:
+            self._warn(finding.kind, finding.sentence)
+        return geometry_of(message, mount, self._flipped, limit)

@@ -1,0 +1,166 @@
+"""One map in the making: scans and odometry from messages into the mapper, and its files. Works without rclpy."""
+
+import gzip
+import itertools
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+import numpy as np
+
+from slamgym.core.errors import SlamgymError
+from slamgym.core.files import StorageError, storage_errors
+from slamgym.core.geometry import compose, inverse
+from slamgym.core.types import LaserScan, OccupancyGrid, Pose2D
+from slamgym.interop import write_ros_map, write_tum
+from slamgym.interop.carmen_writer import carmen_lines
+from slamgym.interop.records import LogRecord
+from slamgym.ros2.frames import RobotFrames, Warn
+from slamgym.ros2.laser import LaserReader
+from slamgym.ros2.parameters import MapParameters
+from slamgym.slam import Mapper, SlamConfig, make_mapper
+from slamgym.slam.graph.relative import moved_by
+from slamgym.slam.laser_odometry import LaserTracker
+
+Configure = Callable[[SlamConfig], SlamConfig]
+
+LOG = "log.carmen.gz"
+"""Name of the log: what `slamgym slam` maps again."""
+
+
+class KnownPlace(NamedTuple):
+    """What a robot is given that localises itself."""
+
+    grid: OccupancyGrid
+    start: Pose2D | None = None  # None: it has to find itself
+
+
+class MapRun:
+    """A mapper with what feeds it.
+
+    The map's frame is the odometry's where the run begins, so ``map`` -> ``odom`` begins as the identity.
+
+    Args:
+        parameters: Of the node.
+        configure: Changes the settings that suit the laser to those that are wanted.
+        known: A finished map, to localise on it instead.
+        frames: Where the laser is.
+        warn: Told what is wrong.
+
+    Attributes:
+        mapper: None before the first scan.
+        map_from_odom: The odometry frame on the map; None before the first scan.
+        stamp: Of the newest scan [s].
+        odometry: At the newest scan.
+    """
+
+    def __init__(
+        self,
+        parameters: MapParameters,
+        configure: Configure,
+        known: KnownPlace | None,
+        frames: RobotFrames,
+        warn: Warn,
+    ) -> None:
+        self.mapper: Mapper | None = None
+        self.map_from_odom: Pose2D | None = None
+        self.stamp = -np.inf
+        self._parameters, self._configure, self._known = parameters, configure, known
+        self._warn = warn
+        self._laser = LaserReader(frames, Pose2D(*parameters.laser_mount), warn)
+        self._tracker: LaserTracker | None = None
+        self.odometry = Pose2D(0.0, 0.0, 0.0)
+        self._log: IO[str] | None = None
+        self._is_logged = False
+
+    def add(self, message: Any, stamp: float, odometry: Pose2D | None) -> bool:
+        """Take a LaserScan with the odometry at its moment; None follows the laser alone.
+
+        Returns:
+            True if the map may have changed.
+
+        Raises:
+            BrokenMessageError: If no laser sends such a message.
+            StorageError: If the log can't be made.
+        """
+        scan = self._laser.read(message, stamp)
+        self.stamp, self.odometry = stamp, self._by_laser(scan) if odometry is None else odometry
+        if self.mapper is None:
+            self.mapper = self._make_mapper(scan)
+            with storage_errors(self._parameters.out):
+                self._parameters.out.mkdir(parents=True, exist_ok=True)
+                self._log = gzip.open(self._parameters.out / LOG, "wt", compresslevel=1)  # noqa: SIM115 - close() does
+        processed = self.mapper.update(self.odometry, scan)
+        self.map_from_odom = compose(self.mapper.pose, inverse(self.odometry))
+        if self._log is not None and np.isfinite(scan.ranges).any():
+            self._write(scan)
+        return processed
+
+    def _by_laser(self, scan: LaserScan) -> Pose2D:
+        if self._tracker is None:
+            self._tracker = LaserTracker(scan)
+            return self.odometry
+        return Pose2D(*moved_by(np.array(self.odometry), self._tracker.move(scan).step).tolist())
+
+    def _make_mapper(self, scan: LaserScan) -> Mapper:
+        geometry, known, start = scan.geometry, self._known, self.odometry
+        config = self._configure(SlamConfig.for_log(geometry.range_max, geometry.num_beams))
+        if known is not None:
+            localization = replace(config.localization, start="known" if known.start else "global")
+            config, start = replace(config, mode="map", localization=localization), known.start or start
+        finished = None if known is None else known.grid
+        return make_mapper(config, geometry, start, np.random.default_rng(0), finished)
+
+    def _write(self, scan: LaserScan) -> None:
+        """Note a scan; a disk that is full ends the log, not the map."""
+        assert self._log is not None
+        lines = [*carmen_lines([LogRecord(scan.stamp, self.odometry, scan)], scan.geometry)]
+        try:
+            with storage_errors(self._parameters.out / LOG):
+                self._log.writelines(lines[self._is_logged :])  # the head once
+        except StorageError as error:
+            self._warn("log", f"the log ends here: {error}")
+            self._log = None
+        self._is_logged = True
+
+    def save(self, folder: Path) -> str:
+        """Write map.yaml, map.pgm, trajectory.tum and what there is of the log; returns what to say.
+
+        Raises:
+            SlamgymError: If no scan has come, or they can't be written.
+        """
+        if self.mapper is None:
+            raise SlamgymError("nothing to save: no scan has come yet")
+        with storage_errors(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        path = write_ros_map(folder, self.mapper.occupancy_grid())
+        write_tum(folder / "trajectory.tum", self.mapper.trajectory())
+        if self._log is not None:
+            with storage_errors(folder):
+                self._log.flush()
+        return f"{path}"
+
+    def close(self) -> None:
+        """Complete the log."""
+        log, self._log = self._log, None
+        if log is not None:
+            with storage_errors(self._parameters.out / LOG):
+                log.close()
+
+    def put_aside(self) -> str:
+        """End the run: its files go to the first of the folders run1, run2, ... that is free; returns what to say.
+
+        Raises:
+            StorageError: If they can't be written.
+        """
+        if self.mapper is None or self._known is not None:
+            self.close()
+            return "there was no map yet" if self._known is None else "the map stays"
+        out = self._parameters.out
+        folder = next(path for n in itertools.count(1) if not (path := out / f"run{n}").exists())
+        self.save(folder)
+        self.close()
+        with storage_errors(folder):
+            (out / LOG).replace(folder / LOG)
+        return f"the map until now is in {folder}"

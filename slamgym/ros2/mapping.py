@@ -1,0 +1,224 @@
+"""The mapper as a node: a drop-in for slam_toolbox and GMapping, or with a finished map for AMCL."""
+
+import contextlib
+import functools
+import subprocess
+import sys
+import threading
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import OccupancyGrid
+
+from slamgym.core.files import exclusive_lock, storage_errors
+from slamgym.core.types import Pose2D
+from slamgym.interop import read_ros_map
+from slamgym.interop.records import BrokenMessageError
+from slamgym.interop.ros_messages import (
+    Fields,
+    grid_fields,
+    pose_fields,
+    pose_of,
+    stamp_of,
+    transform_fields,
+)
+from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
+from slamgym.ros2.map_run import Configure, KnownPlace, MapRun
+from slamgym.ros2.node import LATCHED, RosNode
+from slamgym.ros2.parameters import MapParameters
+from slamgym.ros2.topics import listen_to_odometry, listen_to_scans
+from slamgym.slam import Mapper
+
+TRANSFORM_INTERVAL, TRANSFORM_AHEAD = 0.05, 0.1
+"""``map`` -> ``odom`` is published so often, as true until so much later [s]: others look it up for newer scans."""
+
+
+class MapNode(RosNode):
+    """Maps, or localises on a finished map.
+
+    Args:
+        parameters: What the command line says.
+        configure: Changes the mapper's settings, which suit the laser.
+
+    Raises:
+        InputFileError: If the finished map can't be read, or the folder can't be written.
+    """
+
+    def __init__(self, parameters: MapParameters, configure: Configure) -> None:
+        super().__init__("slamgym_map", parameters)
+        self._options = names = self.read_parameters(parameters)
+        self._configure = configure
+        self._known = KnownPlace(read_ros_map(names.map)) if names.map else None
+        self._is_paused, self._is_new, self._drawn_at = False, False, -np.inf
+        self._grids = self.offer(OccupancyGrid, "map", LATCHED)
+        self._poses = self.offer(PoseWithCovarianceStamped, "pose")
+        self._diagnostics = self.offer(DiagnosticArray, "/diagnostics")
+        self._transforms = self.offer_transforms("/tf")
+        self._files = contextlib.ExitStack()
+        with storage_errors(names.out):
+            names.out.mkdir(parents=True, exist_ok=True)
+        self._files.enter_context(exclusive_lock(names.out / ".lock"))
+        self._frames = RobotFrames(names)
+        self._sync = ScanSync(self._frames, self._hand_on, self.once)
+        self._begin()
+        self.need("scan")
+        if names.odometry == "tf":
+            self.need("odom")
+        self.create_timer(TRANSFORM_INTERVAL, self._send_transform)
+        listen_to_odometry(self, self._frames, self._sync.flush)
+        listen_to_scans(self, self._take_scan)
+        if self._known is not None:
+            self.listen(PoseWithCovarianceStamped, "initialpose", self._begin_at)
+            self._grids(grid_fields(self._header(0.0), self._known.grid))
+        self.serve("save", self.save)
+        self.serve("draw", self._draw)
+        self.serve("reset", self._reset)
+        self.serve_switch("pause", self._pause)
+        self.create_timer(1.0, lambda: self.worker.put(self._diagnose), clock=self.wall_clock)
+
+    def _begin(self) -> None:
+        """Begin a map, or look for the robot, anew."""
+        self._run = MapRun(self._options, self._configure, self._known, self._frames, self.once)
+        self._drawn_at = -np.inf
+
+    def _header(self, stamp: float) -> Fields:
+        return self.header(stamp, self._options.map_frame)
+
+    # --- callbacks, which return at once ---
+
+    def _take_scan(self, message: Any) -> None:
+        if self._is_paused:
+            return
+        if self._options.odometry == "laser":
+            self._hand_on(message, stamp_of(message.header, 0.0), None)
+        else:
+            self._sync.take(message)
+
+    def _hand_on(self, message: Any, stamp: float, odometry: Pose2D | None) -> None:
+        self.worker.put(functools.partial(self._add, self._run, message, stamp, odometry))
+
+    # --- the worker ---
+
+    def _add(self, run: MapRun, message: Any, stamp: float, odometry: Pose2D | None) -> None:
+        """Map one scan, and publish what is new."""
+        if run is not self._run:
+            return  # from before a reset
+        if stamp < run.stamp - CLOCK_JUMP:
+            jump = f"the clock jumped back by {run.stamp - stamp:.1f} s"
+            self.get_logger().warning(f"{jump}: begun again; {self._restart()}")
+            run = self._run
+        if stamp <= run.stamp:
+            self.once("order", "scans with the stamp of the last one, or an older one, are left out")
+            return
+        try:
+            self._is_new |= run.add(message, stamp, odometry)
+        except BrokenMessageError as error:
+            self.once("scan", str(error))
+            return
+        mapper = run.mapper
+        assert mapper is not None, "add makes it"
+        self._send_pose(mapper, stamp)
+        names = self._options
+        if names.odometry == "laser":
+            header = self.header(stamp, names.odom_frame)
+            self._transforms(transform_fields(header, names.base_frame, run.odometry))
+        if self._is_new and self._known is None and stamp - self._drawn_at >= names.map_interval:
+            self._is_new, self._drawn_at = False, stamp
+            self._grids(grid_fields(self._header(stamp), mapper.occupancy_grid()))
+
+    def _send_pose(self, mapper: Mapper, stamp: float) -> None:
+        """Publish the pose at a scan."""
+        covariance = np.zeros((6, 6))
+        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = mapper.covariance
+        pose = {"pose": pose_fields(mapper.pose), "covariance": covariance.ravel()}
+        self._poses({"header": self._header(stamp), "pose": pose})
+
+    def _send_transform(self) -> None:
+        run = self._run
+        if run.map_from_odom is not None:
+            # By the robot's clock, whatever this node's is.
+            now = max(run.stamp, self._frames.odometry.newest)
+            header = self._header(now + TRANSFORM_AHEAD)
+            self._transforms(transform_fields(header, self._options.odom_frame, run.map_from_odom))
+
+    # --- services ---
+
+    def save(self) -> str:
+        """Write map, path and log into the folder."""
+        return self._run.save(self._options.out)
+
+    def _draw(self) -> str:
+        """Write the map, and begin its drawing in a process of its own."""
+        saved = self.save()
+        threading.Thread(target=draw_saved_map, args=(self._options.out,), daemon=True).start()
+        return f"{saved}; the drawing follows in {self._options.out}"
+
+    def _restart(self) -> str:
+        """Put aside what was mapped, and begin again; returns what to say."""
+        aside = self._run.put_aside()
+        self._begin()
+        return aside
+
+    def _reset(self) -> str:
+        return f"begun again; {self._restart()}"
+
+    def _pause(self, is_paused: bool) -> str:
+        self._is_paused = is_paused
+        return "paused: the robot must stay where it is" if is_paused else "mapping"
+
+    def _begin_at(self, message: Any) -> None:
+        """Localise from a pose that somebody has given."""
+        assert self._known is not None, "else the topic isn't listened to"
+        if not self.is_on_map(message, "initialpose"):
+            return
+        with self.worker.lock:
+            self._known = self._known._replace(start=pose_of(message.pose.pose, "initialpose"))
+            self._restart()
+
+    def _diagnose(self) -> None:
+        """Say how the mapper does: whether the pose is in doubt, and figures."""
+        mapper = self._run.mapper
+        if mapper is None:
+            return
+        stats = mapper.stats
+        level, text = (
+            (DiagnosticStatus.WARN, "in doubt") if stats.is_doubtful else (DiagnosticStatus.OK, "sure")
+        )
+        figures = {
+            "scans": stats.scans,
+            "processed": stats.processed,
+            "dropped": self.worker.dropped + self._sync.dropped,
+            "stretches in doubt": len(stats.spans()),
+            "memory [MB]": round(1e-6 * stats.memory_bytes, 1),
+            **mapper.report(),
+        }
+        values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
+        status = DiagnosticStatus(level=level, name="slamgym_map: pose", message=text, values=values)
+        self._diagnostics({"status": [status]})
+
+    def close(self) -> None:
+        """Write map, path and log."""
+        with self._files:
+            if self._run.mapper is not None:
+                self.get_logger().info(f"saved {self.save()}")
+            self._run.close()
+
+
+def draw_saved_map(folder: Any) -> int:
+    """Draw a folder's map as `slamgym cad` does, without the network where torch is missing; returns its exit code."""
+    import importlib.util
+
+    model = [] if importlib.util.find_spec("torch") else ["--model", "none"]
+    command = [
+        sys.executable,
+        "-m",
+        "slamgym",
+        "cad",
+        "draw",
+        f"{folder}/map.yaml",
+        "-o",
+        f"{folder}/drawing",
+    ]
+    return subprocess.run([*command, *model], check=False).returncode

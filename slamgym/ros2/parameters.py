@@ -1,0 +1,107 @@
+"""What the nodes may be told: on the command line, or as ROS parameters of the same names."""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from slamgym.core.config import Arguments, Positive, Within
+from slamgym.core.errors import ConfigError
+
+
+class FrameNames(Arguments):
+    """Names of the frames (REP 105)."""
+
+    map_frame: str = "map"
+    """Frame of the map."""
+    odom_frame: str = "odom"
+    """Frame of the odometry."""
+    base_frame: str = "base_footprint"
+    """Frame of the robot."""
+    laser_mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
+    """The laser on the robot (x, y [m], yaw [rad]) until /tf_static says it; TurtleBot3 Waffle Pi's."""
+
+
+class SimParameters(Arguments):
+    """A simulated TurtleBot3 in a floor plan, without Gazebo."""
+
+    plans: str = "bundled"
+    """Floor plans, as `slamgym generate` takes them."""
+    plan: str = ""
+    """Id of the plan; by default one that follows from the seed."""
+    start: tuple[float, ...] = ()
+    """Start in the plan's frame (x, y, theta [m, rad]); by default it follows from the seed."""
+    seed: int = 0
+    """Seed of everything random: with the same commands the scans are the environment's."""
+    speed: Annotated[float, Within(ge=0.0)] = 1.0
+    """Times real time; 0: as fast as commands come, a step for each (with none for 0.2 s it goes on)."""
+
+
+class MapParameters(FrameNames):
+    """Map by graph SLAM, as slam_toolbox or GMapping do, or localise on a finished map."""
+
+    out: Path = Path("mapped")
+    """Folder that the services `save` and `draw` write to, and the end of the node."""
+    map: str = ""
+    """A finished map (yaml): the robot is localised on it, nothing is mapped."""
+    odometry: Literal["tf", "laser"] = "tf"
+    """tf: from /tf, or from /odom where /tf has none; laser: by the laser alone."""
+    map_interval: Positive = 2.0
+    """Time between two maps [s]."""
+
+
+class ExploreParameters(FrameNames):
+    """Explore until everything that the robot can get to is on the map, as explore_lite does."""
+
+    explorer: str = "tour@98%:95%"
+    """Who chooses: tour, nearest, explore_lite, rl, ...; behind @ the promise at which it is done."""
+    drive: Literal["wheels", "goals"] = "wheels"
+    """wheels: velocities to cmd_vel; goals: goals to Nav2 (navigate_to_pose, or goal_pose without nav2_msgs)."""
+    area: tuple[float, ...] = ()
+    """Corners (x y x y ... [m], map frame) of the polygon in which to explore; everywhere by default."""
+    return_to_start: bool = False
+    """Drive back to the start at the end."""
+    wait: bool = False
+    """Wait for the service `start`."""
+    out: Path = Path("explored")
+    """Folder for the map and its drawing, written when it is done."""
+    robot_radius: Positive = 0.22
+    """Radius of the circle that holds the robot [m]."""
+    max_linear: Positive = 0.26
+    """Highest speed [m/s]."""
+    max_angular: Positive = 1.82
+    """Highest turning rate [rad/s]."""
+    exit: bool = False
+    """End the node when it is done."""
+    rerun: str = ""
+    """Recording to write, .rrd, which the rerun viewer shows on a timeline."""
+    video: str = ""
+    """Film to write, .mp4 or .gif."""
+
+    def _check(self) -> None:
+        if len(self.area) % 2 or 0 < len(self.area) < 6:
+            raise ConfigError(f"--area is x y of three corners or more, not {len(self.area)} numbers")
+
+    @property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Of the area, in the map frame [m]."""
+        return tuple(zip(self.area[::2], self.area[1::2], strict=True))
+
+
+class DemoParameters(Arguments):
+    """All three nodes at once: a simulated robot explores a floor plan over topics, and saves map and drawing."""
+
+    plans: str = "bundled"
+    """Floor plans, as `slamgym generate` takes them."""
+    plan: str = ""
+    """Id of the plan; by default one that follows from the seed."""
+    seed: int = 0
+    """Seed of everything random."""
+    speed: Annotated[float, Within(ge=0.0)] = 0.0
+    """Times real time; 0: as fast as the explorer drives."""
+    explorer: str = "tour@98%:95%"
+    """Who chooses: tour, nearest, explore_lite, rl, ..."""
+    out: Path = Path("ros2_demo")
+    """Folder for map, drawing and log."""
+    rerun: str = ""
+    """Recording to write, .rrd, for the rerun viewer."""
+    video: str = ""
+    """Film to write, .mp4 or .gif."""

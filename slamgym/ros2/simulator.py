@@ -1,0 +1,161 @@
+"""A simulated TurtleBot3 on ROS topics: the environment's world, laser and odometry without its mapper."""
+
+import threading
+import time
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from gymnasium.utils import seeding
+from nav_msgs.msg import OccupancyGrid, Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import Float32
+
+from slamgym.cad.floorplan import FloorPlan
+from slamgym.core.errors import ConfigError
+from slamgym.core.types import Pose2D, Twist2D
+from slamgym.envs.config import ExploreConfig
+from slamgym.envs.coverage import Coverage
+from slamgym.envs.plan_cache import PlanCache, ResetOptions, Streams
+from slamgym.envs.simulation import SimulatedRobot
+from slamgym.interop.ros_messages import (
+    grid_fields,
+    odometry_fields,
+    pose_fields,
+    scan_fields,
+    transform_fields,
+)
+from slamgym.ros2.node import LATCHED, SENSOR, RosNode
+from slamgym.ros2.parameters import SimParameters
+from slamgym.ros2.topics import VelocityTopic
+from slamgym.sim import Lidar
+
+BEGIN = 10.0
+"""Time at the start of a run [s]: stamps of 0 mean that a driver has set none."""
+COMMAND_TIMEOUT = 0.5
+"""Without a command for so long the robot stops [s]."""
+LONGEST_WAIT = 0.2
+"""As fast as commands come, the simulation waits for one so long [s]."""
+TICKS = 10
+"""Clock messages in a step."""
+
+
+def begin_robot(
+    plans: PlanCache, parameters: SimParameters, config: ExploreConfig, lidar: Lidar
+) -> tuple[SimulatedRobot, FloorPlan, Coverage]:
+    """The robot that an environment with the same settings and seed has after its reset, its building, its coverage.
+
+    Raises:
+        ConfigError: If there is no such plan, or the start leaves no room for the robot.
+        PlanError: If the plan can't be explored.
+    """
+    start = parameters.start
+    if len(start) not in (0, 3):
+        raise ConfigError(f"start must be x, y, theta or nothing, not {start}")
+    wanted = ResetOptions(parameters.plan or None, Pose2D(*start) if start else None)
+    rng, _ = seeding.np_random(parameters.seed)
+    streams = Streams.spawn(rng)
+    prepared, pose = plans.choose_site(wanted, streams, config.clutter)
+    robot = SimulatedRobot(prepared, pose, config, lidar, streams)
+    floor = prepared.floor
+    coverage = Coverage(floor.mask(pose.x, pose.y), floor.frame, lidar.geometry, config.usable_range)
+    return robot, prepared.plan, coverage
+
+
+class SimNode(RosNode):
+    """Publishes what the robot senses and where it truly is, in the frame ``map`` that the environment has.
+
+    Args:
+        parameters: What the command line says.
+        config: Robot, laser, odometry, furniture and people.
+    """
+
+    def __init__(self, parameters: SimParameters, config: ExploreConfig) -> None:
+        super().__init__("slamgym_sim", parameters)
+        self._defaults, self._config = parameters, config
+        self._lidar = Lidar(config.lidar)
+        self._plans = PlanCache(self.read_parameters(parameters).plans, config.robot, config.lidar.surfaces)
+        self._send = {
+            "scan": self.offer(LaserScan, "scan", SENSOR),
+            "odom": self.offer(Odometry, "odom"),
+            "clock": self.offer(Clock, "/clock"),
+            "pose": self.offer(PoseStamped, "ground_truth/pose"),
+            "coverage": self.offer(Float32, "ground_truth/coverage"),
+            "map": self.offer(OccupancyGrid, "map_truth", LATCHED),
+            "tf": self.offer_transforms("/tf"),
+            "tf_static": self.offer_transforms("/tf_static", LATCHED),
+        }
+        self._answered = threading.Event()
+        self.single.remove("map")
+        self._begin()
+        VelocityTopic(self, self.command)
+        self.serve("reset", self._reset)
+        self.worker.start(self._run)
+
+    def _begin(self) -> None:
+        """Begin an episode by the parameters as they are now."""
+        parameters = self.read_parameters(self._defaults)
+        self.robot, plan, self._coverage = begin_robot(self._plans, parameters, self._config, self._lidar)
+        self._options = parameters
+        self._command, self._commanded_at = Twist2D(0.0, 0.0), 0.0
+        header, start = self.header(BEGIN, "map"), self.robot.start
+        grid = plan.raster(self._config.slam.resolution, offset=(start.x, start.y))
+        self._send["map"](grid_fields(header, grid))
+        on_robot, mount = self.header(BEGIN, "base_footprint"), self._lidar.geometry.mount
+        self._send["tf_static"](transform_fields(on_robot, "base_scan", mount))
+        self.get_logger().info(f"plan {plan.id}, seed {self._options.seed}, start {start}")
+
+    def _reset(self) -> str:
+        self._begin()
+        self.publish()
+        return f"begun again with seed {self._options.seed}"
+
+    def command(self, command: Twist2D) -> None:
+        """Drive so from the next step on."""
+        self._command, self._commanded_at = command, self.robot.time
+        self._answered.set()
+
+    def step(self) -> None:
+        """Drive for one step, and publish what is sensed then."""
+        self._answered.clear()
+        is_late = self.robot.time - self._commanded_at >= COMMAND_TIMEOUT
+        self.robot.step(Twist2D(0.0, 0.0) if is_late else self._command)
+        self.publish()
+
+    def publish(self) -> None:
+        """Publish the newest scan, odometry, transform and truth."""
+        robot, stamp = self.robot, BEGIN + self.robot.time
+        self._tick(stamp)
+        header, pose = self.header(stamp, "odom"), robot.odometry_pose
+        twist = np.array(robot.velocity)
+        self._send["tf"](transform_fields(header, "base_footprint", pose))
+        self._send["odom"](odometry_fields(header, "base_footprint", pose, twist))
+        self._send["pose"]({"header": self.header(stamp, "map"), "pose": pose_fields(robot.true_map_pose)})
+        self._coverage.add(robot.true_pose, robot.true_ranges)
+        self._send["coverage"]({"data": float(self._coverage.share)})
+        scan, laser = robot.scan, self._lidar.geometry
+        at_laser = self.header(stamp, "base_scan")
+        self._send["scan"](scan_fields(at_laser, scan.ranges, laser, self._config.control_step))
+
+    def _tick(self, stamp: float) -> None:
+        self._send["clock"]({"clock": self.header(stamp, "")["stamp"]})
+
+    def _run(self) -> None:
+        """Step at the speed that is wanted, until the program ends."""
+        self.publish()
+        due = time.monotonic()
+        while not self.worker.is_over:
+            speed, now = self._options.speed, self.robot.time
+            if speed > 0.0:
+                tick = self._config.control_step / TICKS
+                due = max(due, time.monotonic() - LONGEST_WAIT)  # what can't be caught up is left
+                for number in range(1, TICKS + 1):
+                    due += tick / speed
+                    time.sleep(max(0.0, due - time.monotonic()))
+                    if number < TICKS:
+                        self._tick(BEGIN + now + number * tick)
+            else:
+                self._answered.wait(LONGEST_WAIT)
+            with self.worker.lock:
+                if not self.worker.is_over:
+                    self.step()

@@ -1,0 +1,96 @@
+"""Nodes in processes of their own, started in any order, killed, and ended by signals."""
+
+import contextlib
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from slamgym.interop import read_ros_map
+from slamgym.interop.logs import open_log
+from slamgym.ros2.map_run import LOG
+
+PLAN = "home_000009"
+PATIENT = 120.0
+"""A busy machine is waited for so long [s]."""
+
+
+class Nodes:
+    """Processes that write to files."""
+
+    def __init__(self, folder):
+        self.folder, self.running, self.texts = folder, [], {}
+
+    def start(self, name, *words, as_name=None):
+        text = self.folder / f"{as_name or name}.txt"
+        with text.open("wb") as file:
+            command = [sys.executable, "-m", "slamgym", "ros2", name, *words]
+            process = subprocess.Popen(command, cwd=self.folder, stdout=file, stderr=file)
+        self.running.append(process)
+        self.texts[process] = text
+        return process
+
+    def shown(self, process):
+        return self.texts[process].read_text()
+
+    def wait_for(self, process, part, count=1):
+        """Wait until a node has said something so often."""
+        end = time.monotonic() + PATIENT
+        while self.shown(process).count(part) < count:
+            assert time.monotonic() < end, f"{part!r} is missing in: {self.shown(process)}"
+            assert process.poll() is None, self.shown(process)
+            time.sleep(0.05)
+
+    def end(self, process, number=signal.SIGINT):
+        """Ask a node to end; returns its exit code and what it said."""
+        process.send_signal(number)
+        code = process.wait(PATIENT)
+        assert "Traceback" not in self.shown(process)
+        return code, self.shown(process)
+
+
+@pytest.fixture
+def nodes(ros_domain, tmp_path):
+    nodes = Nodes(tmp_path)
+    yield nodes
+    for process in nodes.running:
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+def test_killed_and_restarted_in_any_order_the_exploration_goes_on(nodes, tmp_path):
+    """The explorer comes first, then the simulator; the mapper last, and it is killed on the way."""
+    explorer = nodes.start("explore", "--explorer", "tour", "--out", "explored")
+    nodes.wait_for(explorer, "waiting for map, odom, scan")
+    robot = nodes.start("sim", "--plan", PLAN, "--speed", "20")
+    nodes.wait_for(explorer, "received odom, scan")
+    mapper = nodes.start("map", "--out", "first", as_name="first")
+    nodes.wait_for(explorer, "exploring:", count=3)
+    mapper.send_signal(signal.SIGKILL)
+    mapper.wait()
+    nodes.wait_for(explorer, "waiting for the robot's pose on the map")
+    explored = nodes.shown(explorer).count("exploring:")
+    again = nodes.start("map", "--out", "second", as_name="second")
+    nodes.wait_for(explorer, "exploring:", count=explored + 3)
+    for process, number in ((explorer, signal.SIGTERM), (again, signal.SIGTERM), (robot, signal.SIGINT)):
+        assert nodes.end(process, number)[0] == 0
+    assert read_ros_map(tmp_path / "second/map.yaml").cells.size
+    assert len(open_log(tmp_path / "second" / LOG).records) > 10
+
+
+def test_a_folder_in_use_and_ros_arguments_that_are_wrong_end_a_node_in_a_sentence(nodes):
+    mapper = nodes.start("map", "--out", "mapped", as_name="first")
+    nodes.wait_for(mapper, "waiting for odom, scan")
+    second = nodes.start("map", "--out", "mapped", as_name="second")
+    assert second.wait(PATIENT) == 2
+    assert nodes.shown(second).count("\n") == 1
+    assert "another run is writing to this folder" in nodes.shown(second)
+    code, shown = nodes.end(mapper)
+    assert code == 0
+    assert "saved" not in shown  # there was nothing to save

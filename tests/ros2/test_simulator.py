@@ -1,0 +1,179 @@
+"""The simulated robot is the environment's, to the bit, and obeys as a TurtleBot3 does."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from slamgym.core.errors import ConfigError
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.ros2.exploring import ExploreNode
+from slamgym.ros2.mapping import MapNode
+from slamgym.ros2.node import fill
+from slamgym.ros2.parameters import ExploreParameters, MapParameters, SimParameters
+from slamgym.ros2.simulator import BEGIN, SimNode
+
+CONFIG = ExploreConfig()
+STEP = CONFIG.control_step
+FAST = {"speed": 0.0}
+
+
+class Still(SimNode):
+    """Steps only when it is told to."""
+
+    def _run(self):
+        pass
+
+
+def command(linear, angular=0.0):
+    return fill(Twist(), {"linear": {"x": linear}, "angular": {"z": angular}})
+
+
+def commands(count):
+    rng = np.random.default_rng(3)
+    return list(zip(rng.uniform(-0.05, 0.26, count), rng.uniform(-1.0, 1.0, count), strict=True))
+
+
+def environment(seed, drive, **options):
+    """Scans, true poses, odometry and coverage of an environment."""
+    env = ExploreEnv("bundled", localization="dead_reckoning", actions="physical", record=True)
+    _, info = env.reset(seed=seed, options=options or None)
+    for action in drive:
+        info = env.step(np.array(action))[4]
+    return env.log, info
+
+
+def drive_all(desk, node, drive):
+    for linear, angular in drive:
+        desk.hand(node, "/cmd_vel", command(linear, angular))
+        node.step()
+
+
+def check_same(desk, log, first=0):
+    scans, odoms = desk.sent["/scan"][first:], desk.sent["/odom"][first:]
+    assert len(scans) == len(log.stamps)
+    for number, (scan, odom) in enumerate(zip(scans, odoms, strict=True)):
+        np.testing.assert_array_equal(np.array(scan.ranges, np.float32), log.ranges[number])
+        assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == tuple(log.odometry[number, :2])
+        stamp = scan.header.stamp.sec + 1e-9 * scan.header.stamp.nanosec
+        assert stamp == pytest.approx(BEGIN + log.stamps[number])
+    assert scans[0].header.frame_id == "base_scan"
+    return scans
+
+
+def test_the_same_seed_and_commands_give_the_scans_of_the_environment(desk):
+    drive = commands(40)
+    node = desk.make(Still, SimParameters(seed=4, **FAST), CONFIG)
+    node.publish()
+    drive_all(desk, node, drive)
+    log, info = environment(4, drive)
+    scans = check_same(desk, log)
+    assert np.isinf([scan.ranges for scan in scans]).any()  # REP 117: nothing came back
+    start = node.robot.start
+    for message, true in zip(desk.sent["/ground_truth/pose"], log.true_poses, strict=True):
+        place = message.pose.position
+        assert (place.x, place.y) == pytest.approx((true[0] - start.x, true[1] - start.y), abs=1e-12)
+    assert desk.sent["/ground_truth/coverage"][-1].data == pytest.approx(info["coverage"], abs=1e-6)
+
+
+def test_a_reset_takes_plan_start_and_seed(desk):
+    drive, plan = commands(10), "home_000007"
+    node = desk.make(Still, SimParameters(seed=1, **FAST), CONFIG)
+    node.publish()
+    drive_all(desk, node, commands(3))
+    start = (8.2, 0.9, 0.5)
+    node.set_parameters(
+        [Parameter("plan", value=plan), Parameter("seed", value=7), Parameter("start", value=list(start))]
+    )
+    first = len(desk.sent["/scan"])
+    assert desk.call(node, "reset").success
+    drive_all(desk, node, drive)
+    check_same(desk, environment(7, drive, plan=plan, start=start)[0], first)
+
+
+def test_a_reset_that_is_impossible_changes_nothing(desk):
+    node = desk.make(Still, SimParameters(seed=1, **FAST), CONFIG)
+    before = node.robot
+    node.set_parameters([Parameter("plan", value="atlantis"), Parameter("seed", value=2)])
+    response = desk.call(node, "reset")
+    assert not response.success
+    assert "atlantis" in response.message
+    assert node.robot is before
+    node.set_parameters([Parameter("plan", value="")])
+    assert desk.call(node, "reset").success
+
+
+@pytest.mark.parametrize("kind", [Node, SimNode, MapNode, ExploreNode])
+def test_a_node_keeps_what_rclpy_gives_it(desk, kind):
+    """rclpy's own attributes aren't private by name: `_parameters`, `_clock` and others must stay its."""
+    made = {
+        Node: lambda: Node("plain"),
+        SimNode: lambda: desk.make(Still, SimParameters(**FAST), CONFIG),
+        MapNode: lambda: desk.make(MapNode, MapParameters(), lambda config: config),
+        ExploreNode: lambda: desk.make(ExploreNode, ExploreParameters()),
+    }
+    plain, node = made[Node](), made[kind]()
+    for name, value in vars(plain).items():
+        assert type(getattr(node, name)) is type(value), name
+
+
+@pytest.mark.parametrize("wrong", [{"start": (1.0, 2.0)}, {"plan": "atlantis"}])
+def test_wrong_parameters_are_refused_in_a_sentence(desk, wrong):
+    with pytest.raises(ConfigError, match=r"start must be x, y, theta|atlantis"):
+        SimNode(SimParameters(**wrong), CONFIG)
+
+
+def test_it_stops_half_a_second_after_the_last_command(desk):
+    node = desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    desk.hand(node, "/cmd_vel", command(0.0, 1.0))
+    headings = []
+    for _ in range(12):
+        node.step()
+        headings.append(node.robot.true_pose.theta)
+    turned = np.abs(np.unwrap(headings) - headings[0])
+    assert turned[2] > 0.2
+    assert turned[-1] == pytest.approx(turned[-3], abs=1e-9)
+    assert turned[-1] < 1.0 * (0.5 + 3 * STEP)
+
+
+def test_it_takes_both_types_of_command_and_none_that_is_broken(desk):
+    node = desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    kinds = {end.kind for end in desk.answers[node] if end.topic == "/cmd_vel"}
+    assert kinds == {Twist}
+    node.get_publishers_info_by_topic = lambda _topic: [
+        type("End", (), {"topic_type": "geometry_msgs/msg/TwistStamped"})
+    ]
+    desk.tick(node)
+    assert {end.kind for end in desk.answers[node] if end.topic == "/cmd_vel"} == {TwistStamped}
+    desk.hand(node, "/cmd_vel", fill(TwistStamped(), {"twist": {"linear": {"x": 0.2}}}))
+    desk.hand(node, "/cmd_vel", fill(TwistStamped(), {"twist": {"linear": {"x": float("nan")}}}))
+    before = node.robot.path_length
+    node.step()
+    assert node.robot.path_length > before
+
+
+def test_without_commands_it_stands_and_its_topics_go_on(desk):
+    node = desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    before = node.robot.true_pose
+    for _ in range(5):
+        node.step()
+    assert node.robot.true_pose == before
+    assert len(desk.sent["/scan"]) == len(desk.sent["/tf"]) == len(desk.sent["/clock"]) == 5
+
+
+def test_transforms_say_the_same_as_the_odometry(desk):
+    node = desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    drive_all(desk, node, commands(5))
+    for odom, transforms in zip(desk.sent["/odom"], desk.sent["/tf"], strict=True):
+        (moved,) = transforms.transforms
+        assert (moved.header.frame_id, moved.child_frame_id) == ("odom", "base_footprint")
+        assert moved.header.stamp == odom.header.stamp
+        assert moved.transform.translation.x == odom.pose.pose.position.x
+        assert moved.transform.rotation.z == odom.pose.pose.orientation.z
+    (fixed,) = desk.sent["/tf_static"][0].transforms
+    assert (fixed.header.frame_id, fixed.child_frame_id) == ("base_footprint", "base_scan")
+    assert fixed.transform.translation.x == CONFIG.lidar.mount[0]
