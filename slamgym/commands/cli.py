@@ -173,7 +173,9 @@ COMMANDS = {
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
     "ros2 sim": Command("ros2:sim_command", "a TurtleBot3 in a floor plan, without Gazebo", ROS2),
     "ros2 map": Command("ros2:map_command", "map, or localise on a finished map", ROS2),
-    "ros2 explore": Command("ros2:explore_command", "explore on any mapper's map, driving itself or by Nav2", ROS2),
+    "ros2 explore": Command(
+        "ros2:explore_command", "explore on any mapper's map, driving itself or by Nav2", ROS2
+    ),
     "ros2 demo": Command("ros2:demo_command", "all three at once, then the map and its drawing", ROS2),
     "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
     "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),

@@ -20,7 +20,7 @@ from slamgym.interop.ros_messages import pose_of, stamp_of
 from slamgym.planning.navigator import STOP
 from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
-from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
+from slamgym.ros2.frames import CLOCK_JUMP, POSES_END, RobotFrames, ScanSync
 from slamgym.ros2.goals import GoalSender
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.mapping import draw_saved_map
@@ -36,8 +36,6 @@ except ImportError:  # no wheel has it: it comes with a ROS installation
 
 POSE_WAIT = 0.3
 """A step waits so long for the mapper's pose at its scan [s], if the mapper gives poses; then the last one serves."""
-POSES_END = 5.0
-"""A mapper that has given no pose, and no transform, for so long gives none any more [s]."""
 STANDING = ExplorationState.PAUSED, ExplorationState.DONE
 """In these a robot is told once to stay still, and others may drive it then."""
 STOP_AFTER = 1.0

@@ -22,6 +22,8 @@ OLDEST = 1.0
 """Odometry that is so much older or newer than a scan says nothing of it [s]."""
 MOST_WAITING = 10
 """So many scans wait for their odometry; more are dropped, the oldest first."""
+POSES_END = 5.0
+"""A mapper that has given no pose, and no transform, for so long gives none any more [s]."""
 CLOCK_JUMP = 1.0
 """A stamp that is so much older than the last one belongs to another run [s]; less is disorder."""
 MOUNT_WAIT = 2.0

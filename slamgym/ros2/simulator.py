@@ -1,10 +1,12 @@
 """A simulated TurtleBot3 on ROS topics: the environment's world, laser and odometry without its mapper."""
 
+import math
 import threading
 import time
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from gymnasium.utils import seeding
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rosgraph_msgs.msg import Clock
@@ -23,8 +25,10 @@ from slamgym.interop.ros_messages import (
     odometry_fields,
     pose_fields,
     scan_fields,
+    stamp_of,
     transform_fields,
 )
+from slamgym.ros2.frames import POSES_END
 from slamgym.ros2.node import LATCHED, SENSOR, RosNode
 from slamgym.ros2.parameters import SimParameters
 from slamgym.ros2.topics import VelocityTopic
@@ -89,6 +93,7 @@ class SimNode(RosNode):
         self.single.remove("map")
         self._begin()
         VelocityTopic(self, self.command)
+        self.listen(PoseWithCovarianceStamped, "pose", self._take_pose)
         self.serve("reset", self._reset)
         self.worker.start(self._run)
 
@@ -98,6 +103,10 @@ class SimNode(RosNode):
         self.robot, plan, self._coverage = begin_robot(self._plans, parameters, self._config, self._lidar)
         self._options = parameters
         self._command, self._commanded_at = Twist2D(0.0, 0.0), 0.0
+        self._unanswered, self._placed_at = (
+            0,
+            -math.inf,
+        )  # scans without a command, stamp of the newest pose on the map
         header, start = self.header(BEGIN, "map"), self.robot.start
         grid = plan.raster(self._config.slam.resolution, offset=(start.x, start.y))
         self._send["map"](grid_fields(header, grid))
@@ -113,17 +122,39 @@ class SimNode(RosNode):
     def command(self, command: Twist2D) -> None:
         """Drive so from the next step on."""
         self._command, self._commanded_at = command, self.robot.time
+        self._unanswered = max(0, self._unanswered - 1)
         self._answered.set()
 
     def step(self) -> None:
         """Drive for one step, and publish what is sensed then."""
-        self._answered.clear()
         is_late = self.robot.time - self._commanded_at >= COMMAND_TIMEOUT
         self.robot.step(Twist2D(0.0, 0.0) if is_late else self._command)
         self.publish()
 
+    def _take_pose(self, message: Any) -> None:
+        self._placed_at = stamp_of(message.header, 0.0)
+        self._answered.set()
+
+    def _is_awaited(self) -> bool:
+        """True if a scan lacks its command, or the mapper's pose if there is a mapper that gives poses."""
+        behind = BEGIN + self.robot.time - self._placed_at
+        return self._unanswered > 0 or 1e-6 < behind < POSES_END
+
+    def _wait_for_answers(self) -> None:
+        """Wait until the newest scan was mapped and answered, lest the robot run ahead of who maps and drives.
+
+        An answer that is late is waited for again before the next step; one that doesn't come then, either, is lost.
+        """
+        scans = self._unanswered
+        while self._is_awaited():
+            self._answered.clear()
+            if self._is_awaited() and not self._answered.wait(LONGEST_WAIT):
+                self._unanswered *= self._unanswered == scans
+                return
+
     def publish(self) -> None:
         """Publish the newest scan, odometry, transform and truth."""
+        self._unanswered += 1
         robot, stamp = self.robot, BEGIN + self.robot.time
         self._tick(stamp)
         header, pose = self.header(stamp, "odom"), robot.odometry_pose
@@ -155,7 +186,7 @@ class SimNode(RosNode):
                     if number < TICKS:
                         self._tick(BEGIN + now + number * tick)
             else:
-                self._answered.wait(LONGEST_WAIT)
+                self._wait_for_answers()
             with self.worker.lock:
                 if not self.worker.is_over:
                     self.step()
