@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.core.types import OCCUPIED, UNKNOWN, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
 from slamgym.envs.batch.arrays import put
 
 SECTORS = 24
@@ -33,19 +33,29 @@ _STRAIGHT, _DIAGONAL = 2, 3  # chamfer lengths, in half blocks
 
 
 @kernel
-def draw_blocks(packed: np.ndarray, blocks: Int32Array) -> None:
+def draw_blocks(cells: ByteArray, blocks: Int32Array) -> None:
     """Tell blocks that hold an occupied cell, those of which nothing is known, and those that can be crossed.
 
     Args:
-        packed: From :func:`slamgym.envs.compact.pack_tiles`, shape (h, w): a tile is a block.
+        cells: The map, shape (4 h, 4 w).
         blocks: Receives the blocks, and one more to every side, shape (h + 2, w + 2).
     """
     blocks[:] = _UNKNOWN_BLOCK
-    for i in range(packed.shape[0]):
-        for j in range(packed.shape[1]):
-            if packed[i, j] >> 16:
+    least, most = np.empty(cells.shape[1], np.uint8), np.empty(cells.shape[1], np.uint8)
+    for i in range(blocks.shape[0] - 2):
+        # Occupied is less than unknown, and free more.
+        first = BLOCK_SIDE * i
+        one, two, three, four = cells[first], cells[first + 1], cells[first + 2], cells[first + 3]
+        for c in range(len(least)):
+            least[c] = min(one[c], two[c], three[c], four[c])
+            most[c] = max(one[c], two[c], three[c], four[c])
+        for j in range(blocks.shape[1] - 2):
+            low, high = UNKNOWN, UNKNOWN
+            for c in range(BLOCK_SIDE * j, BLOCK_SIDE * (j + 1)):
+                low, high = min(low, least[c]), max(high, most[c])
+            if low == OCCUPIED:
                 blocks[i + 1, j + 1] = _BLOCKED
-            elif packed[i, j]:
+            elif high != UNKNOWN:
                 blocks[i + 1, j + 1] = _UNREACHED
 
 
@@ -192,16 +202,16 @@ class FarLook:
         self._shapes, self._corners = (np.zeros((count, 2), dtype=np.int64) for _ in range(2))
         self._size = 1.0
 
-    def refresh(self, index: int, packed: np.ndarray, corner: tuple[int, int], resolution: float) -> None:
+    def refresh(self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float) -> None:
         """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.MapTiles`."""
-        shape = [size + 2 for size in packed.shape]
+        shape = [size // BLOCK_SIDE + 2 for size in cells.shape]
         count = shape[0] * shape[1]
         if count > self._ways.shape[1]:
             self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
         self._shapes[index], self._corners[index] = shape, [first // BLOCK_SIDE - 1 for first in corner]
         self._size = resolution * BLOCK_SIDE
         blocks = self._ways[index, :count].reshape(shape)
-        draw_blocks(packed, blocks)
+        draw_blocks(cells, blocks)
         measure_ways(blocks)
 
     def write(self, ids: IntArray, poses: FloatArray, out: Float32Array) -> None:

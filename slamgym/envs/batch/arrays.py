@@ -112,9 +112,7 @@ class Maps(NamedTuple):
     begun: BoolArray  # (N,) a scan was taken
     is_new: BoolArray  # (N,) the newest scan was processed
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
-    tiles: np.ndarray  # (N, tiles) uint32, see slamgym.envs.compact.pack_tiles; none for other presets
     cells: ByteArray  # (N, cells) the map as it is shown
-    kinds: ByteArray  # (N, tiles) as the tiles
 
     @classmethod
     def blank(cls, count: int) -> "Maps":
@@ -123,9 +121,8 @@ class Maps(NamedTuple):
             zeros(count, np.float64, *[(3,)] * 5),
             zeros(count, np.int64, (2,), (2,), (4,), (4,), ()),
         )
-        flags, tables = zeros(count, np.bool_, (), ()), zeros(count, np.uint8, (0,), (0,))
-        counts, tiles = zeros(count, np.int32, (0, 2)), zeros(count, np.uint32, (0,))
-        return cls(*poses, *places, *flags, *counts, *tiles, *tables)
+        counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
+        return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)
 
 
 class MapModel(NamedTuple):

@@ -28,8 +28,9 @@ from slamgym.envs.batch.arrays import (
     put,
 )
 from slamgym.envs.batch.stepping import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
-from slamgym.envs.compact import MAP_TILE
+from slamgym.envs.compact import MapTiles
 from slamgym.envs.config import ExploreConfig
+from slamgym.envs.far_look import BLOCK_SIDE
 from slamgym.envs.plan_cache import PreparedPlan, Streams
 from slamgym.envs.simulation import finished_map
 from slamgym.sim import Lidar, WheelOdometry, World
@@ -122,10 +123,17 @@ class Fleet:
         """One robot's map, which may have what is unknown around it."""
         if not self.is_mapped_together:
             return self.mapper(index).occupancy_grid()
-        maps, resolution = self.maps, self.map_model.resolution
+        cells, (row, col), resolution = self.tiles(index)
+        frame = GridFrame(resolution, col * resolution, row * resolution, *cells.shape)
+        return OccupancyGrid(cells[::-1], frame)
+
+    def tiles(self, index: int) -> MapTiles:
+        """The map of one of robots that are mapped together."""
+        maps = self.maps
         (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
-        frame = GridFrame(resolution, col * resolution, row * resolution, rows, cols)
-        return OccupancyGrid(maps.cells[index, : rows * cols].reshape(rows, cols)[::-1], frame)
+        return MapTiles(
+            maps.cells[index, : rows * cols].reshape(rows, cols), (row, col), self.map_model.resolution
+        )
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
         """Put one robot down in a building; :meth:`sense` takes its first scan.
@@ -193,19 +201,17 @@ class Fleet:
         reach = self._config.lidar.range_max + _SPARE
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [
-            MAP_TILE * math.floor((low - reach) / (MAP_TILE * resolution))
+            BLOCK_SIDE * math.floor((low - reach) / (BLOCK_SIDE * resolution))
             for low in (min_y - start.y, min_x - start.x)
         ]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
-        shape = [MAP_TILE * -(-(last - first) // MAP_TILE) for first, last in zip(corner, end, strict=True)]
+        shape = [
+            BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in zip(corner, end, strict=True)
+        ]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
         maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
-        if self._config.observation.is_compact:
-            unknown = np.zeros(cells // MAP_TILE**2, dtype=np.uint32)
-            tiles, kinds = put(maps.tiles, index, unknown), put(maps.kinds, index, unknown)
-            maps = maps._replace(tiles=tiles, kinds=kinds)
         self.maps = maps._replace(
             counts=put(maps.counts, index, np.zeros((cells, 2), dtype=np.int32)),
             cells=put(maps.cells, index, np.full(cells, UNKNOWN, dtype=np.uint8)),

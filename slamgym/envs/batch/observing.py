@@ -7,7 +7,7 @@ import numpy as np
 from slamgym.core.types import BoolArray, IntArray, Pose2D, Twist2D
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.stepping import compact_all, crop_all
-from slamgym.envs.compact import MAP_TILE, CompactObserver
+from slamgym.envs.compact import CompactObserver
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FarLook
 from slamgym.envs.observations import MapView, Measurements, SensedStep, make_view, window_sizes
@@ -61,10 +61,7 @@ class BatchObserver:
             compact_all(robots, scans, maps, *sizes, ids, self._seen)
             if self._far:
                 for i in ids[is_published[ids]].tolist():
-                    (rows, cols), (row, col) = maps.shape[i].tolist(), maps.corner[i].tolist()
-                    rows, cols = rows // MAP_TILE, cols // MAP_TILE
-                    packed = maps.tiles[i, : rows * cols].reshape(rows, cols)
-                    self._far.refresh(i, packed, (row, col), resolution)
+                    self._far.refresh(i, *fleet.tiles(i))
                 self._far.write(ids, maps.believed, self._seen)
         else:
             fine, samples = self._config.observation.crop_resolution, self._samples

@@ -15,7 +15,7 @@ from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, Scanner, Scans, Scenes, WheelModel
-from slamgym.envs.compact import MAP_TILE, pack_tiles, write_compact
+from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
 from slamgym.sim import motion
@@ -263,10 +263,6 @@ def _classify(maps: Maps, model: MapModel, i: int) -> None:
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)
     classify_counts(counts, box, model.threshold, (0.0, 0.0), model.min_passes, cells)
-    if maps.tiles.shape[1] > 0:
-        rows, cols = rows // MAP_TILE, cols // MAP_TILE
-        tiles, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
-        pack_tiles(cells, box, (tiles.reshape(rows, cols), kinds.reshape(rows, cols)))
     maps.dirty[i] = 0
 
 
@@ -291,10 +287,9 @@ def compact_all(
 ) -> None:
     """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
     for i in ids:
-        rows, cols = maps.shape[i, 0] // MAP_TILE, maps.shape[i, 1] // MAP_TILE
-        packed, kinds = maps.tiles[i, : rows * cols], maps.kinds[i, : rows * cols]
+        rows, cols = maps.shape[i, 0], maps.shape[i, 1]
         corner = (maps.corner[i, 0], maps.corner[i, 1])
-        tiles = packed.reshape(rows, cols), kinds.reshape(rows, cols), corner, resolution
+        tiles = maps.cells[i, : rows * cols].reshape(rows, cols), corner, resolution
         write_compact(tiles, maps.believed[i], side, scans.ranges[i], robots.velocity[i], limits, out[i])
 
 
