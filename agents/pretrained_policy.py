@@ -16,10 +16,10 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
-from slamgym.agents.scoring import CROP_UNITS, WIDTH, FrontierScorer, NetworkConfig
-from slamgym.core.config import config_hash, from_dict, to_dict
+from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH, FrontierScorer
+from slamgym.core.config import config_hash
 from slamgym.core.documents import load_json
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import InputFileError
 from slamgym.core.files import require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
@@ -44,13 +44,14 @@ _SPACE = {
     "crop_px": CROP_PX,
 }
 """Observations that the weights take in."""
+_NETWORK = {"width": WIDTH, "crop": CROP_UNITS, "heads": HEADS, "foresight": False}
+"""Description of the network in files."""
 
 
 @dataclass(frozen=True)
 class PolicyFile:
     """Weights of a frontier policy and what they are for."""
 
-    network: NetworkConfig
     weights: Mapping[str, Float32Array]
     about: Mapping[str, Any]  # how they were trained
 
@@ -96,18 +97,15 @@ def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
     return digest.hexdigest()[:12]
 
 
-def write_policy(
-    path: Path, network: NetworkConfig, weights: Mapping[str, Float32Array], about: Mapping[str, Any]
-) -> None:
+def write_policy(path: Path, weights: Mapping[str, Float32Array], about: Mapping[str, Any]) -> None:
     """Write the weights of a frontier policy.
 
     Args:
         path: The ``.safetensors`` file.
-        network: The rule that it began with.
         weights: By the names of the network's parameters.
         about: How they were trained.
     """
-    write_weights(path, weights, {"space": _SPACE, "network": to_dict(network), "about": dict(about)})
+    write_weights(path, weights, {"space": _SPACE, "network": _NETWORK, "about": dict(about)})
 
 
 def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
@@ -125,13 +123,10 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     """
     path = Path(path)
     description, weights = read_weights(path, "frontier policy")
-    try:
-        network = from_dict(NetworkConfig, description["network"], "network")
-    except ConfigError as error:
-        raise InputFileError(path, f"describes no network that this version knows ({error})") from None
     refuse_other_space(path, description["space"], _SPACE)
+    refuse_other_space(path, description["network"], _NETWORK)
     refuse_other_shapes(path, weights, weight_shapes())
-    return PolicyFile(network, weights, description["about"])
+    return PolicyFile(weights, description["about"])
 
 
 def read_weights(path: Path, what: str) -> tuple[dict[str, Any], dict[str, Float32Array]]:
@@ -173,7 +168,7 @@ def refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> None
     if not isinstance(theirs, dict):
         raise InputFileError(path, "doesn't say which observations it was trained on")
     for name, mine in ours.items():
-        their = theirs.get(name)
+        their = theirs.get(name, mine)  # what older files don't tell was never different
         if their == mine:
             continue
         if isinstance(mine, list):

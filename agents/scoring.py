@@ -5,8 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.config import Settings
-from slamgym.core.errors import ConfigError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array
 
@@ -16,26 +14,6 @@ CROP_UNITS = 32
 """Units that the crop about a candidate is reduced to."""
 HEADS = 4
 """Heads of the attention."""
-
-
-class NetworkConfig(
-    Settings,
-    section="network",
-    dropped={"width": WIDTH, "crop": CROP_UNITS, "heads": HEADS, "foresight": False, "exposure_prior": 0.0},
-):
-    """The rule that the network begins with."""
-
-    prior_feature: str = "gain_per_metre"
-    """The score begins as this feature times ``prior_weight``: an untrained network is the greedy rule of
-    next best view, and learning continues from there (residual policy learning, Silver et al. 2018)."""
-    prior_weight: float = 16.0
-    """0 begins from scratch."""
-
-    def _check(self) -> None:
-        from slamgym.envs.frontier_features import CANDIDATE_FEATURES  # help pages don't wait for it
-
-        if self.prior_feature not in CANDIDATE_FEATURES:
-            raise ConfigError(f"network.prior_feature: there is no feature {self.prior_feature!r}")
 
 
 class FrontierScorer:

@@ -4,6 +4,9 @@ Every candidate is scored by the same weights, so their number K may vary: featu
 pass a small perceptron, candidates attend to one another (Vaswani et al. 2017; masked rows are left out), and
 the score is made of a candidate's own vector and the mean and the largest of all. The value is made of the
 pooled vectors. :mod:`slamgym.agents.scoring` runs the same network with numpy alone.
+
+An untrained network is the rule ``tour``, and learning continues from there (residual policy learning, Silver et al.
+2018).
 """
 
 from typing import Any
@@ -14,23 +17,22 @@ from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 
-from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH, NetworkConfig
+from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 MASKED = -1e8
 """Score of a row without candidate; finite, so that a row of nothing but these has a softmax."""
 
 
+_PRIOR_WEIGHT = -5.0
+"""The score begins as the detour of the tour that begins with a candidate, times this."""
+
+
 class FrontierNetwork(nn.Module):
-    """Scores candidates and values the situation.
+    """Scores candidates and values the situation."""
 
-    Args:
-        config: The rule that it begins with.
-    """
-
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self) -> None:
         super().__init__()
-        self.config = config
         features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), WIDTH
         self.crop = nn.Linear(2 * CROP_PX * CROP_PX, CROP_UNITS)
         self.embed_in = nn.Linear(features + CROP_UNITS + num_globals, width)
@@ -47,7 +49,7 @@ class FrontierNetwork(nn.Module):
         nn.init.zeros_(self.score_out.bias)
         nn.init.zeros_(self.prior.weight)
         with torch.no_grad():
-            self.prior.weight[0, CANDIDATE_FEATURES.index(config.prior_feature)] = config.prior_weight
+            self.prior.weight[0, CANDIDATE_FEATURES.index("tour_detour")] = _PRIOR_WEIGHT
 
     def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Scores (B, K) and values (B,) of a batch of observations."""
@@ -80,10 +82,10 @@ class FrontierNetwork(nn.Module):
 class _NetworkExtractor(BaseFeaturesExtractor):
     """The whole network in the place of a features extractor: scores and value in one vector (B, K + 1)."""
 
-    def __init__(self, observation_space: spaces.Dict, network: NetworkConfig) -> None:
+    def __init__(self, observation_space: spaces.Dict) -> None:
         count = int(observation_space["candidates"].shape[0])  # type: ignore[index]
         super().__init__(observation_space, count + 1)
-        self.network = FrontierNetwork(network)
+        self.network = FrontierNetwork()
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
         scores, values = self.network(observation)
@@ -110,12 +112,8 @@ class _Split(nn.Module):
 class FrontierPolicy(ActorCriticPolicy):
     """For ``PPO`` on ``slamgym/ExploreFrontiers-v2``: the network masks its scores itself."""
 
-    def __init__(self, *args: Any, network: NetworkConfig | None = None, **kwargs: Any) -> None:
-        kwargs |= {
-            "features_extractor_class": _NetworkExtractor,
-            "features_extractor_kwargs": {"network": network or NetworkConfig()},
-            "ortho_init": False,
-        }
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        kwargs |= {"features_extractor_class": _NetworkExtractor, "ortho_init": False}
         super().__init__(*args, **kwargs)
 
     def _build_mlp_extractor(self) -> None:

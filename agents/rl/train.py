@@ -69,7 +69,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         envs = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="fork")
         envs.seed(config.seed)
         # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
-        return self.ppo(FrontierPolicy, envs, gamma=1.0, policy_kwargs={"network": config.network})
+        return self.ppo(FrontierPolicy, envs, gamma=1.0)
 
     def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
         """Take over earlier weights, and imitate."""
@@ -105,7 +105,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         network: Any = model.policy.features_extractor.network
         weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
         about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(self.config)}
-        write_policy(path, network.config, weights, about)
+        write_policy(path, weights, about)
 
 
 def _begin_with(start_from: str, model: PPO) -> None:

@@ -3,7 +3,6 @@
 from dataclasses import field
 from typing import Any, Literal
 
-from slamgym.agents.scoring import NetworkConfig
 from slamgym.cad.plan_filter import AREA
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings, Share
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
@@ -90,7 +89,7 @@ class RunConfig(Settings):
     """Plans of an evaluation."""
 
 
-class TrainConfig(RunConfig):
+class TrainConfig(RunConfig, dropped={"network": {"prior_feature": "tour_detour", "prior_weight": -5.0}}):
     """A training run on ``slamgym/ExploreFrontiers-v2``."""
 
     furnished: Share = 0.0
@@ -108,8 +107,6 @@ class TrainConfig(RunConfig):
     goes by the time until done."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
-    network: NetworkConfig = field(default_factory=NetworkConfig)
-    """The network."""
     start_from: str = ""
     """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
     network."""

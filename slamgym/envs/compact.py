@@ -132,7 +132,7 @@ def compact_size(num_beams: int) -> int:
 
 
 class MapTiles(NamedTuple):
-    """A map whose cells lie on a lattice through the origin of the map frame, made up of whole blocks of the far look."""
+    """A map on a lattice through the origin of the map frame, made up of whole blocks of the far look."""
 
     cells: ByteArray  # (H, W), row 0 at the bottom, multiples of four
     corner: tuple[int, int]  # row and column of the lattice at which they begin, multiples of four

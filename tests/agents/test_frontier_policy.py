@@ -10,19 +10,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.agents.pretrained_policy import read_policy, write_policy
-from slamgym.agents.scoring import FrontierScorer, NetworkConfig
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.agents.scoring import FrontierScorer
+from slamgym.core.errors import InputFileError
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 torch = pytest.importorskip("torch")
 from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402 - needs torch
 
-NETWORK = NetworkConfig()
 
-
-def make_network(seed=0, config=NETWORK):
+def make_network(seed=0):
     torch.manual_seed(seed)
-    network = FrontierNetwork(config)
+    network = FrontierNetwork()
     with torch.no_grad():
         for parameter in network.parameters():
             parameter.add_(0.3 * torch.randn_like(parameter))
@@ -80,11 +78,11 @@ def test_candidates_may_come_in_any_order_and_number():
     assert torch_scores(network, narrow)[1] == pytest.approx(value, abs=1e-4)
 
 
-def test_an_untrained_network_is_the_greedy_rule():
-    network = FrontierNetwork(NetworkConfig())
+def test_an_untrained_network_begins_with_the_shortest_tour():
+    network = FrontierNetwork()
     observation = make_observation(3, 9)
-    gains = observation["candidates"][:9, CANDIDATE_FEATURES.index("gain_per_metre")]
-    assert int(torch_scores(network, observation)[0].argmax()) == int(gains.argmax())
+    detours = observation["candidates"][:9, CANDIDATE_FEATURES.index("tour_detour")]
+    assert int(torch_scores(network, observation)[0].argmax()) == int(detours.argmin())
 
 
 def test_without_any_candidate_nothing_is_nan():
@@ -93,21 +91,15 @@ def test_without_any_candidate_nothing_is_nan():
     assert np.isfinite(value)
 
 
-def test_a_rule_that_is_no_feature_is_refused():
-    with pytest.raises(ConfigError, match="no feature"):
-        NetworkConfig(prior_feature="luck")
-
-
 @pytest.fixture
 def policy_path(tmp_path):
     path = tmp_path / "policy.safetensors"
-    write_policy(path, NETWORK, weights_of(make_network()), {"steps": 7})
+    write_policy(path, weights_of(make_network()), {"steps": 7})
     return path
 
 
 def test_weights_come_back_as_they_were_written(policy_path):
     policy = read_policy(policy_path)
-    assert policy.network == NETWORK
     assert policy.about["steps"] == 7
     for name, value in weights_of(make_network()).items():
         np.testing.assert_array_equal(policy.weights[name], value)
@@ -134,7 +126,7 @@ def test_a_truncated_file_gives_one_error_that_names_it(policy_path, share):
 def test_a_flipped_byte_is_read_or_refused_but_never_crashes(tmp_path_factory, position, value):
     path = tmp_path_factory.getbasetemp() / "flipped.safetensors"
     if not path.exists():
-        write_policy(path, NETWORK, weights_of(make_network()), {})
+        write_policy(path, weights_of(make_network()), {})
     content = bytearray(path.read_bytes())
     content[position] = value
     broken = path.with_name("broken.safetensors")
@@ -161,9 +153,8 @@ def rewrite(path, change):
         (lambda c: c["space"].update(feature_version=99), "another observation space .feature_version 99"),
         (lambda c: c["space"]["candidate_features"].pop(), "another observation space .candidate_features"),
         (lambda c: c["space"].update(env="slamgym/Explore-v2"), "another observation space .env"),
-        (lambda c: c["network"].update(width=32), "width of NetworkConfig is always 64"),
-        (lambda c: c["network"].update(depth=3), "unknown setting 'depth'"),
-        (lambda c: c["network"].update(crop=8), "crop of NetworkConfig is always 32"),
+        (lambda c: c["network"].update(width=32), "another observation space .width 32"),
+        (lambda c: c["network"].update(foresight=True), "another observation space .foresight True"),
         (lambda c: c.pop("space"), "no frontier policy"),
     ],
 )

@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from slamgym.agents.scoring import NetworkConfig
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
 
 torch = pytest.importorskip("torch")
@@ -17,8 +16,6 @@ from slamgym.agents.rl.imitation import (  # noqa: E402
     mean_regret,
 )
 from slamgym.agents.rl.policy import FrontierNetwork  # noqa: E402
-
-NETWORK = NetworkConfig(prior_feature="tour_detour", prior_weight=-5.0)
 
 
 def made_up(episodes, seed=0):
@@ -43,7 +40,7 @@ def made_up(episodes, seed=0):
 
 def test_a_fitted_network_regrets_less_than_its_prior_on_decisions_that_it_has_not_seen():
     torch.manual_seed(0)
-    network, others = FrontierNetwork(NETWORK), made_up(10, seed=1)
+    network, others = FrontierNetwork(), made_up(10, seed=1)
     before = mean_regret(network, others)
     fit_choices(network, made_up(30), epochs=60, seed=0)
     after = mean_regret(network, others)

@@ -22,7 +22,6 @@ from slamgym.agents.rl.shaping import (
     write_shaping_report,
 )
 from slamgym.agents.rl.train_config import TrainConfig
-from slamgym.agents.scoring import NetworkConfig
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs.rewards import Reward, StepRecord
@@ -101,7 +100,7 @@ def test_a_term_of_ones_own_is_added_to_time_and_trained_with_the_filter():
 def learn_nothing(calls):
     def learn(settings, folder, reward_terms=None):
         calls.append((settings.seed, settings.reward, reward_terms))
-        write_policy(folder / "policy.safetensors", NetworkConfig(), read_policy(PRETRAINED).weights, {})
+        write_policy(folder / "policy.safetensors", read_policy(PRETRAINED).weights, {})
 
     return learn
 

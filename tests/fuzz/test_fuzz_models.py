@@ -21,7 +21,6 @@ from hypothesis import strategies as st
 from slamgym.agents.evaluation.evaluate import TrialLog
 from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
-from slamgym.agents.scoring import NetworkConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.pictures import encode_png
 from slamgym.gan.config import TranslatorTrainingConfig
@@ -79,12 +78,6 @@ def test_policies(folder, content):
     policy = must_read_or_refuse(read_policy, path)
     if policy is not None:
         policy.scorer()
-
-
-@cases(100)
-@given(mutated_value([to_dict(NetworkConfig())]))
-def test_sizes_of_networks(value):
-    must_read_or_refuse(from_dict, NetworkConfig, value)
 
 
 @cases(100)
