@@ -14,12 +14,10 @@ from slamgym.agents.evaluation.summary import (
     DONE,
     Comparison,
     ExplorerSummary,
-    LevelComparison,
     Summary,
     summarise_trials,
 )
 from slamgym.agents.evaluation.trial import ORACLE, Trial
-from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text
 from slamgym.core.files import replace_file, storage_errors
@@ -44,15 +42,11 @@ def describe_evaluation(summary: Summary) -> str:
         "The whole exploration:\n",
         _whole_table(summary.explorers),
     ]
-    compared = (*summary.comparisons, *summary.others)
-    for reference in dict.fromkeys(comparison.reference for comparison in compared):
-        own = [comparison for comparison in compared if comparison.reference == reference]
-        is_best = reference in CLASSICAL and own[0] in summary.others
-        what = ", the quickest hand-written rule to 99 %" if is_best else ""
+    if summary.comparisons:
         parts += [
-            f"Time and path against `{reference}`{what}; ratio of means where both reach the level, with 95 % "
-            "interval; below 1 is better:\n",
-            _ratio_table(own),
+            f"Time and path against `{summary.comparisons[0].reference}`; ratio of means where both reach the level, "
+            "with 95 % interval; below 1 is better:\n",
+            _ratio_table(summary.comparisons),
         ]
     return "\n".join(parts)
 
@@ -72,9 +66,11 @@ def _done_table(summary: Summary) -> str:
             with_margin(e.path_to[DONE], 1),
             "-" if e.tail is None else with_margin(e.tail, 0),
         ]
-        for quantity in ("time", "path") if reference else ():
-            found = level_of(against[e.explorer], quantity, DONE) if e.explorer in against else None
-            cells.append("-" if found is None else with_bounds(found.ratio_of_means))
+        if e.explorer in against:
+            compared = against[e.explorer]
+            cells += [with_bounds(to[DONE].ratio_of_means) for to in (compared.time_to, compared.path_to)]
+        elif reference:
+            cells += ["-", "-"]
         rows.append(cells)
     return markdown(header, rows)
 
@@ -115,17 +111,12 @@ def _ratio_table(comparisons: Sequence[Comparison]) -> str:
     rows = []
     for comparison in comparisons:
         cells = [f"`{comparison.explorer}`"]
-        for quantity, level in itertools.product(("time", "path"), _RATIO_LEVELS):
-            found = level_of(comparison, quantity, level)
+        for to, level in itertools.product((comparison.time_to, comparison.path_to), _RATIO_LEVELS):
+            found = to[level]
             cells.append(with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else ""))
         drives = comparison.explorer != ORACLE
         rows.append([*cells, with_bounds(comparison.map_error if drives else None)])
     return markdown([*header, "map error"], rows)
-
-
-def level_of(comparison: Comparison, quantity: str, level: str) -> LevelComparison:
-    """A comparison's figures for the time or path to a level."""
-    return next(x for x in comparison.levels if x.quantity == quantity and x.level == level)
 
 
 def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0) -> str:
@@ -155,7 +146,7 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
         ConfigError: If the reference is not among the explorers.
         StorageError: If the folder can't be written.
     """
-    summary = summarise_trials(evaluation.trials, against, yardstick=ORACLE)
+    summary = summarise_trials(evaluation.trials, against)
     text = _heading(summary, config, evaluation) + describe_evaluation(summary)
     with storage_errors(out):
         replace_file(out / "results.json", _as_json(summary, config, evaluation))

@@ -15,7 +15,6 @@ import numpy as np
 
 from slamgym.agents.evaluation.coverage_curve import COVERAGE_LEVELS
 from slamgym.agents.evaluation.trial import SUCCESS_COVERAGE, Trial, level_name
-from slamgym.agents.registry import CLASSICAL
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.intervals import Interval, mean_interval, ratio_of_means
@@ -72,12 +71,8 @@ class ExplorerSummary:
 class LevelComparison:
     """An explorer against the reference, time or path to one level."""
 
-    quantity: str
-    """``time`` or ``path``."""
-    level: str
     both: int
     """Pairs in which both reached the level."""
-    pairs: int
     ratio_of_means: Interval | None
     """Over the pairs in which both reached it; None if there are none."""
 
@@ -88,7 +83,9 @@ class Comparison:
 
     explorer: str
     reference: str
-    levels: tuple[LevelComparison, ...]
+    time_to: dict[str, LevelComparison]
+    """By level."""
+    path_to: dict[str, LevelComparison]
     map_error: Interval | None
     """Ratio of the means; None where the reference has no error."""
 
@@ -101,17 +98,14 @@ class Summary:
     comparisons: tuple[Comparison, ...]
     """With the reference."""
     plans: int
-    others: tuple[Comparison, ...] = ()
-    """With further references, one after the other."""
 
 
-def summarise_trials(trials: Sequence[Trial], against: str, yardstick: str | None = None) -> Summary:
-    """Measure explorers and compare them with one of them, and with the best hand-written rule.
+def summarise_trials(trials: Sequence[Trial], against: str) -> Summary:
+    """Measure explorers and compare them with one of them.
 
     Args:
         trials: Of all explorers on the same plans and seeds.
         against: Name of the reference explorer.
-        yardstick: Name of an explorer that all are compared with too, if there are trials of it.
 
     Raises:
         ConfigError: If the reference is not among the explorers, or there are no trials.
@@ -124,27 +118,11 @@ def summarise_trials(trials: Sequence[Trial], against: str, yardstick: str | Non
     if not shared:
         raise ConfigError("the explorers share no exploration")
     aligned = {name: [found[pair] for pair in shared] for name, found in by_name.items()}
-    explorers = tuple(_summary(name, aligned[name]) for name in names)
-
-    def against_all(reference: str) -> tuple[Comparison, ...]:
-        return tuple(compare(aligned[name], aligned[reference]) for name in names if name != reference)
-
-    further = [name for name in (best_classical(explorers), yardstick) if name in names and name != against]
     return Summary(
-        explorers,
-        against_all(against),
+        tuple(_summary(name, aligned[name]) for name in names),
+        tuple(compare(aligned[name], aligned[against]) for name in names if name != against),
         len({plan for plan, _ in shared}),
-        tuple(comparison for reference in further for comparison in against_all(str(reference))),
     )
-
-
-def best_classical(explorers: Sequence[ExplorerSummary]) -> str | None:
-    """The hand-written rule with the least censored time to 99 %; None if there is none.
-
-    It is the best on the plans that it is then compared on, which flatters it, not who is compared with it.
-    """
-    classical = [explorer for explorer in explorers if explorer.explorer in CLASSICAL]
-    return min(classical, key=lambda e: e.time_to["0.99"].value).explorer if classical else None
 
 
 def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
@@ -154,14 +132,13 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         trials: One of each pair of plan and seed.
         reference: The same pairs in the same order.
     """
-    levels = [
-        _compare_level(trials, reference, quantity, level)
+    time_to, path_to = (
+        {level: _compare_level(trials, reference, quantity, level) for level in _LEVELS}
         for quantity in ("time", "path")
-        for level in _LEVELS
-    ]
+    )
     ours, theirs = (_by_plan(found, _FIGURES["map_error"]) for found in (trials, reference))
     map_error = ratio_of_means(ours, theirs) if theirs.any() else None
-    return Comparison(trials[0].explorer, reference[0].explorer, tuple(levels), map_error)
+    return Comparison(trials[0].explorer, reference[0].explorer, time_to, path_to, map_error)
 
 
 def succeeded(trial: Trial) -> bool:
@@ -229,7 +206,7 @@ def _compare_level(
         figure = functools.partial(censored, quantity=quantity, level=level)
         ours, theirs = (_by_plan([found[i] for i in reached], figure) for found in (trials, reference))
         ratio = ratio_of_means(ours, theirs)
-    return LevelComparison(quantity, level, len(reached), len(trials), ratio)
+    return LevelComparison(len(reached), ratio)
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:

@@ -20,7 +20,6 @@ import tyro
 from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, evaluate
 from slamgym.agents.evaluation.report import draw_coverage, write_report
 from slamgym.agents.evaluation.summary import summarise_trials
-from slamgym.agents.evaluation.trial import ORACLE
 from slamgym.agents.registry import EXPLORERS
 from slamgym.cad import open_plans
 from slamgym.cad.generator import PlanGeneratorConfig
@@ -105,7 +104,7 @@ def run(
         return evaluation
     if name == ON_PAGE:
         replace_part(PAGE, name, f"### {heading}\n\n{text.partition(SECOND_TABLE)[0].rstrip()}\n")
-    summary = dataclasses.asdict(summarise_trials(evaluation.trials, arguments.against, ORACLE))
+    summary = dataclasses.asdict(summarise_trials(evaluation.trials, arguments.against))
     document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
     # The path of the plans is the machine's own.
     document["command"] = (
