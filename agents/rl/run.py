@@ -261,7 +261,7 @@ def save_checkpoint(folder: Path, model: Any) -> None:
         model: The learner.
     """
     state = {"steps": model.num_timesteps, "updates": model._n_updates}
-    state |= {name: module.state_dict() for name, module in _modules(model).items()}
+    state |= model.get_parameters()
     for name, statistics in _statistics(model).items():
         state[name] = {key: torch.as_tensor(getattr(statistics, key)) for key in _STATISTICS}
     with staged(folder / CHECKPOINT) as part:
@@ -282,8 +282,7 @@ def load_checkpoint(folder: Path, model: Any) -> None:
     try:
         check_zip(path, WEIGHT_BYTES)
         state = torch.load(path, map_location="cpu", weights_only=True)
-        for name, module in _modules(model).items():
-            module.load_state_dict(state[name])
+        model.set_parameters({name: state[name] for name in model.get_parameters()})
         for name, statistics in _statistics(model).items():
             for key in _STATISTICS:
                 setattr(statistics, key, state[name][key].numpy())
@@ -293,11 +292,6 @@ def load_checkpoint(folder: Path, model: Any) -> None:
         raise InputFileError(
             path, f"is no checkpoint of this run ({reason}); delete it to begin again"
         ) from None
-
-
-def _modules(model: Any) -> dict[str, Any]:
-    """All that has a state, by stable names."""
-    return {"policy": model.policy, "policy.optimizer": model.policy.optimizer}
 
 
 def _statistics(model: Any) -> dict[str, Any]:
