@@ -209,7 +209,6 @@ class Fleet:
             BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in zip(corner, end, strict=True)
         ]
         maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
-        maps.box[index] = 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
         self.maps = maps._replace(

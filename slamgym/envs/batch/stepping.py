@@ -227,12 +227,9 @@ def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     corner = (maps.corner[i, 0], maps.corner[i, 1])
-    maps.warmth[i] = _fetch(counts, maps.box[i])
     ranges, beams, resolution = ranges[i : i + 1], model.beams[:], model.resolution
     bounds = draw_scans(counts, corner, resolution, maps.anchor[i : i + 1], ranges, beams, 1)  # type: ignore[arg-type]
     box = cells_of(bounds, corner, model.resolution)
-    for k in range(4):
-        maps.box[i, k] = box[k]
     dirty = maps.dirty[i]
     if dirty[0] >= dirty[2]:
         dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
@@ -240,19 +237,6 @@ def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
         dirty[k], dirty[2 + k] = min(dirty[k], box[k]), max(dirty[2 + k], box[2 + k] + 1)
     if model.keeps_current:
         _classify(maps, model, i)
-
-
-@kernel
-def _fetch(counts: np.ndarray, box: IntArray) -> int:
-    """Look at every eighth cell of a box of counts, a cache line each.
-
-    The counts of many robots don't stay in the cache. Beams wait for one line after the other; these don't.
-    """
-    total = 0
-    for row in range(box[0], box[2] + 1):
-        for col in range(box[1], box[3] + 8, 8):
-            total += counts[np.uint64(row), np.uint64(min(col, counts.shape[1] - 1)), 0]
-    return total
 
 
 @kernel
