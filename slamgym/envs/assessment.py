@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import UNKNOWN, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.plan_cache import PreparedPlan
 from slamgym.envs.rewards import Reward, StepRecord
 from slamgym.envs.simulation import EpisodeLog, Simulation
 from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.sim import Motion
-from slamgym.slam import Mapper
 from slamgym.viz.exploration import Scene, SceneFigures
 
 
@@ -141,11 +140,10 @@ class Assessment:
     def _record(self, before: StepRecord | None, **step: Any) -> StepRecord:
         """The record of a step, after that of the last one; what no reward looks at is nan."""
         simulation, reward, share = self._simulation, self._reward, self.coverage.share
-        mapper, pose, truth = simulation.mapper, simulation.believed_pose, simulation.true_map_pose
+        pose, truth = simulation.believed_pose, simulation.true_map_pose
         if before is not None and not simulation.is_new_scan_processed:
-            known_area, map_error = before.known_area, before.map_error  # the map is the same
+            map_error = before.map_error  # the map is the same
         else:
-            known_area = _known_area(mapper) if reward.needs_belief else math.nan
             map_error = self.map_error() if reward.needs_map_error else math.nan
         return StepRecord(
             **step,
@@ -153,21 +151,7 @@ class Assessment:
             coverage=share,
             previous_coverage=before.coverage if before else share,
             pose_error=math.hypot(pose.x - truth.x, pose.y - truth.y),
-            known_area=known_area,
-            previous_known_area=before.known_area if before else known_area,
             map_error=map_error,
             previous_map_error=before.map_error if before else map_error,
-            position_sigma=_position_sigma(mapper) if reward.needs_belief else math.nan,
             floor_area=self.coverage.floor_area,
         )
-
-
-def _known_area(mapper: Mapper) -> float:
-    """Area of the map's known cells [m2]."""
-    grid = mapper.occupancy_grid()
-    return float(np.count_nonzero(grid.cells != UNKNOWN)) * grid.frame.resolution**2
-
-
-def _position_sigma(mapper: Mapper) -> float:
-    """Root of the trace of the position's covariance [m]."""
-    return math.sqrt(max(0.0, float(np.trace(mapper.covariance[:2, :2]))))

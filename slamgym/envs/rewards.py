@@ -3,8 +3,7 @@
 Each term is signed so that a positive weight asks for what most users want: gains are positive, costs
 negative. They compute without branches, so that a record may hold arrays, a number for each of many environments.
 Coverage and map error come from the truth, which is legitimate for a training signal and never
-reaches an observation; the area of the map and the position's
-uncertainty are what a robot can know itself.
+reaches an observation.
 """
 
 import math
@@ -42,14 +41,9 @@ class StepRecord:
     """Distance of the believed from the true position [m]."""
     terminated: bool
     """True if the exploration is complete: the coverage goal is reached or no frontier is left."""
-    known_area: float = math.nan
-    """Area that the robot's map shows as free or occupied [m2]."""
-    previous_known_area: float = math.nan
     map_error: float = math.nan
     """Mean distance of the map's occupied cells from the nearest true wall [m]."""
     previous_map_error: float = math.nan
-    position_sigma: float = math.nan
-    """Root of the trace of the position's covariance as the mapper reports it [m]; 0 where it reports none."""
     floor_area: float = math.nan
     """The reachable floor [m2]."""
 
@@ -168,7 +162,6 @@ class Reward:
     Attributes:
         terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
         needs_map_error: True if a term looks at the map's error.
-        needs_belief: True if a term may look at the area of the robot's map and its uncertainty.
 
     Raises:
         ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function).
@@ -183,7 +176,6 @@ class Reward:
         for name, entry in (extra or {}).items():
             self.terms[name] = _own_term(name, entry, functions)
         self.needs_map_error = bool(extra) or "map_error" in self.terms
-        self.needs_belief = bool(extra)
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""

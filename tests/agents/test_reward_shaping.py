@@ -33,8 +33,7 @@ def main(argv):
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
-    terminated=True, known_area=30.0, previous_known_area=29.0, map_error=0.05, previous_map_error=0.04,
-    position_sigma=0.1, floor_area=50.0,
+    terminated=True, map_error=0.05, previous_map_error=0.04, floor_area=50.0,
 )  # fmt: skip
 
 
