@@ -7,9 +7,7 @@ The policy itself drives, so that the data hold the situations that it gets itse
 "Reinforcement and imitation learning via interactive no-regret learning", 2014; here every action has its cost, not
 one a decision).
 
-Two losses are added. The expected regret of a policy that draws its choice by the scores is what is to be small, and
-falls only by what changes choices; a robust regression of all costs (Huber, "Robust estimation of a location
-parameter", 1964) teaches faster, since every candidate has its say.
+The loss is the expected regret of a policy that draws its choice by the scores.
 """
 
 import math
@@ -19,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
-from torch.nn.functional import huber_loss
 
 from slamgym.agents.hindsight import HindsightCosts
 from slamgym.agents.rl.environments import make_env
@@ -38,9 +35,6 @@ _EPOCHS = 12
 """Passes over the decisions after each round."""
 LARGEST_REGRET = 20.0
 """Costs count up to so much more than the least [m]: what lies beyond, such as what no path leads to, is as bad."""
-_REGRESSION_WEIGHT = 0.3
-_NEAR_BEST = 5.0  # a candidate that costs so much more counts 1/e in the regression [m]
-_ROBUST = 2.0  # larger errors of the regression count linearly [m]
 _BATCH = 256
 _RATE = 1e-3
 _HELD = 0.1  # share of the decisions, those of the first explorations, that is held out
@@ -159,7 +153,7 @@ def fit_choices(network: Any, known: Sequence[CostedChoice], epochs: int, seed: 
         for indices in _batches(rest, np.random.default_rng([seed, epoch])):
             observations, regrets = batch([rest[i] for i in indices])
             scores, _ = network(observations)
-            loss = choice_loss(scores, regrets, observations["mask"])
+            loss = (scores.softmax(dim=1) * regrets).sum(dim=1).mean()
             optimiser.zero_grad()
             loss.backward()
             torch.nn.utils.clip_grad_norm_(network.parameters(), 1.0)
@@ -181,25 +175,6 @@ def batch(choices: Sequence[CostedChoice]) -> tuple[dict[str, Tensor], Tensor]:
         "mask": _stacked([np.ones(len(one.regrets), np.float32) for one in choices]),
     }
     return tensors, _stacked([one.regrets for one in choices])
-
-
-def choice_loss(scores: Tensor, regrets: Tensor, mask: Tensor) -> Tensor:
-    """Expected regret of a draw by the scores, and the error of the scores as costs [m].
-
-    Args:
-        scores: Shape (B, N).
-        regrets: Shape (B, N) [m].
-        mask: 1 for candidates, shape (B, N).
-    """
-    expected = (scores.softmax(dim=1) * regrets).sum(dim=1)
-    weights = mask * torch.exp(-regrets / _NEAR_BEST)
-    weights = weights / weights.sum(dim=1, keepdim=True)
-    costs = torch.where(mask > 0.5, -scores, torch.zeros_like(scores))
-    # Only differences between candidates count.
-    costs = costs - (weights * costs).sum(dim=1, keepdim=True)
-    wanted = regrets - (weights * regrets).sum(dim=1, keepdim=True)
-    errors = (weights * huber_loss(costs, wanted, reduction="none", delta=_ROBUST)).sum(dim=1)
-    return (expected + _REGRESSION_WEIGHT * errors).mean()
 
 
 def mean_regret(network: Any, choices: Sequence[CostedChoice]) -> float:

@@ -11,7 +11,6 @@ pytest.importorskip("stable_baselines3")
 from slamgym.agents.rl.imitation import (  # noqa: E402
     LARGEST_REGRET,
     CostedChoice,
-    choice_loss,
     fit_choices,
     mean_regret,
 )
@@ -52,13 +51,3 @@ def test_regrets_are_never_negative_and_one_of_each_decision_is_0():
     observation = {"candidates": np.zeros((3, 2)), "crops": np.zeros((3, 1)), "globals": np.zeros(1)}
     choice = CostedChoice.of(observation, np.array([7.0, 5.0, 1e5]))
     assert choice.regrets.tolist() == [2.0, 0.0, LARGEST_REGRET]
-
-
-def test_the_loss_is_least_for_scores_that_are_the_costs_and_padding_does_not_count():
-    regrets = torch.tensor([[0.0, 1.0, 4.0, 0.0]])
-    mask = torch.tensor([[1.0, 1.0, 1.0, 0.0]])
-    hidden = torch.tensor([[0.0, 0.0, 0.0, -1e8]])
-    right, wrong = (choice_loss(sign * regrets + hidden, regrets, mask).item() for sign in (-1.0, 1.0))
-    assert right < 0.4 < wrong
-    shifted = choice_loss(3.0 - regrets + hidden, regrets, mask).item()
-    assert shifted == pytest.approx(right, abs=1e-5)
