@@ -226,7 +226,6 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     done = next(b for b in bounds if b.share == SUCCESS_COVERAGE)
     steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
     curve = CoverageCurve(*np.array(steps).T)
-    levels = {level_name(b.share): b for b in bounds if b.share in COVERAGE_LEVELS}
     unmeasured = "collisions map_error ate decisions decision_cpu"
     return _record(
         env,
@@ -237,8 +236,6 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
         time=round(done.time, 3),
         path=round(done.path, 4),
         coverage=SUCCESS_COVERAGE,
-        time_to={name: round(b.time, 4) for name, b in levels.items()},
-        path_to={name: round(b.path, 4) for name, b in levels.items()},
         cpu=round(time.process_time() - began, 4),
         curve=curve.to_dict(),
         **dict.fromkeys(unmeasured.split(), 0),

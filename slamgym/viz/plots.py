@@ -6,8 +6,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from slamgym.core.errors import SlamgymError
 from slamgym.core.files import staged
 from slamgym.core.types import FloatArray
@@ -18,46 +16,36 @@ _COLOURS = (
 
 
 class Curve(NamedTuple):
-    """A line, with a band if there is one."""
+    """A line with a band."""
 
     label: str
     x: FloatArray  # (N,)
     y: FloatArray  # (N,)
-    band: tuple[FloatArray, FloatArray] | None = None  # low and high (N,)
+    band: tuple[FloatArray, FloatArray]  # low and high (N,)
 
 
-class CurvePanel(NamedTuple):
-    """Curves of shares from 0 to 1 on one pair of axes."""
-
-    curves: Sequence[Curve]
-    x_label: str
-    y_label: str
-    title: str = ""
-
-
-def plot_curves(path: Path, panels: Sequence[CurvePanel]) -> None:
-    """Plot curves on panels side by side; the first has the legend.
+def plot_curves(path: Path, curves: Sequence[Curve], labels: tuple[str, str], title: str) -> None:
+    """Plot curves of shares from 0 to 1.
 
     Args:
         path: PNG to write.
-        panels: At least one. Curves at the same place of their panels have the same colour.
+        curves: Each gets a colour of its own.
+        labels: Of both axes.
+        title: Above them.
 
     Raises:
         SlamgymError: If matplotlib isn't installed.
         InputFileError: If the file can't be written.
     """
-    with _figure(path, len(panels), (3.2 + 4.3 * len(panels), 4.7)) as axes:
-        for axis, panel in zip(axes, panels, strict=True):
-            for curve, colour in zip(panel.curves, itertools.cycle(_COLOURS)):
-                axis.plot(curve.x, curve.y, color=colour, label=curve.label, linewidth=1.6)
-                if curve.band is not None:
-                    axis.fill_between(curve.x, *curve.band, color=colour, alpha=0.15, linewidth=0.0)
-            axis.set_title(panel.title, fontsize=10)
-            axis.set(xlabel=panel.x_label, ylabel=panel.y_label, ylim=(0.0, 1.01))
-            axis.margins(x=0.0)
-            axis.grid(alpha=0.25)
-        if panels[0].curves:
-            axes[0].legend(loc="best", fontsize=8, frameon=False)
+    with _figure(path, (7.5, 4.7)) as axis:
+        for curve, colour in zip(curves, itertools.cycle(_COLOURS)):
+            axis.plot(curve.x, curve.y, color=colour, label=curve.label, linewidth=1.6)
+            axis.fill_between(curve.x, *curve.band, color=colour, alpha=0.15, linewidth=0.0)
+        axis.set_title(title, fontsize=10)
+        axis.set(xlabel=labels[0], ylabel=labels[1], ylim=(0.0, 1.01))
+        axis.margins(x=0.0)
+        axis.grid(alpha=0.25)
+        axis.legend(loc="best", fontsize=8, frameon=False)
 
 
 def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> None:
@@ -72,7 +60,7 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
         SlamgymError: If matplotlib isn't installed.
         InputFileError: If the file can't be written.
     """
-    with _figure(path, 1, (7.0, 1.2 + 0.62 * len(samples))) as (axis,):
+    with _figure(path, (7.0, 1.2 + 0.62 * len(samples))) as axis:
         axis.boxplot(
             list(samples.values())[::-1],
             orientation="horizontal",
@@ -89,7 +77,7 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
 
 
 @contextmanager
-def _figure(path: Path, count: int, size: tuple[float, float]) -> Iterator[list[Any]]:
+def _figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
     """Give the axes of a figure that has no window; write it when the block ends well."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -100,6 +88,6 @@ def _figure(path: Path, count: int, size: tuple[float, float]) -> Iterator[list[
         ) from error
     figure = Figure(figsize=size, dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
-    yield list(np.atleast_1d(figure.subplots(1, count)))
+    yield figure.subplots()
     with staged(path) as part:
         figure.savefig(part, format="png")
