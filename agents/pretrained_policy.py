@@ -121,19 +121,26 @@ def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
     Raises:
         InputFileError: If the file is missing, damaged, or made for another observation space.
     """
-    path = Path(path)
-    description, weights = read_weights(path, "frontier policy")
-    refuse_other_space(path, description["space"], _SPACE)
-    refuse_other_space(path, description["network"], _NETWORK)
-    refuse_other_shapes(path, weights, weight_shapes())
-    return PolicyFile(weights, description["about"])
+    return PolicyFile(*read_weights(Path(path), "frontier policy", (_SPACE, _NETWORK), weight_shapes()))
 
 
-def read_weights(path: Path, what: str) -> tuple[dict[str, Any], dict[str, Float32Array]]:
-    """The description in a safetensors file and its tensors, which must be single precision and finite.
+def read_weights(
+    path: Path,
+    what: str,
+    description: tuple[Mapping[str, Any], Mapping[str, Any]],
+    shapes: Mapping[str, tuple[int, ...]],
+) -> tuple[dict[str, Float32Array], dict[str, Any]]:
+    """The tensors in a safetensors file, which must be single precision and finite, and how they were trained.
+
+    Args:
+        path: The file.
+        what: Kind of its policy.
+        description: Of the observations and of the network that this version has.
+        shapes: Of the tensors, by name.
 
     Raises:
-        InputFileError: If the file is missing or damaged, or its header is none of a policy.
+        InputFileError: If the file is missing or damaged, its header is none of a policy, or it was trained on other
+            observations or another network.
     """
     check_origin(path)
     require_file(path, WEIGHT_BYTES)
@@ -154,12 +161,19 @@ def read_weights(path: Path, what: str) -> tuple[dict[str, Any], dict[str, Float
             raise InputFileError(path, f"has weights that are no numbers at {name!r}; train it again")
     try:
         found = load_json(metadata["slamgym"])
-        return {name: found[name] for name in ("space", "network", "about")}, weights
+        theirs, about = (found["space"], found["network"]), found["about"]
     except (KeyError, TypeError, ValueError):
         raise InputFileError(path, f"holds no {what}; slamgym agents train writes one") from None
+    for one, mine in zip(theirs, description, strict=True):
+        _refuse_other_space(path, one, mine)
+    for name, shape in shapes.items():
+        if name not in weights or weights[name].shape != shape:
+            there = f"has shape {weights[name].shape}" if name in weights else "is missing"
+            raise InputFileError(path, f"{name} {there} where its configuration asks for {shape}")
+    return weights, about
 
 
-def refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> None:
+def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> None:
     """Refuse weights that were trained on other observations or in another network than this version's.
 
     Raises:
@@ -201,17 +215,3 @@ def weight_shapes() -> dict[str, tuple[int, ...]]:
     for name, (inputs, outputs) in linear.items():
         shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
     return shapes
-
-
-def refuse_other_shapes(
-    path: Path, weights: Mapping[str, Float32Array], shapes: Mapping[str, tuple[int, ...]]
-) -> None:
-    """Refuse weights that lack some or have others than the sizes of the network ask for.
-
-    Raises:
-        InputFileError: Naming one of them.
-    """
-    for name, shape in shapes.items():
-        if name not in weights or weights[name].shape != shape:
-            there = f"has shape {weights[name].shape}" if name in weights else "is missing"
-            raise InputFileError(path, f"{name} {there} where its configuration asks for {shape}")

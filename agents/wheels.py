@@ -12,8 +12,6 @@ from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.agents.pretrained_policy import (
     fingerprint_of,
     read_weights,
-    refuse_other_shapes,
-    refuse_other_space,
     write_weights,
 )
 from slamgym.agents.rl.train_config import CROP_SIDE, HOLD, LAYER_UNITS, WHEELS_NETWORK
@@ -94,12 +92,8 @@ def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
     Raises:
         InputFileError: If the file is missing, damaged, or made for another observation.
     """
-    path = Path(path)
-    description, weights = read_weights(path, "policy that drives the wheels")
-    refuse_other_space(path, description["space"], _SPACE)
-    refuse_other_space(path, description["network"], WHEELS_NETWORK)
-    refuse_other_shapes(path, weights, wheels_shapes())
-    return WheelsPolicy(weights, description["about"])
+    known = _SPACE, WHEELS_NETWORK
+    return WheelsPolicy(*read_weights(Path(path), "policy that drives the wheels", known, wheels_shapes()))
 
 
 class WheelsPilot(Pilot):

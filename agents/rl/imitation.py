@@ -23,7 +23,7 @@ from slamgym.agents.rl.environments import make_env
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.progress import say, show_progress
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray, Observation
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, Observation
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES
 
@@ -150,8 +150,9 @@ def fit_choices(network: Any, known: Sequence[CostedChoice], epochs: int, seed: 
     total = max(1, epochs * math.ceil(len(rest) / _BATCH))
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, _RATE, total_steps=total, pct_start=0.1)
     for epoch in range(epochs):
-        for indices in _batches(rest, np.random.default_rng([seed, epoch])):
-            observations, regrets = batch([rest[i] for i in indices])
+        order = np.random.default_rng([seed, epoch]).permutation(len(rest))
+        for first in range(0, len(rest), _BATCH):
+            observations, regrets = batch([rest[i] for i in order[first : first + _BATCH]])
             scores, _ = network(observations)
             loss = (scores.softmax(dim=1) * regrets).sum(dim=1).mean()
             optimiser.zero_grad()
@@ -186,15 +187,6 @@ def mean_regret(network: Any, choices: Sequence[CostedChoice]) -> float:
             scores, _ = network(observations)
         regrets += costs[torch.arange(len(costs)), scores.argmax(dim=1)].tolist()
     return float(np.mean(regrets)) if regrets else 0.0
-
-
-def _batches(known: Sequence[CostedChoice], rng: np.random.Generator) -> list[IntArray]:
-    """Random batches of decisions with about as many candidates each, which spares computing empty rows."""
-    shuffled = rng.permutation(len(known))
-    counts = np.array([len(known[i].regrets) for i in shuffled])
-    ordered = shuffled[np.argsort(counts, kind="stable")]
-    batches = np.split(ordered, range(_BATCH, len(ordered), _BATCH))
-    return [batches[i] for i in rng.permutation(len(batches)) if len(batches[i])]
 
 
 def _stacked(arrays: Sequence[Any]) -> Tensor:
