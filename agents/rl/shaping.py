@@ -2,28 +2,29 @@
 
 Main path: :func:`run_shaping` trains every preset of an :class:`Experiment` with every seed and explores held-out plans
 with each policy; :func:`write_shaping_report` sets the :class:`ShapingRun` records against one another. After an
-interruption training resumes from its checkpoint, and the test after its last exploration: ``shaping.json`` in the
-folder of a run is written again, whole, after each.
+interruption training resumes from its checkpoint, and the test after its last exploration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from slamgym.agents.evaluation.evaluate import TrialLog
 from slamgym.agents.evaluation.report import with_bounds
+from slamgym.agents.evaluation.trial import Trial
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.rl.environments import explore_plan, figures_of
 from slamgym.agents.rl.reward_presets import BASE, OWN, ShapingConfig
 from slamgym.agents.rl.train_config import POLICY
 from slamgym.cad import FloorPlan
-from slamgym.core.config import Measured, config_hash, from_dict, to_dict
+from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text, read_json
-from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.errors import ConfigError
 from slamgym.core.files import own_folder, write_text
 from slamgym.core.intervals import Interval, crossed_mean, crossed_ratio
 from slamgym.core.names import exploration_seed, own_function
@@ -35,6 +36,7 @@ from slamgym.envs import RewardFunction
 FEW_SEEDS = 3
 """Intervals over fewer trainings say little."""
 RESULTS = "shaping.json"
+"""Says in the folder of a run what its results depend on."""
 Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 
@@ -68,16 +70,6 @@ class ShapingRun:
     outcomes: list[dict[str, float]]  # :func:`~slamgym.agents.rl.environments.figures_of` each test plan
 
 
-@dataclass(frozen=True)
-class _Results:
-    """Results of a run."""
-
-    settings: str
-    """Hash of its identity."""
-    outcomes: dict[str, dict[str, Measured]]
-    """Plan to figures."""
-
-
 class Experiment:
     """Training with each preset and seed, and the test of the policies.
 
@@ -90,21 +82,21 @@ class Experiment:
     def __init__(self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None) -> None:
         self.config, self._learn, self._term = config, learn, term
 
-    def identity(self, preset: str, seed: int) -> str:
-        """Hash of what the results depend on; the number of processes that train is not part of it."""
+    def identity(self, preset: str, seed: int) -> dict[str, Any]:
+        """What the results depend on; the number of processes that train is not part of it."""
         settings = to_dict(self.config.settings(preset, seed)) | {"workers": 1}
-        term = self._term[:2] if preset == OWN and self._term else None
-        return config_hash({"settings": settings, "changes": self.config.changes, "term": term})
+        term = list(self._term[:2]) if preset == OWN and self._term else None
+        return {"settings": settings, "changes": self.config.changes, "term": term}
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
         own = {"reward_terms": {self._term[0]: self._term[1:]}} if preset == OWN and self._term else {}
         self._learn(self.config.settings(preset, seed), folder, **own)
 
-    def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> dict[str, float]:
+    def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
         """Explore a plan with the trained policy; start and noise follow from the plan's id."""
         settings, start = self.config.settings(preset, seed), exploration_seed(0, plan.id, 0)
-        return figures_of(explore_plan(settings, folder / POLICY, plan, start, **self.config.changes))
+        return explore_plan(settings, folder / POLICY, plan, start, **self.config.changes)
 
 
 def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:
@@ -130,20 +122,27 @@ def _run_one(
     experiment: Experiment, preset: str, seed: int, folder: Path, plans: Sequence[FloorPlan]
 ) -> ShapingRun:
     """Train and test one preset with one seed, or what is left of that."""
-    identity = experiment.identity(preset, seed)
-    outcomes = _read(folder, identity)
-    left = [plan for plan in plans if plan.id not in outcomes]
+    own_folder(own_folder(folder.parent) / folder.name)
+    identity, path = experiment.identity(preset, seed), folder / RESULTS
+    if not path.exists():
+        write_text(path, json_text(identity))
+    elif read_json(path, "delete the folder to begin that run again") != identity:
+        raise ConfigError(
+            f"{folder} holds a run with other settings (training, term or presets that need the "
+            "filter); choose another folder"
+        )
+    log = TrialLog(folder / "trials.jsonl", Trial)
+    trials = {trial.plan: trial for trial in log.trials.values()}
+    left = [plan for plan in plans if plan.id not in trials]
     if left:
         say(f"{preset}, seed {seed}")
-        own_folder(own_folder(folder.parent) / folder.name)
-        _write(folder, identity, outcomes)  # before the training: a term's weight stands nowhere else
         experiment.learn(preset, seed, folder)
         with show_progress("test explorations", len(plans) - len(left), len(plans)) as advance:
             for plan in left:
-                outcomes[plan.id] = experiment.explore(preset, seed, folder, plan)
-                _write(folder, identity, outcomes)
+                trials[plan.id] = experiment.explore(preset, seed, folder, plan)
+                log.append(trials[plan.id])
                 advance()
-    return ShapingRun(preset, seed, [outcomes[plan.id] for plan in plans])
+    return ShapingRun(preset, seed, [figures_of(trials[plan.id]) for plan in plans])
 
 
 def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
@@ -195,29 +194,3 @@ def own_term(spec: str, weight: float) -> Term:
         ConfigError: If it can't be imported, or is no function.
     """
     return spec.partition(":")[2], weight, own_function(spec, "--term")
-
-
-def _write(folder: Path, identity: str, outcomes: Mapping[str, Mapping[str, float]]) -> None:
-    write_text(folder / RESULTS, json_text({"settings": identity, "outcomes": outcomes}))
-
-
-def _read(folder: Path, identity: str) -> dict[str, dict[str, float]]:
-    """Outcomes of the test of a run so far, by plan.
-
-    Raises:
-        ConfigError: If it was another run.
-        InputFileError: If the file is damaged.
-    """
-    path = folder / RESULTS
-    if not path.exists():
-        return {}
-    try:
-        found = from_dict(_Results, read_json(path, "delete it to test that run again"))
-    except ConfigError as error:
-        raise InputFileError(path, f"is damaged ({error}); delete it to test that run again") from None
-    if found.settings != identity:
-        raise ConfigError(
-            f"{folder} holds a run with other settings (training, term or presets that need the "
-            "filter); choose another folder"
-        )
-    return found.outcomes

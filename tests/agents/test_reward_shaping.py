@@ -123,12 +123,12 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
         with pytest.raises(ConfigError, match="other settings"):
             run_shaping(Experiment(other, learn_nothing(calls), own_term("math:sqrt", 0.6)), tmp_path)
     (tmp_path / "time" / "seed_0" / "shaping.json").write_text('{"settings": ')
-    with pytest.raises(InputFileError, match="delete it"):
+    with pytest.raises(InputFileError, match="delete the folder"):
         run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
 
 
-def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch):
+def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch, make_trial):
     explored = []
 
     def explore_plan(config, policy, plan, seed, **changes):
@@ -136,10 +136,9 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
             explored.append("interrupted")
             raise KeyboardInterrupt
         explored.append((plan.id, seed))
-        return seed
+        return make_trial(plan=plan.id, seconds=float(1 + seed % 1000))
 
     monkeypatch.setattr(shaping_module, "explore_plan", explore_plan)
-    monkeypatch.setattr(shaping_module, "figures_of", lambda seed: outcome(float(seed % 1000)))
     config = ShapingConfig(presets=("map_error",), seeds=1, test_plans=4)
     calls = []
     with pytest.raises(KeyboardInterrupt):
