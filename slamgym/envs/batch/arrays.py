@@ -66,7 +66,7 @@ class Scenes(NamedTuple):
         return cls(*numbers, *indices, *zeros(count, np.bool_, (0,)))
 
 
-class Scanner(NamedTuple):
+class ScanModel(NamedTuple):
     """Common properties of all scanners."""
 
     law: BeamModel

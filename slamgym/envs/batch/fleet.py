@@ -21,7 +21,7 @@ from slamgym.envs.batch.arrays import (
     MapModel,
     Maps,
     Robots,
-    Scanner,
+    ScanModel,
     Scans,
     Scenes,
     WheelModel,
@@ -80,7 +80,7 @@ class Fleet:
         geometry = self.lidar.geometry
         failures = float(lidar.range_min), float(lidar.lost), float(lidar.stray)
         directions, mount = unit_vectors(geometry.angles), plain(geometry.mount)
-        self._scanner = Scanner(self.lidar.law, mount, directions, *failures, float(config.usable_range))
+        self._scanner = ScanModel(self.lidar.law, mount, directions, *failures, float(config.usable_range))
         thresholds = float(slam.occupied_threshold), int(slam.min_passes), update_thresholds(slam)
         flags = slam.mode == "ground_truth", config.observation.map == "egocentric"
         self.map_model = MapModel(BeamTable.of(geometry, slam), float(slam.resolution), *thresholds, *flags)

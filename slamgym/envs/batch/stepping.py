@@ -14,7 +14,7 @@ import numpy as np
 from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
-from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, Scanner, Scans, Scenes, WheelModel
+from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, ScanModel, Scans, Scenes, WheelModel
 from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
@@ -126,7 +126,7 @@ def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
 
 
 @kernel
-def look_all(robots: Robots, scenes: Scenes, scanner: Scanner, scans: Scans, ids: IntArray) -> None:
+def look_all(robots: Robots, scenes: Scenes, scanner: ScanModel, scans: Scans, ids: IntArray) -> None:
     """Scan, and account for the floor that is truly seen.
 
     Args:
