@@ -16,6 +16,7 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
+from torch.nn.functional import scaled_dot_product_attention
 
 from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_FEATURES
@@ -74,9 +75,9 @@ class FrontierNetwork(nn.Module):
         batch, count, width = vectors.shape
         parts = self.query_key_value(vectors).view(batch, count, 3, HEADS, width // HEADS)
         query, key, value = parts.permute(2, 0, 3, 1, 4)  # each (B, HEADS, K, width / HEADS)
-        weights = query @ key.transpose(2, 3) / (width // HEADS) ** 0.5
-        weights = weights.masked_fill(~mask[:, None, None], MASKED).softmax(dim=3)
-        return self.attended((weights @ value).transpose(1, 2).reshape(batch, count, width))
+        bias = torch.where(mask, 0.0, MASKED)[:, None, None]
+        attended = scaled_dot_product_attention(query, key, value, bias)
+        return self.attended(attended.transpose(1, 2).reshape(batch, count, width))
 
 
 class _NetworkExtractor(BaseFeaturesExtractor):

@@ -49,8 +49,6 @@ class EvaluateArguments(Arguments):
     promise: str | None = None
     """Explorers stop once the map keeps it: so much seen, and how sure that is, by default ``98%:95%``; or ``2m2:90%``
     for what may be left. ``none``: when nothing is left to try. `explore_lite` ends as its source does."""
-    repetitions: Count | None = None
-    """Explorations of each plan by every explorer, each from another start; by default 1."""
     minutes: Literal["auto"] | Positive | None = None
     """Limit of robot time [min]; ``auto``, the default, grows with the floor area."""
     seed: int | None = None
@@ -100,7 +98,7 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     from slamgym.agents.registry import EXPLORERS
     from slamgym.planning.promise import Promise
 
-    options = given(arguments, "count split plans_filter repetitions seed minutes")
+    options = given(arguments, "count split plans_filter seed minutes")
     named = (arguments.explorers or "").split(",")
     options["explorers"] = tuple(name.strip() for name in named if name.strip()) or None
     options["oracle"] = arguments.oracle or None
