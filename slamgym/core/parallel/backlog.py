@@ -1,11 +1,11 @@
 """Common parts of all engines: tasks on their way to workers, fresh ones and those whose worker died."""
 
 import faulthandler
+import itertools
 import os
 import time
 import traceback
 from abc import ABC, abstractmethod
-from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,23 +143,14 @@ class Backlog(Generic[_Item]):
     """
 
     def __init__(self, items: Iterable[_Item], timeout: float | None = None) -> None:
-        self._items = iter(items)
+        self._next: Iterator[tuple[_Item, int]] = ((item, 1) for item in items)
         self._timeout = timeout
-        self._ready: deque[tuple[_Item, int]] = deque()
         self._lost_in_a_row = 0
-
-    def prefetch(self, count: int) -> None:
-        """Draw items until so many are ready, while the workers are busy."""
-        while len(self._ready) < count:
-            try:
-                self._ready.append((next(self._items), 1))
-            except StopIteration:
-                return
 
     def pop(self) -> Attempt[_Item] | None:
         """The next task, or None if there is none left."""
-        self.prefetch(1)
-        return Attempt(*self._ready.popleft(), time.monotonic()) if self._ready else None
+        found = next(self._next, None)
+        return Attempt(*found, time.monotonic()) if found else None
 
     def succeeded(self) -> None:
         """Note a result: the machine is fit."""
@@ -173,7 +164,7 @@ class Backlog(Generic[_Item]):
         """
         too_long = self._timeout is not None and time.monotonic() - attempt.began >= self._timeout
         if not too_long and attempt.number < MAX_ATTEMPTS:
-            self._ready.appendleft((attempt.item, attempt.number + 1))
+            self._next = itertools.chain([(attempt.item, attempt.number + 1)], self._next)
             return None
         self._lost_in_a_row += 1
         limit = duration(self._timeout or 0.0)

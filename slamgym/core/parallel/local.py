@@ -90,8 +90,6 @@ class LocalEngine(Engine):
             for worker in self._workers:
                 start(worker)
             while running:
-                # Loading a plan takes a moment: the next ones are made ready while the workers are busy.
-                backlog.prefetch(len(self._workers))
                 results: list[_Result | Lost[_Item]] = []
                 for future in wait(running, return_when=FIRST_COMPLETED).done:
                     worker, attempt = running.pop(future)
