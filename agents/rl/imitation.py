@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import torch
 from torch import Tensor
+from torch.nn.utils.rnn import pad_sequence
 
 from slamgym.agents.hindsight import HindsightCosts
 from slamgym.agents.rl.environments import make_env
@@ -191,7 +192,4 @@ def mean_regret(network: Any, choices: Sequence[CostedChoice]) -> float:
 
 def _stacked(arrays: Sequence[Any]) -> Tensor:
     """Arrays of some rows each as one, missing rows 0."""
-    stacked = np.zeros((len(arrays), max(map(len, arrays)), *arrays[0].shape[1:]), arrays[0].dtype)
-    for index, array in enumerate(arrays):
-        stacked[index, : len(array)] = array
-    return torch.from_numpy(stacked)
+    return pad_sequence([torch.from_numpy(array) for array in arrays], batch_first=True)

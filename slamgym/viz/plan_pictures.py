@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 import shapely
+from scipy import ndimage
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
 from slamgym.core.progress import counted
@@ -85,9 +86,7 @@ def _to_px(points: FloatArray, frame: GridFrame) -> np.ndarray:
 
 def _enclosed(mask: BoolArray) -> BoolArray:
     """Patches of a mask that don't touch the picture's edge: the inside of pillars, islands and chimneys."""
-    _, labels = cv2.connectedComponents(mask.astype(np.uint8))
-    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
-    return mask & ~np.isin(labels, at_edge)
+    return mask & ndimage.binary_fill_holes(~mask, np.ones((3, 3)))
 
 
 def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:
