@@ -24,7 +24,7 @@ import tyro
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanGroup, open_plans
 from slamgym.core.parallel.backlog import Lost
-from slamgym.core.parallel.engine import open_engine
+from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig
 from slamgym.dataset.folder import open_dataset
 from slamgym.dataset.generate.build import SlotQueue, schedule_groups
@@ -81,7 +81,7 @@ def measure_memory(arguments: Arguments) -> None:
     began = time.perf_counter()
     with (
         TemporaryDirectory(dir=IN_MEMORY) as root,
-        open_engine("local", arguments.workers) as engine,
+        Execution(arguments.workers).open() as engine,
         open_dataset(Path(root), dataset_settings(config, plans)) as folder,
     ):
         queue = SlotQueue(folder, plans, config, make_explorer, arguments.pairs)

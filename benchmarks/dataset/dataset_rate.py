@@ -31,7 +31,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import PlanSource, open_plans
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.core.parallel.backlog import Lost
-from slamgym.core.parallel.engine import Engine, open_engine
+from slamgym.core.parallel.engine import Engine, Execution
 from slamgym.dataset import DatasetConfig, Layout, read_manifest
 from slamgym.dataset import folder as dataset_folder
 from slamgym.dataset.folder import DatasetFolder, open_dataset
@@ -135,9 +135,7 @@ def main() -> None:
     plans, config = open_plans(arguments.plans), dataset_config(arguments)
     blocks: list[Block] = []
     with ExitStack() as stack:
-        engines = {
-            count: stack.enter_context(open_engine("local", count)) for count in (1, arguments.workers)
-        }
+        engines = {count: stack.enter_context(Execution(count).open()) for count in (1, arguments.workers)}
         quick = replace(config, episode=replace(config.episode, minutes=0.1))
         for count, engine in engines.items():  # the processes start and load the compiled kernels
             make_pairs(engine, count, plans, quick, 2 * count)
@@ -221,7 +219,7 @@ def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetCo
     """Time the parts of the same explorations in this process, and weigh the files."""
     profile = Profile()
     began, cpu = time.perf_counter(), time.process_time()
-    with open_engine("local", 1) as engine, watching(profile):
+    with Execution(1).open() as engine, watching(profile):
         make_pairs(engine, 1, plans, config, arguments.explorations, str(root))
     total, wall = time.process_time() - cpu, time.perf_counter() - began
     count = arguments.explorations

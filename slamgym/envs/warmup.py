@@ -18,7 +18,7 @@ import shapely
 from slamgym.cad import FloorPlan
 from slamgym.core.jit import is_compiled
 from slamgym.core.parallel.backlog import available_cores
-from slamgym.core.parallel.engine import Execution, open_engine
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.portable import product
 from slamgym.core.progress import say, show_progress
 from slamgym.core.types import (
@@ -88,7 +88,7 @@ def compile_kernels(names: Collection[str], workers: int) -> None:
     say("slamgym: compiling the numeric kernels, once after installation")
     with (
         show_progress("groups of kernels", 0, len(fresh)) as advance,
-        open_engine("local", min(workers, _MOST_WORKERS, len(fresh)), timeout=None) as engine,
+        Execution(min(workers, _MOST_WORKERS, len(fresh)), task_timeout=None).open() as engine,
     ):
         for _ in engine.run(_compile, fresh):
             advance()

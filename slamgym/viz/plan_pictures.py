@@ -86,7 +86,7 @@ def _to_px(points: FloatArray, frame: GridFrame) -> np.ndarray:
 
 def _enclosed(mask: BoolArray) -> BoolArray:
     """Patches of a mask that don't touch the picture's edge: the inside of pillars, islands and chimneys."""
-    return mask & ndimage.binary_fill_holes(~mask, np.ones((3, 3)))
+    return mask & ndimage.binary_fill_holes(~mask, np.ones((3, 3), np.bool_))
 
 
 def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:

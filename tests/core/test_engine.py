@@ -22,7 +22,7 @@ from slamgym.core.parallel.backlog import (
     WorkerLostError,
     tried,
 )
-from slamgym.core.parallel.engine import open_engine, run_apart, run_tasks, try_out
+from slamgym.core.parallel.engine import Execution, run_apart, run_tasks, try_out
 
 # loky's own thread may stumble over a task that was taken back while its process was being ended.
 pytestmark = pytest.mark.filterwarnings(
@@ -98,13 +98,13 @@ def pid_of(_):
 
 @pytest.fixture(scope="module")
 def engine():
-    with open_engine("local", 2) as engine:
+    with Execution(2).open() as engine:
         yield engine
 
 
 @pytest.fixture(scope="module")
 def one_worker():
-    with open_engine("local", 1) as engine:
+    with Execution(1).open() as engine:
         yield engine
 
 
@@ -112,7 +112,7 @@ def test_one_worker_does_every_item_in_order(one_worker):
     assert list(run_tasks(square, range(9), 1)) == [i * i for i in range(9)]
     assert list(one_worker.run(square, range(9))) == [i * i for i in range(9)]
     assert set(one_worker.run(pid_of, range(2))) != {os.getpid()}
-    with open_engine("in_process") as engine:
+    with Execution(engine="in_process").open() as engine:
         assert set(engine.run(pid_of, range(2))) == {os.getpid()}
 
 
@@ -176,7 +176,7 @@ def test_what_crashes_or_hangs_apart_leaves_this_process_alone(tmp_path):
 
 
 def test_a_task_that_hangs_is_ended_with_its_worker(tmp_path):
-    with open_engine("local", 1, timeout=1.0) as engine:
+    with Execution(1, task_timeout=1.0).open() as engine:
         results = list(engine.run(hang, [(tmp_path, "lock"), (tmp_path, "loop"), (tmp_path, "well")]))
     assert results == [
         *(
@@ -247,7 +247,7 @@ def test_a_task_that_may_not_be_lost_is_a_clear_error(monkeypatch):
         def run(self, task, items):
             yield from (Lost(item, "a worker process was killed") for item in items)
 
-    monkeypatch.setattr(module, "open_engine", lambda *_, **__: contextlib.nullcontext(Unlucky()))
+    monkeypatch.setattr(module.Execution, "open", lambda _: contextlib.nullcontext(Unlucky()))
     with pytest.raises(WorkerLostError, match="was killed; run the same command again"):
         list(run_tasks(square, range(8), workers=2))
 
@@ -334,7 +334,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
 )
 def test_senseless_options_are_refused(options, words):
     with pytest.raises(ConfigError, match=words):
-        open_engine("local", **options)
+        Execution(**options).open()
 
 
 def _is_alive(pid):

@@ -23,7 +23,7 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.parallel.backlog import MAX_ATTEMPTS, Lost
-from slamgym.core.parallel.engine import Execution, open_engine
+from slamgym.core.parallel.engine import Execution
 from slamgym.core.parallel.ray import IN_FLIGHT_PER_CPU, check_address
 from slamgym.dataset import DatasetConfig, build_dataset
 from slamgym.envs import EpisodeConfig, ExploreConfig
@@ -100,7 +100,7 @@ def test_every_item_is_done_once_and_few_are_under_way(cluster, most, under_way)
             yield i
 
     results = []
-    with open_engine("ray", most) as engine:
+    with Execution(most, "ray").open() as engine:
         for result in engine.run(square, items()):
             results.append(result)
             assert drawn <= len(results) + under_way
@@ -108,12 +108,12 @@ def test_every_item_is_done_once_and_few_are_under_way(cluster, most, under_way)
 
 
 def test_an_error_of_a_task_is_raised_as_it_is(cluster):
-    with open_engine("ray", CPUS) as engine, pytest.raises(ConfigError, match=r"^three$"):
+    with Execution(CPUS, "ray").open() as engine, pytest.raises(ConfigError, match=r"^three$"):
         list(engine.run(fail_on_three, range(9)))
 
 
 def test_a_killed_worker_s_task_is_tried_again_and_at_last_given_up(cluster, tmp_path):
-    with open_engine("ray", CPUS) as engine:
+    with Execution(CPUS, "ray").open() as engine:
         results = list(engine.run(die_on_three, [(tmp_path, value) for value in range(8)]))
     lost = [result for result in results if isinstance(result, Lost)]
     assert [entry.item for entry in lost] == [(tmp_path, 3)]
@@ -131,7 +131,7 @@ def hang_on_one(value):
 
 
 def test_a_task_that_hangs_is_ended_and_handed_back(cluster):
-    with open_engine("ray", CPUS, timeout=1.0) as engine:
+    with Execution(CPUS, "ray", task_timeout=1.0).open() as engine:
         results = list(engine.run(hang_on_one, range(4)))
     lost = [result for result in results if isinstance(result, Lost)]
     assert lost == [Lost(1, "took longer than 1 s, the --task-timeout", "TimeoutError")]
@@ -140,7 +140,7 @@ def test_a_task_that_hangs_is_ended_and_handed_back(cluster):
 
 def test_nodes_with_another_version_are_refused(cluster, monkeypatch):
     monkeypatch.setattr("slamgym.core.parallel.ray.__version__", "0.0.0")
-    with open_engine("ray", CPUS) as engine, pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"):
+    with Execution(CPUS, "ray").open() as engine, pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"):
         list(engine.run(square, range(2)))
 
 
@@ -218,7 +218,7 @@ class FakeRay:
 
 def run_on(fake, monkeypatch):
     monkeypatch.setattr("slamgym.core.parallel.ray.import_ray", lambda: fake)
-    with open_engine("ray", 0) as engine:
+    with Execution(0, "ray").open() as engine:
         return sorted(engine.run(square, range(20)))
 
 
@@ -268,7 +268,7 @@ def test_an_address_where_nothing_answers_is_one_clear_error(monkeypatch):
         ConfigError,
         match=r"no Ray cluster answers at 10\.0\.0\.1:6379 \(Could not.*More about it.*ray status",
     ):
-        open_engine("ray", 2, "10.0.0.1:6379")
+        Execution(2, "ray", "10.0.0.1:6379").open()
 
 
 def test_a_cluster_must_be_named(monkeypatch):
@@ -277,7 +277,7 @@ def test_a_cluster_must_be_named(monkeypatch):
     monkeypatch.delenv("RAY_ADDRESS", raising=False)
     monkeypatch.setattr(ray, "is_initialized", lambda: False)
     with pytest.raises(ConfigError, match=r"--engine ray needs a cluster that runs: add --address"):
-        open_engine("ray", 2)
+        Execution(2, "ray").open()
 
 
 def test_a_port_where_nobody_listens_is_found_at_once():
@@ -290,4 +290,4 @@ def test_a_port_where_nobody_listens_is_found_at_once():
 def test_without_ray_the_command_to_install_it_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "ray", None)
     with pytest.raises(ConfigError, match=r"pip install 'slamgym\[ray\]'"):
-        open_engine("ray", 2)
+        Execution(2, "ray").open()

@@ -23,35 +23,6 @@ _Result = TypeVar("_Result")
 EngineName = Literal["local", "ray", "in_process"]
 
 
-def open_engine(
-    name: EngineName = "local",
-    workers: int = 1,
-    address: str | None = None,
-    timeout: float | None = TASK_TIMEOUT,
-) -> Engine:
-    """Start an engine for the length of a ``with`` block.
-
-    Args:
-        name: ``local``: processes of this machine; ``ray``: a Ray cluster; ``in_process``: this process, for
-            debugging and tests: a crash ends it, and there is no time limit.
-        workers: Number of processes. For a Ray cluster, the most tasks at a time; 0 takes all that it has.
-        address: Of the Ray cluster, e.g. ``auto`` or ``10.0.0.1:6379``; None takes that of ``RAY_ADDRESS``.
-        timeout: Longest wall time of a task [s]; None for no limit.
-
-    Raises:
-        ConfigError: If an option makes no sense, Ray is not installed or no cluster answers.
-    """
-    if name == "ray":
-        from slamgym.core.parallel.ray import RayEngine
-
-        return RayEngine(workers, address, timeout)
-    if address is not None:
-        raise ConfigError("--address names a Ray cluster; add --engine ray")
-    from slamgym.core.parallel.local import InProcessEngine, LocalEngine
-
-    return InProcessEngine() if name == "in_process" else LocalEngine(workers, timeout)
-
-
 @dataclass(frozen=True)
 class Execution:
     """Where many explorations run; what they give does not depend on it."""
@@ -59,15 +30,30 @@ class Execution:
     workers: int = 1
     """Processes. Of a Ray cluster, the most to use; 0 uses all."""
     engine: EngineName = "local"
-    """``local``: this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and tests."""
+    """``local``: processes of this machine; ``ray``: a Ray cluster; ``in_process``: this process, for debugging and
+    tests: a crash ends it, and there is no time limit."""
     address: str | None = None
     """Address of the Ray cluster; None takes that of ``RAY_ADDRESS``."""
-    task_timeout: float = TASK_TIMEOUT
-    """Longest wall time of an exploration [s]; one that hangs is ended and noted."""
+    task_timeout: float | None = TASK_TIMEOUT
+    """Longest wall time of an exploration [s]; one that hangs is ended and noted. None for no limit."""
 
     def open(self) -> Engine:
-        """Start the engine for the length of a ``with`` block, as :func:`open_engine`."""
-        return open_engine(self.engine, self.workers, self.address, self.task_timeout)
+        """Start the engine for the length of a ``with`` block.
+
+        Raises:
+            ConfigError: If an option makes no sense, Ray is not installed or no cluster answers.
+        """
+        if self.engine == "ray":
+            from slamgym.core.parallel.ray import RayEngine
+
+            return RayEngine(self.workers, self.address, self.task_timeout)
+        if self.address is not None:
+            raise ConfigError("--address names a Ray cluster; add --engine ray")
+        from slamgym.core.parallel.local import InProcessEngine, LocalEngine
+
+        return (
+            InProcessEngine() if self.engine == "in_process" else LocalEngine(self.workers, self.task_timeout)
+        )
 
 
 def try_out(engine: Engine, task: Callable[[str], _Result], names: Iterable[str]) -> dict[str, _Result]:
@@ -101,7 +87,7 @@ def run_apart(task: Callable[[_Item], _Result], item: _Item, seconds: float) -> 
 def _another_process(process: int, seconds: float) -> Engine:  # noqa: ARG001 - a fork can't use its parent's
     """One worker; a daemon may have no child, so there it is this process."""
     name: EngineName = "in_process" if multiprocessing.current_process().daemon else "local"
-    return open_engine(name, timeout=seconds)
+    return Execution(engine=name, task_timeout=seconds).open()
 
 
 def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:
@@ -112,7 +98,8 @@ def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers:
     Raises:
         WorkerLostError: If the workers of one item died at every attempt.
     """
-    with open_engine("in_process" if workers == 1 else "local", workers, timeout=None) as engine:
+    execution = Execution(workers, "in_process" if workers == 1 else "local", task_timeout=None)
+    with execution.open() as engine:
         for result in engine.run(task, items):
             if isinstance(result, Lost):
                 raise WorkerLostError(f"{result.reason}; run the same command again to go on")

@@ -250,7 +250,7 @@ class Elsewhere:
 
 def test_files_that_come_back_as_bytes_are_the_same(dataset, tmp_path, monkeypatch):
     monkeypatch.setattr(
-        "slamgym.core.parallel.engine.open_engine", lambda *_: contextlib.nullcontext(Elsewhere())
+        "slamgym.core.parallel.engine.Execution.open", lambda _: contextlib.nullcontext(Elsewhere())
     )
     build(tmp_path)
     assert content(tmp_path) == content(dataset)
@@ -273,7 +273,9 @@ def test_a_crash_costs_one_exploration_with_one_worker_and_the_next_run_goes_on(
 
 def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypatch):
     engine = Elsewhere(deadly="corner")
-    monkeypatch.setattr("slamgym.core.parallel.engine.open_engine", lambda *_: contextlib.nullcontext(engine))
+    monkeypatch.setattr(
+        "slamgym.core.parallel.engine.Execution.open", lambda _: contextlib.nullcontext(engine)
+    )
     assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
     assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
     assert "process died" in Layout(tmp_path).rejected.read_text()
