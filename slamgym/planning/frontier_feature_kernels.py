@@ -41,47 +41,6 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
     return np.stack(np.divmod(np.unique(row * shape[1] + col), shape[1]), axis=1)
 
 
-class FrontierOutline(NamedTuple):
-    """Where the cells of a frontier lie."""
-
-    middle: int  # the one nearest to the centroid
-    width: float  # of the box about their centres [m]
-    height: float  # [m]
-    apart: float  # from the nearest of some places, by the larger coordinate [m]
-
-
-@kernel
-def outline_frontier(points: FloatArray, places: FloatArray) -> FrontierOutline:
-    """Describe a frontier by its cells' centres, shape (N, 2), and by some places, shape (M, 2) [m]."""
-    centroid_x, centroid_y = 0.0, 0.0
-    least_x, least_y, most_x, most_y = np.inf, np.inf, -np.inf, -np.inf
-    for i in range(len(points)):
-        x, y = points[i, 0], points[i, 1]
-        centroid_x, centroid_y = centroid_x + x, centroid_y + y
-        least_x, most_x = min(least_x, x), max(most_x, x)
-        least_y, most_y = min(least_y, y), max(most_y, y)
-    centroid_x, centroid_y = centroid_x / len(points), centroid_y / len(points)
-    nearest, middle, apart = np.inf, 0, np.inf
-    for i in range(len(points)):
-        x, y = points[i, 0], points[i, 1]
-        squared = (x - centroid_x) ** 2 + (y - centroid_y) ** 2
-        if squared < nearest:
-            nearest, middle = squared, i
-        for k in range(len(places)):
-            apart = min(apart, max(abs(x - places[k, 0]), abs(y - places[k, 1])))
-    return FrontierOutline(middle, most_x - least_x, most_y - least_y, apart)
-
-
-@kernel
-def come_near(points: FloatArray, others: FloatArray, apart: float) -> bool:
-    """True if points of two sets, shapes (N, 2) and (M, 2), are no farther apart than that by both coordinates [m]."""
-    for i in range(len(points)):
-        for k in range(len(others)):
-            if max(abs(points[i, 0] - others[k, 0]), abs(points[i, 1] - others[k, 1])) <= apart:
-                return True
-    return False
-
-
 class UnknownRegion(NamedTuple):
     """The unknown region behind a frontier, flooded from it up to some distance. Counts are of coarse cells."""
 

@@ -1,5 +1,6 @@
 """Frontiers: where the space that the robot can get to meets the unknown (Yamauchi 1997)."""
 
+import itertools
 import math
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -120,16 +121,19 @@ def find_frontiers(
     order = space.order[near_edge[space.order]]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     members, starts = collect_frontiers(edge, order, min_size / frame.resolution - 1e-6)
+    cells = np.column_stack(np.divmod(members, frame.width_px))
+    return [describe_frontier(cells[first:end], frame, pose) for first, end in itertools.pairwise(starts)]
+
+
+def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
+    """A frontier of given cells (N, 2), seen from the robot; all in one frame."""
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5
-    described = describe_frontiers(members, starts, frame.width_px, row, col)
-    frontiers = []
-    for values, first, end in zip(described.tolist(), starts[:-1], starts[1:], strict=True):
-        cells = np.column_stack(np.divmod(members[first:end], frame.width_px))
-        centroid, nearest, middle = (frame.to_point(*values[k : k + 2]) for k in (2, 4, 6))
-        distance = values[1] * frame.resolution
-        frontiers.append(Frontier(int(values[0]), distance, centroid, nearest, middle, cells))
-    return frontiers
+    centroid = cells.mean(axis=0)
+    from_robot, from_centroid = (((cells - place) ** 2).sum(axis=1) for place in ((row, col), centroid))
+    nearest, middle = int(np.argmin(from_robot)), int(np.argmin(from_centroid))
+    places = (frame.to_point(*place.tolist()) for place in (centroid, cells[nearest], cells[middle]))
+    return Frontier(len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, *places, cells)
 
 
 def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:
@@ -334,39 +338,3 @@ def collect_frontiers(edge: BoolArray, order: Int32Array, min_size: float) -> tu
                 end = first
     starts[count] = end
     return members[:end].copy(), starts[: count + 1].copy()
-
-
-@kernel
-def describe_frontiers(
-    members: Int32Array, starts: IntArray, width: int, row: float, col: float
-) -> FloatArray:
-    """Size, smallest distance to (row, col), and cells of each frontier, shape (F, 8) [cells].
-
-    Columns: size, smallest distance, centroid row and col, nearest cell's row and col, row and col of the
-    frontier's cell nearest to the centroid.
-    """
-    described = np.empty((len(starts) - 1, 8))
-    for f in range(len(starts) - 1):
-        first, end = starts[f], starts[f + 1]
-        mean_row, mean_col, best = 0.0, 0.0, np.inf
-        for i in range(first, end):
-            r, c = members[i] // width, members[i] % width
-            mean_row += r
-            mean_col += c
-            squared = (r - row) ** 2 + (c - col) ** 2
-            if squared < best:
-                best = squared
-                described[f, 4], described[f, 5] = r, c
-        mean_row /= end - first
-        mean_col /= end - first
-        described[f, 0] = end - first
-        described[f, 1] = np.sqrt(best)
-        described[f, 2], described[f, 3] = mean_row, mean_col
-        best = np.inf
-        for i in range(first, end):
-            r, c = members[i] // width, members[i] % width
-            squared = (r - mean_row) ** 2 + (c - mean_col) ** 2
-            if squared < best:
-                best = squared
-                described[f, 6], described[f, 7] = r, c
-    return described

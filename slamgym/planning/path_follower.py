@@ -118,7 +118,7 @@ class PathFollower:
         # The arc through the pursued point has curvature 2 sin(error) / distance.
         curvature, fastest = 2.0 * math.sin(error) / max(distance, 1e-3), context.max_linear
         linear = min(fastest, self.fastest_turn / max(abs(curvature), 1e-6), distance / context.control_step)
-        near = points_within(obstacles, fastest * _HORIZON + self._apart)
+        near = obstacles[(obstacles**2).sum(axis=1) < (fastest * _HORIZON + self._apart) ** 2]
         free = self._free_time(near, linear, linear * curvature)
         if free >= _HORIZON:
             return Twist2D(linear, linear * curvature)
@@ -143,7 +143,8 @@ class PathFollower:
         """The path point to steer to, in the robot's frame [m]."""
         here, frame = pose[:2], costmap.frame
         corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
-        self._index = nearest_on_path(self.path, here, self._index)
+        next_ones = self.path[self._index : self._index + _SEARCHED]
+        self._index += int(np.argmin(((next_ones - np.array(here)) ** 2).sum(axis=1)))
         chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, frame.resolution)
         x, y = self.path[chosen].tolist()
         return between(pose, Pose2D(x, y, 0.0))[:2]
@@ -186,29 +187,6 @@ def scan_points(
             points[count, 1] = mount[1] + r * np.sin(angle)
             count += 1
     return points[:count].copy()
-
-
-@kernel
-def points_within(points: FloatArray, distance: float) -> FloatArray:
-    """Those points, shape (N, 2) [m], that are nearer to the origin than a distance [m]."""
-    near = np.empty_like(points)
-    count = 0
-    for i in range(len(points)):
-        if points[i, 0] ** 2 + points[i, 1] ** 2 < distance**2:
-            near[count, 0], near[count, 1] = points[i, 0], points[i, 1]
-            count += 1
-    return near[:count]
-
-
-@kernel
-def nearest_on_path(path: FloatArray, here: tuple[float, float], begin: int) -> int:
-    """Index of the path point nearest to the robot among the next ones from ``begin`` on."""
-    best, index = np.inf, begin
-    for i in range(begin, min(len(path), begin + _SEARCHED)):
-        squared = (path[i, 0] - here[0]) ** 2 + (path[i, 1] - here[1]) ** 2
-        if squared < best:
-            best, index = squared, i
-    return index
 
 
 @kernel

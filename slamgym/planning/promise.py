@@ -19,7 +19,6 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.portable import exp, product
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, FloatArray
-from slamgym.planning.frontier_feature_kernels import come_near
 from slamgym.planning.remaining import FRONTIER_FEATURES, Remains
 
 PRETRAINED_ESTIMATE = Path(__file__).parent / "pretrained" / "remaining.safetensors"
@@ -174,8 +173,9 @@ def expected_floor(remains: Remains, frontiers: Sequence[FloatArray]) -> FloatAr
     for index, points in enumerate(frontiers):
         low, high = points.min(axis=0) - _SAME_FRONTIER, points.max(axis=0) + _SAME_FRONTIER
         boxes_meet = np.flatnonzero(((lowest <= high) & (highest >= low)).all(axis=1))
-        near = [k for k in boxes_meet if come_near(remains.points[k], points, _SAME_FRONTIER)]
-        expected[index] = areas[near].max() if near else np.inf
+        apart = [np.abs(remains.points[k][:, None] - points).max(axis=2).min() for k in boxes_meet]
+        near = boxes_meet[np.array(apart) <= _SAME_FRONTIER]
+        expected[index] = areas[near].max() if len(near) else np.inf
     return expected
 
 

@@ -5,6 +5,7 @@ that the map draws too narrow. Rooms that the map cuts off count as closed area.
 """
 
 import functools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -18,7 +19,6 @@ from slamgym.planning.frontier_feature_kernels import (
     classify_costs,
     coarse_cells,
     explore_unknown_region,
-    outline_frontier,
 )
 from slamgym.planning.frontiers import Point, closed_space, expected_gain, frontier_cells, reachable_space
 
@@ -147,12 +147,13 @@ def _measure(
     wanted = np.array(offered, dtype=np.float64).reshape(-1, 2)
     rows = np.zeros((len(frontiers), len(FRONTIER_FEATURES)))
     for index, (cells, places, region) in enumerate(zip(frontiers, points, regions, strict=True)):
-        outline = outline_frontier(places, wanted)
-        middle_x, middle_y = places[outline.middle].tolist()
+        width, height = (places.max(axis=0) - places.min(axis=0)).tolist()
+        middle_x, middle_y = places[np.argmin(((places - places.mean(axis=0)) ** 2).sum(axis=1))].tolist()
+        apart = np.abs(places[:, None] - wanted).max(axis=2).min(initial=np.inf)
         opening = float(costmap.distance[cells[:, 0], cells[:, 1]].max()) * resolution
         rows[index] = (
             len(cells) * resolution / 3.0,
-            float(np.hypot(outline.width, outline.height)) / 3.0,
+            math.hypot(width, height) / 3.0,
             expected_gain(costmap, (middle_x, middle_y), range_max) / 15.0,
             region.near * cell**2 / 5.0,
             region.far * cell**2 / 20.0,
@@ -162,7 +163,7 @@ def _measure(
             region.occupied * cell / 10.0,
             region.frontiers / 4.0,
             min(opening, 1.5),
-            float(outline.apart <= 0.5),
+            float(apart <= 0.5),
             float(opening >= radius),
         )
     return rows
