@@ -68,7 +68,7 @@ def test_what_is_seen_from_a_pose_lies_there_again(frame, pose):
     # Two poses that are known relative to each other, and no better than one place with the other.
     cov, motion = np.diag([0.1, 0.2, 0.05]), pose[:2] - frame[:2]
     lever = np.array([[1.0, 0.0, -motion[1]], [0.0, 1.0, motion[0]], [0.0, 0.0, 1.0]])
-    rigid = relative_covariance(frame, pose, np.array([cov, lever @ cov @ lever.T, cov @ lever.T]))
+    rigid = relative_covariance(frame, pose, cov, lever @ cov @ lever.T, cov @ lever.T)
     assert rigid == pytest.approx(np.zeros((3, 3)), abs=1e-9)
 
 

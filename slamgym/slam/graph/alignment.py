@@ -9,8 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.geometry import transform_points
 from slamgym.core.jit import kernel
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.portable import lower_factor, solve_factored
+from slamgym.core.types import FloatArray, IntArray, Pose2D
 from slamgym.slam.graph.relative import nearest_turn
 from slamgym.slam.graph.submaps import LINE, PIECE, SUBMAP_CELL, VACANT, Submap
 
@@ -23,7 +25,7 @@ ALIGN_WIDTH, FIRST_WIDTH = 3.0, 10.0
 """Residual at which a point's weight has fallen to a quarter, at the last steps and at the first one [deviations]."""
 POINT_SHARE = 0.2
 """Weight of a point: neighbours err together."""
-ALIGN_STEPS = 12
+ALIGN_STEPS, DAMPING = 12, 1e-3
 MOST_STEP, MOST_TURN = SUBMAP_CELL, 0.1
 """Most that one step moves [m] and turns [rad]: surfaces are sought within a cell."""
 CONVERGED = 2e-4, 2e-5
@@ -52,10 +54,17 @@ class Placed(NamedTuple):
 
 @kernel
 def _nearest_line(
-    grid: np.ndarray, pieces: np.ndarray, x: float, y: float, side_x: float, side_y: float, is_normal: bool
+    grid: np.ndarray,
+    pieces: np.ndarray,
+    corner: FloatArray,
+    x: float,
+    y: float,
+    side_x: float,
+    side_y: float,
+    is_normal: bool,
 ) -> int:
     """Number of the nearest piece with a line that a point seen from a side may lie on, in the submap's frame."""
-    col, row = math.floor(x / SUBMAP_CELL), math.floor(y / SUBMAP_CELL)
+    col, row = math.floor((x - corner[0]) / SUBMAP_CELL), math.floor((y - corner[1]) / SUBMAP_CELL)
     best, number = 1e18, VACANT
     for near_row in range(max(row - 1, 0), min(row + 2, grid.shape[0])):
         for near_col in range(max(col - 1, 0), min(col + 2, grid.shape[1])):
@@ -114,14 +123,14 @@ def bind_scan(
         # The scan in the submap's frame.
         cos_own, sin_own = math.cos(pose[2] - frames[k, 2]), math.sin(pose[2] - frames[k, 2])
         dx, dy = pose[0] - frames[k, 0], pose[1] - frames[k, 1]
-        own_x, own_y = cos * dx + sin * dy - corners[k, 0], cos * dy - sin * dx - corners[k, 1]
+        own_x, own_y = cos * dx + sin * dy, cos * dy - sin * dx
         for i in range(taken):
             px, py = points[i * stride, 0], points[i * stride, 1]
             qx, qy = sides[i * stride, 0], sides[i * stride, 1]
             arm_x, arm_y = cos_own * px - sin_own * py, sin_own * px + cos_own * py
             side_x, side_y = cos_own * qx - sin_own * qy, sin_own * qx + cos_own * qy
             x, y = own_x + arm_x, own_y + arm_y
-            number = _nearest_line(grid, pieces, x, y, side_x, side_y, sides[i * stride, 2] > 0.0)
+            number = _nearest_line(grid, pieces, corners[k], x, y, side_x, side_y, sides[i * stride, 2] > 0.0)
             if number == VACANT:
                 continue
             p = pieces[number]
@@ -178,14 +187,14 @@ def align_scan(
         fit = bind_scan(submaps, corners, frames, points, sides, 1, pose, width, bound, hits)
         away[:] = pose - prior
         away[2] = nearest_turn(away[2])
-        h = known.copy()
+        h = known + DAMPING * np.eye(3)
         for a in range(3):
             gradient[a] = known[a, 0] * away[0] + known[a, 1] * away[1] + known[a, 2] * away[2]
             for k in range(len(bound)):
                 gradient[a] += bound[k, a, 3]
                 for b in range(3):
                     h[a, b] += bound[k, a, b]
-        step_x, step_y, step_t = solve_symmetric(h, gradient[0], gradient[1], gradient[2])
+        step_x, step_y, step_t = solve_factored(lower_factor(h), gradient)
         length = math.hypot(step_x, step_y)
         shorter = min(1.0, MOST_STEP / max(length, MOST_STEP))
         step_t = min(max(step_t, -MOST_TURN), MOST_TURN)
@@ -195,23 +204,6 @@ def align_scan(
         if width == ALIGN_WIDTH and length < CONVERGED[0] and abs(step_t) < CONVERGED[1]:
             break
     return fit
-
-
-@kernel
-def solve_symmetric(h: FloatArray, x: float, y: float, t: float) -> tuple[float, float, float]:
-    """Solve a symmetric positive 3 x 3 system by its lower half, slightly damped where it is singular."""
-    l00 = math.sqrt(h[0, 0] + 1e-3)
-    l10, l20 = h[1, 0] / l00, h[2, 0] / l00
-    l11 = math.sqrt(max(h[1, 1] + 1e-3 - l10 * l10, 1e-3))
-    l21 = (h[2, 1] - l20 * l10) / l11
-    l22 = math.sqrt(max(h[2, 2] + 1e-3 - l20 * l20 - l21 * l21, 1e-3))
-    u = x / l00
-    v = (y - l10 * u) / l11
-    w = (t - l20 * u - l21 * v) / l22
-    w /= l22
-    v = (v - l21 * w) / l11
-    u = (u - l10 * v - l20 * w) / l00
-    return u, v, w
 
 
 class Chosen:
@@ -260,12 +252,12 @@ class Chosen:
         origin = (np.floor(centre[:2] / SUBMAP_CELL) - half) * SUBMAP_CELL
         cells = np.zeros((FACES, 2 * half, 2 * half), dtype=np.uint8)
         for submap, frame in zip(self.submaps, self.frames, strict=True):
-            cos, sin = math.cos(frame[2]), math.sin(frame[2])
-            (x, y), (to_x, to_y) = (values.T for values in submap.means)
-            cols = np.floor((frame[0] + cos * x - sin * y - origin[0]) / SUBMAP_CELL).astype(np.int64)
-            rows = np.floor((frame[1] + sin * x + cos * y - origin[1]) / SUBMAP_CELL).astype(np.int64)
+            means, sides = submap.means
+            cols, rows = (
+                np.floor((transform_points(Pose2D(*frame), means) - origin) / SUBMAP_CELL).astype(np.int64).T
+            )
+            to_x, to_y = transform_points(Pose2D(0.0, 0.0, frame[2]), sides).T
             inside = (rows >= 0) & (cols >= 0) & (rows < 2 * half) & (cols < 2 * half)
-            to_x, to_y = cos * to_x - sin * to_y, sin * to_x + cos * to_y
             for face, towards in enumerate((to_x, to_y, -to_x, -to_y)):
                 kept = inside & (towards > 0.0)
                 cells[face, rows[kept], cols[kept]] = 1

@@ -5,8 +5,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from slamgym.core.geometry import transform_points
 from slamgym.core.portable import inverted
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.alignment import MOST_SUBMAPS, Chosen
 from slamgym.slam.graph.matching import SearchWindow
@@ -172,11 +173,10 @@ class LoopCloser:
 
 def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, FloatArray]:
     """Surfaces (n, 2) of the newest submap in the robot frame, and their sides (n, 3)."""
-    x, y, turn = seen_from(graph.poses[-1], graph.poses[submap.first])
-    cos, sin = math.cos(turn), math.sin(turn)
-    (px, py), (sx, sy, is_normal) = (values.T for values in submap.lines())
-    points = np.column_stack([x + cos * px - sin * py, y + sin * px + cos * py])
-    return points, np.column_stack([cos * sx - sin * sy, sin * sx + cos * sy, is_normal])
+    x, y, turn = seen_from(graph.poses[-1], graph.poses[submap.first]).tolist()
+    means, sides = submap.lines()
+    turned = transform_points(Pose2D(0.0, 0.0, turn), sides[:, :2])
+    return transform_points(Pose2D(x, y, turn), means), np.column_stack([turned, sides[:, 2]])
 
 
 def _disagreement(graph: PoseGraph, closure: Match) -> float:

@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix, identity
 from scipy.sparse.linalg import splu
 
 from slamgym.core.jit import kernel
+from slamgym.core.portable import inverted
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 
 
@@ -214,23 +215,7 @@ def fill_factor(
             subtract_product(lower[end], column, pivot)
             lower_rows[end] = col
             filled[row] += 1
-        _invert(pivot, inverse[col])
-
-
-@kernel
-def _invert(a: FloatArray, out: FloatArray) -> None:
-    """Invert a symmetric matrix (3, 3)."""
-    xx, xy, xt = a[1, 1] * a[2, 2] - a[1, 2] ** 2, a[0, 2] * a[1, 2] - a[0, 1] * a[2, 2], 0.0
-    xt = a[0, 1] * a[1, 2] - a[0, 2] * a[1, 1]
-    determinant = a[0, 0] * xx + a[0, 1] * xy + a[0, 2] * xt
-    yy, yt, tt = (
-        a[0, 0] * a[2, 2] - a[0, 2] ** 2,
-        a[0, 1] * a[0, 2] - a[0, 0] * a[1, 2],
-        a[0, 0] * a[1, 1] - a[0, 1] ** 2,
-    )
-    out[0, 0], out[0, 1], out[0, 2] = xx / determinant, xy / determinant, xt / determinant
-    out[1, 0], out[1, 1], out[1, 2] = out[0, 1], yy / determinant, yt / determinant
-    out[2, 0], out[2, 1], out[2, 2] = out[0, 2], out[1, 2], tt / determinant
+        inverse[col] = inverted(pivot)
 
 
 @kernel

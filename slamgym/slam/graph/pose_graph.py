@@ -146,10 +146,7 @@ class PoseGraph:
         if self._factor is None or old >= self.optimised:
             return np.zeros((3, 3))
         if old not in self._relative:
-            newest = self.optimised - 1
-            of_old = self._factor.covariances(old, own_only=True)
-            joint = np.stack([of_old, self._with_newest[newest], self._with_newest[old]])
-            known = relative_covariance(self.poses[old], self.poses[newest], joint)
+            known = self._seen_from(old, self.optimised - 1, self._with_newest)
             drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[old]
             self._relative[old] = known + np.diag(np.square(drift))
         return self._relative[old]
@@ -158,10 +155,13 @@ class PoseGraph:
         """Standard deviation of a node's place seen from an older one, in the worse direction [m]; 0 if not known."""
         if self._factor is None or new >= self.optimised:
             return 0.0
-        with_new, of_old = self._factor.covariances(new), self._factor.covariances(old, own_only=True)
-        joint = np.stack([of_old, with_new[new], with_new[old]])
-        known = relative_covariance(self.poses[old], self.poses[new], joint)
+        known = self._seen_from(old, new, self._factor.covariances(new))
         return float(np.sqrt(max(known[0, 0], known[1, 1], 0.0)))  # rounding may leave it below zero
+
+    def _seen_from(self, old: int, new: int, with_new: FloatArray) -> FloatArray:
+        """Covariance (3, 3) of a node seen from an old one, by those of all nodes with it (N, 3, 3)."""
+        of_old = self._factor.covariances(old, own_only=True) if self._factor else np.zeros((3, 3))
+        return relative_covariance(self.poses[old], self.poses[new], of_old, with_new[new], with_new[old])
 
     def _edges(self) -> Edges:
         """The odometry's edges, in the order of the path, and the laser's."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
-from slamgym.core.portable import inverted
+from slamgym.core.portable import inverted, product
 from slamgym.core.types import FloatArray
 
 MATCH_FLOOR = (0.01, 0.01, 0.003)
@@ -115,7 +115,6 @@ def turned_matrix(matrix: FloatArray, angle: float) -> FloatArray:
     return out
 
 
-@kernel
 def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -> FloatArray:
     """Covariance after a step, all in the map frame.
 
@@ -125,34 +124,28 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
         added: (3, 3) covariance of the step itself.
     """
     lever, out = np.eye(3), added.copy()
-    lever[0, 2], lever[1, 2] = -motion[1], motion[0]
+    lever[:2, 2] = -motion[1], motion[0]
     sandwich(lever, before, out)
     return out
 
 
-@kernel
-def relative_covariance(old: FloatArray, new: FloatArray, joint: FloatArray) -> FloatArray:
+def relative_covariance(
+    old: FloatArray, new: FloatArray, of_old: FloatArray, of_new: FloatArray, mixed: FloatArray
+) -> FloatArray:
     """Covariance (3, 3) of a new node seen from an old one.
 
     Args:
         old: (3,) pose.
         new: (3,) pose.
-        joint: (3, 3, 3) covariances: of the old one, of the new one, and of the old with the new.
+        of_old: (3, 3) covariance of the old one.
+        of_new: (3, 3) of the new one.
+        mixed: (3, 3) of the old with the new.
     """
-    cos, sin = math.cos(old[2]), math.sin(old[2])
-    dx, dy = new[0] - old[0], new[1] - old[1]
-    by_old, by_new = np.zeros((3, 3)), np.eye(3)
-    by_new[0, 0], by_new[0, 1], by_new[1, 0], by_new[1, 1] = cos, sin, -sin, cos
-    by_old[:, :2] = -by_new[:, :2]
-    by_old[0, 2], by_old[1, 2], by_old[2, 2] = cos * dy - sin * dx, -cos * dx - sin * dy, -1.0
-    out = np.zeros((3, 3))
-    sandwich(by_old, joint[0], out)
-    sandwich(by_new, joint[1], out)
-    for row in range(3):
-        for col in range(3):
-            for i in range(3):
-                for j in range(3):
-                    mixed = by_old[row, i] * joint[2, i, j] * by_new[col, j]
-                    out[row, col] += mixed
-                    out[col, row] += mixed
-    return out
+    (x, y, _), (cos, sin) = seen_from(old, new), (math.cos(old[2]), math.sin(old[2]))
+    change = np.array([
+        [-cos, -sin, y, cos, sin, 0.0],
+        [sin, -cos, -x, -sin, cos, 0.0],
+        [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    joint = np.block([[of_old, mixed], [mixed.T, of_new]])
+    return product(product(change, joint), change.T)

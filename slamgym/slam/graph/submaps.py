@@ -34,7 +34,7 @@ PIECE = np.dtype([
     *((name, np.float64) for name in ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance")),
     ("state", np.float64),
 ])  # fmt: skip
-"""Sums over a piece's points, from the grid's corner, and over their sides; then the piece's own mean, the mean of the
+"""Sums over a piece's points, in the submap's frame, and over their sides; then the piece's own mean, the mean of the
 line through it and its surroundings, the line's normal, and the mean's variance across it."""
 
 
@@ -92,11 +92,9 @@ class Submap:
         top, left = max(rows[0] - 5, 0), max(cols[0] - 5, 0)
         self.grid = self.grid[top : rows[-1] + 6, left : cols[-1] + 6].copy()
         self.pieces = self.pieces[: self._used].copy()
-        shift = np.array([left, top]) * SUBMAP_CELL
-        self.corner = self.corner + shift
-        move_corner(self.pieces, shift)
+        self.corner = self.corner + np.array([left, top]) * SUBMAP_CELL
         sums = np.array([self.pieces["x"].sum(), self.pieces["y"].sum()])
-        self.centre = sums / self.pieces["count"].sum() + self.corner
+        self.centre = sums / self.pieces["count"].sum()
 
     def is_near(self, place: FloatArray, distance: float) -> bool:
         """Return True if a place (2 or more,) in the submap's frame is no further from the grid than so much [m]."""
@@ -107,7 +105,7 @@ class Submap:
     def means(self) -> tuple[FloatArray, FloatArray]:
         """Means of all pieces (n, 2) in the submap's frame [m], and vectors (n, 2) to the side they were seen from."""
         pieces = self.pieces[: self._used]
-        means = np.column_stack([pieces["own_x"], pieces["own_y"]]) + self.corner
+        means = np.column_stack([pieces["own_x"], pieces["own_y"]])
         return means, np.column_stack([pieces["side_x"], pieces["side_y"]])
 
     def lines(self) -> tuple[FloatArray, FloatArray]:
@@ -119,23 +117,6 @@ class Submap:
             normals[(normals[:, :2] * sides[kept]).sum(axis=1) < 0.0, :2] *= -1.0
             self._lines = means[kept], normals
         return self._lines
-
-
-@kernel
-def move_corner(pieces: np.ndarray, shift: FloatArray) -> None:
-    """Make pieces relative to another corner of the grid, ``shift`` (2,) [m] from the old one."""
-    a, b = shift[0], shift[1]
-    for i in range(len(pieces)):
-        p = pieces[i]
-        p.xx += p.count * a * a - 2.0 * a * p.x
-        p.xy += p.count * a * b - a * p.y - b * p.x
-        p.yy += p.count * b * b - 2.0 * b * p.y
-        p.x -= p.count * a
-        p.y -= p.count * b
-        p.own_x -= a
-        p.own_y -= b
-        p.mean_x -= a
-        p.mean_y -= b
 
 
 @kernel
@@ -158,9 +139,9 @@ def add_scan(
     touched = np.empty(len(points), dtype=np.int32)
     count = 0
     for i in range(len(points)):
-        x = pose[0] + cos * points[i, 0] - sin * points[i, 1] - corner[0]
-        y = pose[1] + sin * points[i, 0] + cos * points[i, 1] - corner[1]
-        col, row = math.floor(x / SUBMAP_CELL), math.floor(y / SUBMAP_CELL)
+        x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
+        y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
+        col, row = math.floor((x - corner[0]) / SUBMAP_CELL), math.floor((y - corner[1]) / SUBMAP_CELL)
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
         side_x = cos * sides[i, 0] - sin * sides[i, 1]
