@@ -44,8 +44,8 @@ from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
 from slamgym.sim.passages import next_clear
 from slamgym.slam import SlamConfig, make_mapper
+from slamgym.slam.branch_and_bound import search_blocks
 from slamgym.slam.config import PoseGraphConfig
-from slamgym.slam.graph.matching import search_window
 from slamgym.slam.tiles import copy_maps
 
 BATCHED = "batch"
@@ -172,7 +172,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     "drive": (_drive, settle),
     "navigate": (_navigate, short_paths),
     BATCHED: (_step_many, stepping.crop_all),
-    "pose_graph": (functools.partial(_match, "pose_graph"), search_window),
+    "pose_graph": (functools.partial(_match, "pose_graph"), search_blocks),
     "furnish": (_furnish, next_clear),
     "decide": (_decide, cut_frontier_crop),
 }

@@ -1,17 +1,23 @@
-"""The best place for a scan in a block of a grid, by branch and bound over grids of maxima: numba kernels.
+"""The best places for a scan in a grid, by branch and bound over grids of maxima: numba kernels.
 
 The correlative matcher of Olson (2009), made fast by the bounds of Hess et al. (2016, section V-B): a block of offsets
 is expanded only while its bound beats the best place found, so the result is the best of all, which no local
 search can promise.
 """
 
+import math
+
 import numpy as np
 
 from slamgym.core.jit import assign, kernel
-from slamgym.core.types import ByteArray
+from slamgym.core.types import ByteArray, FloatArray, Int32Array
+from slamgym.slam.graph.submaps import SUBMAP_CELL
 
 HIT = 255
 """The most that a point scores."""
+MOST_PLACES = 20_000
+EVERYWHERE: ByteArray = np.empty((0, 0, 0), dtype=np.uint8)
+"""Floors of a search in which all places count."""
 
 
 def maxima(grid: ByteArray, count: int) -> ByteArray:
@@ -116,3 +122,80 @@ def best_in_block(
             stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3] = h - 1, child_u, child_v, value
             height += 1
     return best, best_u, best_v
+
+
+@kernel
+def turned_cells(
+    points: FloatArray, sides: FloatArray, headings: FloatArray, origin: FloatArray, width: int
+) -> tuple[Int32Array, Int32Array]:
+    """Columns and rows of points at each heading, both (a, n).
+
+    Args:
+        points: (n, 2) end points in the robot frame [m].
+        sides: (n, 3) their sides in the robot frame; (0, 3) if all face the same grid.
+        headings: (a,) [rad].
+        origin: (2,) of the robot in the grid's frame [m].
+        width: Columns from one face's grid to the next.
+    """
+    us = np.empty((len(headings), len(points)), dtype=np.int32)
+    vs = np.empty((len(headings), len(points)), dtype=np.int32)
+    for a in range(len(headings)):
+        cos, sin = math.cos(headings[a]), math.sin(headings[a])
+        for i in range(len(points)):
+            us[a, i] = math.floor((origin[0] + cos * points[i, 0] - sin * points[i, 1]) / SUBMAP_CELL)
+            vs[a, i] = math.floor((origin[1] + sin * points[i, 0] + cos * points[i, 1]) / SUBMAP_CELL)
+        for i in range(len(sides)):
+            x, y = cos * sides[i, 0] - sin * sides[i, 1], sin * sides[i, 0] + cos * sides[i, 1]
+            us[a, i] += width * ((0 if x > 0.0 else 2) if abs(x) >= abs(y) else (1 if y > 0.0 else 3))
+    return us, vs
+
+
+@kernel
+def search_blocks(
+    levels: ByteArray,
+    floors: ByteArray,
+    us: Int32Array,
+    vs: Int32Array,
+    first: int,
+    last: tuple[int, int],
+    least: int,
+    margin: int,
+    avoided: tuple[float, float, float],
+) -> FloatArray:
+    """Find the best place of every block at every heading, if it is nearly as good as the best of all.
+
+    Args:
+        levels: As for :func:`best_in_block`.
+        floors: As for :func:`best_in_block`.
+        us: (headings, n) columns of the points, from :func:`turned_cells`.
+        vs: (headings, n) rows.
+        first: Smallest column and row of a place.
+        last: Largest column and row of a place.
+        least: A place that counts scores more than this ...
+        margin: ... and more than the best one until then less this: with 0 the last is the best of all.
+        avoided: As for :func:`best_in_block`.
+
+    Returns:
+        (places, 4) column, row, number of the heading, and score; ``MOST_PLACES`` at most.
+    """
+    top = len(levels) - 1
+    cols, rows = ((last[0] - first) >> top) + 1, ((last[1] - first) >> top) + 1
+    bounds = np.zeros(len(us) * cols * rows, dtype=np.int64)
+    for a in range(len(us)):
+        for i in range(cols):
+            for j in range(rows):
+                u, v = first + (i << top), first + (j << top)
+                if len(floors) == 0 or floors[top, v, u]:
+                    bounds[(a * cols + i) * rows + j] = block_score(levels[top], 1 << top, us[a], vs[a], u, v)
+    places, best, count = np.empty((min(len(bounds), MOST_PLACES), 4)), least, 0
+    for place in np.argsort(-bounds):
+        wanted = max(best - margin, least)
+        if bounds[place] <= wanted or count == len(places):
+            break
+        a, i, j = place // (cols * rows), place // rows % cols, place % rows
+        block = first + (i << top), first + (j << top), bounds[place]
+        score, u, v = best_in_block(levels, floors, us[a], vs[a], block, last, wanted, avoided)
+        if score > wanted:
+            places[count, 0], places[count, 1], places[count, 2], places[count, 3] = u, v, a, score
+            best, count = max(best, score), count + 1
+    return places[:count]

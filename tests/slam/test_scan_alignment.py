@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.branch_and_bound import block_score
+from slamgym.slam.branch_and_bound import EVERYWHERE, block_score, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.alignment import FACES, Chosen
-from slamgym.slam.graph.matching import SearchWindow, score_levels, search_window
+from slamgym.slam.graph.matching import SearchWindow, score_levels
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, sides_of
 from slamgym.slam.hill_climbing import match_particles
 from slamgym.slam.particle_filter import match_settings
@@ -177,14 +177,14 @@ def test_branch_and_bound_finds_what_brute_force_finds():
         cells = (rng.random((FACES, 40, 50)) < 0.05).astype(np.uint8)
         points, towards = rng.uniform(-1.5, 1.5, (25, 2)), rng.uniform(-np.pi, np.pi, 25)
         sides = np.column_stack([np.cos(towards), np.sin(towards), np.ones(25)])
-        centre, angles = np.array([2.5, 2.0, 0.3]), np.array([-0.2, 0.0, 0.2])
-        levels, corner, pose = score_levels(cells, 4), np.zeros(2), np.empty(3)
+        angles = np.array([-0.2, 0.0, 0.2])
+        levels = score_levels(cells, 4)
         width = levels.shape[2] // FACES
-        away, everywhere = np.array([2.4, 2.2, 0.3]), np.zeros(3)
-        scan = levels, corner, points, sides, width, centre, 7, angles, 0.0
-        found = search_window(*scan, everywhere, pose)
-        elsewhere = search_window(*scan, away, pose)
-        assert np.hypot(*(pose - away)[:2]) >= 0.3
+        turned = turned_cells(points, sides, 0.3 + angles, np.array([2.5, 2.0]), width)
+        scan = levels, EVERYWHERE, *turned, -7, (7, 7), 0, 0
+        found = search_blocks(*scan, (0.0, 0.0, 0.0))[-1, 3]
+        u, v, _, elsewhere = search_blocks(*scan, (-1.0, 2.0, 3.0))[-1]
+        assert np.hypot(u + 1.0, v - 2.0) >= 3.0
         best = best_elsewhere = 0
         for angle in angles:
             c, s = np.cos(0.3 + angle), np.sin(0.3 + angle)
@@ -197,8 +197,7 @@ def test_branch_and_bound_finds_what_brute_force_finds():
                 best = max(best, score)
                 if np.hypot(0.1 + 0.1 * (du - 7), 0.1 * (dv - 7) - 0.2) >= 0.3:
                     best_elsewhere = max(best_elsewhere, score)
-        assert found == pytest.approx(best / (255 * 25))
-        assert elsewhere == pytest.approx(best_elsewhere / (255 * 25))
+        assert (found, elsewhere) == (best, best_elsewhere)
 
 
 # --- the particle filter's matcher
