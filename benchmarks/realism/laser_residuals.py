@@ -31,7 +31,8 @@ from slamgym.core.types import OCCUPIED, FloatArray, IntArray, LaserGeometry, Oc
 from slamgym.envs import EpisodeConfig, ExploreConfig, run_episode
 from slamgym.interop import Log, open_log
 from slamgym.sim import ClutterConfig, lidar_level
-from slamgym.slam.replay import replay, settings_for
+from slamgym.slam import SlamConfig
+from slamgym.slam.replay import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -105,7 +106,9 @@ def log_beams(log: Log) -> dict[str, np.ndarray]:
     overrides: dict[str, Any] = {"mode": "pose_graph"}
     if log.geometry.range_max < POSE_GRAPH_RANGE:
         overrides = {"linear_update": 0.1, "angular_update": 0.1, "temporal_update": None}
-    config = settings_for(log.geometry, overrides)
+    config = dataclasses.replace(
+        SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **overrides
+    )
     processed: list[int] = []
     result = replay(
         log,

@@ -14,9 +14,10 @@ from slamgym.core.types import Pose2D, Trajectory
 from slamgym.interop import Log
 from slamgym.interop.records import interpolated
 from slamgym.metrics import absolute_trajectory_error, relative_poses
+from slamgym.slam import SlamConfig
 from slamgym.slam.mapper import SlamStats
 from slamgym.slam.odometry_check import check_odometry
-from slamgym.slam.replay import replay, settings_for
+from slamgym.slam.replay import replay
 
 STRETCH_SECONDS, STRETCH_METRES, STRETCH_TURN = 10.0, 2.0, 0.5
 """A fault that lasts covers at least this much time, distance [m] and turning [rad], so that it does harm."""
@@ -172,7 +173,7 @@ class Trial(NamedTuple):
 
 def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, Trial]]:
     """Each fault in a log, after ``none``, which judges the unbroken log."""
-    config = settings_for(log.geometry, {"mode": mode})
+    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), mode=mode)
 
     def mapped(broken: Log) -> tuple[Trajectory, list[Span]]:
         result = replay(check_odometry(broken), config, np.random.default_rng(0))

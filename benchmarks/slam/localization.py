@@ -31,7 +31,7 @@ from slamgym.sim import ClutterConfig, odometry_level
 from slamgym.slam import SlamConfig
 from slamgym.slam.config import LocalizationConfig
 from slamgym.slam.localization.logs import LocalizationResult, localize_log
-from slamgym.slam.replay import replay, settings_for
+from slamgym.slam.replay import replay
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -218,7 +218,7 @@ def recorded(path: Path) -> Outcome:
         dataclasses.replace(log, records=part, recorded_track=None)
         for part in (log.records[:half], log.records[half:])
     ]
-    config = settings_for(log.geometry)
+    config = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     mapped, whole = (replay(part, config, np.random.default_rng(0)) for part in (parts[0], log))
     # The whole path has the same first half but for closures that came later: its map frame is the same.
     truth = Trajectory(whole.trajectory.stamps[half:], whole.trajectory.poses[half:])

@@ -15,7 +15,8 @@ from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
 from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations
 from slamgym.metrics import absolute_trajectory_error, relation_error
-from slamgym.slam.replay import ReplayResult, replay, settings_for
+from slamgym.slam import SlamConfig
+from slamgym.slam.replay import ReplayResult, replay
 
 REVISIT_GAP = 60
 """Scans further apart than this belong to different passes."""
@@ -52,7 +53,7 @@ class Runs(NamedTuple):
 
 def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> Runs:
     """Runs with so many seeds, and with so many disturbed odometries less one."""
-    config = settings_for(log.geometry, settings)
+    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **settings)
     replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
     plain = [replay(log, config, np.random.default_rng(0))]
     for seed in range(1, seeds):

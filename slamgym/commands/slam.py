@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing
+from dataclasses import replace
 from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Annotated, Any
@@ -114,9 +115,9 @@ def _older_map(arguments: SlamArguments) -> OccupancyGrid | None:
 
 
 def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> SlamConfig:
-    from slamgym.slam.replay import settings_for
-
-    suited = settings_for(log.geometry, {} if older is None else {"resolution": older.frame.resolution})
+    suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    if older is not None:
+        suited = replace(suited, resolution=older.frame.resolution)
     config = arguments.settings.configured(suited, given(arguments, "mode particles"))
     if config.mode in _NOT_FOR_LOGS:
         raise ConfigError(f"--mode {config.mode} {_NOT_FOR_LOGS[config.mode]}")
@@ -188,9 +189,7 @@ def _facts(log: Log, result: ReplayResult) -> dict[str, Any]:
         "map_size_m": [frame.width_px * frame.resolution, frame.height_px * frame.resolution],
         "cpu_seconds": stats.cpu_seconds,
         "cpu_ms_per_processed_scan": stats.cpu_ms_per_processed_scan,
-        "wall_seconds": result.wall_seconds,
         "map_memory_bytes": stats.memory_bytes,
-        "peak_memory_bytes": result.peak_memory_bytes,
         "resamplings": stats.resamplings,
         "refused_matches": stats.refused_matches,
         "recovered_matches": stats.recovered_matches,

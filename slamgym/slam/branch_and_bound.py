@@ -16,8 +16,6 @@ from slamgym.slam.graph.submaps import SUBMAP_CELL
 HIT = 255
 """The most that a point scores."""
 MOST_PLACES = 20_000
-EVERYWHERE: ByteArray = np.empty((0, 0, 0), dtype=np.uint8)
-"""Floors of a search in which all places count."""
 
 
 def maxima(grid: ByteArray, count: int) -> ByteArray:
@@ -166,7 +164,7 @@ def search_blocks(
 
     Args:
         levels: As for :func:`best_in_block`.
-        floors: As for :func:`best_in_block`.
+        floors: As for :func:`best_in_block`, empty (0, rows, cols) if all places count.
         us: (headings, n) columns of the points, from :func:`turned_cells`.
         vs: (headings, n) rows.
         first: Smallest column and row of a place.

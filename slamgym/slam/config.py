@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Share, Within
+from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 
 Mode = Annotated[
     Literal["rbpf", "pose_graph", "dead_reckoning", "map", "ground_truth"],
@@ -94,6 +94,10 @@ class LocalizationConfig(
         "certain_weight": 0.95,
         "max_particles": 2000,
         "sigma_hit": 0.08,
+        "max_beams": 60,
+        "initial_spread": 0.5,
+        "initial_turn": 0.26,
+        "minimum_fit": 0.6,
     },
 ):
     """Settings for localising a robot on a map, named after AMCL's parameters where it has them.
@@ -104,19 +108,6 @@ class LocalizationConfig(
 
     start: Literal["global", "known"] = "global"
     """``global``: nothing is known of the start; ``known``: the start is the initial pose, as in AMCL."""
-
-    max_beams: Count = 60
-    """Beams of a scan that weigh a hypothesis (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
-
-    initial_spread: Positive = 0.5
-    """Standard deviation of a known start [m] (``initial_cov_xx`` is its square) ..."""
-
-    initial_turn: Positive = 0.26
-    """... and of its heading [rad]."""
-
-    minimum_fit: Share = 0.6
-    """A hypothesis explains the scans if so many of their beams, in a mean over the latest, end at a mapped surface
-    with none in between."""
 
     confirm_distance: NonNegative = 3.0
     """So far the robot must have driven with one hypothesis certain before it is believed [m]; half a turn counts as

@@ -10,14 +10,18 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import unit_vectors, wrap_angle
+from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, LaserScan
 from slamgym.interop.odometry import with_track
 from slamgym.interop.records import Log, OdometryTrack
 from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.config import SlamConfig
+from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.alignment import Chosen
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import Submap, sides_of
+from slamgym.slam.hit_count_kernels import BeamTable
 
 REACH, FEWEST_POINTS, MOST_POINTS = 10.0, 20, 360
 """Points of a scan that are aligned: so near [m], and so many; fewer say nothing."""
@@ -45,7 +49,7 @@ class LaserTracker:
     """
 
     def __init__(self, scan: LaserScan) -> None:
-        self._mount = np.array(scan.geometry.mount[:2])
+        self._beams = plain(BeamTable.of(scan.geometry, SlamConfig(max_usable_range=REACH)))
         self._stamp = scan.stamp
         self._pose = self._keyframe = np.zeros(3)
         self._speed = np.zeros(3)
@@ -66,16 +70,13 @@ class LaserTracker:
 
     def _points(self, scan: LaserScan) -> FloatArray:
         """End points (n, 2) in the robot's frame [m]."""
-        geometry = scan.geometry
-        seen = np.flatnonzero((scan.ranges > 0.0) & (scan.ranges < min(REACH, geometry.range_max)))
-        seen = seen[:: max(1, len(seen) // MOST_POINTS)]
-        directions = unit_vectors(geometry.angles[seen] + geometry.mount.theta)
-        return np.asarray(scan.ranges[seen, None] * directions + self._mount, dtype=np.float64)
+        points = usable_end_points(scan.ranges, self._beams, REACH)
+        return np.ascontiguousarray(points[:: max(1, len(points) // MOST_POINTS)])
 
     def _place(self, points: FloatArray, guess: FloatArray, wait: float) -> LaserMotion:
         if len(points) < FEWEST_POINTS:
             return LaserMotion(guess, np.zeros((3, 3)), 0.0)
-        sides, free = sides_of(points, self._mount), np.zeros((3, 3))
+        sides, free = sides_of(points, self._beams[1]), np.zeros((3, 3))
         chosen = Chosen(self._submaps, np.array(self._frames))
         placed = chosen.align(points, sides, guess, guess, free)
         if placed.fit < SURE_FIT:
@@ -90,7 +91,9 @@ class LaserTracker:
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:
             self._submaps = [*self._submaps[-1:], Submap(0, REACH + KEYFRAMES * WINDOWS[1])]
             self._frames = [*self._frames[-1:], self._pose]
-        self._submaps[-1].add(seen_from(self._frames[-1], self._pose), points, sides_of(points, self._mount))
+        self._submaps[-1].add(
+            seen_from(self._frames[-1], self._pose), points, sides_of(points, self._beams[1])
+        )
         self._keyframe = self._pose
 
 

@@ -87,27 +87,21 @@ def effective_sample_size(weights: FloatArray) -> float:
     return float(1.0 / np.square(weights).sum())
 
 
-def systematic_draw(weights: FloatArray, uniform: float, count: int) -> IntArray:
-    """Draw ``count`` particles in ascending order, particle i about ``count x weights[i]`` times.
+def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
+    """Draw as many ancestors as there are particles, particle i about so often as its weight says.
 
     Args:
         weights: (particles,) that sum to 1.
         uniform: One draw from [0, 1).
-        count: Number of draws.
-    """
-    ticks = (np.arange(count) + uniform) / count
-    return np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=len(weights) - 1)
-
-
-def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
-    """Draw as many ancestors as there are particles; see :func:`systematic_draw`.
 
     Returns:
         (particles,) ancestor of each place. Every survivor keeps its own place, so that only the maps of those that
         die are replaced.
     """
     count = len(weights)
-    copies = np.bincount(systematic_draw(weights, uniform, count), minlength=count)
+    ticks = (np.arange(count) + uniform) / count
+    drawn = np.searchsorted(np.cumsum(weights), ticks, side="right").clip(max=count - 1)
+    copies = np.bincount(drawn, minlength=count)
     ancestors = np.arange(count)
     dead = copies == 0
     copies[~dead] -= 1

@@ -1,21 +1,15 @@
 """Replaying a recorded log through a mapper."""
 
-import dataclasses
-import resource
-import sys
-import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.config import from_dict
 from slamgym.core.types import (
     BoolArray,
     FloatArray,
     GridFrame,
-    LaserGeometry,
     OccupancyGrid,
     Pose2D,
     Trajectory,
@@ -47,9 +41,6 @@ class ReplayResult:
     covariances: FloatArray
     """Covariances of the scans' poses by the mapper at the time, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats
-    wall_seconds: float
-    peak_memory_bytes: int
-    """Peak memory of the whole process."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Other entries that the mapper reports, e.g. its loop closures."""
 
@@ -59,21 +50,6 @@ class OlderMap(NamedTuple):
 
     grid: OccupancyGrid  # on the lattice: its corner lies at multiples of the resolution
     start: Pose2D  # where the log's first scan was taken, in the map's frame
-
-
-def settings_for(geometry: LaserGeometry, overrides: Mapping[str, Any] | None = None) -> SlamConfig:
-    """Settings that suit a scanner.
-
-    Args:
-        geometry: The log's laser.
-        overrides: Fields of :class:`SlamConfig` that the user chose.
-
-    Raises:
-        ConfigError: If an override has an unknown name or a bad value.
-    """
-    base = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
-    values = {item.name: getattr(base, item.name) for item in dataclasses.fields(base)}
-    return from_dict(SlamConfig, {**values, **(overrides or {})}, "slam")
 
 
 def replay(
@@ -101,7 +77,6 @@ def replay(
     mapper = make_mapper(config, log.geometry, start, rng)
     if older is not None:
         mapper.know(older.grid)
-    begin = time.perf_counter()
     processed: list[int] = []
     last = np.zeros(len(log))
     covariances = np.zeros((len(log), 3, 3))
@@ -132,8 +107,6 @@ def replay(
         doubtful=np.isin(last, mapper.stats.doubtful),
         covariances=covariances,
         stats=mapper.stats,
-        wall_seconds=time.perf_counter() - begin,
-        peak_memory_bytes=_peak_memory(),
         extra=mapper.report(),
     )
 
@@ -144,8 +117,3 @@ def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
     (left, bottom), (right, top) = map(min, bounds[:2]), map(max, bounds[2:])
     step = b.resolution
     return GridFrame(step, left, bottom, round((top - bottom) / step), round((right - left) / step))
-
-
-def _peak_memory() -> int:
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return int(peak if sys.platform == "darwin" else peak * 1024)

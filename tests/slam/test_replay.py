@@ -9,8 +9,8 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
 from slamgym.sim.raycast import cast_rays
+from slamgym.slam import SlamConfig
 from slamgym.slam.motion_model import poses_between
-from slamgym.slam.replay import settings_for
 from slamgym.viz.map_pictures import draw_map
 
 
@@ -125,14 +125,13 @@ def test_scans_between_processed_ones_share_the_correction():
 
 
 def test_settings_follow_the_scanner():
-    near = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.12, 3.5))
-    far = settings_for(LaserGeometry(180, -1.57, 0.0175, 0.0, 81.0), {"particles": 7})
+    near = SlamConfig.for_log(3.5, 180)
+    far = SlamConfig.for_log(81.0, 180)
     assert near.max_usable_range == pytest.approx(3.45)
     assert (near.mode, near.no_return, near.linear_update) == ("pose_graph", "clear", 0.1)
     assert (far.no_return, far.beam_skip) == ("ignore", 0)
-    assert settings_for(LaserGeometry(1081, -2.35, 0.00436, 0.1, 30.0)).beam_skip == 2
+    assert SlamConfig.for_log(30.0, 1081).beam_skip == 2
     assert far.max_usable_range > 75.0
-    assert far.particles == 7
 
 
 @pytest.mark.parametrize("shape", [(1, 1), (5, 4000), (300, 200)])

@@ -12,7 +12,6 @@ from slamgym.slam.particles import (
     ParticleMaps,
     effective_sample_size,
     normalized_weights,
-    systematic_draw,
     systematic_resample,
 )
 from slamgym.slam.tiles import EMPTY, register_scan
@@ -29,19 +28,15 @@ def test_weights_sum_to_one_and_keep_their_order(logs):
     assert np.all(np.diff(weights[order]) >= 0.0)
 
 
-@given(log_weights, st.floats(0.0, 1.0, exclude_max=True), st.integers(1, 60))
-def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform, count):
+@given(log_weights, st.floats(0.0, 1.0, exclude_max=True))
+def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform):
     weights = normalized_weights(3.0 * len(logs) * logs)
-    # Systematic resampling: the whole part of N w for sure, one more by chance (rounding aside).
-    drawn = np.bincount(systematic_draw(weights, uniform, count), minlength=len(weights))
-    assert drawn.sum() == count
-    assert np.all(drawn >= np.floor(count * weights - 1e-6))
-    assert np.all(drawn <= np.ceil(count * weights + 1e-6))
     ancestors = systematic_resample(weights, uniform)
     copies = np.bincount(ancestors, minlength=len(weights))
-    assert np.array_equal(
-        copies, np.bincount(systematic_draw(weights, uniform, len(weights)), minlength=len(weights))
-    )
+    # Systematic resampling: the whole part of N w for sure, one more by chance (rounding aside).
+    assert copies.sum() == len(weights)
+    assert np.all(copies >= np.floor(len(weights) * weights - 1e-6))
+    assert np.all(copies <= np.ceil(len(weights) * weights + 1e-6))
     stay = np.flatnonzero(copies)
     assert np.all(ancestors[stay] == stay)  # survivors stay where they are
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.branch_and_bound import EVERYWHERE, block_score, search_blocks, turned_cells
+from slamgym.slam.branch_and_bound import block_score, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.graph.alignment import FACES, Chosen
 from slamgym.slam.graph.matching import SearchWindow, score_levels
@@ -181,7 +181,7 @@ def test_branch_and_bound_finds_what_brute_force_finds():
         levels = score_levels(cells, 4)
         width = levels.shape[2] // FACES
         turned = turned_cells(points, sides, 0.3 + angles, np.array([2.5, 2.0]), width)
-        scan = levels, EVERYWHERE, *turned, -7, (7, 7), 0, 0
+        scan = levels, levels[:0], *turned, -7, (7, 7), 0, 0
         found = search_blocks(*scan, (0.0, 0.0, 0.0))[-1, 3]
         u, v, _, elsewhere = search_blocks(*scan, (-1.0, 2.0, 3.0))[-1]
         assert np.hypot(u + 1.0, v - 2.0) >= 3.0

@@ -25,7 +25,7 @@ ALIGN_WIDTH, FIRST_WIDTH = 3.0, 10.0
 """Residual at which a point's weight has fallen to a quarter, at the last steps and at the first one [deviations]."""
 POINT_SHARE = 0.2
 """Weight of a point: neighbours err together."""
-ALIGN_STEPS, DAMPING = 12, 1e-3
+ALIGN_STEPS = 12
 MOST_STEP, MOST_TURN = SUBMAP_CELL, 0.1
 """Most that one step moves [m] and turns [rad]: surfaces are sought within a cell."""
 CONVERGED = 2e-4, 2e-5
@@ -187,7 +187,7 @@ def align_scan(
         fit = bind_scan(submaps, corners, frames, points, sides, 1, pose, width, bound, hits)
         away[:] = pose - prior
         away[2] = nearest_turn(away[2])
-        h = known + DAMPING * np.eye(3)
+        h = known + 1e-3 * np.eye(3)  # damped, where a direction is bound by nothing
         for a in range(3):
             gradient[a] = known[a, 0] * away[0] + known[a, 1] * away[1] + known[a, 2] * away[2]
             for k in range(len(bound)):

@@ -283,15 +283,12 @@ class PoseGraphMapper(Mapper):
 
     def _matches(self, node: int, numbers: list[int], placed: Placed) -> list[Match]:
         """What each submap says of a node's place."""
-        matches = []
-        for index, number in enumerate(numbers):
-            if placed.bound.hits[index] < 2 * LEAST_POINTS:
-                continue
-            old = self._submaps[number].first
-            matches.append(
-                match_with(self._graph.poses, old, node, placed.pose, placed.bound.sums[index], len(numbers))
-            )
-        return matches
+        poses, bound, count = self._graph.poses, placed.bound, len(numbers)
+        return [
+            match_with(poses, self._submaps[number].first, node, placed.pose, bound.sums[index], count)
+            for index, number in enumerate(numbers)
+            if bound.hits[index] >= 2 * LEAST_POINTS
+        ]
 
     def _remember(self, scan: LaserScan, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
         """Keep the newest node's scan, and draw it into the newest submap."""

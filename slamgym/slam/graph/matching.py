@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from slamgym.core.types import ByteArray, FloatArray
-from slamgym.slam.branch_and_bound import EVERYWHERE, HIT, maxima, search_blocks, turned_cells
+from slamgym.slam.branch_and_bound import HIT, maxima, search_blocks, turned_cells
 from slamgym.slam.graph.alignment import FACES, Chosen
 from slamgym.slam.graph.submaps import SUBMAP_CELL
 
@@ -86,7 +86,7 @@ class SearchWindow:
         origin = self._centre[:2] - self._origin
         cells = turned_cells(points, sides, self._centre[2] + angles, origin, self._face_width)
         window = -self._cells, (self._cells, self._cells)
-        places = search_blocks(self._levels, EVERYWHERE, *cells, *window, int(least * most), 0, avoided)
+        places = search_blocks(self._levels, self._levels[:0], *cells, *window, int(least * most), 0, avoided)
         if not len(places):
             return self._centre.copy(), least
         col, row, turn, score = places[-1].tolist()

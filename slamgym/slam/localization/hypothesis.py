@@ -30,8 +30,9 @@ CERTAIN_WEIGHT, CERTAIN_FIT = 0.95, 0.7
 many of the beams on the way and at its end."""
 FIELD_FLOOR = (0.025, 0.025, 0.005)
 """No pose on a map of cells of 5 cm is known better than to half of one [m], [m], [rad]."""
-WIDE_SPREAD = 0.15
-"""A place known no better than this isn't known [m]."""
+MINIMUM_FIT, WIDE_SPREAD = 0.6, 0.15
+"""A place that explains a smaller share of the latest scans' beams isn't the robot's, and one known no better than the
+second isn't known [m]."""
 
 
 @dataclass
@@ -127,7 +128,7 @@ def believe(
     best.explained += driven * best.fit if is_alone else 0.0
     covariance = best.covariance[:3, :3] + np.diag(np.square(FIELD_FLOOR))
     state: State = "searching"
-    if best.fit < config.minimum_fit or covariance[0, 0] + covariance[1, 1] > WIDE_SPREAD**2:
+    if best.fit < MINIMUM_FIT or covariance[0, 0] + covariance[1, 1] > WIDE_SPREAD**2:
         state = "lost" if best.was_sure else "searching"
     elif not is_alone:
         state = "ambiguous"

@@ -30,6 +30,11 @@ THRESHOLDS = 0.1, 0.1, math.inf
 TURN_METRES = 1.0 / math.pi
 """Driven distance to which a radian of turning is equal [m]: half a turn is a metre."""
 
+START_SPREAD = 0.5, 0.5, 0.26
+"""Standard deviations of a known start [m], [m], [rad] (the roots of AMCL's ``initial_cov_xx``, ``_yy``, ``_aa``)."""
+MOST_BEAMS = 60
+"""Beams of a scan that weigh a hypothesis (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
+
 
 class MapLocalizer(Mapper):
     """A mapper whose poses come from a finished map.
@@ -60,12 +65,11 @@ class MapLocalizer(Mapper):
         self._wheels = WheelCalibration()
         self._hypotheses: list[Hypothesis] = []
         if settings.start == "known":
-            spread = settings.initial_spread, settings.initial_spread, settings.initial_turn
-            first = Hypothesis.around(np.array(initial_pose, dtype=np.float64), spread)
+            first = Hypothesis.around(np.array(initial_pose, dtype=np.float64), START_SPREAD)
             first.led, first.was_sure = math.inf, True
             self._hypotheses.append(first)
         start = initial_pose if self._hypotheses else Pose2D(0.0, 0.0, 0.0)
-        self._seeker = Seeker(self._known_map, self._beams, settings.max_beams)
+        self._seeker = Seeker(self._known_map, self._beams, MOST_BEAMS)
         self.belief = Belief(0.0, "searching", start, np.eye(3), 0.0, ())
         """Belief since the last processed scan."""
         self._states = Counter[str]()
@@ -120,7 +124,7 @@ class MapLocalizer(Mapper):
         self._seeker.append(step.moved, driven, scan.ranges, cloud)
         if len(cloud) >= FEW_POINTS:
             self._hypotheses += self._seeker.find(self._hypotheses, was_localised)
-            every = min(len(self._hypotheses), max(1, len(cloud) // self._settings.max_beams))
+            every = min(len(self._hypotheses), max(1, len(cloud) // MOST_BEAMS))
             points, sides = (np.ascontiguousarray(part) for part in np.hsplit(cloud[::every], [2]))
             for hypothesis in self._hypotheses:
                 hypothesis.align(self._known_map.surfaces, points, sides)

@@ -10,8 +10,8 @@ from slamgym.commands.cli import TABLE
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from slamgym.interop import read_ros_map, read_tum, write_carmen, write_ros_map
+from slamgym.slam import SlamConfig
 from slamgym.slam.localization.logs import continue_map
-from slamgym.slam.replay import settings_for
 
 
 def main(argv):
@@ -30,7 +30,8 @@ def half_known(limit=4.5):
 
 
 def continued(log, grid, **settings):
-    config = settings_for(log.geometry, {"resolution": grid.frame.resolution, **settings})
+    suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    config = dataclasses.replace(suited, **{"resolution": grid.frame.resolution, **settings})
     return continue_map(log, grid, config, np.random.default_rng(0))
 
 
