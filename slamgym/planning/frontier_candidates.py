@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import ByteArray, FloatArray, GridFrame, Pose2D
+from slamgym.core.types import ByteArray, FloatArray, GridFrame, Int32Array, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap, cells_inside
-from slamgym.planning.frontiers import Frontier, Point, Reachable, describe_frontier, find_frontiers
+from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
 
@@ -133,7 +133,17 @@ def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: f
         parts += [cells[order[: len(order) // 2]], cells[order[len(order) // 2 :]]]
     if len(done) == 1:
         return [frontier]
-    return [describe_frontier(cells, frame, pose) for cells in done]
+    return [_describe(cells, frame, pose) for cells in done]
+
+
+def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
+    """A frontier of given cells."""
+    points = frame.to_points(cells[:, 0], cells[:, 1])
+    centroid = points.mean(axis=0)
+    from_robot = np.hypot(*(points - np.array(pose[:2])).T)
+    nearest, middle = np.argmin(from_robot), np.argmin(np.hypot(*(points - centroid).T))
+    first, second, third = ((x, y) for x, y in np.array([centroid, points[nearest], points[middle]]).tolist())
+    return Frontier(len(cells), float(from_robot[nearest]), first, second, third, cells)
 
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:

@@ -122,10 +122,10 @@ def find_frontiers(
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     members, starts = collect_frontiers(edge, order, min_size / frame.resolution - 1e-6)
     cells = np.column_stack(np.divmod(members, frame.width_px))
-    return [describe_frontier(cells[first:end], frame, pose) for first, end in itertools.pairwise(starts)]
+    return [_describe_frontier(cells[first:end], frame, pose) for first, end in itertools.pairwise(starts)]
 
 
-def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
+def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     """A frontier of given cells (N, 2), seen from the robot; all in one frame."""
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5
