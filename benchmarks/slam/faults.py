@@ -173,7 +173,8 @@ class Trial(NamedTuple):
 
 def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, Trial]]:
     """Each fault in a log, after ``none``, which judges the unbroken log."""
-    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), mode=mode)
+    settings: dict[str, Any] = {"mode": mode}
+    config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **settings)
 
     def mapped(broken: Log) -> tuple[Trajectory, list[Span]]:
         result = replay(check_odometry(broken), config, np.random.default_rng(0))

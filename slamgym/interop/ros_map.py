@@ -28,9 +28,6 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-DIGITS = 12
-"""Decimal places of the origin in metres: -20.700000000000003 is written as -20.7."""
-
 MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
 """Cells of another size are a broken number [m]."""
 MAX_ORIGIN = 1e8
@@ -88,7 +85,7 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
         "image": image.name,
         "mode": "trinary",
         "resolution": resolution,
-        "origin": [*(round(value, DIGITS) for value in origin), 0.0],
+        "origin": [*(round(value, 12) for value in origin), 0.0],  # -20.700000000000003 is written as -20.7
         "negate": 0,
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,

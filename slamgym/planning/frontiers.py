@@ -132,8 +132,8 @@ def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fro
     centroid = cells.mean(axis=0)
     from_robot, from_centroid = (((cells - place) ** 2).sum(axis=1) for place in ((row, col), centroid))
     nearest, middle = int(np.argmin(from_robot)), int(np.argmin(from_centroid))
-    places = (frame.to_point(*place.tolist()) for place in (centroid, cells[nearest], cells[middle]))
-    return Frontier(len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, *places, cells)
+    mean, near, inner = (frame.to_point(*cell.tolist()) for cell in (centroid, cells[nearest], cells[middle]))
+    return Frontier(len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, mean, near, inner, cells)
 
 
 def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:

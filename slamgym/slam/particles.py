@@ -9,7 +9,7 @@ from slamgym.core.jit import kernel, plain
 from slamgym.core.portable import exp
 from slamgym.core.types import OCCUPIED, FloatArray, IntArray, OccupancyGrid
 from slamgym.slam.columns import Columns
-from slamgym.slam.tiles import BYTES_PER_TILE, TILE, TileMaps, TilePool, copy_maps, register_scan
+from slamgym.slam.tiles import TILE, TileMaps, TilePool, copy_maps, register_scan
 
 
 @kernel
@@ -140,7 +140,7 @@ class ParticleMaps:
     @property
     def num_bytes(self) -> int:
         """Memory of the maps."""
-        return len(self.pool.references) * BYTES_PER_TILE + self.tables.nbytes
+        return sum(array.nbytes for array in self.pool) + self.tables.nbytes
 
     def cover(self, poses: FloatArray, radius: float) -> None:
         """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
@@ -178,7 +178,7 @@ class ParticleMaps:
 
     def _grow_pool(self, needed: int) -> None:
         capacity = len(self.pool.references)
-        most = int(self._memory_limit / BYTES_PER_TILE)
+        most = int(self._memory_limit * capacity / sum(array.nbytes for array in self.pool))
         larger = min(max(2 * capacity, capacity + 2 * needed), most)
         if larger < capacity + needed:
             raise SlamgymError(

@@ -26,7 +26,6 @@ TILE_MASK = TILE - 1
 EMPTY = 0
 """The tile that stands for every tile never written to; it is never written to itself."""
 MAX_COUNT = 65535
-BYTES_PER_TILE = TILE * TILE * 4 * 2 + 8
 MEAN_U, MEAN_V, COUNT, NEIGHBOURS = 0, 1, 2, 3
 """Indices of the four numbers of a cell."""
 MEAN_UNITS = 65536.0
