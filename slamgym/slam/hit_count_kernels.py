@@ -23,7 +23,6 @@ from slamgym.core.types import (
 from slamgym.slam.config import SlamConfig
 
 _FRACTION = 32
-_HALF = 1 << (_FRACTION - 1)
 
 # A gap without return that the scan cuts off may be a pane or a dark wall up to this angle [rad].
 _WIDEST_GAP = math.radians(90.0)
@@ -215,7 +214,7 @@ def draw_scans(
                 major, minor = minor, major
                 major_stride, minor_stride = minor_stride, major_stride
             slope = (minor << _FRACTION) // max(major, 1)
-            offset, cell = _HALF, start
+            offset, cell = 1 << (_FRACTION - 1), start
             for _ in range(major):
                 # An unsigned index isn't asked whether it counts from the end.
                 flat[np.uint64(2 * (cell + (offset >> _FRACTION) * minor_stride) + 1)] += sign

@@ -18,13 +18,14 @@ from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.mapper import FEW_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.hit_count_kernels import BeamTable
 
-REACH, FEWEST_POINTS, MOST_POINTS = 10.0, 20, 360
-"""Points of a scan that are aligned: so near [m], and so many; fewer say nothing."""
+REACH, MOST_POINTS = 10.0, 360
+"""Points of a scan that are aligned: so near [m], and so many."""
 KEYFRAME, KEYFRAMES = 0.15, 6
 """A scan is drawn into the newest submap after so much driving [m] or turning [rad], and a submap takes so many."""
 SURE_FIT, BETTER_FIT = 0.75, 0.1
@@ -74,7 +75,7 @@ class LaserTracker:
         return np.ascontiguousarray(points[:: max(1, len(points) // MOST_POINTS)])
 
     def _place(self, points: FloatArray, guess: FloatArray, wait: float) -> LaserMotion:
-        if len(points) < FEWEST_POINTS:
+        if len(points) < FEW_POINTS:
             return LaserMotion(guess, np.zeros((3, 3)), 0.0)
         sides, free = sides_of(points, self._beams[1]), np.zeros((3, 3))
         chosen = Chosen(self._submaps, np.array(self._frames))
