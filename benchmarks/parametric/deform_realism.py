@@ -1,7 +1,7 @@
 """Can maps of `slamgym deform` be told from simulated ones, and do they differ as much from draw to draw?
 
 For every pair of a dataset each method makes a map of the same plan: the parametric model and the generator along the
-path that the robot truly drove, the latter by the same recipe. Trees on map statistics and a small network on patches
+path that the robot truly drove, the latter by the same recipe. Trees on map statistics
 learn to tell the kinds apart, held out by plan; 0.5 is perfect. Diversity is how many of the cells that either map
 knows differ between two maps of one plan, as a share of what differs between the simulated ones.
 
@@ -32,7 +32,6 @@ from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.images.square_images import resample_map
 from slamgym.dataset.record import PairRecord
 from slamgym.envs.episode import EpisodeConfig
-from slamgym.gan.evaluation.patch_classifier import PatchLearner
 from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import load_translator
 from slamgym.metrics.map_statistics import at_look_cell, cut_to_floor, look_statistics
@@ -112,14 +111,13 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--most", type=int, default=10_000, help="pairs of each dataset")
     parser.add_argument("--half", type=int, choices=(0, 1), help="of the plans: the matcher was fitted on 0")
-    parser.add_argument("--network", action="store_true", help="also judge by a network on patches")
     arguments = parser.parse_args()
     maker = Maker(arguments.methods)
     rows: list[tuple[object, ...]] = []
     for spec in arguments.datasets:
         name, _, folder = spec.partition("=")
         rows += judge(name, Path(folder), maker, arguments)
-    columns = ("recipe", "maps", "pairs", "trees", "network", "disagreement", "of simulated", "CPU s", "90 %")
+    columns = ("recipe", "maps", "pairs", "trees", "disagreement", "of simulated", "CPU s", "90 %")
     title = "Telling generated from simulated maps (0.5 is perfect), and diversity"
     print_and_save("parametric/deform_realism", title, rows, columns)
 
@@ -138,9 +136,8 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
     spread = np.array([disagreement(true[a][2], true[b][2]) for a, b in twice])
     own = [look_statistics(cut_to_floor(cells)) for cells in real]
     null = half_against_half(plans, tree_learner(own), 5, 5)
-    halves = half_against_half(plans, PatchLearner(real), 4, 1) if arguments.network else None
     rows: list[tuple[object, ...]] = [
-        (name, "simulated, half against half", len(real), shown(null), shown(halves),
+        (name, "simulated, half against half", len(real), shown(null),
          round(float(spread.mean()), 3) if len(spread) else None, None, None, None)
     ]  # fmt: skip
     for method in arguments.methods:
@@ -154,9 +151,6 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
         of_second = np.arange(2 * len(real)) >= len(real)
         statistics = own + [look_statistics(cut_to_floor(one)) for one in cells]
         trees = distinguish(of_second, plans * 2, tree_learner(statistics), 5, 3)
-        network = None
-        if arguments.network:
-            network = distinguish(of_second, plans * 2, PatchLearner(real + cells), 4, 1)
         differs = np.array([disagreement(made[a][0], made[b][0]) for a, b in twice])
         ratio = None
         if len(twice):
@@ -167,7 +161,7 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
             ratio = f"{differs.mean() / spread.mean():.2f} [{low:.2f}, {high:.2f}]"
         seconds = [taken for _, taken in made]
         rows.append(
-            (name, method, len(cells), shown(trees), shown(network),
+            (name, method, len(cells), shown(trees),
              round(float(differs.mean()), 3) if len(differs) else None, ratio,
              round(float(np.median(seconds)), 3), round(float(np.percentile(seconds, 90)), 3))
         )  # fmt: skip
@@ -175,9 +169,9 @@ def judge(name: str, root: Path, maker: Maker, arguments: argparse.Namespace) ->
     return rows
 
 
-def shown(interval: Interval | None) -> str:
+def shown(interval: Interval) -> str:
     """An accuracy with its interval."""
-    return "-" if interval is None else f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
+    return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
 
 
 if __name__ == "__main__":

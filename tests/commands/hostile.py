@@ -57,7 +57,7 @@ RUNS = {
     "slam": ["slam", "{episode}", "--mode", "dead_reckoning", "-o", "{out}/run"],
     "localize": ["localize", "{images}/train/B/0.png", "{episode}", "--resolution", "0.1", "-o", "{out}/run"],
     "export-log": ["export-log", "{episode}", "-o", "{out}/run/a.log.gz"],
-    "dataset realism": ["dataset", "realism", "{maps}", "--against", "{robots}", "--no-network", "--halvings", "1",
+    "dataset realism": ["dataset", "realism", "{maps}", "--against", "{robots}", "--halvings", "1",
                         "-o", "{out}/run"],
     "agents evaluate": ["agents", "evaluate", *PLANS, *SHORT, "--count", "1", "--split", "all", "--plans-filter",
                         "none", "--explorers", "nearest", "--workers", "1", "-o", "{out}/run"],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,18 +15,17 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, tell
 
 if TYPE_CHECKING:
-    from slamgym.dataset.realism.comparison import MeasuredMap, RealismReport
+    from slamgym.dataset.realism.comparison import RealismReport
 
 SHOWN_STATISTICS = 4
 """The most telling ones, which get examples."""
-NETWORK = "network on patches"
 
 
 class RealismArguments(Arguments):
     """Compare the SLAM maps of a dataset with maps of robots: statistics, two-sample tests, examples.
 
     Writes OUT/realism.html, which holds everything, realism.json and realism.md. The trees need
-    scikit-learn (extra `clean`), the network torch (extra `gan`); what is missing is left out, and the page says so.
+    scikit-learn (extra `clean`); without it they are left out, and the page says so.
     """
 
     dataset: tyro.conf.Positional[Path]
@@ -39,10 +37,8 @@ class RealismArguments(Arguments):
     building: str | None = None
     """A regular expression that finds the building in the name of a reference map, such as '^[^_]+'; without it
     each map is a separate building. Buildings are never on both sides of a test."""
-    network: bool = True
-    """Train the network: half a CPU minute a test on 50 maps."""
     halvings: Count = 10
-    """Number of halvings of a set by the trees, for its null."""
+    """Number of halvings of a set, for its null."""
     seed: int = 0
     """Seed of folds, halves and learners."""
 
@@ -81,31 +77,14 @@ def main(arguments: RealismArguments) -> None:
 
 
 def _test(report: RealismReport, arguments: RealismArguments) -> None:
-    """Add the tests by trees between all sets, those by the network with the dataset, and of the halves of each set."""
+    """Add the tests between all sets, and of the halves of each set."""
     from slamgym.dataset.realism.comparison import TREES, learn_by_trees
 
+    if not is_installed("sklearn"):
+        install = "pip install 'slamgym[clean]'"
+        report.left_out.append(f"{TREES}: left out, scikit-learn isn't installed; {install}")
+        return
     halves = [(one, one) for one in report.sets]
-    if not _is_missing(TREES, "sklearn", "scikit-learn", "clean", report):
-        for first, second in [*itertools.combinations(report.sets, 2), *halves]:
-            repeats = arguments.halvings if first is second else 2
-            report.test(TREES, learn_by_trees, first, second, repeats)
-    if not arguments.network:
-        report.left_out.append(f"{NETWORK}: left out by --no-network")
-    elif not _is_missing(NETWORK, "torch", "torch", "gan", report):
-        from slamgym.gan.evaluation.patch_classifier import PatchLearner
-
-        def learn(maps: Sequence[MeasuredMap]) -> PatchLearner:
-            return PatchLearner([one.cells for one in maps], report.seed)
-
-        for first, second in [*((report.own, one) for one in report.references), *halves]:
-            what = "half against half" if first is second else f"against {second.name}"
-            say(f"{NETWORK}: {first.name} {what}")
-            report.test(NETWORK, learn, first, second, 1)
-
-
-def _is_missing(test: str, package: str, called: str, extra: str, report: RealismReport) -> bool:
-    """True if the package isn't installed, which the report then says."""
-    if is_installed(package):
-        return False
-    report.left_out.append(f"{test}: left out, {called} isn't installed; pip install 'slamgym[{extra}]'")
-    return True
+    for first, second in [*itertools.combinations(report.sets, 2), *halves]:
+        repeats = arguments.halvings if first is second else 2
+        report.test(TREES, learn_by_trees, first, second, repeats)
