@@ -35,6 +35,9 @@ THICKNESS = (0.01, 0.6)
 """Two faces that look away from each other at such a distance belong to one wall [m]."""
 SHORTEST_PIECE = 0.2
 """Faces are not cut into shorter pieces than this [m]."""
+NEXT_PIECE = 1.5
+"""Faces on one line with a gap of less than this, a door's, are one wall [m]: else the two parts of a wall that has moved
+vouch for each other, and in a flat of two rooms the outer walls are reported instead."""
 PARALLEL = 0.996
 """Cosine of the angle up to which faces count as parallel: 5 degrees."""
 NORMAL_BLUR = 1.5
@@ -61,13 +64,13 @@ class PlanFaces:
         return self.normals[self.face]
 
     def same_wall(self, face: int) -> BoolArray:
-        """The faces of the same straight wall, on both of its sides, as a mask (F,)."""
+        """The faces of the same straight wall, on both of its sides and beyond its doors, as a mask (F,)."""
         normal = self.normals[face]
         middle = 0.5 * (self.segments[:, :2] + self.segments[:, 2:])
         away = middle - middle[face]
         beside = np.abs(away @ normal) < THICKNESS[1]
         gap = np.abs(away @ [normal[1], -normal[0]]) - 0.5 * (self.lengths + self.lengths[face])
-        return (np.abs(self.normals @ normal) > PARALLEL) & beside & (gap < 0.0)
+        return (np.abs(self.normals @ normal) > PARALLEL) & beside & (gap < NEXT_PIECE)
 
 
 def plan_faces(plan: FloorPlan) -> PlanFaces:
