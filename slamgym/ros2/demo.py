@@ -1,5 +1,6 @@
 """The three nodes at once, each in a process of its own, until the building is explored."""
 
+import math
 import signal
 import subprocess
 import sys
@@ -54,7 +55,7 @@ class DemoNode(RosNode):
         self.stamp = stamp_of(message.header, 0.0)
         truth, pose = self._truth.at(self.stamp), pose_of(message.pose.pose, "pose")
         if truth is not None:
-            self.error = ((pose.x - truth.x) ** 2 + (pose.y - truth.y) ** 2) ** 0.5
+            self.error = math.dist(pose[:2], truth[:2])
 
     def _look(self) -> None:
         """End as soon as one of the nodes has ended."""
@@ -73,18 +74,11 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
         SlamgymError: If another node has ended before it.
     """
     begun, out = time.monotonic(), str(parameters.out)
-    seed, speed = str(parameters.seed), str(parameters.speed)
-    plan = ["--plan", parameters.plan] if parameters.plan else []
-    films = [
-        word
-        for name in ("rerun", "video")
-        if (path := getattr(parameters, name))
-        for word in (f"--{name}", path)
-    ]
+    where = _words(parameters, "plans", "plan", "start", "seed", "speed")
     commands = {
-        "sim": ["--plans", parameters.plans, *plan, "--seed", seed, "--speed", speed],
+        "sim": where,
         "map": ["--out", out],
-        "explore": ["--explorer", parameters.explorer, "--out", out, "--exit", *films],
+        "explore": [*_words(parameters, "explorer", "out", "rerun", "video"), "--exit"],
     }
     nodes = {
         name: subprocess.Popen(
@@ -113,6 +107,16 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
     )
     tell(out)
     return int(nodes["explore"].returncode)
+
+
+def _words(parameters: DemoParameters, *names: str) -> list[str]:
+    """Options as they are typed; those that are empty are left out."""
+    given = {name: value for name in names if (value := getattr(parameters, name)) not in ("", ())}
+    return [
+        word
+        for name, value in given.items()
+        for word in (f"--{name}", *map(str, value if isinstance(value, tuple) else (value,)))
+    ]
 
 
 def _end(node: subprocess.Popen[bytes]) -> None:

@@ -211,14 +211,5 @@ def draw_saved_map(folder: Any) -> int:
     import importlib.util
 
     model = [] if importlib.util.find_spec("torch") else ["--model", "none"]
-    command = [
-        sys.executable,
-        "-m",
-        "slamgym",
-        "cad",
-        "draw",
-        f"{folder}/map.yaml",
-        "-o",
-        f"{folder}/drawing",
-    ]
-    return subprocess.run([*command, *model], check=False).returncode
+    draw = "cad", "draw", f"{folder}/map.yaml", "-o", f"{folder}/drawing", *model
+    return subprocess.run([sys.executable, "-m", "slamgym", *draw], check=False).returncode

@@ -3,8 +3,12 @@
 from pathlib import Path
 from typing import Annotated, Literal
 
+import tyro
+
 from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.errors import ConfigError
+
+RosOut = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 
 
 class FrameNames(Arguments):
@@ -38,7 +42,7 @@ class SimParameters(Arguments):
 class MapParameters(FrameNames):
     """Map by graph SLAM, as slam_toolbox or GMapping do, or localise on a finished map."""
 
-    out: Path = Path("mapped")
+    out: RosOut = Path("mapped")
     """Folder that the services `save` and `draw` write to, and the end of the node."""
     map: str = ""
     """A finished map (yaml): the robot is localised on it, nothing is mapped."""
@@ -61,7 +65,7 @@ class ExploreParameters(FrameNames):
     """Drive back to the start at the end."""
     wait: bool = False
     """Wait for the service `start`."""
-    out: Path = Path("explored")
+    out: RosOut = Path("explored")
     """Folder for the map and its drawing, written when it is done."""
     robot_radius: Positive = 0.22
     """Radius of the circle that holds the robot [m]."""
@@ -86,20 +90,14 @@ class ExploreParameters(FrameNames):
         return tuple(zip(self.area[::2], self.area[1::2], strict=True))
 
 
-class DemoParameters(Arguments):
+class DemoParameters(SimParameters):
     """All three nodes at once: a simulated robot explores a floor plan over topics, and saves map and drawing."""
 
-    plans: str = "bundled"
-    """Floor plans, as `slamgym generate` takes them."""
-    plan: str = ""
-    """Id of the plan; by default one that follows from the seed."""
-    seed: int = 0
-    """Seed of everything random."""
     speed: Annotated[float, Within(ge=0.0)] = 0.0
     """Times real time; 0: as fast as the explorer drives."""
     explorer: str = "tour@98%:95%"
     """Who chooses: tour, nearest, explore_lite, rl, ..."""
-    out: Path = Path("ros2_demo")
+    out: RosOut = Path("ros2_demo")
     """Folder for map, drawing and log."""
     rerun: str = ""
     """Recording to write, .rrd, for the rerun viewer."""

@@ -99,13 +99,9 @@ class VelocityTopic:
 
     def _adapt(self) -> None:
         """Change the type if the other side has only the other one."""
-        node, topic = self._node, self._node.resolve_topic_name("cmd_vel")
-        is_sender = self._receive is None
-        ends = (
-            node.get_subscriptions_info_by_topic(topic)
-            if is_sender
-            else node.get_publishers_info_by_topic(topic)
-        )
+        node, is_sender = self._node, self._receive is None
+        others = node.get_subscriptions_info_by_topic if is_sender else node.get_publishers_info_by_topic
+        ends = others(node.resolve_topic_name("cmd_vel"))
         stamped = {end.topic_type.endswith("TwistStamped") for end in ends}
         if len(stamped) == 1 and stamped != {self._kind is TwistStamped}:
             with node.worker.lock:  # which may be sending

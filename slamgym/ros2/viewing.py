@@ -37,17 +37,17 @@ class Display:
 
     def __init__(self, node: RosNode, parameters: ExploreParameters) -> None:
         self._node, self._parameters = node, parameters
-        self._status = node.create_publisher(String, "explore/status", LATCHED)
-        self._markers = node.create_publisher(MarkerArray, "explore/frontiers", 10)
-        self._paths = node.create_publisher(Path, "explore/path", 10)
+        self._status = node.offer(String, "explore/status", LATCHED)
+        self._markers = node.offer(MarkerArray, "explore/frontiers")
+        self._paths = node.offer(Path, "explore/path")
         self._text, self._filmed_at = "", -np.inf
         self._driven: list[Pose2D] = []
         self._files = contextlib.ExitStack()
         rerun, video = FilePath(parameters.rerun), FilePath(parameters.video)
-        self._film = (
-            self._files.enter_context(open_film(video, FRAMES_PER_SECOND)) if parameters.video else None
-        )
-        self._recording = self._files.enter_context(open_recording(rerun)) if parameters.rerun else None
+        film = open_film(video, FRAMES_PER_SECOND) if parameters.video else contextlib.nullcontext()
+        self._film = self._files.enter_context(film)
+        recording = open_recording(rerun) if parameters.rerun else contextlib.nullcontext()
+        self._recording = self._files.enter_context(recording)
         self._view = GrowingView()
 
     def show(
@@ -62,7 +62,7 @@ class Display:
         if exploration.text != self._text:
             self._text = exploration.text
             self._node.get_logger().info(self._text)
-            self._status.publish(String(data=self._text))
+            self._status({"data": self._text})
             self._publish(exploration, self._node.header(stamp, self._parameters.map_frame))
         if pose is None or grid is None or scan is None:
             return
@@ -87,12 +87,10 @@ class Display:
         markers += [_marker(number, points, False) for number, points in enumerate(view.frontiers, 1)]
         if view.chosen is not None:
             markers.append(_marker(0, view.chosen, True))
-        self._markers.publish(MarkerArray(markers=[fill(marker, {"header": header}) for marker in markers]))
-        way = [
-            {"header": header, "pose": pose_fields(Pose2D(x, y, 0.0))} for x, y in view.path[:, :2].tolist()
-        ]
-        poses = [fill(PoseStamped(), fields) for fields in way]
-        self._paths.publish(fill(Path(poses=poses), {"header": header}))
+        self._markers({"markers": [fill(marker, {"header": header}) for marker in markers]})
+        way = [pose_fields(Pose2D(x, y, 0.0)) for x, y in view.path[:, :2].tolist()]
+        poses = [fill(PoseStamped(), {"header": header, "pose": pose}) for pose in way]
+        self._paths({"header": header, "poses": poses})
 
     def close(self) -> None:
         """Complete the files."""
