@@ -50,7 +50,7 @@ class Arguments:
     """An exploration that takes longer is stuck [s of robot time]."""
     plans: str = "procedural"
     """Floor plans."""
-    explorer: str = "tour@98%:95%"
+    explorer: str = "tour"
     """Who chooses."""
     seed: int = 1000
     """Of the first exploration; each of the following has the next."""

@@ -55,8 +55,8 @@ class MapParameters(FrameNames):
 class ExploreParameters(FrameNames):
     """Explore until everything that the robot can get to is on the map, as explore_lite does."""
 
-    explorer: str = "tour@98%:95%"
-    """Who chooses: tour, nearest, explore_lite, rl, ...; behind @ the promise at which it is done."""
+    explorer: str = "tour"
+    """Who chooses: tour, nearest, explore_lite, rl, ...; behind @ a promise at which it is done, as in tour@98%:95%."""
     drive: Literal["wheels", "goals"] = "wheels"
     """wheels: velocities to cmd_vel; goals: goals to Nav2 (navigate_to_pose, or goal_pose without nav2_msgs)."""
     area: tuple[float, ...] = ()
@@ -95,7 +95,7 @@ class DemoParameters(SimParameters):
 
     speed: Annotated[float, Within(ge=0.0)] = 0.0
     """Times real time; 0: as fast as the explorer drives."""
-    explorer: str = "tour@98%:95%"
+    explorer: str = "tour"
     """Who chooses: tour, nearest, explore_lite, rl, ..."""
     out: RosOut = Path("ros2_demo")
     """Folder for map, drawing and log."""

@@ -36,8 +36,8 @@ THICKNESS = (0.01, 0.6)
 SHORTEST_PIECE = 0.2
 """Faces are not cut into shorter pieces than this [m]."""
 NEXT_PIECE = 1.5
-"""Faces on one line with a gap of less than this, a door's, are one wall [m]: else the two parts of a wall that has moved
-vouch for each other, and in a flat of two rooms the outer walls are reported instead."""
+"""Faces on one line with a gap of less than this, a door's, are one wall [m]: else the two parts of a wall that has
+moved vouch for each other, and in a flat of two rooms the outer walls are reported instead."""
 PARALLEL = 0.996
 """Cosine of the angle up to which faces count as parallel: 5 degrees."""
 NORMAL_BLUR = 1.5
