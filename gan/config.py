@@ -185,7 +185,8 @@ class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
     """Weights that the generator starts with instead of random ones: a pretrained name, a file, or a run's folder."""
     seed: int = 0
     minutes: Positive | None = None
-    """Wall-clock time of the whole training, to which the schedule is stretched; None goes by the stages' epochs."""
+    """Wall-clock time of the whole training; each stage gets the share of it that it has of the epochs. None goes by
+    the epochs themselves."""
 
     def _check(self) -> None:
         resolutions = [stage.resolution for stage in self.stages]

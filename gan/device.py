@@ -43,13 +43,6 @@ class Compute:
         network.to(memory_format=self.memory_format)  # type: ignore[call-overload]
         return network
 
-    def synchronise(self) -> None:
-        """Wait until the device has done what it was given (for measuring time)."""
-        if self.device.type == "cuda":
-            torch.cuda.synchronize(self.device)
-        elif self.device.type == "mps":
-            torch.mps.synchronize()
-
 
 def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -> Compute:
     """Pick the device, the precision and the memory layout.

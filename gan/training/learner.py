@@ -10,7 +10,6 @@ file is complete or absent, and nothing in it can run code.
 
 import copy
 import json
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -28,22 +27,19 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import staged
 from slamgym.core.types import ByteArray
 from slamgym.gan.config import Encoding, TranslatorTrainingConfig
-from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import encode
 from slamgym.gan.networks.factory import Generator, build_discriminators, build_generator
 from slamgym.gan.networks.generators import GeneratorOutput
 from slamgym.gan.training import losses
-from slamgym.gan.training.sampler import Batch, BatchSampler
-from slamgym.gan.training.schedule import Moment, Schedule
+from slamgym.gan.training.sampler import Batch
+from slamgym.gan.training.schedule import Moment
 from slamgym.gan.weights import read_tensors
 from slamgym.metrics.maps import resample_slam
 
-STATE_FORMAT = "slamgym-translator-training-2"
+STATE_FORMAT = "slamgym-translator-training-3"
 BETA_2 = 0.99
 """Adam's second decay rate (the paper)."""
-WARM_UP_STEPS, MEASURED_STEPS = 1, 2
-"""Steps before and during the measurement of the time of a step."""
 
 
 class Learner:
@@ -62,7 +58,7 @@ class Learner:
         self.average = copy.deepcopy(self.generator) if config.optimiser.average > 0.0 else None
         self.optimisers = {"generator": self._optimiser(self.generator)}
         self.optimisers |= {name: self._optimiser(network) for name, network in self.discriminators.items()}
-        self.steps_done = 0
+        self.steps_done = self.images_done = 0
 
     @property
     def best_generator(self) -> Generator:
@@ -117,6 +113,7 @@ class Learner:
             values[f"discriminator_{name}"] = term.detach()
         self._update_average()
         self.steps_done += 1
+        self.images_done += len(batch.cad)
         # One transfer for all terms.
         numbers = torch.stack([value.float() for value in values.values()]).tolist()
         return dict(zip(values, numbers, strict=True))
@@ -239,7 +236,8 @@ class Learner:
             for number, state in optimiser.state_dict()["state"].items():
                 tensors |= {f"optimiser.{name}.{number}.{key}": value for key, value in state.items()}
         plain = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
-        header = {"format": STATE_FORMAT, "facts": json.dumps({**facts, "steps_done": self.steps_done})}
+        done = {"steps_done": self.steps_done, "images_done": self.images_done}
+        header = {"format": STATE_FORMAT, "facts": json.dumps(facts | done)}
         with staged(path) as part:
             save_file(plain, part, metadata=header)
 
@@ -261,7 +259,7 @@ class Learner:
         torch.set_rng_state(tensors["torch.cpu"])
         if "torch.cuda" in tensors and self.compute.device.type == "cuda":
             torch.cuda.set_rng_state(tensors["torch.cuda"], self.compute.device)
-        self.steps_done = int(facts["steps_done"])
+        self.steps_done, self.images_done = int(facts["steps_done"]), int(facts["images_done"])
 
 
 def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -298,25 +296,3 @@ def _frozen(networks: nn.Module) -> Iterator[None]:
         yield
     finally:
         networks.requires_grad_(True)
-
-
-def measure_seconds(
-    schedule: Schedule, pairs: PairSet, config: TranslatorTrainingConfig, compute: Compute
-) -> list[float]:
-    """Wall-clock seconds of one step in each span, measured on separate networks.
-
-    The networks in training, their optimisers and the order of the data are not touched.
-    """
-    learner = Learner(config, compute)
-    sampler = BatchSampler(pairs, config, np.random.default_rng(0))
-    measured: dict[tuple[int, int], float] = {}
-    for resolution, batch, *_ in schedule.spans:
-        if (resolution, batch) not in measured:
-            times = []
-            for _ in range(WARM_UP_STEPS + MEASURED_STEPS):
-                began = time.monotonic()
-                learner.step(sampler.draw(batch), Moment(resolution, batch, 1.0, 0.0))
-                compute.synchronise()
-                times.append(time.monotonic() - began)
-            measured[resolution, batch] = min(times[WARM_UP_STEPS:])
-    return [measured[span.resolution, span.batch] for span in schedule.spans]

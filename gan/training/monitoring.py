@@ -19,8 +19,6 @@ from slamgym.metrics import boundary_score
 
 WALL_TOLERANCE = 0.1
 """Tolerance of the wall F1 [m]."""
-LOSS_SMOOTHING = 0.98
-"""Smoothing factor of the loss in lines of progress."""
 
 
 def validate(
@@ -92,30 +90,20 @@ class ProgressLines:
     """Says now and then how far a training is."""
 
     def __init__(self) -> None:
-        self._began = self._last = time.monotonic()
-        self._first: int | None = None
-        self._loss: float | None = None
+        self._last = time.monotonic()
+        self._first: tuple[float, float] | None = None
 
-    def show(self, images: int, total: int, loss: float, left: float | None = None) -> None:
+    def show(self, share: float, loss: float) -> None:
         """Say how far the training is, if it is time for a line.
 
         Args:
-            images: How many are done.
-            total: How many there shall be.
+            share: Share of the training that is done.
             loss: Of the last step.
-            left: Seconds to go, where the cost of the coming steps is known; None goes by the rate so far, which
-                is wrong as soon as the stages differ.
         """
         now = time.monotonic()
-        if self._first is None or self._loss is None:
-            self._first, self._began, self._loss = images, now, loss
-        self._loss += (1.0 - LOSS_SMOOTHING) * (loss - self._loss)
-        if now - self._last < LINE_INTERVAL and images < total:
+        since, first = self._first = self._first or (now, share)
+        if now - self._last < LINE_INTERVAL or share <= first:
             return
         self._last = now
-        text = f"{100.0 * images / total:.1f} % of {total:,} images, loss {self._loss:.4g}"
-        if images > self._first and now > self._began:
-            rate = (images - self._first) / (now - self._began)
-            to_go = (total - images) / rate if left is None else left
-            text += f", {rate:.3g} images/s, {duration(to_go)} left"
-        say(text)
+        left = duration(max(0.0, 1.0 - share) * (now - since) / (share - first))
+        say(f"{100.0 * share:.1f} %, loss {loss:.4g}, {left} left")

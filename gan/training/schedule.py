@@ -4,8 +4,8 @@ The resolution grows from coarse to fine. Each new one is faded in linearly over
 share to exactly 1 at the last (the published code's fade hardly moves before it jumps). The learning rate is
 constant and then falls linearly to 0, by the share of images seen: 70 % and 30 % in the paper.
 
-A training for a span of time has its schedule stretched as a whole, so the learning rate has fallen to 0 when the time
-is up, and stretched again as the real rate shows (other work on the machine comes and goes).
+A training for a span of time is as far along its schedule as its time is used, however fast the machine is: the
+learning rate has fallen to 0 when the time is up, and every stage gets its share.
 """
 
 from collections.abc import Sequence
@@ -13,11 +13,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from slamgym.gan.config import OptimiserConfig, Stage
-
-RESERVE = 0.97
-"""Share of the time to plan for; the rest is for validation, checkpoints and the start."""
-MIN_CORRECTION = 0.02
-"""Smaller corrections aren't worth a new schedule."""
 
 
 class Span(NamedTuple):
@@ -49,48 +44,27 @@ class Schedule:
     decay: float = 0.3
 
     @property
-    def steps(self) -> int:
-        """Steps of the whole training."""
-        return sum(span.steps for span in self.spans)
-
-    @property
     def images(self) -> int:
         """Pairs drawn in the whole training."""
         return sum(span.batch * span.steps for span in self.spans)
 
-    def progress(self, step: int) -> list[tuple[Span, int]]:
-        """Each span with how many of its steps are done before this step of the training."""
-        first = 0
-        parts = []
-        for span in self.spans:
-            parts.append((span, min(max(step - first, 0), span.steps)))
-            first += span.steps
-        return parts
+    def moment(self, done: float) -> Moment:
+        """Settings of a step.
 
-    def images_before(self, step: int) -> int:
-        """Pairs drawn before this step."""
-        return sum(span.batch * done for span, done in self.progress(step))
-
-    def moment(self, step: int) -> Moment:
-        """Settings of a step, counted from 0.
+        Args:
+            done: Pairs drawn before it, or as many as the time used is worth.
 
         Raises:
-            IndexError: If the training has no such step.
+            IndexError: If the training ends before.
         """
-        rate = self._rate(self.images_before(step) / max(1, self.images))
-        for span, done in self.progress(step):
-            if step >= 0 and done < span.steps:
-                fade = (done + 1) / span.steps if span.fading else 1.0
-                return Moment(span.resolution, span.batch, fade, rate)
-        raise IndexError(f"the training has {self.steps} steps, but no step {step}")
-
-    def stretched(self, step: int, factor: float) -> "Schedule":
-        """The schedule with everything after ``step`` made longer or shorter; every open span keeps a step."""
-        spans = []
-        for span, done in self.progress(step):
-            rest = span.steps - done
-            spans.append(span._replace(steps=done + (max(1, round(rest * factor)) if rest else 0)))
-        return Schedule(tuple(spans), self.warm_up, self.decay)
+        left = done
+        for span in self.spans:
+            images = span.batch * span.steps
+            if left < images:
+                fade = min(1.0, (left + span.batch) / images) if span.fading else 1.0
+                return Moment(span.resolution, span.batch, fade, self._rate(done / self.images))
+            left -= images
+        raise IndexError(f"the training draws {self.images} pairs, but none after {done:g}")
 
     def _rate(self, share: float) -> float:
         if share < self.warm_up:
@@ -122,43 +96,3 @@ def plan_schedule(stages: Sequence[Stage], pairs: int, optimiser: OptimiserConfi
 
 def _steps(epochs: float, pairs: int, batch: int) -> int:
     return max(1, round(epochs * pairs / batch))
-
-
-class Budget:
-    """Keeps a schedule within a span of wall-clock time."""
-
-    def __init__(self, seconds: float, step_seconds: list[float]) -> None:
-        """Prepare.
-
-        Args:
-            seconds: Of the whole training, interruptions not counted.
-            step_seconds: Of a step in each span.
-        """
-        self.seconds = seconds
-        self.step_seconds = step_seconds
-
-    def predicted(self, schedule: Schedule, step: int) -> float:
-        """Seconds that the steps from ``step`` on take."""
-        costs = zip(schedule.progress(step), self.step_seconds, strict=True)
-        return sum((span.steps - done) * seconds for (span, done), seconds in costs)
-
-    def fitted(self, schedule: Schedule, step: int, used: float) -> Schedule:
-        """The schedule with its rest stretched to the time that is left.
-
-        Args:
-            schedule: The present one.
-            step: How many steps are done.
-            used: Seconds used so far.
-        """
-        left = max(0.0, RESERVE * self.seconds - used)
-        predicted = self.predicted(schedule, step)
-        if predicted <= 0.0:
-            return schedule
-        factor = left / predicted
-        return schedule if abs(factor - 1.0) < MIN_CORRECTION else schedule.stretched(step, factor)
-
-    def observe(self, predicted: float, taken: float) -> None:
-        """Correct the costs of a step by what a stretch of training was predicted to take and took."""
-        if predicted > 0.0 and taken > 0.0:
-            ratio = min(max(taken / predicted, 0.25), 4.0)
-            self.step_seconds = [seconds * ratio for seconds in self.step_seconds]

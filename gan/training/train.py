@@ -37,10 +37,10 @@ from slamgym.gan.data import PairSet, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
-from slamgym.gan.training.learner import Learner, load_training_state, measure_seconds
+from slamgym.gan.training.learner import Learner, load_training_state
 from slamgym.gan.training.monitoring import ProgressLines, validate
 from slamgym.gan.training.sampler import BatchSampler
-from slamgym.gan.training.schedule import Budget, Span, plan_schedule
+from slamgym.gan.training.schedule import plan_schedule
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
 
 VALIDATION_SHARE, MAX_VALIDATION_PAIRS = 0.04, 64
@@ -132,7 +132,6 @@ class _Training:
         self.sampler = BatchSampler(self.pairs, config, rng)
         self.schedule = plan_schedule(config.stages, len(self.pairs), config.optimiser)
         self.seconds_used = 0.0
-        self.budget: Budget | None = None
         self.identity = _identity(config, compute, self.pairs)
         self.figures: dict[str, float] = {}
         if self.checkpoint.exists():
@@ -142,54 +141,50 @@ class _Training:
 
     def run(self) -> TrainingReport:
         """Train to the end of the schedule, to the step to stop at, or to an interruption."""
-        finished = self.learner.steps_done >= self.schedule.steps
-        if not finished:
+        learner = self.learner
+        if self._place() < self.schedule.images:
             with deferred_interrupt() as interruption:
                 self._loop(interruption)
             if interruption.requested:
-                say(f"interrupted; the same command goes on at step {self.learner.steps_done:,}")
+                say(f"interrupted; the same command goes on at step {learner.steps_done:,}")
                 interruption.conclude()
-            finished = self.learner.steps_done >= self.schedule.steps
+        finished = self._place() >= self.schedule.images
         if finished:
             self._finish()
-        steps = self.learner.steps_done
-        images = self.schedule.images_before(steps)
-        return TrainingReport(finished, steps, images, self.seconds_used, self.figures)
+        return TrainingReport(
+            finished, learner.steps_done, learner.images_done, self.seconds_used, self.figures
+        )
+
+    def _place(self) -> float:
+        """Place on the schedule: pairs drawn, or as many as the time used is worth."""
+        if self.config.minutes is None:
+            return self.learner.images_done
+        return self.schedule.images * self.seconds_used / (60.0 * self.config.minutes)
 
     def _loop(self, interruption: Interruption) -> None:
         learner, options = self.learner, self.options
-        began, used_before = time.monotonic(), self.seconds_used
-        last_save, predicted_at_save = began, self._predicted()
+        began = time.monotonic() - self.seconds_used
+        last_save = time.monotonic()
         lines = ProgressLines()
-        while learner.steps_done < self.schedule.steps:
-            step = learner.steps_done
-            if interruption.requested or step == options.stop_after_steps:
+        while (place := self._place()) < self.schedule.images:
+            if interruption.requested or learner.steps_done == options.stop_after_steps:
                 break
-            moment = self.schedule.moment(step)
+            moment = self.schedule.moment(place)
             terms = learner.step(self.sampler.draw(moment.batch), moment)
             broken = [name for name, value in terms.items() if not math.isfinite(value)]
             if broken:
                 became = f"the loss became {terms[broken[0]]} at step {learner.steps_done}"
                 raise self._diverged(f"{became} (term {broken[0]!r})")
-            done = self.schedule.images_before(step + 1)
-            left = None if self.budget is None else self._predicted()
-            lines.show(done, self.schedule.images, terms["total"], left)
-            now = time.monotonic()
-            self.seconds_used = used_before + now - began
-            if now - last_save >= 60.0 * options.checkpoint_minutes:
+            self.seconds_used = time.monotonic() - began
+            lines.show(self._place() / self.schedule.images, terms["total"])
+            if time.monotonic() - last_save >= 60.0 * options.checkpoint_minutes:
                 self._validate(moment.resolution, terms)
-                self.seconds_used = used_before + time.monotonic() - began
-                if self.budget is not None:
-                    self.budget.observe(predicted_at_save - self._predicted(), now - last_save)
-                    self.schedule = self.budget.fitted(self.schedule, learner.steps_done, self.seconds_used)
+                self.seconds_used = time.monotonic() - began
                 self._save()
-                last_save, predicted_at_save = time.monotonic(), self._predicted()
-        if learner.steps_done >= self.schedule.steps:
+                last_save = time.monotonic()
+        if place >= self.schedule.images:
             self._validate(self.config.translator.output_size, terms)
         self._save()
-
-    def _predicted(self) -> float:
-        return 0.0 if self.budget is None else self.budget.predicted(self.schedule, self.learner.steps_done)
 
     def _diverged(self, what: str) -> TrainingDivergedError:
         kept = f"the last good state is {self.checkpoint}" if self.checkpoint.exists() else "nothing was kept"
@@ -212,14 +207,11 @@ class _Training:
         append_line(self.folder / "figures.jsonl", json.dumps(line) + "\n")
 
     def _begin(self) -> None:
-        """A new run: fit the schedule to the time, write the settings."""
-        if self.config.minutes is not None:
-            seconds = measure_seconds(self.schedule, self.pairs, self.config, self.compute)
-            self.budget = Budget(60.0 * self.config.minutes, seconds)
-            self.schedule = self.budget.fitted(self.schedule, 0, 0.0)
+        """A new run: write the settings."""
+        minutes, passes = self.config.minutes, self.schedule.images / len(self.pairs)
+        length = f"{passes:.1f} passes" if minutes is None else duration(60.0 * minutes)
         say(
-            f"{counted(len(self.pairs), 'training pair')}, {len(self.held_out)} held out; "
-            f"{self.schedule.steps:,} steps ({self.schedule.images / len(self.pairs):.1f} passes) "
+            f"{counted(len(self.pairs), 'training pair')}, {len(self.held_out)} held out; {length} "
             f"on {self.compute.device} in {self.compute.precision}"
         )
         facts = {"version": __version__, "images": self.images, "config": to_dict(self.config)}
@@ -238,16 +230,12 @@ class _Training:
             self._restore(tensors, facts)
         except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError) as error:
             raise InputFileError(self.checkpoint, f"is damaged ({error}); delete it to begin again") from None
-        say(f"resuming at step {self.learner.steps_done:,} of {self.schedule.steps:,}")
+        say(f"resuming at step {self.learner.steps_done:,}")
 
     def _restore(self, tensors: dict[str, torch.Tensor], facts: dict[str, Any]) -> None:
         self.learner.restore(tensors, facts)
         self.sampler.restore(facts["sampler"])
-        spans = tuple(Span(*span) for span in facts["spans"])
-        self.schedule = dataclasses.replace(self.schedule, spans=spans)
         self.seconds_used, self.figures = float(facts["seconds_used"]), dict(facts["figures"])
-        if facts["step_seconds"] is not None and self.config.minutes is not None:
-            self.budget = Budget(60.0 * self.config.minutes, [float(s) for s in facts["step_seconds"]])
 
     def _save(self) -> None:
         for name, network in self.learner.networks().items():
@@ -257,9 +245,7 @@ class _Training:
         facts: dict[str, Any] = {
             "identity": self.identity,
             "sampler": self.sampler.state(),
-            "spans": [list(span) for span in self.schedule.spans],
             "seconds_used": self.seconds_used,
-            "step_seconds": None if self.budget is None else self.budget.step_seconds,
             "figures": self.figures,
         }
         self.learner.save(self.checkpoint, facts)
@@ -269,7 +255,7 @@ class _Training:
         card = ModelCard(
             preset=self.config.preset,
             pairs=len(self.pairs),
-            images=self.schedule.images_before(self.learner.steps_done),
+            images=self.learner.images_done,
             seconds=round(self.seconds_used, 1),
             seed=self.config.seed,
             command=self.options.command,

@@ -200,12 +200,13 @@ def test_too_few_pairs_are_refused(tmp_path, make_images):
         train_translator(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
 
 
-def test_a_budget_of_time_ends_the_schedule_early(tmp_path, images):
-    config = dataclasses.replace(RESIDUAL, stages=(Stage(32, 1e6, 2),), minutes=1 / 60)
-    options = dataclasses.replace(QUIET, checkpoint_minutes=0.1 / 60)
-    report = train_translator(images, tmp_path / "run", config, CPU, options)
+def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tmp_path, images):
+    stages = (Stage(16, 1e6, 2), Stage(32, 1e6, 1))
+    config = dataclasses.replace(PROGRESSIVE, stages=stages, minutes=1 / 60)
+    report = train_translator(images, tmp_path / "run", config, CPU, QUIET)
     assert report.finished
-    assert report.steps < 1e5  # of three million
+    assert report.steps < 1e5  # of millions
+    assert report.steps < report.images < 2 * report.steps  # pairs at 16 px, one by one at 32
 
 
 def test_the_residual_network_learns(tmp_path, make_images, monkeypatch):
@@ -373,9 +374,10 @@ def test_the_command_trains_from_options(tmp_path, images, capsys):
     assert (tmp_path / "run" / "weights.safetensors").exists()
 
 
-def test_the_time_left_is_that_of_the_coming_steps_where_it_is_known(capsys, monkeypatch):
+def test_a_line_says_how_far_it_is_and_how_long_it_takes(capsys, monkeypatch):
     monkeypatch.setattr("slamgym.gan.training.monitoring.LINE_INTERVAL", 0.0)
+    monkeypatch.setattr("slamgym.gan.training.monitoring.time.monotonic", iter([0.0, 0.0, 600.0]).__next__)
     lines = ProgressLines()
-    lines.show(0, 100, 1.0)
-    lines.show(90, 100, 1.0, left=3600.0)  # nine tenths in no time, but the last tenth is of a slower stage
-    assert "1 h 00 min left" in capsys.readouterr().err
+    lines.show(0.5, 1.0)
+    lines.show(0.6, 0.25)
+    assert capsys.readouterr().err == "60.0 %, loss 0.25, 40 min left\n"

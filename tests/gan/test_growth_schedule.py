@@ -1,10 +1,8 @@
-"""Steps, fade-in, learning rate, and fitting them into a span of time."""
+"""Steps, fade-in and learning rate."""
 
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from slamgym.commands.gan.arguments import TrainTranslatorArguments
 from slamgym.commands.gan.main import scaled_stages, training_config
@@ -13,7 +11,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.gan.config import OptimiserConfig, Stage
 from slamgym.gan.presets import TRANSLATOR_PRESETS, find_preset
 from slamgym.gan.training.learner import BETA_2
-from slamgym.gan.training.schedule import Budget, Schedule, Span, plan_schedule
+from slamgym.gan.training.schedule import Schedule, Span, plan_schedule
 
 PAPER_PAIRS = 4224
 GROWING = (Stage(32, 2.0, 4), Stage(64, 3.0, 2, 1.0, 1))
@@ -32,14 +30,14 @@ def test_the_papers_epochs_become_steps():
 
 def test_the_fade_in_is_linear_over_its_epoch_and_ends_at_one():
     schedule = plan_schedule(GROWING, 16, OptimiserConfig())
-    fades = [schedule.moment(step).fade for step in range(8, 24)]
+    fades = [schedule.moment(done).fade for done in range(32, 48)]
     assert fades == pytest.approx([(i + 1) / 16 for i in range(16)])
-    assert schedule.moment(7).fade == schedule.moment(24).fade == 1.0
+    assert schedule.moment(31).fade == schedule.moment(48).fade == 1.0
 
 
 def test_the_rate_is_constant_for_seven_tenths_and_falls_to_nothing():
     schedule = Schedule((Span(32, 4, 100, False),), decay=0.3)
-    rates = [schedule.moment(step).rate for step in range(100)]
+    rates = [schedule.moment(4 * step).rate for step in range(100)]
     assert rates[:71] == [1.0] * 71
     assert rates[85] == pytest.approx(0.5)
     assert rates[99] == pytest.approx(1 / 30)
@@ -51,38 +49,18 @@ def test_the_rate_warms_up():
     assert [schedule.moment(step).rate for step in (0, 5, 10)] == pytest.approx([0.01, 0.5, 1.0])
 
 
-@pytest.mark.parametrize("step", [-1, 40])
-def test_no_moment_beyond_the_ends(step):
-    with pytest.raises(IndexError):
-        plan_schedule(GROWING, 16, OptimiserConfig()).moment(step)
-
-
-@given(step=st.integers(0, 50), factor=st.floats(0.01, 20.0))
-def test_stretching_keeps_what_is_done_and_every_open_span(step, factor):
+def test_no_moment_beyond_the_end():
     schedule = plan_schedule(GROWING, 16, OptimiserConfig())
-    stretched = schedule.stretched(step, factor)
-    assert stretched.images_before(step) == schedule.images_before(step)
-    assert len(stretched.spans) == len(schedule.spans)
-    assert all(span.steps >= 1 for span in stretched.spans)
-    if step < schedule.steps:
-        assert stretched.steps > step
-        assert stretched.moment(step).resolution == schedule.moment(step).resolution
+    assert schedule.moment(schedule.images - 1e-6).resolution == 64
+    with pytest.raises(IndexError):
+        schedule.moment(schedule.images)
 
 
-def test_a_budget_fits_the_schedule_to_the_time():
-    schedule = Schedule((Span(32, 4, 100, False), Span(64, 4, 100, False)))
-    budget = Budget(seconds=1000.0, step_seconds=[1.0, 4.0])
-    fitted = budget.fitted(schedule, 0, 0.0)
-    assert budget.predicted(fitted, 0) == pytest.approx(970.0, rel=0.01)
-    # Twice as slow as measured: what is left shrinks accordingly.
-    budget.observe(predicted=100.0, taken=200.0)
-    later = budget.fitted(fitted, 100, 200.0)
-    assert budget.predicted(later, 100) == pytest.approx(770.0, rel=0.02)
-
-
-def test_a_budget_that_is_used_up_ends_soon():
-    schedule = Schedule((Span(32, 4, 100, False),))
-    assert Budget(10.0, [1.0]).fitted(schedule, 50, 20.0).steps == 51
+def test_a_place_between_two_steps_has_its_moment_too():
+    schedule = plan_schedule(GROWING, 16, OptimiserConfig())
+    assert schedule.moment(31.9).resolution == 32
+    assert schedule.moment(40.5).fade == pytest.approx(9.5 / 16)
+    assert schedule.moment(47.9).fade == 1.0
 
 
 def test_epochs_scale_all_stages():

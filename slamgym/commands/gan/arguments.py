@@ -29,7 +29,7 @@ class TrainTranslatorArguments(Arguments):
     """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-metric (the same, for pairs
     rendered with true faces), slam2cad-cpu, model32-cpu, modelprog-cpu."""
     minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
-    """Wall-clock time for the whole training: the schedule is stretched so that it ends then. The CPU presets have
+    """Wall-clock time for the whole training, which the stages share as they share the epochs. The CPU presets have
     some by default."""
     epochs: Positive | None = None
     """Passes over the data instead of the preset's; several stages are scaled alike."""
