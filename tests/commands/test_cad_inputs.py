@@ -207,7 +207,7 @@ def test_the_drawing_of_another_map_stays(draw, tmp_path):
     assert (tmp_path / "out" / "map.json").read_bytes() == drawn
 
 
-def test_a_folder_becomes_a_gallery(tmp_path, capsys):
+def test_a_folder_gets_an_index(tmp_path, capsys):
     maps, out = tmp_path / "maps", tmp_path / "out"
     maps.mkdir()
     grid, _, _ = painted(FLAT)
@@ -215,11 +215,11 @@ def test_a_folder_becomes_a_gallery(tmp_path, capsys):
     write_ros_map(maps / "index", grid)
     (maps / "other.json").write_text('{"anything": 1}')
     assert main(["cad", str(maps), "-o", str(out), "--model", "none", "--formats", "html"]) == 1
-    assert "called like the gallery" in capsys.readouterr().err
+    assert "called like the index" in capsys.readouterr().err
     assert sorted(path.name for path in out.iterdir()) == ["flat.html", "index.html"]
     page = (out / "index.html").read_text()
     assert 'href="./flat.html"' in page
-    assert "called like the gallery" in page
+    assert "called like the index" in page
     assert "2 rooms" in (out / "flat.html").read_text()
 
 

@@ -92,26 +92,26 @@ class _Job(NamedTuple):
 
 
 def _draw_all(maps: dict[str, Path], job: _Job) -> int:
-    """Draw what can be drawn, and a gallery of it; returns the exit code."""
-    from slamgym.drawing.formats.html import GALLERY, GalleryCard, format_gallery
+    """Draw what can be drawn, and an index of the reports; returns the exit code."""
+    from slamgym.drawing.formats.html import INDEX, checks, format_index
 
-    arguments, with_gallery = job.arguments, "html" in job.formats
-    cards, failures = [], []
+    arguments, with_index = job.arguments, "html" in job.formats
+    reports, failures = [], []
     for name, path in maps.items():
         try:
-            if with_gallery and name == GALLERY.stem:
-                raise InputFileError(path, f"is called like the gallery, {GALLERY}; rename it")
-            cards.append(GalleryCard.of(_draw(name, path, job), name))
+            if with_index and name == INDEX.stem:
+                raise InputFileError(path, f"is called like the index, {INDEX}; rename it")
+            reports.append((name, checks(_draw(name, path, job))))
         except SlamgymError as error:
             failures.append(str(error))
             say(f"skipped {error}")
     given = shown_path(", ".join(map(str, arguments.maps)))
-    if not cards:
+    if not reports:
         raise InputFileError(given, "holds nothing that could be drawn; see the lines above")
-    if with_gallery:
+    if with_index:
         title = arguments.maps[0].resolve().name if len(arguments.maps) == 1 else given
-        write_text(arguments.out / GALLERY, format_gallery(title, cards, failures, job.command))
-    tell(f"{len(cards)} of {counted(len(maps), 'map')} drawn in {arguments.out}")
+        write_text(arguments.out / INDEX, format_index(title, reports, failures, job.command))
+    tell(f"{len(reports)} of {counted(len(maps), 'map')} drawn in {arguments.out}")
     return 1 if failures else 0
 
 

@@ -1,16 +1,15 @@
-"""The report of a drawing as a page, and the gallery of several reports: what to check comes first."""
+"""The report of a drawing as a page, and the index of several reports: what to check comes first."""
 
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 import slamgym
 from slamgym.core.progress import counted
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnRoom
-from slamgym.drawing.formats.png import draw_picture
 from slamgym.drawing.formats.svg import STYLE, Sheet, shape_layers, size_layer
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, figure, inline_picture, make_page, make_table, paragraph
@@ -21,9 +20,8 @@ PAPER_SCALES = (20, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 5000
 """Drawn 1 to one of these."""
 SURE = 0.7
 """Walls below this confidence are named as a doubt."""
-GALLERY = Path("index.html")
-"""Gallery page of a folder of drawings."""
-THUMBNAIL_PX = 320
+INDEX = Path("index.html")
+"""Page of a folder of reports."""
 
 REPORT_STYLE = """
 h1 { margin-bottom: .2rem } .lead { margin-top: 0; font-size: 1.1em } code { overflow-wrap: anywhere }
@@ -40,13 +38,7 @@ figure svg { display: block; width: 100%; height: auto; max-height: 92vh; backgr
 .over .room { fill: none } .over .floor-inferred, .over .unexplored { fill-opacity: .55 }
 .over .wall { fill-opacity: .8 }
 svg image { image-rendering: pixelated }
-.cards { display: grid; grid-template-columns: repeat(auto-fill, minmax(19rem, 1fr)); gap: 1.2rem }
-.card { border: 1px solid #dee2e6; border-top: 4px solid #40c057; padding: .6rem .9rem; break-inside: avoid }
-.card.doubtful { border-top-color: #fd7e14 } .card h2 { font-size: 1.1em; margin: .2rem 0; overflow-wrap: anywhere }
-.card img { display: block; margin: .5rem auto; max-height: 15rem } .card .figures { gap: .2rem 1rem; margin: .4rem 0 }
-.card .figures b { font-size: 1.05em } .card ul:not(.figures) { padding-left: 1.1rem; margin: .3rem 0 }
-@media print { .sheet { break-before: page } figure svg { width: var(--paper); max-height: none }
-.cards { display: block } .card { margin-bottom: 6mm } .card img { max-height: 60mm } }
+@media print { .sheet { break-before: page } figure svg { width: var(--paper); max-height: none } }
 """
 _COLOURS = (
     "Black: walls that were seen; grey: inferred; light blue: floor that was never observed; yellow: unexplored, or "
@@ -255,54 +247,28 @@ def _doors_part(drawing: Drawing) -> Iterator[str]:
     yield make_table(headings, rows, [door.layer for door in drawing.doors])
 
 
-class GalleryCard(NamedTuple):
-    """A drawing's entry in the gallery."""
-
-    name: str
-    checks: list[str]
-    figures: list[tuple[str, str]]
-    thumbnail: str
-    """The picture as an address that holds it."""
-    page: str
-    """The file's name of its report, which isn't always one that can be shown."""
-
-    @classmethod
-    def of(cls, drawing: Drawing, stem: str) -> "GalleryCard":
-        """The card of a drawing, which isn't kept."""
-        picture = inline_picture(draw_picture(drawing, THUMBNAIL_PX, is_thumbnail=True))
-        return cls(drawing.name, checks(drawing), key_figures(drawing), picture, f"{stem}.html")
-
-
-def format_gallery(title: str, cards: Sequence[GalleryCard], failures: Sequence[str], command: str) -> str:
-    """The text of the page; the reports are expected in the same folder, as ``NAME.html``.
+def format_index(
+    title: str, reports: Sequence[tuple[str, Sequence[str]]], failures: Sequence[str], command: str
+) -> str:
+    """The text of a page that links to the reports in its folder, ``NAME.html``.
 
     Args:
         title: What the maps are.
-        cards: Those with the most doubts are shown first.
+        reports: Name and what to check of each; those with most to check are shown first.
         failures: Why others could not be drawn.
         command: That made it.
     """
-    doubtful = sum(bool(card.checks) for card in cards)
+    doubtful = sum(bool(doubts) for _, doubts in reports)
     parts = [
         f"<h1>{markup(title)}</h1>",
         paragraph(
-            f"{counted(len(cards), 'map')} drawn, {doubtful} of them with something to check, {len(failures)} refused. "
-            f"The maps with most to check come first. {_COLOURS}"
+            f"{counted(len(reports), 'map')} drawn, {doubtful} of them with something to check, {len(failures)} "
+            "refused. The maps with most to check come first."
         ),
         f"<h2>Refused</h2>{bullets(failures)}" if failures else "",
-        '<div class="cards">',
-        *(_card_part(card) for card in sorted(cards, key=lambda card: (-len(card.checks), card.name))),
-        "</div>",
-        *provenance_part({"command": command, "slamgym": slamgym.__version__}),
     ]
+    for name, doubts in sorted(reports, key=lambda report: (-len(report[1]), report[0])):
+        link = markup(quote(os.fsencode(f"./{name}.html")))
+        parts.append(f'<h2><a href="{link}">{markup(name)}</a></h2>{bullets(doubts)}')
+    parts += provenance_part({"command": command, "slamgym": slamgym.__version__})
     return make_page(f"Drawings of {title}", parts, REPORT_STYLE)
-
-
-def _card_part(card: GalleryCard) -> str:
-    link = markup(quote(os.fsencode(f"./{card.page}")))
-    return (
-        f'<article class="card {"doubtful" if card.checks else ""}"><h2><a href="{link}">{markup(card.name)}</a></h2>'
-        f"{bullets(card.checks)}"
-        f'<a href="{link}"><img alt="drawing of {markup(card.name)}" src="{card.thumbnail}"></a>'
-        f"{figures_part(card.figures)}</article>"
-    )

@@ -51,13 +51,12 @@ _UNEXPLORED: Colour = (250, 232, 184)
 _ECHO: Colour = (232, 89, 12)
 
 
-def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, is_thumbnail: bool = False) -> ByteArray:
+def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     """Draw the map with the drawing on top: echoes orange, walls black (seen) or grey (inferred), doors blue.
 
     Args:
         drawing: What to draw.
         side_px: Longer side.
-        is_thumbnail: Leave out echoes, sizes, names and footer.
 
     Returns:
         RGB, shape (rows, cols, 3).
@@ -77,12 +76,9 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX, is_thumbnail: bool = 
     _fill(page, drawing.inferred_floor, UNSEEN_TINT, to_page)
     for wall in drawing.walls:
         _fill(page, [wall.polygon], WALL_TINT if wall.layer == "SEEN" else FAINT, to_page)
-    if not is_thumbnail:
-        page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(_ECHO)).astype(np.uint8)
+    page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(_ECHO)).astype(np.uint8)
     for door in drawing.doors:
         _line(page, door.start, door.end, TRUE_COLOUR, 3 if door.kind == "door" else 1, to_page)
-    if is_thumbnail:
-        return page
     for line in drawing.dimensions:
         _line(page, line.start, line.end, BELIEVED_COLOUR, 1, to_page)
         start, end = np.array([line.start]), np.array([line.end])
