@@ -36,7 +36,6 @@ from slamgym.metrics import (
 )
 from slamgym.metrics.alignment import IDENTITY
 from slamgym.metrics.cleaning import clean_map
-from slamgym.metrics.maps import WallScore
 
 TOLERANCES = (0.1, 0.2)
 """Tolerances of the wall F1 [m]."""
@@ -61,8 +60,7 @@ class MapScore:
     plan_id: str
     metres_per_px: float
     measures: dict[str, float]
-    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`; the numbers ``rooms``, ``true_rooms``; of the
-    alignment ``rotation_deg`` (counter-clockwise) and ``scale``."""
+    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES` and :data:`OPENINGS`."""
     dimensions: Dimensions = field(default_factory=Dimensions)
     openings: Openings = field(default_factory=Openings)
 
@@ -82,7 +80,6 @@ class TranslationMethod:
     name: str
     predict: Callable[[PairSet, int], Float32Array]
     """The probability of free space (H, W) for one pair of a set."""
-    learned: bool = False
 
 
 def baselines() -> list[TranslationMethod]:
@@ -110,7 +107,7 @@ def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
 
 def learned(name: str, translator: Translator) -> TranslationMethod:
     """A method that runs a translator."""
-    return TranslationMethod(name, lambda pairs, i: translator.translate(pairs.slam[i], pairs.scale(i)), True)
+    return TranslationMethod(name, lambda pairs, i: translator.translate(pairs.slam[i], pairs.scale(i)))
 
 
 def evaluate_method(
@@ -168,10 +165,9 @@ def score_map(
     found, rigid = (aligned_error(_as_float(free), _as_float(truth), scaling=s) for s in (True, False))
     placed, rigidly = aligned_mask(free, found.similarity), aligned_mask(free, rigid.similarity)
 
-    def walls(mask: BoolArray, tolerance: float) -> WallScore:
-        return boundary_score(mask, truth, metres_per_px, tolerance)
+    def wall_f1(mask: BoolArray, tolerance: float) -> float:
+        return boundary_score(mask, truth, metres_per_px, tolerance).f1
 
-    near = walls(placed, TOLERANCES[0])
     distance = boundary_distance(placed, truth, metres_per_px)
     rooms = room_score(placed, truth, metres_per_px)
     shares = _placed(predicted, rigid.similarity).astype(np.float32)
@@ -183,23 +179,13 @@ def score_map(
     measures = {
         "mse": found.mse,
         "mse_grey": squared_error(_placed(predicted, found.similarity), _as_float(truth)),
-        "mse_unaligned": found.unaligned,
-        "wall_f1_10cm": near.f1,
-        "wall_f1_20cm": walls(placed, TOLERANCES[1]).f1,
-        "wall_precision_10cm": near.precision,
-        "wall_recall_10cm": near.recall,
-        "wall_f1_10cm_unaligned": walls(free, TOLERANCES[0]).f1,
+        **{f"wall_f1_{round(100 * t)}cm": wall_f1(placed, t) for t in TOLERANCES},
         "free_iou": intersection_over_union(placed, truth),
-        "chamfer": min(distance.chamfer, farthest),
         "hausdorff_95": min(distance.hausdorff_95, farthest),
-        "rooms": rooms.count,
-        "true_rooms": rooms.true_count,
         "room_error": abs(rooms.count - rooms.true_count),
         "room_f1": rooms.f1,
-        "rotation_deg": math.degrees(found.similarity.angle),
-        "scale": math.exp(found.similarity.log_scale),
         "mse_rigid": rigid.mse,
-        **{f"wall_f1_{round(100 * t)}cm_rigid": walls(rigidly, t).f1 for t in RIGID_TOLERANCES},
+        **{f"wall_f1_{round(100 * t)}cm_rigid": wall_f1(rigidly, t) for t in RIGID_TOLERANCES},
         "room_f1_rigid": room_score(rigidly, truth, metres_per_px).f1,
         "area_ratio": dimensions.area_ratio,
         **{name: getattr(openings, name) for name in OPENINGS},

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import SUFFIXES, PairSet, read_grey
+from slamgym.gan.data import PairSet, read_grey
 from slamgym.gan.translation.translate import LearnedTranslator
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys
@@ -53,7 +54,7 @@ def load_generated(folder: Path, pairs: PairSet) -> GeneratedMaps:
     """
     maps = {}
     for index, name in enumerate(pairs.names):
-        images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in SUFFIXES)
+        images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in PICTURE_SUFFIXES)
         found = [path for path in images if path.is_file()] or sorted((folder / name).rglob("map.yaml"))
         if found:
             maps[index] = _load(found[0], pairs.cad.shape[1], pairs.scale(index))

