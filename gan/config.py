@@ -73,13 +73,6 @@ class DiscriminatorConfig(Settings, section="discriminator"):
     """The same for the second and third copy of the real/fake discriminator, which work at full resolution and
     make up nine tenths of its cost."""
 
-    def _check(self) -> None:
-        if self.width % 8 or self.patch_width % 8:
-            raise ConfigError(
-                "discriminator.width and patch_width must be multiples of 8, "
-                f"not {self.width} and {self.patch_width}"
-            )
-
 
 class LossConfig(Settings, section="loss"):
     """Weights of the terms; a term of weight 0 isn't computed."""

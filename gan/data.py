@@ -24,12 +24,10 @@ from numpy.typing import ArrayLike
 from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes, text_lines
-from slamgym.core.pictures import decode_picture, grey_picture
+from slamgym.core.pictures import PICTURE_SUFFIXES, decode_picture, grey_picture
 from slamgym.core.types import UNKNOWN, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.maps import resample_slam
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".bmp", ".pgm", ".tif", ".tiff")
 
 
 @dataclass(frozen=True)
@@ -220,9 +218,9 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
 def _images(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
         raise InputFileError(folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)")
-    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in SUFFIXES]
+    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in PICTURE_SUFFIXES]
     if not images:
-        raise InputFileError(folder, f"holds no images ({', '.join(SUFFIXES)})")
+        raise InputFileError(folder, f"holds no images ({', '.join(PICTURE_SUFFIXES)})")
     found = {path.stem: path for path in images}
     for path in images:
         if found[path.stem] is not path:

@@ -138,24 +138,21 @@ class ProgressiveGenerator(nn.Module):
 
 
 class ResidualBlock(nn.Module):
-    """Two convolutions with a shortcut: (B, in, H, W) to (B, out, H, W)."""
+    """Two convolutions with a shortcut: (B, C, H, W) to the same."""
 
-    def __init__(self, inputs: int, outputs: int, dilation: int = 1) -> None:
+    def __init__(self, channels: int, dilation: int = 1) -> None:
         super().__init__()
         self.body = nn.Sequential(
-            nn.Conv2d(inputs, outputs, 3, padding=dilation, dilation=dilation, bias=False),
-            nn.BatchNorm2d(outputs),
+            nn.Conv2d(channels, channels, 3, padding=dilation, dilation=dilation, bias=False),
+            nn.BatchNorm2d(channels),
             nn.ReLU(inplace=True),
-            nn.Conv2d(outputs, outputs, 3, padding=1, bias=False),
-            nn.BatchNorm2d(outputs),
-        )
-        self.shortcut: nn.Module = (
-            nn.Identity() if inputs == outputs else nn.Conv2d(inputs, outputs, 1, bias=False)
+            nn.Conv2d(channels, channels, 3, padding=1, bias=False),
+            nn.BatchNorm2d(channels),
         )
 
     def forward(self, features: Tensor) -> Tensor:
         """Add a correction to the features."""
-        return functional.relu(self.body(features) + self.shortcut(features), inplace=True)
+        return functional.relu(self.body(features) + features, inplace=True)
 
 
 class ResidualUNet(nn.Module):
@@ -171,18 +168,18 @@ class ResidualUNet(nn.Module):
             nn.BatchNorm2d(channels[0]),
             nn.ReLU(inplace=True),
         )
-        self.encode = nn.ModuleList(ResidualBlock(count, count) for count in channels)
+        self.encode = nn.ModuleList(ResidualBlock(count) for count in channels)
         self.shrink = nn.ModuleList(
             nn.Conv2d(channels[level], channels[level + 1], 2, stride=2) for level in range(self.depth)
         )
         self.bottom = nn.Sequential(
-            ResidualBlock(channels[-1], channels[-1], dilation=2),
-            ResidualBlock(channels[-1], channels[-1], dilation=4),
+            ResidualBlock(channels[-1], dilation=2),
+            ResidualBlock(channels[-1], dilation=4),
         )
         self.widen = nn.ModuleList(
             nn.Conv2d(channels[level + 1], channels[level], 1, bias=False) for level in range(self.depth)
         )
-        self.decode = nn.ModuleList(ResidualBlock(count, count) for count in channels[:-1])
+        self.decode = nn.ModuleList(ResidualBlock(count) for count in channels[:-1])
         self.unfold = nn.Sequential(
             nn.Conv2d(channels[0], FOLD**2 * FINE_CHANNELS, 1), nn.PixelShuffle(FOLD), nn.ReLU(inplace=True)
         )

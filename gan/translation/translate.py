@@ -210,15 +210,11 @@ class LearnedTranslator:
             free = self.translate(cells, metres_per_px, straighten)
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
-        image = self._fitted(self._bent(cells, metres_per_px, drift), OCCUPIED, metres_per_px)
+        if drift is not None:
+            cells = drifted(cells, metres_per_px or self.config.metres_per_px[1], drift)
+        image = self._fitted(cells, OCCUPIED, metres_per_px)
         # Drawn at the network's resolution a wall is as thick as its pixel, several cells of the map.
         return thinned_walls(decode_slam(image, self.config.output_encoding))
-
-    def _bent(
-        self, cad: ByteArray, metres_per_px: float | None, drift: np.random.Generator | None
-    ) -> ByteArray:
-        """A CAD map bent as drift would, if there is any."""
-        return cad if drift is None else drifted(cad, metres_per_px or self.config.metres_per_px[1], drift)
 
     def _fitted(self, cells: ByteArray, empty: int, metres_per_px: float | None) -> Float32Array:
         """Translate at the network's scale: (C, H, W) of the input's size in [-1, 1].

@@ -11,9 +11,10 @@ from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import spare_inputs, write_bytes
 from slamgym.core.names import distinct_names
+from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, show_progress, tell
 from slamgym.core.types import OccupancyGrid
-from slamgym.gan.data import SUFFIXES, read_grey
+from slamgym.gan.data import read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.interop.ros_map import classify_greys, described_picture, read_ros_map, write_ros_map
 
@@ -43,14 +44,14 @@ def run_translation(arguments: TranslateArguments) -> None:
         return
     if out.is_dir():
         out = out / f"{source.stem}.png"
-    elif not _is_ros_map(source) and out.suffix.lower() not in SUFFIXES:
-        raise InputFileError(out, f"is no image name; end it in one of {', '.join(SUFFIXES)}")
+    elif not _is_ros_map(source) and out.suffix.lower() not in PICTURE_SUFFIXES:
+        raise InputFileError(out, f"is no image name; end it in one of {', '.join(PICTURE_SUFFIXES)}")
     tell(f"{_translate(source, out, translator, arguments)}")
 
 
 def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslator) -> None:
-    what = f"images ({', '.join(SUFFIXES)})"
-    maps = maps_in(arguments.input, lambda path: path.suffix.lower() in SUFFIXES, what)
+    what = f"images ({', '.join(PICTURE_SUFFIXES)})"
+    maps = maps_in(arguments.input, lambda path: path.suffix.lower() in PICTURE_SUFFIXES, what)
     require_folder(arguments.out)
     arguments.out.mkdir(parents=True, exist_ok=True)
     refused = 0
