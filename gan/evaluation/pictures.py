@@ -32,7 +32,7 @@ class Results:
 
     pairs: PairSet
     methods: Sequence[TranslationMethod]
-    """Those to be shown; the raw SLAM map is among them."""
+    """Those to be shown; the raw SLAM map is the first."""
     scores: dict[str, list[MapScore]]
     """By method, in the order of the pairs."""
 
@@ -53,11 +53,20 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
         results: What to show.
         count: Rows of the first two.
     """
-    chosen = evenly_spaced(len(results.pairs), count)
-    _write_grid(folder / "maps.png", results, chosen)
-    _write_overlays(folder / "overlays.png", results, chosen)
+    pairs, names = results.pairs, [method.name for method in results.methods]
+    chosen = evenly_spaced(len(pairs), count)
+    maps, overlays = [], []
+    for i in chosen:
+        truth: BoolArray = pairs.cad[i] > 127
+        masks = [np.asarray(method.predict(pairs, i)) >= THRESHOLD for method in results.methods]
+        maps.append([pairs.slam[i], *(_drawn(mask) for mask in masks[1:]), pairs.cad[i]])
+        overlays.append([draw_agreement(_aligned(mask, truth), truth) for mask in masks])
+    captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
+    write_picture(folder / "maps.png", draw_grid([*names, "CAD map"], maps, captions))
+    captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
+    write_picture(folder / "overlays.png", draw_grid(names, overlays, captions))
     errors = {name: np.array([score.mse for score in rows]) for name, rows in results.scores.items()}
-    gains = {m.name: errors[RAW] - errors[m.name] for m in results.methods if m.name != RAW}
+    gains = {name: errors[RAW] - errors[name] for name in names[1:]}
     label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
     plot_boxes(folder / "differences.png", gains, label)
 
@@ -78,30 +87,9 @@ def write_generated_grid(path: Path, pairs: PairSet, kinds: dict[str, GeneratedM
     write_picture(path, draw_grid(["CAD map", *kinds, "simulated SLAM map"], rows, captions))
 
 
-def _write_grid(path: Path, results: Results, chosen: Sequence[int]) -> None:
-    pairs = results.pairs
-    shown = [method for method in results.methods if method.name != RAW]
-    rows = [[pairs.slam[i], *(_drawn(_mask(m, pairs, i)) for m in shown), pairs.cad[i]] for i in chosen]
-    captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
-    write_picture(path, draw_grid([RAW, *(m.name for m in shown), "CAD map"], rows, captions))
-
-
-def _write_overlays(path: Path, results: Results, chosen: Sequence[int]) -> None:
-    rows = []
-    for i in chosen:
-        truth: BoolArray = results.pairs.cad[i] > 127
-        row = []
-        for method in results.methods:
-            mask = _mask(method, results.pairs, i)
-            found = aligned_error(mask.astype(np.float64), truth.astype(np.float64))
-            row.append(draw_agreement(aligned_mask(mask, found.similarity), truth))
-        rows.append(row)
-    captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
-    write_picture(path, draw_grid([method.name for method in results.methods], rows, captions))
-
-
-def _mask(method: TranslationMethod, pairs: PairSet, index: int) -> BoolArray:
-    return np.asarray(method.predict(pairs, index)) >= THRESHOLD
+def _aligned(mask: BoolArray, truth: BoolArray) -> BoolArray:
+    found = aligned_error(mask.astype(np.float64), truth.astype(np.float64))
+    return aligned_mask(mask, found.similarity)
 
 
 def _caption(pairs: PairSet, index: int) -> str:

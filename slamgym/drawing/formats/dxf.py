@@ -15,8 +15,6 @@ from shapely import Polygon
 
 from slamgym.drawing.drawing import Drawing
 
-METRES = 6
-"""Value of ``$INSUNITS``."""
 LAYER_COLOURS = {
     "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2,
     "DIMENSIONS": 1,
@@ -33,10 +31,7 @@ def format_dxf(drawing: Drawing) -> str:
     import ezdxf
     from ezdxf import units
 
-    document = ezdxf.new("R2018", setup=["linetypes", "dimstyles"], units=METRES)
-    document.header["$INSUNITS"] = METRES
-    document.header["$MEASUREMENT"] = 1
-    document.header["$LUNITS"] = 2
+    document = ezdxf.new("R2018", setup=["linetypes", "dimstyles"], units=units.M)
     for name, colour in LAYER_COLOURS.items():
         document.layers.add(name, color=colour)
     for name in ("INFERRED", "OPENINGS", "UNEXPLORED"):
