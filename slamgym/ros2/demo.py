@@ -82,7 +82,7 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
     }
     nodes = {
         name: subprocess.Popen(
-            [sys.executable, "-m", "slamgym", "ros2", name, *words, *ros_arguments],
+            [sys.executable, "-P", "-m", "slamgym", "ros2", name, *words, *ros_arguments],
             start_new_session=True,  # Ctrl-C reaches this process alone, which ends them in order
         )
         for name, words in commands.items()

@@ -212,4 +212,4 @@ def draw_saved_map(folder: Any) -> int:
 
     model = [] if importlib.util.find_spec("torch") else ["--model", "none"]
     draw = "cad", "draw", f"{folder}/map.yaml", "-o", f"{folder}/drawing", *model
-    return subprocess.run([sys.executable, "-m", "slamgym", *draw], check=False).returncode
+    return subprocess.run([sys.executable, "-P", "-m", "slamgym", *draw], check=False).returncode
