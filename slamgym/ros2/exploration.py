@@ -72,8 +72,6 @@ class ExplorationView(NamedTuple):
     """What is left of the path, shape (N, 2)."""
     known_area: float
     """[m2]."""
-    unreached: tuple[Point, ...]
-    """Middles of the frontiers that were given up."""
 
 
 class Exploration:
@@ -259,7 +257,7 @@ class Exploration:
     def view(self) -> ExplorationView:
         """What viewers show."""
         if self._pilot is None or self._grid is None:
-            return ExplorationView((), None, None, np.zeros((0, 2)), 0.0, ())
+            return ExplorationView((), None, None, np.zeros((0, 2)), 0.0)
         loop = self._pilot.loop
         navigator = self._back.navigator if self._back else loop.navigator
         goal = navigator.goal if navigator.is_active else None
@@ -269,8 +267,11 @@ class Exploration:
             (goal.x, goal.y) if goal else None,
             navigator.follower.ahead if goal else np.zeros((0, 2)),
             loop.known_area,
-            tuple(one.frontier.middle for one in loop.unreached()),
         )
+
+    def unreached(self) -> list[Point]:
+        """Middles of the frontiers that were given up, which takes a search of the map's frontiers."""
+        return [one.frontier.middle for one in self._pilot.loop.unreached()] if self._pilot else []
 
 
 def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:

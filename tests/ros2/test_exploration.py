@@ -123,7 +123,7 @@ def test_a_place_that_fails_again_and_again_is_unreachable(stub_robot):
     robot = stub_robot(aborts=lambda time, goal: goal.x > 4.2).run()
     assert robot.states == [EXPLORING, DONE]
     assert robot.exploration.text.endswith("places not reached: 1")
-    assert len(robot.exploration.view().unreached) == 1
+    assert len(robot.exploration.unreached()) == 1
     times = goals_at(robot, 4.2)
     assert len(times) >= 4
     assert times[-1] - times[0] > 15.0
