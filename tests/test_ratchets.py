@@ -38,8 +38,8 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1107, 0, 0, 58, 0),
     "parametric": (1099, 34, 0, 29, 0),
-    "planning": (2116, 19, 0, 86, 0),
-    "ros2": (1517, 0, 30, 40, 0),
+    "planning": (2119, 19, 0, 86, 0),
+    "ros2": (1513, 0, 30, 40, 0),
     "sim": (2232, 45, 0, 156, 0),
     "slam": (3315, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32831, 272, 252, 1392, 33988)
+TOTAL = (32830, 272, 252, 1392, 33988)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

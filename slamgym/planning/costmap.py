@@ -316,6 +316,7 @@ def _clear_beams(
             step += 0.5
 
 
+@kernel
 def _stand_apart(
     cells: ByteArray, rows: IntArray, cols: IntArray, resolution: float, apart: float
 ) -> BoolArray:
@@ -328,14 +329,15 @@ def _stand_apart(
         resolution: Cell size [m].
         apart: Between the centres of two cells [m].
     """
+    height, width = cells.shape
     half = int(apart / resolution) + 1
-    away = np.mgrid[-half : half + 1, -half : half + 1].reshape(2, -1)
-    # In single precision, as distance fields are.
-    squared = (away**2).sum(axis=0).astype(np.float32)
-    away = away[:, np.sqrt(squared) * np.float32(resolution) <= np.float32(apart)]
-    # A cell of the border stands for those beyond it: it is nearer than they are.
-    near = (
-        np.clip(at[:, None] + to, 0, size - 1)
-        for at, to, size in zip((rows, cols), away, cells.shape, strict=True)
-    )
-    return ~(cells[tuple(near)] == OCCUPIED).any(axis=1)
+    is_apart = np.ones(len(rows), np.bool_)
+    for i in range(len(rows)):
+        for row in range(max(0, rows[i] - half), min(height, rows[i] + half + 1)):
+            for col in range(max(0, cols[i] - half), min(width, cols[i] + half + 1)):
+                if cells[row, col] == OCCUPIED:
+                    squared = np.float32((row - rows[i]) ** 2 + (col - cols[i]) ** 2)
+                    # In single precision, as distance fields are.
+                    if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
+                        is_apart[i] = False
+    return is_apart

@@ -173,10 +173,8 @@ def _onto_lattice(ranks: ByteArray, start: float, size: float, axis: int) -> tup
         size: Of the cells.
         axis: The one to bring there.
     """
-    count, fuzz = (
-        ranks.shape[axis],
-        1e-6,
-    )  # a centre on a border of two cells belongs to the same one every time
+    count = ranks.shape[axis]
+    fuzz = 1e-6  # a centre on a border of two cells belongs to the same one every time
     if size < 1.0 - fuzz:
         cells = np.floor(start + size * (np.arange(count) + 0.5) + fuzz).astype(np.int64)
         begins = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))

@@ -70,10 +70,8 @@ class PoseHistory:
         earlier = self.stamps[after - 1]
         if later - earlier > OLDEST:
             return None
-        share, moved = (
-            (stamp - earlier) / (later - earlier),
-            between(self.poses[after - 1], self.poses[after]),
-        )
+        share = (stamp - earlier) / (later - earlier)
+        moved = between(self.poses[after - 1], self.poses[after])
         part = Pose2D(share * moved.x, share * moved.y, share * moved.theta)
         return compose(self.poses[after - 1], part)
 
