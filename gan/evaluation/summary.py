@@ -46,8 +46,8 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
 
     Returns:
         JSON form, by method: ``maps``, ``plans``, one interval for each of :data:`MEASURES`, ``dimensions`` and, but
-        for the raw map, ``improvement`` (of the masks), ``improvement_rigid`` and ``improvement_grey`` (of the images
-        as drawn).
+        for the raw map, ``improvement`` (of the masks), ``improvement_rigid``, ``improvement_grey`` (of the images as
+        drawn) and ``improvement_table_one`` (of the masks, over the maps of :func:`table_one`).
     """
     summary: dict[str, dict[str, Any]] = {}
     for method, rows in scores.items():
@@ -60,6 +60,9 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
             for suffix, measure, of_raw in _IMPROVEMENTS:
                 better = improvement(_column(rows, measure), _column(scores[RAW], of_raw), plans)
                 entry[f"improvement{suffix}"] = asdict(better)
+            some = evenly_spaced(len(rows), TABLE_I_MAPS)
+            mse1, mse2 = (_column(of, "mse")[some] for of in (rows, scores[RAW]))
+            entry["improvement_table_one"] = asdict(improvement(mse1, mse2, [plans[i] for i in some]))
         summary[method] = entry
     return summary
 

@@ -2,15 +2,18 @@
 
 import json
 from types import SimpleNamespace
+from typing import get_args
 
 import pytest
 
 from slamgym.commands import cli
 from slamgym.commands.completion import help_pages, options_of
 from slamgym.commands.reproduce import steps
-from slamgym.commands.reproduce.report import claims_table, judge_claims
+from slamgym.commands.reproduce.claims import ClaimVerdict, judge, judge_claims, table_one_beside
+from slamgym.commands.reproduce.report import claims_table
 from slamgym.commands.reproduce.steps import REDRAWN, REPRODUCTION_SCALES, STEPS, Reproduction
 from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.intervals import Interval
 from slamgym.dataset.realism.comparison import MIN_MAPS
 
 
@@ -18,18 +21,24 @@ def interval(value, low, high):
     return {"value": value, "low": low, "high": high}
 
 
-def method(share, ratio, count=200):
+def improvement(share, ratio, count=200):
     return {
-        "improvement": {
-            "count": count, "share_improved": share, "ratio_of_means": ratio, "sign_p": 0.01, "wilcoxon_p": 0.02,
-        }
+        "count": count, "share_improved": share, "ratio_of_means": ratio, "sign_p": 0.01, "wilcoxon_p": 0.02,
+        "mean_mse1": interval(0.04, 0.03, 0.05), "mean_mse2": interval(0.05, 0.04, 0.06),
     }  # fmt: skip
+
+
+def network(share, ratio):
+    return {
+        "improvement": improvement(share, ratio),
+        "improvement_table_one": improvement(interval(0.6, 0.4, 0.8), ratio, 21),
+    }
 
 
 EVALUATION = {
     "methods": {
-        "model32": method(interval(0.6, 0.45, 0.7), interval(1.1, 1.05, 1.2)),
-        "slam2cad": method(interval(0.9, 0.85, 0.95), interval(0.4, 0.3, 0.5)),
+        "model32": network(interval(0.55, 0.48, 0.62), interval(0.9, 0.85, 0.95)),
+        "slam2cad": network(interval(0.9, 0.85, 0.95), interval(0.6, 0.5, 0.7)),
     },
     "realism": {
         "tests": [
@@ -38,11 +47,13 @@ EVALUATION = {
                 ("simulated", interval(0.49, 0.45, 0.53)),
                 ("modelprog", interval(0.97, 0.95, 0.99)),
                 ("modelprog, bent", interval(0.9, 0.8, 0.99)),
+                ("generator", interval(0.55, 0.5, 0.6)),
+                ("parametric", interval(0.59, 0.54, 0.64)),
             )
         ]
     },
 }
-STATISTICS = {"whole": {"cpu_seconds": 3.6, "kept": 0.94, "pairs": 100}}
+STATISTICS = {"whole": {"cpu_seconds": 3.6, "kept": 0.2, "pairs": 100}}
 
 
 @pytest.fixture
@@ -129,18 +140,65 @@ def test_the_commands_know_their_options(commands, tmp_path):
             assert "{" not in " ".join(line)
 
 
-def test_verdicts_follow_from_the_intervals():
+@pytest.mark.parametrize(
+    ("low", "high", "verdict"),
+    [
+        (0.85, 0.95, "better than the paper"),
+        (0.55, 0.95, "reproduced"),
+        (0.55, 0.6, "less than the paper"),
+        (0.3, 0.9, "too few maps to say"),
+        (0.45, 0.6, "worse than the paper"),
+        (0.3, 0.4, "worse than the paper"),
+    ],
+)
+def test_each_verdict_says_where_an_interval_lies(low, high, verdict):
+    assert judge(Interval(0.5 * (low + high), low, high), Interval(0.7, 0.65, 0.8), bound=0.5) == verdict
+    assert verdict in get_args(ClaimVerdict)
+
+
+def test_the_paper_reproduces_itself():
+    paper = Interval(0.7, 0.65, 0.8)
+    assert judge(paper, paper, bound=0.5) == "reproduced"
+
+
+def test_verdicts_follow_from_the_figures():
     times = "0_flat: 9.1 m driven, 90 scans, ekf_schur took 0.5 s\n1_flat: 8.0 m driven, two_phase took 0.1 s, walls\n"
     assert {"ekf_schur", "two_phase"} <= {line.split("/")[-1].split()[0] for line in STEPS["deformed"]}
     claims = judge_claims(EVALUATION, STATISTICS, times)
+    better, same, less, few, worse = get_args(ClaimVerdict)
     assert [claim.verdict for claim in claims] == [
-        "too few maps to say", "does not hold", "holds", "holds", "does not hold", "holds", *["does not hold"] * 2,
+        few, less, better, better, worse, same, less, same, better, better,
     ]  # fmt: skip
     assert claims[2].own.startswith("180 of 200: 90 % [85, 95]")
-    assert claims[6].own == "1000 maps an hour on one core (3.6 CPU s each)"
+    assert claims[2].paper == "14 of 21: 67 % [45, 83]"
+    assert claims[8].own == "1,000 on one core (3.6 CPU s each)"
     table = claims_table(claims)
-    assert table.count('class="holds"') == 3
-    assert "0.97 [0.95, 0.99] apart" in table
+    assert [table.count(f'class="{kind}"') for kind in ("better", "reproduced", "less", "worse")] == [
+        4,
+        2,
+        2,
+        1,
+    ]
+
+
+def test_slower_or_fewer_is_worse_than_the_paper():
+    whole = {"cpu_seconds": 60.0, "kept": 0.0, "pairs": 1000}
+    times = "ekf_schur took 0.1 s\ntwo_phase took 0.5 s\n"
+    claims = judge_claims({"methods": {}, "realism": None}, {"whole": whole}, times)
+    assert {claim.verdict for claim in claims} == {"worse than the paper"}
+
+
+def test_table_one_stands_beside_the_papers():
+    headings, rows = table_one_beside(EVALUATION["methods"])
+    assert {len(row) for row in rows} == {len(headings)}
+    assert rows[0][1:] == ["21", "0.114", "0.087", "0.76", "14 of 21: 67 % [45, 83]"]
+    assert [row[1] for row in rows] == ["21", "21", "200", "21", "200"]
+    assert rows[2][2:] == [
+        "0.050 [0.040, 0.060]", "0.040 [0.030, 0.050]", "0.90 [0.85, 0.95]", "110 of 200: 55 % [48, 62]",
+    ]  # fmt: skip
+    four = improvement(interval(0.5, 0.1, 0.9), interval(0.6, 0.5, 0.7), 4)
+    few = {"slam2cad": {"improvement": four, "improvement_table_one": four}}
+    assert [row[1] for row in table_one_beside(few)[1]] == ["21", "4"]
 
 
 def test_without_houseexpo_the_command_says_where_it_is(tmp_path, monkeypatch, capsys):

@@ -247,6 +247,10 @@ class TestTables:
         headings, rows = table_one(scores)
         assert len(rows) == len(pairs) + 1
         assert rows[-1][0] == "mean"
+        of_table = summary[CLEANED]["improvement_table_one"]
+        assert of_table["count"] == len(rows) - 1
+        mean = dict(zip(headings, rows[-1], strict=True))[f"MSE1: {CLEANED}"]
+        assert of_table["mean_mse1"]["value"] == pytest.approx(float(mean), abs=1e-4)
         assert len(scores_csv(scores).splitlines()) == 1 + 4 * len(pairs)
 
     def test_the_choice_of_maps_is_even_and_never_twice(self):
