@@ -10,7 +10,6 @@ from slamgym.commands import cli
 from slamgym.commands.completion import help_pages, options_of
 from slamgym.commands.reproduce import steps
 from slamgym.commands.reproduce.claims import ClaimVerdict, judge, judge_claims, table_one_beside
-from slamgym.commands.reproduce.report import claims_table
 from slamgym.commands.reproduce.steps import REDRAWN, REPRODUCTION_SCALES, STEPS, Reproduction
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.intervals import Interval
@@ -171,14 +170,7 @@ def test_verdicts_follow_from_the_figures():
     ]  # fmt: skip
     assert claims[2].own.startswith("180 of 200: 90 % [85, 95]")
     assert claims[2].paper == "14 of 21: 67 % [45, 83]"
-    assert claims[8].own == "1,000 on one core (3.6 CPU s each)"
-    table = claims_table(claims)
-    assert [table.count(f'class="{kind}"') for kind in ("better", "reproduced", "less", "worse")] == [
-        4,
-        2,
-        2,
-        1,
-    ]
+    assert claims[8].own == "1,000 on one core"
 
 
 def test_slower_or_fewer_is_worse_than_the_paper():
@@ -191,10 +183,10 @@ def test_slower_or_fewer_is_worse_than_the_paper():
 def test_table_one_stands_beside_the_papers():
     headings, rows = table_one_beside(EVALUATION["methods"])
     assert {len(row) for row in rows} == {len(headings)}
-    assert rows[0][1:] == ["21", "0.114", "0.087", "0.76", "14 of 21: 67 % [45, 83]"]
+    assert rows[0][1:] == ["21", "0.114", "0.087", "0.763", "14 of 21: 67 % [45, 83]"]
     assert [row[1] for row in rows] == ["21", "21", "200", "21", "200"]
     assert rows[2][2:] == [
-        "0.050 [0.040, 0.060]", "0.040 [0.030, 0.050]", "0.90 [0.85, 0.95]", "110 of 200: 55 % [48, 62]",
+        "0.050 [0.040, 0.060]", "0.040 [0.030, 0.050]", "0.900 [0.850, 0.950]", "110 of 200: 55 % [48, 62]",
     ]  # fmt: skip
     four = improvement(interval(0.5, 0.1, 0.9), interval(0.6, 0.5, 0.7), 4)
     few = {"slam2cad": {"improvement": four, "improvement_table_one": four}}

@@ -174,12 +174,8 @@ def _write(
     }
     write_text(arguments.out / "evaluation.json", json_text(document))
     write_text(arguments.out / "scores.csv", scores_csv(scores))
-    text = [
-        "# Evaluation\n",
-        markdown(*main_table(summary)),
-        "## Dimensions\n",
-        markdown(*dimensions_table(summary)),
-    ]
+    text = ["# Evaluation\n", markdown(*main_table(summary))]
+    text += ["## Dimensions\n", markdown(*dimensions_table(summary))]
     text += ["## Table I\n", markdown(*table_one(scores))]
     if realism is not None:
         text += ["## CAD to SLAM\n", to_markdown(realism)]

@@ -65,119 +65,73 @@ def judge_claims(evaluation: Mapping[str, Any], statistics: Mapping[str, Any], d
 
 
 def table_one_beside(methods: Mapping[str, Any]) -> tuple[list[str], list[list[str]]]:
-    """Headings and rows: the summary of the paper's Table I, and of the run's, over as many maps and over all.
+    """Headings and rows: the summary of the paper's Table I, then the run's, over as many maps and over all.
 
     Args:
         methods: Those of ``evaluation.json``.
     """
-    tables = [("the paper", _table_one())]
+    rows = [["the paper", "21", "0.114", "0.087", "0.763", _counted(wilson_interval(14, 21), 21)]]
     for name, entry in _networks(methods):
-        of_all, of_some = entry["improvement"], entry["improvement_table_one"]
-        # Of few test maps both are the same.
-        tables += [
-            (name, _intervals(found)) for found in ([of_some] if of_some == of_all else [of_some, of_all])
-        ]
-    rows = [
-        [
-            name,
-            str(found["count"]),
-            _shown(found["mean_mse2"], 3),
-            _shown(found["mean_mse1"], 3),
-            _shown(found["ratio_of_means"]),
-            _counted(found["share_improved"], found["count"]),
-        ]
-        for name, found in tables
-    ]
-    return ["", "maps", "mean MSE2 (SLAM maps)", "mean MSE1 (translated)", "MSE1 / MSE2", "improved"], rows
-
-
-def _table_one() -> dict[str, Any]:
-    """The paper's, in the form of :class:`slamgym.metrics.Improvement`."""
-    return {
-        "count": 21,
-        "mean_mse2": _point(0.114),
-        "mean_mse1": _point(0.087),
-        "ratio_of_means": _point(0.087 / 0.114),
-        "share_improved": wilson_interval(14, 21),
-    }
+        for part in ("improvement_table_one", "improvement"):
+            found = _intervals(entry[part])
+            means = [_shown(found[figure], 3) for figure in ("mean_mse2", "mean_mse1", "ratio_of_means")]
+            row = [name, str(found["count"]), *means, _counted(found["share_improved"], found["count"])]
+            # Of few test maps both parts are the same.
+            rows += [] if row in rows else [row]
+    return ["", "maps", "mean MSE2 (SLAM map)", "mean MSE1 (translation)", "MSE1 / MSE2", "improved"], rows
 
 
 def _networks(methods: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
-    """Networks from SLAM to CAD map, by the name that is shown."""
-    for name in (PAPER_NETWORK, OWN_NETWORK, TRAINED):
-        if name in methods:
-            yield f"{name}, the paper's network" if name == PAPER_NETWORK else name, methods[name]
+    """Translators from SLAM to CAD map."""
+    return ((name, methods[name]) for name in (PAPER_NETWORK, OWN_NETWORK, TRAINED) if name in methods)
 
 
 def _translation(methods: Mapping[str, Any]) -> Iterator[Claim]:
     """Table I and Figure 6."""
-    paper = _table_one()
-    share, ratio = paper["share_improved"], paper["ratio_of_means"]
+    paper = wilson_interval(14, 21)
     for name, entry in _networks(methods):
         found = _intervals(entry["improvement"])
-        yield Claim(
-            f"Table I: are most maps nearer to the CAD map after {name}?",
-            _counted(share, paper["count"]),
-            f"{_counted(found['share_improved'], found['count'])}; sign test p = {found['sign_p']:.2g}",
-            judge(found["share_improved"], share, 0.5),
-        )
-        yield Claim(
-            f"Table I: is the mean squared error lower after {name} (MSE1 / MSE2)?",
-            _shown(ratio),
-            f"{_shown(found['ratio_of_means'])}; Wilcoxon p = {found['wilcoxon_p']:.2g}",
-            judge(_less_is_more(found["ratio_of_means"]), _less_is_more(ratio), -1.0),
-        )
+        share, ratio = found["share_improved"], found["ratio_of_means"]
+        own, verdict = _counted(share, found["count"]), judge(share, paper, 0.5)
+        yield Claim(f"Table I: does {name} improve most maps?", _counted(paper, 21), own, verdict)
+        verdict = judge(_less_is_more(ratio), _point(-0.087 / 0.114), -1.0)
+        yield Claim(f"Table I: does {name} lower the error (MSE1 / MSE2)?", "0.76", _shown(ratio), verdict)
 
 
 def _drawing_back(realism: Mapping[str, Any] | None) -> Iterator[Claim]:
     """Figures 7 and 9: the paper shows pictures; a two-sample test says whether the eye is right."""
-    tests = [] if realism is None else [test | _intervals(test) for test in realism["tests"]]
+    tests = [] if realism is None else [_intervals(test) for test in realism["tests"]]
     null = {test["first"]: test["accuracy"] for test in tests if test["is_null"]}
     for test in tests:
-        name, halves = test["second"], null[test["first"]]
+        name, accuracy, halves = test["second"], test["accuracy"], null[test["first"]]
         if name in REDRAWN or (name.startswith(TO_SLAM) and not name.endswith("bent")):
-            yield Claim(
-                f"Figures 7 and 9: do the maps that {name} makes from CAD maps look like SLAM maps?",
-                "yes, by eye",
-                f"told apart with accuracy {_shown(test['accuracy'])}; two halves of SLAM maps {_shown(halves)}",
-                # As alike as two halves, or by less: up to the map generator's goal of 0.65.
-                judge(_less_is_more(test["accuracy"]), Interval(-halves.value, -halves.high, 0.0), -0.65),
-            )
+            question = f"Figures 7 and 9: do maps that {name} makes from CAD maps look like SLAM maps?"
+            own = f"told apart with accuracy {_shown(accuracy)}; two halves of the SLAM maps {_shown(halves)}"
+            # As alike as the halves are, or nearly: by the map generator's goal, an accuracy of 0.65.
+            alike = Interval(-halves.value, -halves.high, 0.0)
+            yield Claim(question, "yes, by eye", own, judge(_less_is_more(accuracy), alike, -0.65))
 
 
 def _conversion(found: list[tuple[str, str]]) -> Iterator[Claim]:
     """Table II."""
     # The first map of a method waits for its kernels.
-    own = {method: min(float(text) for name, text in found if name == method) for method, _ in found}
-    if len(own) == 2:
-        ekf, two_phase = own["ekf_schur"], own["two_phase"]
-        yield Claim(
-            "Table II: is the two-phase method faster than the EKF?",
-            "2.6-3.6 s against 15-94 s",
-            f"{two_phase:.2g} s against {ekf:.2g} s",
-            judge(_point(ekf / two_phase), Interval(1.0, 1.0, math.inf), 1.0),
-        )
+    least = {method: min(float(text) for name, text in found if name == method) for method, _ in found}
+    if len(least) == 2:
+        ekf, fast = least["ekf_schur"], least["two_phase"]
+        question, paper = "Table II: is two_phase faster than the EKF?", "2.6-3.6 s against 15-94 s"
+        verdict = judge(_point(ekf / fast), Interval(1.0, 1.0, math.inf), 1.0)
+        yield Claim(question, paper, f"{fast:.2g} s against {ekf:.2g} s", verdict)
 
 
 def _making(whole: Mapping[str, Any]) -> Iterator[Claim]:
     """The cost of a dataset."""
-    if whole["cpu_seconds"]:
-        rate, paper = 3600.0 / whole["cpu_seconds"], 86.0
-        yield Claim(
-            "How many explorations does an hour give?",
-            f"about {paper:.0f} on a cluster",
-            f"{rate:,.0f} on one core ({whole['cpu_seconds']:.1f} CPU s each)",
-            judge(_point(rate), _point(paper), paper),
-        )
-    if whole["kept"] is not None:
-        share = wilson_interval(4225, 35_000)
-        kept = wilson_interval(round(whole["kept"] * whole["pairs"]), whole["pairs"])
-        yield Claim(
-            "How many explorations are good enough to learn from?",
-            _counted(share, 35_000),
-            _counted(kept, whole["pairs"]),
-            judge(kept, share, 0.0),
-        )
+    rate, paper = 3600.0 / whole["cpu_seconds"], 86.0
+    own, verdict = f"{rate:,.0f} on one core", judge(_point(rate), _point(paper), paper)
+    yield Claim("How many explorations an hour?", f"{paper:.0f} on a cluster", own, verdict)
+    share = wilson_interval(4225, 35_000)
+    kept = wilson_interval(round(whole["kept"] * whole["pairs"]), whole["pairs"])
+    own, verdict = _counted(kept, whole["pairs"]), judge(kept, share, 0.0)
+    yield Claim("How many are good enough to learn from?", _counted(share, 35_000), own, verdict)
 
 
 def _intervals(found: Mapping[str, Any]) -> dict[str, Any]:
@@ -194,10 +148,9 @@ def _less_is_more(interval: Interval) -> Interval:
 
 
 def _shown(interval: Interval, digits: int = 2) -> str:
-    value, low, high = (f"{figure:.{digits}f}" for figure in (interval.value, interval.low, interval.high))
-    return value if interval.low == interval.high else f"{value} [{low}, {high}]"
+    return f"{interval.value:.{digits}f} [{interval.low:.{digits}f}, {interval.high:.{digits}f}]"
 
 
 def _counted(share: Interval, count: int) -> str:
-    low, high = 100 * share.low, 100 * share.high
-    return f"{share.value * count:,.0f} of {count:,}: {100 * share.value:.0f} % [{low:.0f}, {high:.0f}]"
+    low, value, high = (f"{100 * part:.0f}" for part in (share.low, share.value, share.high))
+    return f"{share.value * count:,.0f} of {count:,}: {value} % [{low}, {high}]"

@@ -20,12 +20,12 @@ class ReproduceArguments(Arguments):
     out: Out
     """Folder of everything that is made."""
     scale: Literal["smoke", "laptop", "full"] = "smoke"
-    """``smoke``: 24 maps of bundled plans, minutes. ``laptop``: 240 of HouseExpo, a quarter of an hour of a
-    fast core. ``full``: 4,550, some hours."""
+    """``smoke``: 48 explorations of bundled plans, minutes. ``laptop``: 480 of HouseExpo's, half an hour of a core.
+    ``full``: 10,000, some hours."""
     plans: str | None = None
     """Other floor plans than the scale's, as `slamgym generate` takes them."""
     train: bool = False
-    """Also train a translator on the training side of the pairs; without it the pretrained ones are measured."""
+    """Also train a translator on one part of the plans; without it the pretrained ones are measured on all."""
     seed: CountOrZero = 1
     """Seed of everything random."""
     workers: CountOrZero = 0

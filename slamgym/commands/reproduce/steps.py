@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import os
 import shlex
 import subprocess
@@ -49,7 +48,9 @@ class Reproduction:
 
     def __init__(self, out: Path, scale: Mapping[str, Any], train: bool, seed: int, workers: int) -> None:
         self.out, self.scale, self.train, self.seed = out, scale, train, seed
-        self._words = {**scale, "seed": seed, "workers": workers, "out": out}
+        # Where nothing is trained, all maps are for testing.
+        test = scale["test"] if train else 1.0
+        self._words = {**scale, "test": test, "seed": seed, "workers": workers, "out": out}
         self._settings = {"version": __version__, "train": train, "seed": seed, "scale": dict(scale)}
         self._state = out / "state.json"
         self.steps: dict[str, dict[str, Any]] = {}
@@ -71,9 +72,8 @@ class Reproduction:
         if step in ("translators", "drawings"):
             names = [record.name for record in read_images(self.out / "images", "test")]
             if step == "drawings":
-                maps = (self.out / "pairs" / "episodes" / name / "map.yaml" for name in names)
-                lines[0] += map(str, itertools.islice(maps, self.scale["pictures"]))
-                return lines if names else []
+                shown = names[: self.scale["pictures"]]
+                return [lines[0] + [f"{self.out}/pairs/episodes/{name}/map.yaml" for name in shown]]
             if self.train:
                 lines[-1].append(f"{TRAINED}={self.out / 'run'}")
             if len(names) < MIN_MAPS:
