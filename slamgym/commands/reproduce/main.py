@@ -20,8 +20,8 @@ class ReproduceArguments(Arguments):
     out: Out
     """Folder of everything that is made."""
     scale: Literal["smoke", "laptop", "full"] = "smoke"
-    """``smoke``: 48 explorations of bundled plans, minutes. ``laptop``: 480 of HouseExpo's, half an hour of a core.
-    ``full``: 10,000, some hours."""
+    """``smoke``: 24 explorations of bundled plans by the recipe ``quick``, minutes. ``laptop``: 480 of HouseExpo's by
+    ``paper``, half an hour of a core. ``full``: 10,000, some hours."""
     plans: str | None = None
     """Other floor plans than the scale's, as `slamgym generate` takes them."""
     train: bool = False

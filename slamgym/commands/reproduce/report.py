@@ -51,10 +51,10 @@ def write_reproduction(run: Reproduction) -> Path:
         f"<h1>{_TITLE}</h1>",
         paragraph(
             f"{statistics['whole']['pairs']} explorations of {statistics['whole']['plans']} floor plans by the recipe "
-            f"paper, {evaluation['maps']} test maps of {evaluation['plans']} plans that no training of this run has "
-            "seen. model32 and modelprog are networks as the paper's; pretrained ones have seen some of HouseExpo's "
-            f"plans, none of the bundled ones. Seed {run.seed}, slamgym {__version__}. Intervals are 95 %. Reproduced: "
-            "true here, and both intervals overlap. Less than the paper: true, but below the paper's interval."
+            f"{run.scale['recipe']}, {evaluation['maps']} test maps of {evaluation['plans']} plans that no training of "
+            "this run has seen. model32 and modelprog are networks as the paper's; pretrained ones have seen some of "
+            f"HouseExpo's plans, none of the bundled. Seed {run.seed}, slamgym {__version__}. Intervals are 95 %. "
+            "Reproduced: true here, and both intervals overlap. Less than the paper: true, but below its interval."
         ),
         "<h2>How the paper's claims fared</h2>",
         make_table(["question", "the paper", "this run", "verdict"], claims, colours),
