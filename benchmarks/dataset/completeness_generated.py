@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.cad import FloorPlan
-from slamgym.commands.deforming.hypotheses import generator_config, recorded_drive, recorded_settings
+from slamgym.commands.deforming.hypotheses import furnished, recorded_drive, recorded_settings
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import show_progress
 from slamgym.core.types import BoolArray, FloatArray, Trajectory
@@ -24,8 +24,8 @@ from slamgym.dataset.curate.completeness import completeness_features
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions
 from slamgym.dataset.record import GOOD_COVERAGE
-from slamgym.envs.episode import EpisodeConfig
-from slamgym.parametric import deform, from_recorded
+from slamgym.envs import ExploreConfig
+from slamgym.parametric import map_along_path
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from dataset.completeness import BAND, calibration_error, intervals
@@ -35,10 +35,10 @@ from report import print_and_save
 MINUTES = (0.5, 1.0, 2.0, 4.0)
 
 
-def generated(plan: FloorPlan, path: Trajectory, episode: EpisodeConfig, seed: tuple[int, int]) -> FloatArray:
+def generated(plan: FloorPlan, path: Trajectory, env: ExploreConfig, seed: int) -> FloatArray:
     """Features of a map that the generator draws along a path."""
-    config = generator_config(episode.env)
-    grid = deform(plan, from_recorded(path), config, np.random.default_rng(seed)).grid
+    rng, clutter = np.random.default_rng(seed), furnished(plan, env, seed)
+    grid = map_along_path(plan, path, env, rng, clutter).grid
     return completeness_features(grid.cells, grid.frame.resolution)
 
 
@@ -50,12 +50,12 @@ def collect(root: Path, most: int) -> tuple[FloatArray, FloatArray, BoolArray, l
     with show_progress("pairs", 0, len(records)) as advance:
         for record in records:
             plan, driven = recorded_drive(root, record)
-            episode = apply_conditions(base, record.conditions)
-            for number, moment in enumerate(take_snapshots(root, record, MINUTES)):
+            env = apply_conditions(base, record.conditions).env
+            for moment in take_snapshots(root, record, MINUTES):
                 until = int(np.searchsorted(driven.stamps, moment.time, side="right"))
                 path = Trajectory(driven.stamps[:until], driven.poses[:until])
                 try:
-                    features = generated(plan, path, episode, (record.index, number))
+                    features = generated(plan, path, env, record.seed)
                 except SlamgymError:  # a path too short to draw anything
                     continue
                 simulated.append(completeness_features(moment.cells, moment.resolution))

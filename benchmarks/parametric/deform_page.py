@@ -2,7 +2,7 @@
 
 The simulated maps differ by the seed of the exploration; parametric model and generator drive the true path of each.
 
-Run: ``python benchmarks/parametric/deform_page.py --plans PATH --recipe paper --out docs/images/deform_page.png``.
+Run: ``python benchmarks/parametric/deform_page.py --plans PATH --recipe reference --out docs/images/deform_page.png``.
 """
 
 import argparse
@@ -41,7 +41,7 @@ def row(plan: FloorPlan, recipe: str, maker: Maker, methods: tuple[str, ...]) ->
         pictures[0].append(resample_map(episode.slam_map, moved))
         path = Trajectory(episode.truth.stamps, episode.truth.poses + np.array([start.x, start.y, 0.0]))
         for method, found in zip(methods, pictures[1:], strict=True):
-            grid, _ = maker.make(method, plan, path, config, (seed, 0))
+            grid, _ = maker.make(method, plan, path, config, seed)
             found.append(resample_map(OccupancyGrid(grid.cells, grid.frame), frame))
     return [plan.raster(CELL, frame).cells, *(picture for kind in pictures for picture in kind)]
 
@@ -50,7 +50,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--plans", default="bundled")
     parser.add_argument("--count", type=int, default=6)
-    parser.add_argument("--recipe", default="paper")
+    parser.add_argument("--recipe", default="reference")
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--out", type=Path, default=Path("docs/images/deform_page.png"))
     arguments = parser.parse_args()

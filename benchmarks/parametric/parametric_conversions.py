@@ -23,7 +23,7 @@ from slamgym.cad import FloorPlan, open_plans
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric import ParametricConfig, plan_trajectory
-from slamgym.parametric.config import EkfConfig
+from slamgym.parametric.config import EkfConfig, ScannerView
 from slamgym.parametric.ekf_slam import landmark_problem
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import (
@@ -56,7 +56,7 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     scans = pick_scans(plan_trajectory(plan, rng, kind), config.motion)  # type: ignore[arg-type]
     side = max(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1])
     frame = GridFrame.covering(plan.bounds, side / (PIXELS - 8), 0.1)
-    seen = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, config.scanner)
+    seen = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, ScannerView())
     poses, motion = scans.poses, increments_of(scans.poses)
     unit = rng.standard_normal(3)
     wheels = WheelErrors.of_unit(unit)
@@ -77,7 +77,7 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     def landmarks(ekf: EkfConfig, noise: float = 1.0) -> Placement:
         draws = np.random.default_rng([*seed, 1])
         problem = landmark_problem(
-            poses, believed, seen, config.scanner.mount_x, LidarErrors(), ekf, draws, noise
+            poses, believed, seen, ScannerView().mount_x, LidarErrors(), ekf, draws, noise
         )
         estimate = solve_schur(problem)
         field, known = np.zeros((2, *frame.shape)), np.zeros(frame.shape, dtype=np.bool_)

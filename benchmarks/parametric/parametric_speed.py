@@ -20,8 +20,8 @@ import numpy as np
 import shapely
 
 from slamgym.cad import FloorPlan
-from slamgym.core.types import GridFrame
-from slamgym.parametric import ParametricConfig, TimedTrajectory, Waypoints, deform, drive
+from slamgym.core.types import GridFrame, Trajectory
+from slamgym.parametric import ParametricConfig, Waypoints, deform, drive
 from slamgym.parametric.config import ConversionMethod, EkfConfig, MotionConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -63,7 +63,7 @@ def grid_building(rooms_per_side: int) -> FloorPlan:
     return FloorPlan(f"{rooms_per_side} x {rooms_per_side} rooms", floor)
 
 
-def tour_of(rooms_per_side: int) -> TimedTrajectory:
+def tour_of(rooms_per_side: int) -> Trajectory:
     """Through every room, row by row, and back again."""
     order = [
         (i if j % 2 == 0 else rooms_per_side - 1 - i, j)
@@ -80,9 +80,7 @@ def tour_of(rooms_per_side: int) -> TimedTrajectory:
     return drive(Waypoints(np.array(points + points[-2::-1])))
 
 
-def seconds(
-    plan: FloorPlan, path: TimedTrajectory, config: ParametricConfig, repeats: int
-) -> tuple[float, int]:
+def seconds(plan: FloorPlan, path: Trajectory, config: ParametricConfig, repeats: int) -> tuple[float, int]:
     """Least CPU time of a run, and its number of scans."""
     frame = GridFrame.covering(plan.bounds, config.resolution, margin=MARGIN)
     times = []
@@ -103,7 +101,7 @@ def main() -> None:
     home_path = tour_of(2)
     block_path = tour_of(4)
     tower_path = tour_of(12)
-    cases: list[tuple[ConversionMethod, FloorPlan, TimedTrajectory, int, int]] = [
+    cases: list[tuple[ConversionMethod, FloorPlan, Trajectory, int, int]] = [
         ("two_phase", home, home_path, 64, 0),
         ("two_phase", home, home_path, 256, 0),
         ("ekf_schur", home, home_path, 64, 0),
@@ -122,7 +120,7 @@ def main() -> None:
             ekf=dataclasses.replace(EkfConfig(), landmarks_per_scan=landmarks),
         )
         took, scans = seconds(plan, path, config, arguments.repeats if pixels < 500 else 2)
-        length = round(path.as_trajectory().length, 1)
+        length = round(path.length, 1)
         per_scan = "-" if method == "two_phase" else str(landmarks or "all")
         goal = GOALS.get((method, pixels))
         row = (method, pixels, round(side, 1), length, scans, per_scan, round(took, 3), goal)

@@ -1,10 +1,10 @@
-from .config import ParametricConfig, SensingConfig, preset, realistic
+from .config import ParametricConfig
+from .generator import map_along_path
 from .model import Deformation, deform
 from .paths import (
-    TimedTrajectory,
     Waypoints,
+    check_recorded,
     drive,
-    from_recorded,
     plan_trajectory,
     read_waypoints,
     trajectory_from_file,
@@ -14,18 +14,15 @@ from .warp import densify, invert, warp
 __all__ = [
     "Deformation",
     "ParametricConfig",
-    "SensingConfig",
-    "TimedTrajectory",
     "Waypoints",
+    "check_recorded",
     "deform",
     "densify",
     "drive",
-    "from_recorded",
     "invert",
+    "map_along_path",
     "plan_trajectory",
-    "preset",
     "read_waypoints",
-    "realistic",
     "trajectory_from_file",
     "warp",
 ]

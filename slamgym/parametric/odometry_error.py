@@ -21,8 +21,7 @@ from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.sim.robot import WHEEL_RADIUS, RobotConfig
 
-_ROBOT = RobotConfig()
-WHEEL_BASE, WHEEL_DIAMETER = _ROBOT.wheel_separation, 2.0 * WHEEL_RADIUS  # nominal [m]
+WHEEL_BASE, WHEEL_DIAMETER = RobotConfig.wheel_separation, 2.0 * WHEEL_RADIUS  # nominal [m]
 _ALPHA_EB_DEG = 1.0
 """Spread of the error of a quarter turn through the wheel base [deg]; rms 0.98 over 8 OptiOdom sets."""
 _KAPPA_DEG = 0.23

@@ -17,10 +17,12 @@ from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymE
 from slamgym.core.files import read_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import shown
-from slamgym.core.types import FREE, FloatArray, IntArray, Trajectory
+from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid, Trajectory
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
 from slamgym.planning.prm import Roadmap, build_roadmap, random_path, spread_stops, tour
+from slamgym.sim.clutter import Clutter
+from slamgym.sim.passages import PASSAGE_CELL
 from slamgym.sim.robot import RobotConfig
 
 if TYPE_CHECKING:
@@ -28,29 +30,8 @@ if TYPE_CHECKING:
 
 _ROBOT = RobotConfig()
 _SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
-_ROADMAP_RESOLUTION = 0.05  # [m] of the grid that a roadmap is made on
 _CLEARANCE = 0.25  # [m] that the path keeps from walls: the radius of the robot and 3 cm
 _STOP_SPACING = 5.0  # [m] between stops in a plan without rooms; the LIDAR sees what lies between
-
-
-@dataclass(frozen=True)
-class TimedTrajectory:
-    """Poses of the robot's base with their velocities, in the world frame."""
-
-    stamps: FloatArray  # (T,) [s]
-    poses: FloatArray  # (T, 3) x [m], y [m], theta [rad]
-    twists: FloatArray  # (T, 2) forward [m/s], counter-clockwise [rad/s]
-
-    def __len__(self) -> int:
-        return len(self.stamps)
-
-    def as_trajectory(self) -> Trajectory:
-        """The poses alone."""
-        return Trajectory(self.stamps, self.poses)
-
-    def pick(self, index: IntArray) -> "TimedTrajectory":
-        """The samples at ``index`` (N,)."""
-        return TimedTrajectory(self.stamps[index], self.poses[index], self.twists[index])
 
 
 @dataclass(frozen=True)
@@ -95,27 +76,27 @@ def _duration(length: float, top_speed: float, acceleration: float) -> float:
     return length / (acceleration * ramp) + ramp
 
 
-def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, ...]:
-    """Time, distance and speed of a move from rest to rest over ``length``, n + 1 samples."""
+def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, FloatArray]:
+    """Time and distance of a move from rest to rest over ``length``, n + 1 samples."""
     ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
     speed, total = acceleration * ramp, _duration(length, top_speed, acceleration)
     t = np.linspace(0.0, total, n + 1)
     left = total - t
-    phases = [t < ramp, t > total - ramp]
     distance = np.select(
-        phases,
+        [t < ramp, t > total - ramp],
         [0.5 * acceleration * t**2, length - 0.5 * acceleration * left**2],
         speed * (t - 0.5 * ramp),
     )
-    return t, distance, np.select(phases, [acceleration * t, acceleration * left], speed)
+    return t, distance
 
 
-def drive(waypoints: Waypoints, name: str = "the trajectory") -> TimedTrajectory:
+def drive(waypoints: Waypoints, name: str = "the trajectory", robot: RobotConfig = _ROBOT) -> Trajectory:
     """Drive along waypoints: turn in place, drive straight; slower than the robot can where times allow it.
 
     Args:
         waypoints: Where to pass, and when if times are given.
         name: What to call the waypoints in an error.
+        robot: Who drives.
 
     Returns:
         A trajectory sampled every 0.05 s, from the first waypoint to the last; the robot starts facing its
@@ -130,18 +111,18 @@ def drive(waypoints: Waypoints, name: str = "the trajectory") -> TimedTrajectory
     lengths = np.hypot(steps[:, 0], steps[:, 1])
     heading = math.atan2(*steps[np.argmax(lengths > 0.0)][::-1])
     clock = 0.0 if times is None else float(times[0])
-    rows = [np.array([[clock, *points[0], heading, 0.0, 0.0]])]
+    rows = [np.array([[clock, *points[0], heading]])]
     for i, (step, length) in enumerate(zip(steps, lengths, strict=True)):
         turn = float(wrap_angle(math.atan2(step[1], step[0]) - heading)) if length > 0.0 else 0.0
         moves = (
-            (abs(turn), _ROBOT.max_angular, _ROBOT.angular_acceleration),
-            (length, _ROBOT.max_linear, _ROBOT.linear_acceleration),
+            (abs(turn), robot.max_angular, robot.angular_acceleration),
+            (length, robot.max_linear, robot.linear_acceleration),
         )
         turning, driving = durations = [_duration(*move) for move in moves]
         stretch = 1.0
         if times is not None:
             allowed = float(times[i + 1] - times[i])
-            speeds = f"{_ROBOT.max_linear:g} m/s and {_ROBOT.max_angular:g} rad/s"
+            speeds = f"{robot.max_linear:g} m/s and {robot.max_angular:g} rad/s"
             needs = f"{allowed:.2f} s; the robot needs {turning + driving:.2f} s at {speeds}"
             is_slow = turning + driving <= allowed + 1e-9
             _require(is_slow, name, f"waypoint {i + 2} can't be reached in {needs}")
@@ -153,61 +134,63 @@ def drive(waypoints: Waypoints, name: str = "the trajectory") -> TimedTrajectory
             if duration == 0.0:
                 continue
             n = max(2, math.ceil(duration * stretch / _SAMPLE_INTERVAL))
-            t, distance, speed = _trapezoid(*move, n)
-            sign = 1.0 if drives else math.copysign(1.0, turn)
-            block = np.zeros((n, 6))
+            t, distance = _trapezoid(*move, n)
+            block = np.zeros((n, 4))
             block[:, 0] = clock + stretch * t[1:]
             block[:, 1:3] = points[i]
             block[:, 3] = heading
             if drives:
                 block[:, 1:3] += (distance[1:, None] / length) * step
             else:
-                block[:, 3] += sign * distance[1:]
+                block[:, 3] += math.copysign(1.0, turn) * distance[1:]
                 heading += turn
-            block[:, 5 - drives] = sign * speed[1:] / stretch
             rows.append(block)
             clock += stretch * duration
     table = np.concatenate(rows)
     table[:, 3] = wrap_angle(table[:, 3])
-    return TimedTrajectory(table[:, 0], table[:, 1:4], table[:, 4:6])
+    return Trajectory(table[:, 0], table[:, 1:])
 
 
-def from_recorded(recorded: Trajectory, name: str = "the recorded path") -> TimedTrajectory:
-    """Give a recorded path (an explorer's, in the world frame) its velocities.
+def check_recorded(recorded: Trajectory, name: str = "the recorded path") -> None:
+    """Refuse a recorded path that describes no motion.
 
     Raises:
         ConfigError: If it has fewer than two poses, a number that is not finite, or time that doesn't grow.
     """
-    stamps, poses = np.asarray(recorded.stamps, dtype=np.float64), np.asarray(recorded.poses)
+    stamps, poses = recorded.stamps, recorded.poses
     _require(len(stamps) >= 2, name, f"has {len(stamps)} pose(s); give at least two")
     finite = np.isfinite(stamps).all() and np.isfinite(poses).all()
     _require(finite, name, "holds a number that is not finite")
     growing = np.diff(stamps) > 0.0
     late = f"time doesn't grow at pose {np.argmin(growing) + 2}; sort the poses by time"
     _require(growing.all(), name, late)
-    turned = np.concatenate([[0.0], np.cumsum(wrap_angle(np.diff(poses[:, 2])))])
-    velocity = np.gradient(poses[:, :2], stamps, axis=0)
-    forward = velocity[:, 0] * np.cos(poses[:, 2]) + velocity[:, 1] * np.sin(poses[:, 2])
-    return TimedTrajectory(stamps, poses, np.column_stack([forward, np.gradient(turned, stamps)]))
 
 
-def pick_scans(trajectory: TimedTrajectory, config: MotionConfig) -> TimedTrajectory:
-    """Keep the poses at which a scan enters the map: after enough driving, turning or time, and the last."""
+def sampled(trajectory: Trajectory, interval: float) -> Trajectory:
+    """The poses at equal intervals [s], between those that are known."""
+    stamps = np.arange(trajectory.stamps[0], trajectory.stamps[-1] + 1e-6, interval)
+    turned = np.cumsum(wrap_angle(np.diff(trajectory.poses[:, 2], prepend=0.0)))
+    columns = *trajectory.poses[:, :2].T, turned
+    poses = np.column_stack([np.interp(stamps, trajectory.stamps, column) for column in columns])
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return Trajectory(stamps, poses)
+
+
+def pick_scans(trajectory: Trajectory, config: MotionConfig) -> Trajectory:
+    """Keep the poses at which a scan enters the map: after enough driving or turning, and the last."""
     poses = trajectory.poses
     way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
     turn = np.concatenate([[0.0], np.cumsum(np.abs(wrap_angle(np.diff(poses[:, 2]))))])
-    passed = np.column_stack([way, turn, trajectory.stamps]).tolist()
-    spacing, angle, interval = (
-        most - 1e-9 for most in (config.scan_spacing, config.scan_angle, config.scan_interval)
-    )
+    passed = np.column_stack([way, turn]).tolist()
+    spacing, angle = config.scan_spacing - 1e-9, config.scan_angle - 1e-9
     kept = [0]
-    for i, (driven, turned, time) in enumerate(passed):
+    for i, (driven, turned) in enumerate(passed):
         last = passed[kept[-1]]
-        if driven - last[0] >= spacing or turned - last[1] >= angle or time - last[2] >= interval:
+        if driven - last[0] >= spacing or turned - last[1] >= angle:
             kept.append(i)
-    if passed[kept[-1]][:2] != passed[-1][:2]:
+    if passed[kept[-1]] != passed[-1]:
         kept.append(len(passed) - 1)
-    return trajectory.pick(np.array(kept))
+    return Trajectory(trajectory.stamps[kept], poses[kept])
 
 
 def check_path_is_free(
@@ -271,7 +254,7 @@ def read_waypoints(path: Path | str) -> Waypoints:
     return Waypoints(table[:, :2], table[:, 2] if table.shape[1] == 3 else None)
 
 
-def trajectory_from_file(path: Path | str, plan: "FloorPlan") -> TimedTrajectory:
+def trajectory_from_file(path: Path | str, plan: "FloorPlan", robot: RobotConfig = _ROBOT) -> Trajectory:
     """The true path that a file holds: waypoints (``.csv``) or recorded poses (``.tum`` or ``.txt``).
 
     Convention: the numbers are in the world frame of the plan.
@@ -281,29 +264,39 @@ def trajectory_from_file(path: Path | str, plan: "FloorPlan") -> TimedTrajectory
         ConfigError: If the path makes no sense or leaves the free space.
     """
     if Path(path).suffix.lower() in (".tum", ".txt"):
-        recorded = from_recorded(read_tum(path), str(path))
+        recorded = read_tum(path)
+        check_recorded(recorded, str(path))
         check_path_is_free(recorded.poses[:, :2], plan.free_space, str(path), "pose")
         return recorded
     waypoints = read_waypoints(path)
-    trajectory = drive(waypoints, str(path))
+    trajectory = drive(waypoints, str(path), robot)
     check_path_is_free(waypoints.points, plan.free_space, str(path))
     return trajectory
 
 
 def plan_trajectory(
-    plan: "FloorPlan", rng: np.random.Generator, kind: Literal["tour", "pair"] = "tour"
-) -> TimedTrajectory:
+    plan: "FloorPlan",
+    rng: np.random.Generator,
+    kind: Literal["tour", "pair"] = "tour",
+    robot: RobotConfig = _ROBOT,
+    clutter: Clutter | None = None,
+) -> Trajectory:
     """Plan a true path over a roadmap.
 
     Args:
         plan: The building.
         rng: Draws the roadmap and the ends.
         kind: ``tour``: through all rooms; ``pair``: between two random points, as in the paper.
+        robot: Who drives.
+        clutter: What stands in the way.
 
     Raises:
         PlanError: If the robot fits nowhere.
     """
-    grid = plan.raster(_ROADMAP_RESOLUTION)
+    grid = plan.raster(PASSAGE_CELL)
+    if clutter is not None and clutter.passages is not None:
+        clearance = clutter.passages.clearance[::-1]
+        grid = OccupancyGrid(np.where(clearance > 0.0, FREE, OCCUPIED), clutter.passages.frame)
     if not (grid.cells == FREE).any():
         raise PlanError(plan.id, "has no free space")
     try:
@@ -316,7 +309,7 @@ def plan_trajectory(
         stops = [spread_stops(roadmap, _STOP_SPACING, rng)]
         stops += [_room_centre(plan, roadmap, room.polygon) for room in plan.rooms]
         points = tour(roadmap, np.concatenate(stops), rng)
-    return drive(Waypoints(points), f"the path planned in {plan.id}")
+    return drive(Waypoints(points), f"the path planned in {plan.id}", robot)
 
 
 def _room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:

@@ -171,14 +171,32 @@ class World:
         target = self._within_limits(command, dt)
         before = self.pose
         self._state[motion.LEFT :] = 0.0
-        if self._crowd:
-            self._let_people_walk(self._crowd, dt)
-        if self._changes.movables and self._changes.advance(dt, self._somebody()):
-            self._solver = None  # it holds the obstacles as they stood
+        self._let_time_pass(dt)
         contact = self._drive(target, dt)
         pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
         return Motion(pose, between(before, pose), (left, right), contact, distance)
+
+    def carry(self, pose: Pose2D, dt: float) -> Motion:
+        """Let ``dt`` seconds pass after which the robot is known to be at a pose, along a recorded path, say.
+
+        Returns:
+            The motion, as of wheels that rolled without slip.
+        """
+        before = self.pose
+        self._let_time_pass(dt)
+        self._state[:3] = pose
+        pose = self._note_pose()
+        moved = between(before, pose)
+        aside = 0.5 * self.robot.wheel_separation * moved.theta
+        return Motion(pose, moved, (moved.x - aside, moved.x + aside), False, abs(moved.x))
+
+    def _let_time_pass(self, dt: float) -> None:
+        """People walk and things are moved while the robot stands."""
+        if self._crowd:
+            self._let_people_walk(self._crowd, dt)
+        if self._changes.movables and self._changes.advance(dt, self._somebody()):
+            self._solver = None  # it holds the obstacles as they stood
 
     def _within_limits(self, command: Twist2D, dt: float) -> Twist2D:
         linear, angular = float(command[0]), float(command[1])

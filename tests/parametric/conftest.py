@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.parametric.paths import TimedTrajectory, Waypoints, drive
+from slamgym.core.types import Trajectory
+from slamgym.parametric.paths import Waypoints, drive
 
 WALLS = [
     (3.0, 0.0, 3.1, 2.0),
@@ -41,7 +42,7 @@ def flat() -> FloorPlan:
 
 
 @pytest.fixture(scope="session")
-def tour(flat: FloorPlan) -> TimedTrajectory:
+def tour(flat: FloorPlan) -> Trajectory:
     return drive(Waypoints(TOUR))
 
 

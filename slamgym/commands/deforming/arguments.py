@@ -16,7 +16,7 @@ Method = Literal["parametric", "generator", "modelprog", "elastic"]
 _OF_METHODS: dict[str, tuple[str, ...]] = {
     "conversion": ("parametric",),
     "size": ("parametric",),
-    "severity": ("parametric", "generator"),
+    "severity": ("parametric",),
     "recipe": ("generator",),
     "trajectory": ("parametric", "generator"),
     "prm_kind": ("parametric", "generator"),
@@ -43,9 +43,9 @@ class DeformArguments(Arguments):
     out: Out
     """Folder of the dataset to make."""
 
-    method: Method = "parametric"
-    """parametric: the paper's model; generator: simulated scans drawn where a robot like the simulator's would believe
-    to be; modelprog: the paper's network; elastic: the plan bent."""
+    method: Method = "generator"
+    """generator: the simulated robot's scans and mapper along the path; parametric: the paper's model; modelprog: the
+    paper's network; elastic: the plan bent."""
 
     count: Annotated[Count, tyro.conf.arg(aliases=["-n"])] = 1
     """Number of hypotheses of each plan; each draws its own robot and, unless a file gives it, its own path."""
@@ -66,24 +66,24 @@ class DeformArguments(Arguments):
     """Through all rooms, or between two random points as in the paper."""
 
     recipe: str | None = None
-    """Generator: sensors, furniture and mapper as `slamgym generate --recipe` draws them: paper, real, reference or
-    a YAML file. Without it the default robot."""
+    """Generator: robot, sensors, furniture, mapper and time as `slamgym generate --recipe` draws them: paper, real,
+    reference or a YAML file. Without it the default robot in an empty building."""
 
     conversion: ConversionMethod | None = None
-    """Conversion of odometry errors to map errors: ekf_schur (the default), two_phase (dead reckoning) or
-    scan_matching."""
+    """Parametric: conversion of odometry errors to map errors: ekf_schur (the default) or two_phase (dead
+    reckoning)."""
 
     severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0
-    """Multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
+    """Parametric: multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
 
     seed: CountOrZero = 0
     """Equal seeds give equal bytes."""
 
-    resolution: Positive = 0.05
-    """[m/px]"""
+    resolution: Positive | None = None
+    """[m/px]; 0.05 by default, or what a recipe or an exploration had."""
 
     size: Literal[0] | Annotated[int, Within(ge=16)] = 0
-    """Side of the square map [px]; the resolution follows from the plan. 0 takes --resolution."""
+    """Parametric: side of the square map [px]; the resolution follows from the plan. 0 takes --resolution."""
 
     weights: str | None = None
     """Modelprog: a pretrained name, a .safetensors file or a run's folder."""

@@ -50,12 +50,12 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
         if is_dataset(arguments.plan) and split_path(arguments.plan).is_file():
             shutil.copy(split_path(arguments.plan), split_path(root))
         for subject, hypothesis in drawn:
-            slot, recorded = subject.slot, subject.recorded
+            slot = subject.slot
             staged, frame = folder.stage(slot.name), _moved(hypothesis.grid.frame, hypothesis.outcome.start)
             conditions = {
                 "method": arguments.method,
-                "explorer": recorded.explorer if recorded else "roadmap",
-                "recipe": arguments.recipe or "",
+                "explorer": subject.settings.explorer if subject.driven else "roadmap",
+                "recipe": subject.recipe,
             }
             pair, outcome = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame), hypothesis.outcome
             write = partial(_write_episode, plan=subject.plan, hypothesis=hypothesis, frame=frame)
@@ -104,10 +104,9 @@ def _summary(slot: Slot, hypothesis: DrawnMap) -> str:
     parts = ["drawn"]
     truth = hypothesis.outcome.truth
     if len(truth):
-        method = hypothesis.parameters["config"]["method"]
         parts = [
             f"{truth.length:.1f} m driven, {len(truth)} scans",
-            f"{method} took {hypothesis.cpu_seconds:.3f} s",
+            f"{hypothesis.parameters['method']} took {hypothesis.cpu_seconds:.3f} s",
         ]
     if moved := _displacement(hypothesis):
         parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")

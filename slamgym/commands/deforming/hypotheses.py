@@ -21,10 +21,13 @@ from slamgym.core.types import FREE, Float32Array, GridFrame, OccupancyGrid, Pos
 from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
 from slamgym.dataset.generate.recipe import apply_conditions, episode_conditions, open_recipe
 from slamgym.dataset.record import Outcome, PairRecord, Slot
-from slamgym.envs.episode import EpisodeConfig
-from slamgym.parametric.config import ParametricConfig, SensingConfig, preset, realistic
-from slamgym.parametric.model import DRIFT_MARGIN, deform
-from slamgym.parametric.paths import TimedTrajectory, from_recorded, plan_trajectory, trajectory_from_file
+from slamgym.envs.episode import EpisodeConfig, time_limit
+from slamgym.envs.plan_cache import Streams
+from slamgym.parametric.config import ParametricConfig
+from slamgym.parametric.generator import map_along_path
+from slamgym.parametric.model import DRIFT_MARGIN, Deformation, deform
+from slamgym.parametric.paths import check_recorded, plan_trajectory, trajectory_from_file
+from slamgym.sim import Clutter, make_clutter
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
@@ -39,10 +42,14 @@ class Subject:
 
     slot: Slot
     plan: FloorPlan
+    settings: EpisodeConfig
+    """Of the exploration that it might be of, or was recorded of."""
+    seed: int
+    """Of that exploration: it furnished the building."""
+    recipe: str
+    """Name of the recipe that the settings are from; empty for none."""
     driven: Trajectory | None = None
     """The recorded true path, world frame; None to plan one."""
-    recorded: EpisodeConfig | None = None
-    """The settings of the recorded exploration."""
 
 
 def subjects(arguments: DeformArguments) -> Iterator[Subject]:
@@ -56,10 +63,15 @@ def subjects(arguments: DeformArguments) -> Iterator[Subject]:
     if is_dataset(arguments.plan):
         yield from _of_dataset(Path(arguments.plan), arguments)
         return
+    recipe = None if arguments.recipe is None else open_recipe(arguments.recipe)
     for place, plan in enumerate(_plans(arguments)):
         for repetition in range(arguments.count):
-            number = place * arguments.count + repetition
-            yield Subject(_slot(arguments, number, plan.id, repetition), plan)
+            slot = _slot(arguments, place * arguments.count + repetition, plan.id, repetition)
+            settings = EpisodeConfig()
+            if recipe is not None:
+                settings, _ = episode_conditions(recipe, settings, slot.seed)
+            turned = plan.turned(settings.turn_deg)
+            yield Subject(slot, turned, settings, slot.seed, arguments.recipe or "")
 
 
 def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
@@ -73,7 +85,7 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
     for plan_id in ids:
         try:
             plan = source.load(plan_id)
-            if not (plan.raster(arguments.resolution).cells == FREE).any():
+            if not (plan.raster(arguments.resolution or ParametricConfig.resolution).cells == FREE).any():
                 raise PlanError(plan.id, "has no free cell; use a finer --resolution or another plan")
         except PlanError:
             if is_one:
@@ -101,7 +113,8 @@ def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
         for repetition in range(arguments.count):
             number = record.index + repetition * stride
             slot = _slot(arguments, number, record.plan_id, record.repetition * arguments.count + repetition)
-            yield Subject(slot, plan, driven, settings)
+            recipe = str(record.conditions.get("recipe", ""))
+            yield Subject(slot, plan, settings, record.seed, recipe, driven)
 
 
 def recorded_settings(root: Path) -> EpisodeConfig:
@@ -165,12 +178,14 @@ def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterato
     for subject in wanted:
         rng = np.random.default_rng([arguments.seed, subject.slot.index])
         try:
-            if arguments.method in ("parametric", "generator"):
-                made = _along_path(subject, arguments, rng)
+            if arguments.method == "generator":
+                made = _generated(subject, arguments, rng)
+            elif arguments.method == "parametric":
+                made = _parametric(subject, arguments, rng)
             else:
                 made = _without_path(subject, arguments, rng, translator)
         except SlamgymError as error:
-            if arguments.plans == 1 and subject.recorded is None:
+            if arguments.plans == 1 and subject.driven is None:
                 raise
             say(f"left out: {error}")
             left_out = error
@@ -181,21 +196,42 @@ def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterato
         raise left_out
 
 
-def _along_path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
-    """Methods ``parametric`` and ``generator``."""
-    config = model_settings(arguments, subject.slot.index, subject.recorded)
-    frame = None
-    if arguments.size:
-        frame = _square_around(subject.plan, arguments.size)
-        config = replace(config, resolution=frame.resolution)
-    path, began = _path(subject, arguments, rng), time.process_time()
+def _parametric(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
+    config = ParametricConfig(
+        method=arguments.conversion or "ekf_schur",
+        severity=arguments.severity,
+        resolution=arguments.resolution or ParametricConfig.resolution,
+    )
+    frame = _square_around(subject.plan, arguments.size) if arguments.size else None
+    path, began = _path(subject, arguments, rng, None), time.process_time()
     result = deform(subject.plan, path, config, rng, frame)
-    cpu_seconds = time.process_time() - began
+    return _drawn(result, config.method, to_dict(config), time.process_time() - began)
+
+
+def _generated(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
+    env = subject.settings.env
+    if arguments.resolution is not None:
+        env = replace(env, slam=replace(env.slam, resolution=arguments.resolution))
+    # The furniture of a recipe may stand on a path that somebody else planned.
+    clutter = None if arguments.trajectory else furnished(subject.plan, env, subject.seed)
+    path, began = _path(subject, arguments, rng, clutter), time.process_time()
+    result = map_along_path(subject.plan, path, env, rng, clutter)
+    return _drawn(result, "generator", to_dict(env), time.process_time() - began)
+
+
+def furnished(plan: FloorPlan, env: ExploreConfig, seed: int) -> Clutter | None:
+    """What stands in a building in the exploration of this seed; None for nothing."""
+    if env.clutter.is_empty:
+        return None
+    return make_clutter(plan, Streams.spawn(np.random.default_rng(seed)).clutter, env.clutter, env.robot)
+
+
+def _drawn(result: Deformation, method: str, config: dict[str, Any], cpu_seconds: float) -> DrawnMap:
     paths = result.true, result.odometry, result.believed
     seconds, coverage = np.ptp(result.true.stamps), result.seen[result.cad.cells == FREE].mean()
     start, last = Pose2D(*result.true.poses[0].tolist()), Pose2D(*result.believed.poses[-1].tolist())
     outcome = Outcome("deformed", float(coverage), float(seconds), float(seconds), start, *paths, last)
-    parameters = {"drawn": result.parameters, "config": to_dict(result.config)}
+    parameters = {"method": method, "drawn": result.parameters, "config": config}
     return DrawnMap(result.grid, result.cad, result.field, outcome, parameters, cpu_seconds)
 
 
@@ -206,7 +242,7 @@ def _without_path(
     translator: LearnedTranslator | None,
 ) -> DrawnMap:
     """Methods ``modelprog`` and ``elastic``."""
-    plan, resolution = subject.plan, arguments.resolution
+    plan, resolution = subject.plan, arguments.resolution or ParametricConfig.resolution
     cad = plan.raster(resolution, GridFrame.covering(plan.bounds, resolution, 0.5))
     if translator is None:
         from slamgym.gan.translation.elastic import bend_with_field
@@ -222,28 +258,6 @@ def _without_path(
     return DrawnMap(OccupancyGrid(cells, cad.frame), cad, field, outcome, {})
 
 
-def generator_config(env: ExploreConfig) -> ParametricConfig:
-    """The generator's settings for the robot, the sensors and the mapper of an exploration."""
-    return realistic(SensingConfig(env.lidar, env.clutter, env.slam), env.odometry)
-
-
-def model_settings(
-    arguments: DeformArguments, number: int, recorded: EpisodeConfig | None = None
-) -> ParametricConfig:
-    """The model's settings for one hypothesis: a recipe draws others for each, an exploration had its own."""
-    config = preset("faithful")
-    if arguments.method == "generator":
-        env = (recorded or EpisodeConfig()).env
-        if arguments.recipe is not None:
-            seed = exploration_seed(arguments.seed, "deform", number)
-            env = episode_conditions(open_recipe(arguments.recipe), EpisodeConfig(), seed)[0].env
-        config = generator_config(env)
-    config = replace(config, severity=arguments.severity, resolution=arguments.resolution)
-    if arguments.conversion is not None:
-        config = replace(config, method=arguments.conversion)
-    return config
-
-
 def _square_around(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
     min_x, min_y, max_x, max_y = plan.bounds
@@ -257,9 +271,15 @@ def _square_around(plan: FloorPlan, size_px: int) -> GridFrame:
     )
 
 
-def _path(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> TimedTrajectory:
+def _path(
+    subject: Subject, arguments: DeformArguments, rng: np.random.Generator, clutter: Clutter | None
+) -> Trajectory:
+    robot, plan = subject.settings.env.robot, subject.plan
     if arguments.trajectory is not None:
-        return trajectory_from_file(arguments.trajectory, subject.plan)
+        return trajectory_from_file(arguments.trajectory, plan, robot)
     if subject.driven is not None:
-        return from_recorded(subject.driven)
-    return plan_trajectory(subject.plan, rng, arguments.prm_kind)
+        check_recorded(subject.driven)
+        return subject.driven
+    path = plan_trajectory(plan, rng, arguments.prm_kind, robot, clutter)
+    last = max(2, int(np.searchsorted(path.stamps, time_limit(plan, subject.settings.minutes))))
+    return Trajectory(path.stamps[:last], path.poses[:last])

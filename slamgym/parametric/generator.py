@@ -1,0 +1,198 @@
+"""Maps like those of the simulated robot along a given path, at a fraction of the cost.
+
+Building, laser, wheels and mapper are the simulation's own. Nobody explores, scans are taken only where the mapper uses
+them, its particle filter has few particles, and the poses of its graph, which errs by centimetres, are drawn instead
+of estimated: an error that follows from the place, as the robot recognises where it was before.
+"""
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from slamgym.core.errors import PlanError
+from slamgym.core.geometry import paste, wrap_angle
+from slamgym.core.types import (
+    FREE,
+    UNKNOWN,
+    FloatArray,
+    GridFrame,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+    Twist2D,
+)
+from slamgym.envs.config import ExploreConfig
+from slamgym.parametric.config import ScannerView
+from slamgym.parametric.model import DRIFT_MARGIN, SMOOTHING, Deformation
+from slamgym.parametric.paths import check_path_is_free, sampled
+from slamgym.parametric.visibility import observe
+from slamgym.parametric.warp import densify, displacements, invert
+from slamgym.sim import Clutter, Lidar, WheelOdometry, World, make_surfaces
+from slamgym.slam import Mapper, make_mapper
+from slamgym.slam.motion_model import OdometryGate, update_thresholds
+
+if TYPE_CHECKING:
+    from slamgym.cad.floorplan import FloorPlan
+
+PARTICLES = 3
+"""Particles that stand for more: with one or two, trees tell the maps of the recipe `paper` from those with 30."""
+_WARP, _WAVELENGTH = 0.02, 15.0
+"""A pose graph's error over the building: size and length of its waves [m] ..."""
+_TURN, _SPREAD = 0.0055, 0.6
+"""... by how much the whole map is turned [rad], and how both vary from run to run (deviation of the logarithm). All
+are fitted to the pose errors of simulated explorations."""
+
+
+def map_along_path(
+    plan: "FloorPlan",
+    trajectory: Trajectory,
+    env: ExploreConfig,
+    rng: np.random.Generator,
+    clutter: Clutter | None = None,
+) -> Deformation:
+    """Draw the map that the simulated robot would have made on its way.
+
+    Convention: everything is in the world frame of the plan.
+
+    Args:
+        plan: The building.
+        trajectory: True path.
+        env: Robot, sensors and mapper, as for an exploration. Its clutter has no effect: a path leads through a
+            building that is furnished already.
+        rng: Source of all randomness; equal seeds give equal bytes.
+        clutter: Furniture and people in the building; none where left out.
+
+    Returns:
+        The map with its displacement field, and the poses at the scans that the mapper used.
+
+    Raises:
+        ConfigError: If the trajectory leaves the free space.
+        PlanError: If the plan has no free cell at the mapper's resolution.
+    """
+    check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
+    path = sampled(trajectory, env.control_step)
+    back = np.diff(path.poses, axis=0, prepend=path.poses[:1])
+    back[:, 2] = wrap_angle(back[:, 2])
+    middle = path.poses - 0.5 * env.lidar.sweep / env.control_step * back
+    odometry, mapper = _map(plan, path, middle, env, clutter or Clutter(), rng)
+
+    start, estimate, drawn = path.poses[0], mapper.trajectory(), mapper.occupancy_grid()
+    used = np.searchsorted(path.stamps, estimate.stamps)
+    believed = estimate.poses + np.array([start[0], start[1], 0.0])
+    origin = drawn.frame.origin_x + float(start[0]), drawn.frame.origin_y + float(start[1])
+    own = GridFrame(drawn.frame.resolution, *origin, *drawn.cells.shape)
+    frame = _frame_about(plan, own)
+    cad = plan.raster(frame.resolution, frame)
+    if not (cad.cells == FREE).any():
+        raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    top, left = frame.to_cell(*own.to_point(0, 0))
+    paste(cells, drawn.cells, -top, -left)
+    visibility = observe(cad.cells != FREE, frame, middle[used], _view(env))
+    forward = displacements(middle[used], believed, visibility)
+    forward = densify(forward, visibility.seen, SMOOTHING / frame.resolution)
+    return Deformation(
+        grid=OccupancyGrid(cells, frame),
+        cad=cad,
+        field=invert(forward, frame.resolution),
+        seen=visibility.seen,
+        true=Trajectory(estimate.stamps, path.poses[used]),
+        odometry=Trajectory(estimate.stamps, odometry[used]),
+        believed=Trajectory(estimate.stamps, believed),
+        parameters={},
+    )
+
+
+def _map(
+    plan: "FloorPlan",
+    path: Trajectory,
+    middle: FloatArray,
+    env: ExploreConfig,
+    clutter: Clutter,
+    rng: np.random.Generator,
+) -> tuple[FloatArray, Mapper]:
+    """Let the mapper take the scans of a path; also where odometry believed to be at each pose, shape (T, 3).
+
+    ``middle``: poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been.
+    """
+    of_wheels, of_laser, of_mapper = rng.spawn(3)
+    lidar, wheels, step = (
+        Lidar(env.lidar),
+        WheelOdometry(env.odometry, env.robot, of_wheels),
+        env.control_step,
+    )
+    surfaces = make_surfaces(plan, clutter.segments(), env.lidar.surfaces)
+    world = World(plan, env.robot, clutter=clutter, surfaces=surfaces)
+    first = Pose2D(*path.poses[0].tolist())
+    world.carry(first, 0.0)
+    wheels.reset(first)
+    slam, known = replace(env.slam, particles=min(env.slam.particles, PARTICLES)), None
+    if slam.mode in ("pose_graph", "ground_truth"):
+        slam = replace(slam, mode="ground_truth")
+        known = middle if env.slam.mode == "ground_truth" else middle + graph_error(middle, of_mapper)
+    mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
+    gate = OdometryGate(update_thresholds(slam))
+    odometry, unseen = np.empty_like(path.poses), np.empty(0, dtype=np.float32)
+    for index, (stamp, pose) in enumerate(zip(path.stamps.tolist(), path.poses.tolist(), strict=True)):
+        driven = Twist2D(0.0, 0.0)
+        if index:
+            motion = world.carry(Pose2D(*pose), step)
+            wheels.update(motion, of_wheels)
+            driven = Twist2D(motion.increment.x / step, motion.increment.theta / step)
+        odometry[index] = wheels.pose
+        believed = wheels.pose if known is None else Pose2D(*known[index].tolist())
+        scan = LaserScan(stamp, unseen, lidar.geometry)
+        if gate.must_process(believed, stamp):  # as the mapper's own says: others are not looked at
+            gate.take(stamp)
+            sighting = lidar.look(world.pose, world.segments(), driven)
+            scan = lidar.measure(sighting, of_laser, stamp, surfaces)
+        mapper.update(believed, scan)
+    return odometry, mapper
+
+
+def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Draw the error of a pose graph: waves over the building, so that it errs alike wherever it comes again.
+
+    Args:
+        poses: True poses (T, 3); the first has no error.
+        rng: Draws the run.
+
+    Returns:
+        Errors (T, 3) [m, m, rad].
+    """
+    size, (x, y) = math.exp(_SPREAD * rng.standard_normal()), poses[:, :2].T
+    error = size * _TURN * rng.standard_normal() * np.column_stack([-y, x, np.ones_like(x)])
+    first = rng.uniform(0.0, 2.0 * math.pi)
+    for heading in (first, first + 0.5 * math.pi):
+        kx, ky = (2.0 * math.pi / _WAVELENGTH * part for part in (math.cos(heading), math.sin(heading)))
+        height_x, height_y = size * _WARP * rng.standard_normal(2)
+        along = kx * x + ky * y + rng.uniform(0.0, 2.0 * math.pi)
+        # Half of its curl is how far a field turns what lies in it.
+        curl = 0.5 * (kx * height_y - ky * height_x)
+        error += np.column_stack([height_x * np.sin(along), height_y * np.sin(along), curl * np.cos(along)])
+    error[:, :2] -= error[0, :2]
+    error[0] = 0.0
+    return error
+
+
+def _view(env: ExploreConfig) -> ScannerView:
+    """What the mapper uses of a laser."""
+    lidar = env.lidar
+    far, view = min(lidar.range_max, env.slam.max_usable_range), math.radians(lidar.field_of_view_deg)
+    return ScannerView(
+        view, lidar.range_min, far, lidar.num_beams // (env.slam.beam_skip + 1), lidar.mount[0]
+    )
+
+
+def _frame_about(plan: "FloorPlan", drawn: GridFrame) -> GridFrame:
+    """The frame of a map, with as many cells more as the plan and a margin need."""
+    step, x, y, height, width = drawn
+    min_x, min_y, max_x, max_y = plan.bounds
+    left, below, right, above = (
+        max(0, math.ceil((needed + DRIFT_MARGIN) / step))
+        for needed in (x - min_x, y - min_y, max_x - x - width * step, max_y - y - height * step)
+    )
+    return GridFrame(step, x - left * step, y - below * step, height + below + above, width + left + right)
