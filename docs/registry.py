@@ -54,7 +54,7 @@ TERMS = [
     Term("mapper", "SLAM method that processes scans one by one", "slamgym.slam.mapper:Mapper"),
     Term("odometry level", "named size of wheel odometry errors", "slamgym.sim.wheel_odometry:odometry_level"),
     Term("oracle", "lower bound of the time that a robot with the floor plan needs", "slamgym.agents.oracle:bound_exploration"),
-    Term("parametric model", "deforms a CAD map like SLAM would, without simulation", "slamgym.parametric.model:deform"),
+    Term("parametric model", "the paper's: bends a CAD map as SLAM would, without scans", "slamgym.parametric.model:deform"),
     Term("plan cache", "floor plans prepared for exploration, and the source of the next one", "slamgym.envs.plan_cache:PlanCache"),
     Term("pose graph", "scans as nodes, matches as edges, solved by least squares; closes loops globally", "slamgym.slam.graph.mapper:PoseGraphMapper"),
     Term("promise", "least share of the floor seen when an explorer stops, with its certainty: `98%:95%`", "slamgym.planning.promise:Promise"),

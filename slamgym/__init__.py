@@ -15,7 +15,8 @@ What most programs begin with is here; it is imported when it is first used:
   :func:`~slamgym.interop.read_ros_map`, :func:`~slamgym.interop.write_ros_map`
 - map pairs: :func:`~slamgym.dataset.build_dataset`, :class:`~slamgym.dataset.DatasetConfig`,
   :func:`~slamgym.dataset.read_manifest`, :func:`~slamgym.dataset.load_pair`,
-  :func:`~slamgym.dataset.render_images`; without simulating: :func:`~slamgym.parametric.deform`
+  :func:`~slamgym.dataset.render_images`; without exploring: :func:`~slamgym.parametric.map_along_path`, or by a
+  parametric model: :func:`~slamgym.parametric.deform`
 - errors that the user can fix: :class:`~slamgym.core.errors.SlamgymError`
 """
 

@@ -22,7 +22,7 @@ ROOMS = {
     "slam": "graph SLAM (`slam/graph`), GMapping's particle filter, localisation, laser odometry; log replay",
     "planning": "costmap, paths, frontiers, navigation, the exploration loop",
     "viz": "text, sheets, overlays, films, the window: plain records in, pictures out",
-    "parametric": "CAD -> SLAM without simulating",
+    "parametric": "SLAM maps along a path without exploring; the paper's CAD -> SLAM model",
     "envs": "the Gymnasium environments and the episodes that are run in them",
     "dataset": "the dataset format; generating, curating and rendering",
     "agents": "explorers, their training and their evaluation",

@@ -42,7 +42,7 @@ from slamgym.parametric import deform, map_along_path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
-METHODS = ("parametric", "generator", "modelprog", "elastic")
+METHODS = ("generator", "parametric", "modelprog", "elastic")
 CELL = 0.05
 LEAST_FLOOR = 4.0
 """Maps that show less are left out, as by `slamgym dataset realism` [m^2]."""

@@ -1,4 +1,4 @@
-"""The parametric CAD -> SLAM model: a floor plan and a trajectory in, a SLAM-like map with its field out."""
+"""A floor plan and a path in, a SLAM map with its field out: the simulated robot's, or the parametric model's."""
 
 import lazy_loader as lazy
 

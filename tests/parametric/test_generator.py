@@ -8,12 +8,20 @@ import pytest
 
 from slamgym.agents.registry import make_explorer
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Trajectory
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D, Trajectory, Twist2D
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.parametric.generator import graph_error, map_along_path
 from slamgym.parametric.paths import plan_trajectory
-from slamgym.sim import ClutterConfig, LidarConfig, lidar_level, make_clutter, odometry_level
+from slamgym.sim import (
+    ClutterConfig,
+    LidarConfig,
+    RobotConfig,
+    World,
+    lidar_level,
+    make_clutter,
+    odometry_level,
+)
 from slamgym.sim.surfaces import SurfaceConfig
 from slamgym.slam import SlamConfig
 
@@ -96,6 +104,19 @@ def test_furniture_is_seen_and_paths_lead_round_it(flat) -> None:
         for each in (None, clutter)
     )
     assert (full == OCCUPIED).sum() > 1.1 * (empty == OCCUPIED).sum()
+
+
+def test_a_carried_robot_rolls_as_a_driven_one_while_people_walk(flat) -> None:
+    clutter = make_clutter(flat, np.random.default_rng(0), ClutterConfig(people=1))
+    driven, carried = (World(flat, RobotConfig(), clutter=clutter) for _ in range(2))
+    driven.reset(Pose2D(1.0, 1.0, 0.3))
+    carried.carry(driven.pose, 0.0)
+    for _ in range(10):
+        motion = driven.step(Twist2D(0.2, 0.4), 0.2)
+        again = carried.carry(motion.pose, 0.2)
+        np.testing.assert_allclose(again.wheels, motion.wheels, atol=1e-4)
+        np.testing.assert_allclose(again.increment, motion.increment, atol=1e-12)
+    np.testing.assert_allclose(carried.segments(), driven.segments())
 
 
 def test_a_path_through_a_wall_is_refused(flat, tour) -> None:
