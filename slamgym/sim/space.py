@@ -178,13 +178,14 @@ class World:
         return Motion(pose, between(before, pose), (left, right), contact, distance)
 
     def carry(self, pose: Pose2D, dt: float) -> Motion:
-        """Let ``dt`` seconds pass after which the robot is known to be at a pose, along a recorded path, say.
+        """Let ``dt`` seconds pass, if any, after which the robot is known to be at a pose, along a recorded path, say.
 
         Returns:
             The motion, as of wheels that rolled without slip.
         """
         before = self.pose
-        self._let_time_pass(dt)
+        if dt > 0.0:
+            self._let_time_pass(dt)
         self._state[:3] = pose
         pose = self._note_pose()
         moved = between(before, pose)
