@@ -119,20 +119,18 @@ def _map(
     ``middle``: poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been.
     """
     of_wheels, of_laser, of_mapper = rng.spawn(3)
-    lidar, wheels, step = (
-        Lidar(env.lidar),
-        WheelOdometry(env.odometry, env.robot, of_wheels),
-        env.control_step,
-    )
+    lidar, step = Lidar(env.lidar), env.control_step
+    wheels = WheelOdometry(env.odometry, env.robot, of_wheels)
     surfaces = make_surfaces(plan, clutter.segments(), env.lidar.surfaces)
     world = World(plan, env.robot, clutter=clutter, surfaces=surfaces)
     first = Pose2D(*path.poses[0].tolist())
     world.carry(first, 0.0)
     wheels.reset(first)
     slam, known = replace(env.slam, particles=min(env.slam.particles, PARTICLES)), None
-    if slam.mode in ("pose_graph", "ground_truth"):
-        slam = replace(slam, mode="ground_truth")
-        known = middle if env.slam.mode == "ground_truth" else middle + graph_error(middle, of_mapper)
+    if slam.mode == "ground_truth":
+        known = path.poses
+    if slam.mode == "pose_graph":
+        slam, known = replace(slam, mode="ground_truth"), middle + graph_error(middle, of_mapper)
     mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
     gate = OdometryGate(update_thresholds(slam))
     odometry, unseen = np.empty_like(path.poses), np.empty(0, dtype=np.float32)

@@ -78,7 +78,20 @@ def test_slam(golden, dataset, tmp_path, capsys):
 def test_deform(golden, tmp_path, capsys):
     plan = open_plans("bundled").ids[3]
     out = tmp_path / "maps"
-    slamgym("deform", "bundled", "--plan-id", plan, "-o", out, "--seed", 4, "--size", 128)
+    slamgym(
+        "deform",
+        "bundled",
+        "--method",
+        "parametric",
+        "--plan-id",
+        plan,
+        "-o",
+        out,
+        "--seed",
+        4,
+        "--size",
+        128,
+    )
     (episode,) = (out / "episodes").iterdir()
     measured = golden.of_cells(read_ros_map(episode / "map.yaml").cells)
     paths = {path.name: golden.of_path(read_tum(path).poses) for path in sorted(episode.glob("*.tum"))}
