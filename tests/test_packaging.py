@@ -27,7 +27,7 @@ DATA = (
     "agents/pretrained/frontier_policy.safetensors",
     "agents/rl/hyperparams/ppo.yml",
     "cad/bundled/home_000000.json",
-    "dataset/curate/pretrained/completeness.npz",
+    "dataset/curate/pretrained/completeness.json",
     "dataset/curate/review_page/page.html",
     "dataset/generate/recipes/reference.yaml",
     "gan/pretrained/model32.safetensors",

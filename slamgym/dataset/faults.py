@@ -1,17 +1,15 @@
 """Reasons why a map is unfit for a dataset: the criteria, and faults as records with a :attr:`MapFault.sentence`."""
 
 import dataclasses
-import math
 from dataclasses import dataclass
 from typing import Literal
 
 from slamgym.core.config import Positive, Settings, Share
-from slamgym.core.types import FloatArray
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 
 MapFaultKind = Literal[
-    "coverage", "map_error", "position_error", "hardly_driven", "no_free_space", "few_walls", "many_walls",
-    "one_view", "incomplete", "doubtful", "unreadable", "low_coverage", "not_clean", "too_large",
+    "coverage", "map_error", "position_error", "hardly_driven", "incomplete", "doubtful", "unreadable",
+    "low_coverage", "not_clean", "too_large",
 ]  # fmt: skip
 
 _ENDINGS = {
@@ -24,10 +22,6 @@ _WORDS: dict[MapFaultKind, tuple[str, str]] = {
     "map_error": ("map error", "map error {value:.2f} m > {limit:.2f} m"),
     "position_error": ("position error", "position error {value:.2f} m > {limit:.2f} m"),
     "hardly_driven": ("stuck", "stuck: drove {value:.1f} m"),
-    "no_free_space": ("stuck", "stuck: the map shows no free space"),
-    "few_walls": ("stuck", "stuck: few occupied cells for the free ones ({value:.3f})"),
-    "many_walls": ("stuck", "stuck: many occupied cells for the free ones ({value:.3f})"),
-    "one_view": ("stuck", "stuck: {value:.0f} m2 seen, no more than from one place, with a way on"),
     "incomplete": ("incomplete", "incomplete: probability {value:.2f} of being complete < {limit:.2f}"),
     "doubtful": ("doubtful", "doubtful: probability {value:.2f} of being complete < {limit:.2f}"),
     "unreadable": ("unreadable", "{detail}"),
@@ -63,11 +57,6 @@ class MapFault:
             value=self.value, limit=self.limit, detail=self.detail, below=_below(self.value, self.limit)
         )
         return f"{text}: {self._ending}" if self.kind == "coverage" and self.detail else text
-
-    @property
-    def is_stuck(self) -> bool:
-        """True if it means that the robot got stuck."""
-        return self.reason == "stuck"
 
     @property
     def _ending(self) -> str:
@@ -116,42 +105,6 @@ class Criteria(Settings):
         if ate > self.max_ate:
             found.append(MapFault("position_error", ate, self.max_ate))
         return found
-
-
-RATIO = (0.015, 0.25)
-"""Occupied to free cells, least and most: complete maps of homes at 5 cm have 0.03 to 0.09. The ratio falls in
-proportion to the cell size, which is allowed for."""
-ONE_VIEW = math.pi * 3.0**2
-"""A robot that maps 3 m far sees at most this area from one place [m2]."""
-WAY_ON = 0.35
-"""Width of an open frontier that counts as a way on [m], as the environment's frontiers."""
-
-
-def stuck_fault(features: FloatArray, resolution: float) -> MapFault | None:
-    """Why a map looks like that of a robot that got stuck; None if it doesn't.
-
-    The ratio of occupied to free cells alone isn't enough: standing in a corner and having mapped a home give the same.
-    Its bounds catch open space without walls and walls smeared by a robot that spins; besides, a robot is stuck if its
-    map shows no more than is seen from one place although an open frontier leads on.
-
-    Args:
-        features: Of the map, shape (15,).
-        resolution: [m/px].
-    """
-    from slamgym.dataset.curate.completeness import FEATURES
-
-    values = dict(zip(FEATURES, features.tolist(), strict=True))
-    area, ratio = values["free_area"], values["occupied_per_free"] * 0.05 / resolution
-    least, most = RATIO
-    if area == 0.0:
-        return MapFault("no_free_space")
-    if ratio < least:
-        return MapFault("few_walls", ratio, least)
-    if ratio > most:
-        return MapFault("many_walls", ratio, most)
-    if area <= ONE_VIEW and values["widest_frontier"] >= WAY_ON:
-        return MapFault("one_view", area, ONE_VIEW)
-    return None
 
 
 def has_clutter(record: PairRecord) -> bool:

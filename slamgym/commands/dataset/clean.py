@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 class CleanArguments(Arguments):
     """Judge every map and write the verdicts to DATASET/clean.jsonl. Nothing is deleted.
 
-    Where the truth is known (pairs that `slamgym generate` made), it decides; on maps from elsewhere, a stuck
-    filter and a classifier of completeness do. Decisions of a person overrule both.
+    Where the truth is known (pairs that `slamgym generate` made), it decides; on maps from elsewhere, a classifier
+    of completeness does. Decisions of a person overrule both.
     """
 
     dataset: tyro.conf.Positional[Path]
@@ -39,7 +39,7 @@ class CleanArguments(Arguments):
     """Files of decisions from `slamgym dataset review`; they are kept in DATASET/decisions.json, take the place of
     earlier ones about the same maps, and hold for later runs as well."""
     model: Path | None = None
-    """A trained classifier (.npz); the pretrained one by default."""
+    """A trained classifier (.json); the pretrained one by default."""
     workers: CountOrZero = 0
     """Processes that look at the maps; 0 takes one per core."""
     settings: AllSettings = SettingsOptions()

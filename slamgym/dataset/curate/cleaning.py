@@ -15,18 +15,18 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import sha256_of
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
-from slamgym.core.types import OccupancyGrid
+from slamgym.core.types import FloatArray, OccupancyGrid
 from slamgym.dataset.curate.completeness import completeness_features
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 from slamgym.dataset.curate.map_items import MapItem
 from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
-from slamgym.dataset.faults import Criteria, MapFault, record_faults, stuck_fault
+from slamgym.dataset.faults import Criteria, MapFault, record_faults
 
 _BATCH = 32  # maps that a worker looks at before it reports
 
-_Seen = list[float] | str
-"""Resolution and features of a map, or why it can't be read."""
+_Seen = FloatArray | str
+"""Features of a map, or why it can't be read."""
 
 
 class CleanConfig(Settings, dropped={"doubtful": "drop"}):
@@ -47,11 +47,11 @@ class CleanConfig(Settings, dropped={"doubtful": "drop"}):
 
 @dataclass(frozen=True)
 class Agreement:
-    """Comparison of the classifier with the truth, where that is known."""
+    """Comparison of the classifier with the true coverage, where that is known."""
 
     count: int
     accuracy: float
-    """Share of the probabilities on the right side of 1/2; a map that the stuck filter catches has none."""
+    """Share of the probabilities on the right side of 1/2."""
     band_share: float
     """Share of the probabilities in the band that goes to a person."""
 
@@ -106,11 +106,11 @@ def clean_maps(
     model = CompletenessModel.read(model_path)
     seen = _measure(items, workers)
     readable = [number for number, row in enumerate(seen) if not isinstance(row, str)]
-    features = np.array([seen[number][1:] for number in readable], dtype=np.float64)
+    features = np.array([seen[number] for number in readable], dtype=np.float64)
     probability = dict(zip(readable, model.probabilities(features).tolist(), strict=True))
     verdicts = tuple(
-        _judge(item, probability.get(number), _fault_of(seen[number]), config, decisions)
-        for number, item in enumerate(items)
+        _judge(item, probability.get(number, row), config, decisions)
+        for number, (item, row) in enumerate(zip(items, seen, strict=True))
     )
     report = CleanReport(verdicts, _agreement(verdicts, config.band))
     about = {"model": model_path.name, "sha256": sha256_of(model_path), **model.about}
@@ -134,7 +134,7 @@ def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
 
 
 def _look_at(task: list[tuple[int, Callable[[], OccupancyGrid]]]) -> list[tuple[int, _Seen]]:
-    """Resolution and features of some maps, or why one can't be read (in a worker)."""
+    """Features of some maps, or why one can't be read (in a worker)."""
     rows: list[tuple[int, _Seen]] = []
     for number, load in task:
         try:
@@ -142,60 +142,41 @@ def _look_at(task: list[tuple[int, Callable[[], OccupancyGrid]]]) -> list[tuple[
         except InputFileError as error:
             rows.append((number, str(error)))
         else:
-            resolution = grid.frame.resolution
-            rows.append((number, [resolution, *completeness_features(grid.cells, resolution).tolist()]))
+            rows.append((number, completeness_features(grid.cells, grid.frame.resolution)))
     return rows
 
 
-def _fault_of(row: _Seen) -> MapFault | None:
-    """Fault that the map alone shows; None if there is none."""
-    if isinstance(row, str):
-        return MapFault("unreadable", detail=row)
-    return stuck_fault(np.array(row[1:]), row[0])
-
-
 def _judge(
-    item: MapItem,
-    probability: float | None,
-    seen: MapFault | None,
-    config: CleanConfig,
-    decisions: Mapping[str, Decision],
+    item: MapItem, seen: float | str, config: CleanConfig, decisions: Mapping[str, Decision]
 ) -> Verdict:
     """Decide about a map.
 
     Args:
         item: The map.
-        probability: Of being complete, by the classifier; None if the map can't be read.
-        seen: What the map alone shows to be wrong.
+        seen: Probability of being complete, by the classifier, or why the map can't be read.
         config: The settings.
         decisions: What people decided, by the maps' names.
     """
-    record = item.record
-    true_faults = record_faults(record, config.criteria) if record else []
-    decision = decisions.get(item.name)
+    record, criteria, decision = item.record, config.criteria, decisions.get(item.name)
     faults: list[MapFault] = []
-    if probability is None:
-        faults, by = [seen] if seen else [], "file"
+    if isinstance(seen, str):
+        faults, by = [MapFault("unreadable", detail=seen)], "file"
     elif decision is not None:
         by = "person"
     elif record and config.by == "truth":
-        faults, by = true_faults, "truth"
-    elif seen:
-        faults, by = [seen], "stuck filter"
+        faults, by = record_faults(record, criteria), "truth"
     else:
-        faults, by = _by_probability(probability, config.band), "classifier"
+        faults, by = _by_probability(seen, config.band), "classifier"
     keep = decision.keep if by == "person" and decision else not faults
     reason = "; ".join(fault.sentence for fault in faults) or "complete"
-    is_known = probability is not None and seen is None
     return Verdict(
         name=item.name,
         keep=keep,
         reason=f"{'kept' if keep else 'dropped'} by a person" if by == "person" else reason,
         by=by,
-        probability=None if probability is None else round(probability, 4),
-        is_doubtful=is_known and config.band[0] <= (probability or 0.0) < config.band[1],
-        looks_stuck=seen is not None and seen.is_stuck,
-        is_complete=not true_faults if record else None,
+        probability=None if isinstance(seen, str) else round(seen, 4),
+        is_doubtful=not isinstance(seen, str) and config.band[0] <= seen < config.band[1],
+        is_complete=record.coverage >= criteria.min_coverage if record else None,
         coverage=record.coverage if record else None,
         ate=record.ate if record else None,
         map_error=record.map_error if record else None,
@@ -214,7 +195,7 @@ def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> Agreem
     known = [v for v in verdicts if v.is_complete is not None and v.probability is not None]
     if not known:
         return None
-    likely = np.array([0.0 if v.looks_stuck else v.probability for v in known], dtype=np.float64)
+    likely = np.array([v.probability for v in known], dtype=np.float64)
     right = (likely >= 0.5) == np.array([v.is_complete for v in known])
     in_band = (likely >= band[0]) & (likely < band[1])
     return Agreement(len(known), float(right.mean()), float(in_band.mean()))

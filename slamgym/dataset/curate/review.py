@@ -230,7 +230,7 @@ def _is_chosen(verdict: Verdict, which: Which) -> bool:
     if which == "doubtful":
         return verdict.is_doubtful
     if which == "disagreements":
-        likely = verdict.probability is not None and verdict.probability >= 0.5 and not verdict.looks_stuck
+        likely = verdict.probability is not None and verdict.probability >= 0.5
         return verdict.is_complete is not None and likely != verdict.is_complete
     return which == "all" or verdict.keep == (which == "kept")
 

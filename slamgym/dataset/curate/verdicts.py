@@ -29,15 +29,13 @@ class Verdict:
     reason: str
     """Why: ``complete``, ``coverage 0.81 < 0.95: time limit``, ``dropped by a person``, ..."""
     by: str
-    """Who decided: ``truth``, ``classifier``, ``stuck filter``, ``person``, ``file`` (it can't be read)."""
+    """Who decided: ``truth``, ``classifier``, ``person``, ``file`` (it can't be read)."""
     probability: float | None
     """Probability of being complete, by the classifier; none if the map can't be read."""
     is_doubtful: bool
     """True if the probability lies in the band that goes to a person."""
-    looks_stuck: bool
-    """True if the stuck filter caught the map."""
     is_complete: bool | None
-    """By the truth, if it is known."""
+    """By the true coverage, if it is known."""
     coverage: float | None
     ate: float | None
     """[m]"""

@@ -36,6 +36,9 @@ Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
+_SPIKE_WIDTH = (
+    0.2  # free space narrower than this is no floor [m]: a stray beam clears a spike through the wall
+)
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
@@ -138,10 +141,8 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
     """
     import cv2
 
-    from slamgym.dataset.curate.completeness import SPIKE_WIDTH
-
     frame, step = grid.frame, grid.frame.resolution
-    width = max(1, math.ceil(SPIKE_WIDTH / step))
+    width = max(1, math.ceil(_SPIKE_WIDTH / step))
     free = np.pad((grid.cells == FREE).astype(np.uint8), width)
     floor = cv2.morphologyEx(free, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
     floor = floor[width:-width, width:-width]

@@ -170,7 +170,6 @@ def test_conflicts_and_unknown_maps_are_named_and_change_nothing(dataset, capsys
 def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset, monkeypatch):
     items = open_items(dataset)
     monkeypatch.setattr(CompletenessModel, "probabilities", lambda *_: np.array([0.9, 0.5, 0.1, 0.8]))
-    monkeypatch.setattr(cleaning, "stuck_fault", lambda *_: None)
     report = clean_maps(dataset, items, CleanConfig(by="classifier"), {})
     assert [verdict.keep for verdict in report.verdicts] == [True, False, False, True]
     assert [verdict.is_doubtful for verdict in report.verdicts] == [False, True, False, False]
@@ -217,7 +216,7 @@ def test_maps_from_elsewhere_are_judged_by_their_looks(tmp_path):
     ("more", "words"),
     [
         (["--set", "band=[0.8, 0.4]"], "ascending order"),
-        (["--model", "nowhere.npz"], "nowhere.npz"),
+        (["--model", "nowhere.json"], "nowhere.json"),
         (["--apply", "nowhere.json"], "nowhere.json"),
         (["--set", "min_coverage=2"], "min_coverage must be in [0, 1], not 2"),
     ],
@@ -254,7 +253,7 @@ def test_what_a_verdict_says_is_read_back(tmp_path):
     fault = MapFault("coverage", 0.81, 0.95, "time_limit")
     verdict = Verdict(
         name="a", keep=False, reason=fault.sentence, by="truth", probability=None, is_doubtful=False,
-        looks_stuck=False, is_complete=False, coverage=0.81, ate=0.1, map_error=0.1, faults=(fault,),
+        is_complete=False, coverage=0.81, ate=0.1, map_error=0.1, faults=(fault,),
     )  # fmt: skip
     write_verdicts(tmp_path, [verdict], {})
     (found,) = read_verdicts(tmp_path).values()
@@ -275,7 +274,7 @@ def test_dropped_maps_are_counted_by_their_first_fault():
     verdicts = tuple(
         Verdict(
             name=str(number), keep=False, reason="", by="truth", probability=None, is_doubtful=False,
-            looks_stuck=False, is_complete=False, coverage=None, ate=None, map_error=None, faults=faults,
+            is_complete=False, coverage=None, ate=None, map_error=None, faults=faults,
         )
         for number, faults in enumerate(groups)
     )  # fmt: skip

@@ -41,7 +41,7 @@ def entry(name, *, probability=0.5, with_cad=True, **changes):
     item = MapItem(name, lambda: grid, (lambda: cad) if with_cad else None, None, f"digest of {name}")
     values = {
         "name": name, "keep": False, "reason": "doubtful: probability", "by": "classifier",
-        "probability": probability, "is_doubtful": BAND[0] <= probability < BAND[1], "looks_stuck": False,
+        "probability": probability, "is_doubtful": BAND[0] <= probability < BAND[1],
         "is_complete": None, "coverage": None, "ate": None, "map_error": None, "faults": (),
     } | changes  # fmt: skip
     return item, Verdict(**values)
@@ -160,8 +160,8 @@ def test_the_maps_are_chosen_by_what_cleaning_said():
         entry("doubtful"),
         entry("kept", probability=0.9, keep=True, is_complete=True),
         entry("wrongly dropped", probability=0.1, is_complete=True),
+        entry("wrongly kept", probability=0.9, is_complete=False),
         entry("broken", by="file", probability=0.0),
-        entry("stuck", probability=0.9, looks_stuck=True, is_complete=False),
     ]
     items = [item for item, _ in entries]
     verdicts = {verdict.name: verdict for _, verdict in entries}
@@ -170,10 +170,10 @@ def test_the_maps_are_chosen_by_what_cleaning_said():
         return [item.name for item, _ in choose_entries(items, verdicts, which)]
 
     assert names("doubtful") == ["doubtful"]
-    assert names("disagreements") == ["wrongly dropped"]
+    assert names("disagreements") == ["wrongly dropped", "wrongly kept"]
     assert names("kept") == ["kept"]
-    assert names("dropped") == ["doubtful", "wrongly dropped", "stuck"]
-    assert names("all") == ["doubtful", "kept", "wrongly dropped", "stuck"]
+    assert names("dropped") == ["doubtful", "wrongly dropped", "wrongly kept"]
+    assert names("all") == ["doubtful", "kept", "wrongly dropped", "wrongly kept"]
     del verdicts["kept"]
     assert "kept" not in names("all")
 

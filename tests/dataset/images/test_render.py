@@ -138,7 +138,7 @@ def test_pairs_that_are_too_large_for_a_fixed_scale_are_named(dataset, tmp_path)
 def test_clean_decides_what_is_drawn(dataset, tmp_path):
     verdicts = [
         {"name": record.name, "keep": number % 2 == 0, "reason": "by hand", "by": "person",
-         "probability": None, "is_doubtful": False, "looks_stuck": False, "is_complete": None,
+         "probability": None, "is_doubtful": False, "is_complete": None,
          "coverage": None, "ate": None, "map_error": None, "faults": []}
         for number, record in enumerate(read_manifest(dataset))
     ]  # fmt: skip
