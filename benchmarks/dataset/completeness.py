@@ -188,12 +188,14 @@ def take_snapshots(root: Path, record: PairRecord) -> Iterator[Snapshot]:
     for end in [*(60.0 * limit for limit in MINUTES if 60.0 * limit < stamps[-1]), float(stamps[-1])]:
         scans = int(np.searchsorted(stamps, end, side="right"))
         poses = int(np.searchsorted(estimate.stamps, end + 1e-6, side="right"))
-        believed.draw(estimate.poses[drawn_poses:poses], ranges[scan_of_pose[drawn_poses:poses]])
+        is_last = end == stamps[-1]
+        if not is_last:  # the map at the end is there
+            believed.draw(estimate.poses[drawn_poses:poses], ranges[scan_of_pose[drawn_poses:poses]])
         true.draw(truth.poses[drawn_scans:scans], sight[drawn_scans:scans])
         drawn_scans, drawn_poses = scans, poses
         seen = int(np.count_nonzero((true.render(record.frame) == FREE) & (cad == FREE)))
         driven = Trajectory(stamps[:scans], truth.poses[:scans]).length
-        moments.append((driven, believed.render(record.frame), seen))
+        moments.append((driven, last_map if is_last else believed.render(record.frame), seen))
     finally_seen = max(moments[-1][2], 1)
     for driven, drawn, seen in moments[:-1]:
         yield Snapshot(False, drawn, driven, record.coverage * min(seen / finally_seen, 1.0))
