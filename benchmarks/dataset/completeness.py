@@ -215,9 +215,10 @@ def cross_fit(learner: Learner, maps: Maps) -> FloatArray:
     """Probabilities by learners that have seen no map of the same plan, shape (N,)."""
     plans = np.unique(maps.plans)
     order = np.random.default_rng(0).permutation(len(plans))
-    fold = (order % FOLDS)[np.searchsorted(plans, maps.plans)]
+    folds = min(FOLDS, len(plans))
+    fold = (order % folds)[np.searchsorted(plans, maps.plans)]
     said = np.zeros(len(fold))
-    for number in range(FOLDS):
+    for number in range(folds):
         said[fold == number] = learner(maps.where(fold != number), maps.where(fold == number))
     return said
 

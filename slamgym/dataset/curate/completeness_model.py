@@ -36,7 +36,8 @@ class CompletenessModel:
         """Probability of being complete, shape (N,), for features of shape (N, 5); alike on every processor."""
         weights = np.array([self.bias, *self.weights.values()])
         terms = np.column_stack([np.ones(len(features)), scaled(features.reshape(-1, len(FEATURES)))])
-        return 1.0 / (1.0 + exp(-product(terms, weights[:, None])[:, 0]))
+        found = exp(-product(terms, weights[:, None])[:, 0])
+        return np.asarray(1.0 / (1.0 + found), dtype=np.float64)
 
     @classmethod
     def read(cls, path: Path | str = PRETRAINED_MODEL) -> "CompletenessModel":
