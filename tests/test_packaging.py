@@ -36,7 +36,7 @@ DATA = (
     "gan/pretrained/slam2cad-metric.safetensors",
     "gan/pretrained/slam2cad.json",
     "gan/pretrained/slam2cad.safetensors",
-    "planning/pretrained/remaining.safetensors",
+    "planning/pretrained/promises.safetensors",
     "pretrained.sha256",
     "ros2/launch/demo.launch.xml",
 )

@@ -1,52 +1,69 @@
-"""When an exploration may stop: calibrates the limits of the estimate of unseen floor and tests the promises.
+"""When an exploration may stop: how often are promises kept in each group of buildings, and what time do they save?
 
-    python benchmarks/exploring/promise.py json.tar.gz [--train 95] [--write]  # tables; --write stores the estimate
+    python benchmarks/exploring/promise.py json.tar.gz [--write]  # a table; --write stores the calibration
 
-With ``--train`` the estimate is first fitted again on plans of the split ``train``. The limits are calibrated on
-``validation`` and tested on ``test``, all with the particle filter, in empty and in furnished homes. Stopping earlier
-changes nothing of what came before, so every promise is tested on the same explorations. Some 2 s of CPU an
-exploration, 6 s where there is furniture.
+Plans of the split ``validation``, the default mapper and four explorers in turn. Stopping earlier changes nothing of
+what came before, so all promises are judged on the same explorations. Some 4 s of CPU an exploration.
 """
 
-import json
+import dataclasses
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
+from unittest import mock
 
 import numpy as np
-import torch
 import tyro
-from exploration_snapshots import Exploration, explorations
-from safetensors.numpy import load_file, save_file
-from torch import Tensor, nn
-from torch.nn import functional as fn
+from safetensors.numpy import save_file
 
-from slamgym.agents.plan_splits import PlanSplit
-from slamgym.cad import open_plans
-from slamgym.core.intervals import wilson_interval
-from slamgym.core.types import Float32Array
-from slamgym.planning.promise import PRETRAINED_ESTIMATE, Promise, UnseenFloor
-from slamgym.planning.remaining import FRONTIER_FEATURES, WHOLE_FEATURES
+from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.registry import make_explorer
+from slamgym.agents.rl.train_config import FURNISHED
+from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad.plan_filter import passes
+from slamgym.core.errors import PlanError
+from slamgym.core.intervals import ratio_of_means, wilson_interval
+from slamgym.core.names import exploration_seed, shuffled
+from slamgym.core.types import FloatArray
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.episode import episode_steps, explored_env, fitted_env
+from slamgym.planning.promise import CALIBRATION, LARGEST_CALIBRATED, Promise
+from slamgym.sim import ClutterConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
-SHARES = np.log([0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2])
-PROMISES = (
-    "95%:90%",
-    "98%:50%",
-    "98%:70%",
-    "98%:80%",
-    "98%:90%",
-    "98%:95%",
-    "99%:95%",
-    "99.5%:90%",
-    "1m2:80%",
-    "5m2:95%",
-)
-MOST = 24
-EPOCHS = 30
+EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
+PROMISES = ("95%", "98%", "99%", "2m2")
+
+
+class Group(NamedTuple):
+    """Buildings of one kind."""
+
+    plans: str
+    """Floor plans; HouseExpo's where empty."""
+    clutter: tuple[ClutterConfig, ...] = (ClutterConfig(),)
+    """What stands and walks in them, in turn."""
+
+
+GROUPS = {
+    "homes": Group(""),
+    "furnished": Group("", (FURNISHED,)),
+    "people": Group("", tuple(dataclasses.replace(FURNISHED, people=count) for count in (1, 2))),
+    "generated homes": Group("procedural:home:loops"),
+    "generated offices": Group("procedural:office:loops"),
+}
+"""No plan is in two groups: of HouseExpo's, each takes every third."""
+
+
+class Exploration(NamedTuple):
+    """One exploration, without a promise: two moments, each a time [s] and the share truly seen."""
+
+    area: float  # reachable floor [m2]
+    stop: FloatArray  # where a promise ends it
+    end: FloatArray
 
 
 @dataclass(frozen=True)
@@ -55,150 +72,87 @@ class Arguments:
 
     plans: tyro.conf.Positional[str]
     """HouseExpo plans."""
-    train: int = 0
-    """HouseExpo plans to fit on, and a third as many generated homes and offices each; 0 for the shipped weights."""
-    calibrate: tuple[int, int] = (250, 200)
-    """HouseExpo plans to calibrate on, empty and furnished."""
-    test: tuple[int, int] = (45, 60)
-    """HouseExpo plans to test on, empty, and a third as many generated homes; and furnished."""
+    count: int = 80
+    """Explorations of each group."""
+    split: PlanSplit = "validation"
+    """Split of the plans."""
     write: bool = False
-    """Store the estimate as the one of the package."""
-
-
-class EstimateNetwork(nn.Module):
-    """The sums of :class:`~slamgym.planning.promise.UnseenFloor` in torch."""
-
-    def __init__(self, width: int = 16) -> None:
-        super().__init__()
-        inputs = len(FRONTIER_FEATURES) + len(WHOLE_FEATURES)
-        self.a, self.b, self.c = nn.Linear(inputs, width), nn.Linear(width, width), nn.Linear(width, 1)
-        self.g, self.o = nn.Linear(len(WHOLE_FEATURES), 8), nn.Linear(8, 1)
-        self.slope = nn.Parameter(torch.tensor(1.0))
-
-    def forward(self, frontiers: Tensor, whole: Tensor, known_area: Tensor) -> Tensor:
-        """Logarithm of the unseen share, shape (B,), of frontiers (B, MOST, F) whose absent rows are nan."""
-        there = ~frontiers[..., 0].isnan()
-        inputs = torch.cat([frontiers.nan_to_num(), whole[:, None].expand(-1, MOST, -1)], 2)
-        hidden = fn.relu(self.b(fn.relu(self.a(inputs))))
-        behind = torch.exp(self.c(hidden)[..., 0].clamp(-8.0, 5.0)) * there
-        unseen = behind.sum(1) + torch.exp(self.o(fn.relu(self.g(whole)))[:, 0].clamp(-8.0, 5.0))
-        return torch.log(unseen / (unseen + known_area))
+    """Store the calibration as the one of the package."""
 
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
-    weights = _weights(arguments.plans, arguments.train)
-    calibrated = _explored(arguments.plans, "validation", arguments.calibrate[0])
-    calibrated += _explored(arguments.plans, "validation", arguments.calibrate[1], is_furnished=True)
-    arrays = _calibration(weights, calibrated)
-    empty = _explored(arguments.plans, "test", arguments.test[0])
-    empty += _explored("procedural:home:loops", "test", arguments.test[0] // 3)
-    furnished = _explored(arguments.plans, "test", arguments.test[1], is_furnished=True)
-    for name, tested in (("promise", empty), ("promise_furnished", furnished)):
-        rows = [_tested(Promise.parse(text), UnseenFloor(arrays), tested) for text in PROMISES]
-        title = f"calibrated on {len(calibrated)}, tested on {len(tested)} explorations"
-        print_and_save(f"exploring/{name}", title, rows, list(rows[0]))
+    found = {name: explore_group(arguments, name) for name in GROUPS}
+    explored = [one for group in found.values() for one in group]
+    rows = [{"group": name, **figures(group)} for name, group in (found | {"all": explored}).items()]
+    print_and_save("exploring/promise", f"{len(explored)} explorations", rows, list(rows[0]))
     if arguments.write:
-        about = {"calibrated on": len(calibrated)}
-        save_file(arrays, PRETRAINED_ESTIMATE, {"slamgym": json.dumps(about)})
+        share = np.array([1.0 - one.stop[1] for one in explored], np.float32)
+        area = share * np.array([one.area for one in explored], np.float32)
+        save_file({"share": share, "area": area}, CALIBRATION)
 
 
-def fit(explored: Sequence[Exploration]) -> dict[str, Float32Array]:
-    """Fit the estimate: the true share is above each of some shares with log-logistic probability."""
-    torch.manual_seed(0)
-    moments = [
-        (moment, moment.remains) for one in explored for moment in one.snapshots if moment.remains is not None
+def explore_group(arguments: Arguments, name: str) -> list[Exploration]:
+    """Explore plans of a group by several explorers in turn."""
+    clutter, plans = GROUPS[name].clutter, plans_of(arguments.plans, name, arguments.split)
+    return [
+        explore(plan, clutter[number % len(clutter)], EXPLORERS[number % len(EXPLORERS)])
+        for number, plan in zip(range(arguments.count), plans, strict=False)
     ]
-    frontiers = np.full((len(moments), MOST, len(FRONTIER_FEATURES)), np.nan, np.float32)
-    for row, (_, remains) in zip(frontiers, moments, strict=True):
-        row[: len(remains.frontiers)] = remains.frontiers
-    inputs = [
-        torch.from_numpy(frontiers),
-        torch.tensor(np.array([remains.whole for _, remains in moments]), dtype=torch.float32),
-        torch.tensor([remains.known_area for _, remains in moments]),
-    ]
-    share = torch.tensor([1.0 - moment.coverage for moment, _ in moments])
-    above = (share[:, None] > torch.exp(torch.tensor(SHARES))[None]).float()
-    weight = torch.where(share < 0.15, 2.0, 1.0)
-    network = EstimateNetwork()
-    optimiser = torch.optim.AdamW(network.parameters(), 3e-3, weight_decay=1e-3)
-    steps = EPOCHS * (len(share) // 256 + 1)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 1e-2, total_steps=steps)
-    for _ in range(EPOCHS):
-        for rows in torch.randperm(len(share)).split(256):
-            logits = network.slope * (network(*(one[rows] for one in inputs))[:, None] - torch.tensor(SHARES))
-            losses = fn.binary_cross_entropy_with_logits(logits.float(), above[rows], reduction="none").mean(
-                1
-            )
-            optimiser.zero_grad()
-            (losses * weight[rows]).mean().backward()
-            optimiser.step()
-            schedule.step()
-    return {name: value.numpy() for name, value in network.state_dict().items() if name != "slope"}
 
 
-def _weights(plans: str, count: int) -> dict[str, Float32Array]:
-    """Weights fitted again on so many plans; the package's for none."""
-    if not count:
-        arrays: dict[str, Float32Array] = load_file(PRETRAINED_ESTIMATE)
-        return {name: values for name, values in arrays.items() if not name.startswith("calibration.")}
-    return fit(
-        [
-            *_explored(plans, "train", count),
-            *_explored("procedural:home:loops", "train", count // 3),
-            *_explored("procedural:office:loops", "train", count // 3),
-        ]
-    )
+def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]:
+    """The plans of a group in a fixed order."""
+    group = GROUPS[name]
+    source = open_plans(group.plans or houseexpo)
+    order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
+    sharing = [other for other, one in GROUPS.items() if one.plans == group.plans]
+    for plan_id in order[sharing.index(name) :: len(sharing)]:
+        try:
+            plan = source.load(plan_id)
+            check_plan(plan, ExploreConfig().robot.radius)
+        except PlanError:
+            continue
+        if plan.area <= LARGEST_CALIBRATED and passes(plan, "useful"):
+            yield plan
 
 
-def _explored(plans: str, split: PlanSplit, count: int, is_furnished: bool = False) -> list[Exploration]:
-    return list(explorations(open_plans(plans), split, count, "rbpf", is_furnished))
+def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
+    """Explore a building to the end."""
+    env = ExploreEnv(plan, fitted_env(plan, explored_env(ExploreConfig(clutter=clutter)), "auto"))
+    seed = exploration_seed(5, plan.id, 0)
+    reset = env.reset(seed=seed, options={"plan": plan})
+    explorer = make_explorer(name, env.explorer_context(), seed)
+    explorer.predict(reset[0])
+    loop = explorer.loops[0]
+    assert loop is not None
+    offer, stops = loop._offer, []
+
+    def recorded() -> None:
+        offer()
+        if loop.ways_on() == [] and loop.known_area <= LARGEST_CALIBRATED:
+            stops.append((loop.time, env.coverage.share))
+
+    with mock.patch.object(loop, "_offer", recorded):
+        for _ in episode_steps(env, explorer, reset):
+            pass
+    stops.append((env.simulation.time, env.coverage.share))
+    return Exploration(env.coverage.floor_area, np.array(stops[0]), np.array(stops[-1]))
 
 
-def _calibration(
-    weights: dict[str, Float32Array], explored: Sequence[Exploration]
-) -> dict[str, Float32Array]:
-    """The weights with the moments that decide about limits: each new lowest estimate, and the end."""
-    unseen, rows = UnseenFloor(weights), []
-    for index, one in enumerate(explored):
-        lowest = np.inf
-        for moment in one.snapshots:
-            estimate = unseen.share(moment.remains) if moment.remains is not None else np.inf
-            if estimate < lowest:
-                lowest, left = estimate, 1.0 - moment.coverage
-                rows.append((index, estimate, left, left * one.area))
-        left = 1.0 - one.curve[-1, 1]
-        rows.append((index, lowest, left, left * one.area))
-    columns = np.ascontiguousarray(np.array(rows, np.float32).T)  # safetensors writes buffers as they lie
-    names = ("exploration", "estimate", "share", "area")
-    return weights | {f"calibration.{name}": column for name, column in zip(names, columns, strict=True)}
-
-
-def _tested(promise: Promise, unseen: UnseenFloor, explored: Sequence[Exploration]) -> dict[str, object]:
-    """Figures on how well a promise is kept."""
-    limit, kept, times, tails, ends = unseen.limit(promise), [], [], [], []
-    for one in explored:
-        time, coverage = one.curve[-1]
-        ends.append(time)
-        for moment in one.snapshots:
-            if moment.remains is not None and unseen.share(moment.remains) < limit:
-                time, coverage = moment.time, moment.coverage
-                break
-        is_kept = promise.holds(coverage, one.area)
-        kept.append(is_kept)
-        times.append(time)
-        reached = np.flatnonzero(one.curve[:, 1] >= 0.99)
-        if is_kept:
-            tails.append(max(0.0, time - one.curve[reached[0], 0]) if len(reached) else 0.0)
-    interval = wilson_interval(sum(kept), len(kept))
-    return {
-        "promise": str(promise),
-        "kept [%]": round(100.0 * float(np.mean(kept)), 1),
-        "95 %": f"{100.0 * interval.low:.0f}-{100.0 * interval.high:.0f}",
-        "time [s]": round(float(np.mean(times))),
-        "without it [s]": round(float(np.mean(ends))),
-        "tail after 99 % [s]": round(float(np.mean(tails)), 1) if tails else None,
-    }
+def figures(explored: list[Exploration]) -> dict[str, object]:
+    """Figures on how well promises are kept, and their time over that without a promise."""
+    row: dict[str, object] = {"explorations": len(explored)}
+    for text in PROMISES:
+        kept = sum(Promise.parse(text).holds(one.stop[1], one.area) for one in explored)
+        interval = wilson_interval(kept, len(explored))
+        row[f"{text} kept [%]"] = (
+            f"{100 * kept / len(explored):.0f} [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
+        )
+    row["98% at the end [%]"] = round(100.0 * float(np.mean([one.end[1] >= 0.98 for one in explored])))
+    ratio = ratio_of_means(*(np.array([one[k][0] for one in explored]) for k in (1, 2)))
+    row["time / without"] = f"{ratio.value:.2f} [{ratio.low:.2f}, {ratio.high:.2f}]"
+    return row
 
 
 if __name__ == "__main__":

@@ -12,8 +12,8 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+from slamgym.planning.frontiers import fits_through
 from slamgym.planning.promise import Promise, is_kept
-from slamgym.planning.remaining import measure_remains
 
 _TRUSTED = 15
 """A frontier is trusted for so many checks, half a minute: the map may be corrected, and no way lead there any more."""
@@ -32,15 +32,12 @@ class CompletionDetector:
     Args:
         robot_radius: [m].
         min_size: Shorter frontiers don't count [m].
-        range_max: The scanner's [m].
         promise: Enough has been seen when the map keeps it; by default when no frontier is left. It was calibrated
             on the exploration loop, which also knows where the robot tried in vain.
     """
 
-    def __init__(
-        self, robot_radius: float, min_size: float, range_max: float = 3.5, promise: Promise | None = None
-    ) -> None:
-        self._range_max, self._promise = range_max, promise
+    def __init__(self, robot_radius: float, min_size: float, promise: Promise | None = None) -> None:
+        self._promise = promise
         self._radius = robot_radius
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
@@ -51,7 +48,7 @@ class CompletionDetector:
     @classmethod
     def of(cls, config: ExploreConfig) -> "CompletionDetector":
         """The detector that the settings of an environment ask for."""
-        return cls(config.robot.radius, SMALLEST_FRONTIER, config.lidar.range_max, config.promise)
+        return cls(config.robot.radius, SMALLEST_FRONTIER, config.promise)
 
     def is_explored(self, grid: OccupancyGrid, pose: Pose2D) -> bool:
         """True if the map shows no frontier that the robot could reach.
@@ -73,9 +70,9 @@ class CompletionDetector:
             return False
         frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
         if self._promise is not None:
-            offered = [frontier.middle for frontier in frontiers]
-            remains = measure_remains(grid, pose, self._radius, self._range_max, offered)
-            return is_kept(self._promise, remains)
+            known_area = len(space.order) * grid.frame.resolution**2
+            ways_on = [one for one in frontiers if fits_through(costmap, one, self._radius)]
+            return is_kept(self._promise, ways_on, known_area)
         if frontiers:
             self._remembered, self._trusted = grid.frame.to_points(*frontiers[-1].cells.T), _TRUSTED
         return not frontiers

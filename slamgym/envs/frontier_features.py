@@ -15,13 +15,11 @@ from slamgym.core.geometry import between
 from slamgym.core.types import Float32Array, FloatArray, Observation, Pose2D
 from slamgym.planning.costmap import FARTHEST_WALL, Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate
+from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate, unknown_regions
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
-from slamgym.planning.frontiers import expected_gain
+from slamgym.planning.frontiers import expected_gain, fits_through
 from slamgym.planning.grid_path import tour_lengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
-from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
-from slamgym.planning.remaining import unknown_regions
 
 FEATURE_VERSION = 3
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
@@ -31,7 +29,6 @@ CROP_PX = 13
 CROP_CELL = 0.35
 """Size of its cells [m]: it shows 2.3 m to every side."""
 
-_LARGEST_EXPECTED = 100.0  # [m2]
 _STRETCH = 0.7  # the direction of a path is taken over so much of it [m]
 
 TURN_WEIGHT = 0.2
@@ -106,8 +103,6 @@ class FrontierFeatures:
         while len(self._history) > 2 and self._history[1][0] <= time - 20.0:
             self._history.popleft()
         since, before = self._history[0]
-        remains = loop.remains()
-        unseen = pretrained_unseen_floor().share(remains) if remains is not None else 1.0
         # Without the margin about the known part.
         height, width = (max(0.1, size * costmap.frame.resolution - 1.0) for size in costmap.frame.shape)
         return {
@@ -123,8 +118,20 @@ class FrontierFeatures:
             "known_height": height / 15.0,
             "known_share": area / (width * height),
             "ending": float(loop.round),
-            "unseen_share": 1.0 + 0.25 * math.log10(max(unseen, 1e-4)),
+            "unseen_share": 1.0 + 0.25 * math.log10(max(unseen_share(loop), 1e-4)),
         }
+
+
+def unseen_share(loop: ExplorationLoop) -> float:
+    """Expected unseen share of the floor; 1 where nothing can be said.
+
+    Behind each frontier that the robot fits through, a room as deep as the frontier is wide is expected.
+    """
+    costmap, space, ways_on = loop.navigator.costmap, loop.navigator.reachable, loop.ways_on()
+    if ways_on is None or costmap is None or space is None:
+        return 1.0
+    unseen = sum(float((np.ptp(one.cells, axis=0) ** 2).sum()) for one in ways_on)
+    return unseen / (unseen + len(space.order))
 
 
 def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[dict[str, float]]:
@@ -133,7 +140,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     classes, cell, regions = unknown_regions(costmap, [one.frontier.cells for one in candidates])
     others = _nearest_and_mean(np.array([one.frontier.middle for one in candidates]))
     steps = max(1, round(_STRETCH / cell))  # of a path, over which its direction is taken
-    expected, lengths = _expected(loop), candidate_tour_lengths(loop)
+    lengths = candidate_tour_lengths(loop)
     tour, by_first = np.argsort(open_tour(lengths)), lengths_by_first(lengths)
     measured = []
     for index, one in enumerate(candidates):
@@ -148,8 +155,8 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
         length, straight, clearance = one.path_length, one.frontier.min_distance, float(clearances[0])
         size, unknown = one.frontier.size * resolution, regions[index]
         extent = float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0))))
+        behind = extent**2 if fits_through(costmap, one.frontier, loop.context.robot_radius) else 0.0
         gain = expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max)
-        behind = min(float(expected[index]), _LARGEST_EXPECTED)
         measured.append(
             {
                 "path_length": length / 10.0,
@@ -186,14 +193,6 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
             }
         )
     return measured
-
-
-def _expected(loop: ExplorationLoop) -> FloatArray:
-    """Unseen floor expected behind each candidate, shape (N,) [m2]."""
-    remains = loop.remains()
-    if remains is None:
-        return np.full(len(loop.candidates), np.inf)
-    return expected_floor(remains, [one.points for one in loop.candidates])
 
 
 def candidate_places(loop: ExplorationLoop) -> FloatArray:

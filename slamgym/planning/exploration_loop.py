@@ -21,10 +21,10 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
+from slamgym.planning.frontiers import Frontier, fits_through
 from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
-from slamgym.planning.promise import FAMILIAR_AREA, LARGEST_CALIBRATED, Promise, is_kept
+from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
-from slamgym.planning.remaining import Remains, measure_remains
 
 _NEAR_BY = 1.0
 """Driving farther than this shows that the robot can drive [m]."""
@@ -33,6 +33,10 @@ _STALL_TIME = 40.0
 changes its mind for ever would never arrive."""
 _FUTILE_GOALS = 12
 """So many frontiers in a row that added nothing to the map end the exploration: no map of a home needs as many."""
+
+
+_HOME = 100.0
+"""Known floor of a usual home [m2]; more may be a hall."""
 
 
 class ExplorationLoopConfig(Settings, section="loop"):
@@ -88,7 +92,6 @@ class ExplorationLoop:
         self.finished = False
         self._belief = _Belief(context.frame)
         self._growth = MapGrowth()
-        self._remains: tuple[list[FrontierCandidate], Remains | None] | None = None  # of the last search
         self._has_tried_all = False  # whether the last search of candidates had the last footprint
         self._recovery = RecoveryBehaviours()
         self._begin(LastChoice())
@@ -97,6 +100,7 @@ class ExplorationLoop:
         """Begin without anything that is noted by its place on the map."""
         self.navigator = Navigator(self.context, self.config.navigator)
         self.candidates: list[FrontierCandidate] = []
+        self._wanted: list[Frontier] = []  # to be visited sooner or later
         self.target: FrontierCandidate | None = None
         self._choice = choice
         self._progress = TargetProgress()
@@ -295,26 +299,27 @@ class ExplorationLoop:
         self._choice.is_new_map = self._choice.is_stale = False
         self._choice.is_open = True
         self._has_tried_all = self.round == len(RELAXED_FOOTPRINTS)
-        self.candidates, self.num_frontiers = [], 0
+        self.candidates, self.num_frontiers, self._wanted = [], 0, []
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is not None and space is not None and self._growth.futile < _FUTILE_GOALS:
             last = self.config.last_frontier_size if self.round else math.inf
             size, split = min(self.config.min_frontier_size, last), self.config.split_extent
             keep = self.target.target if self.target else None
             found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
-            found = [one for one in found if not self._blacklist.holds(one[0].centroid)]
+            ahead = [one for one in found if not self._blacklist.holds(one[0].centroid)]
+            # The next round offers again what was given up in the first.
+            self._wanted = [frontier for frontier, _ in (ahead if self.round else found)]
             # A robot that sees no wall soon doesn't know where it is: in halls, such places come last.
-            if self.known_area > FAMILIAR_AREA:
-                found = [one for one in found if costmap.distance[one[1]] < np.inf] or found
-            self.num_frontiers = len(found)
-            self.candidates = make_candidates(costmap, space, found, self.config.max_candidates, keep)
+            if self.known_area > _HOME:
+                ahead = [one for one in ahead if costmap.distance[one[1]] < np.inf] or ahead
+            self.num_frontiers = len(ahead)
+            self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
         if not self.candidates:
             self.target = None
             self.navigator.cancel()
             self._recover()
-        # Where nothing is promised, what remains need not be measured.
-        if self.config.promise is not None and not self.finished and self.known_area <= LARGEST_CALIBRATED:
-            self.finished = is_kept(self.config.promise, self.remains())
+        if self.config.promise is not None and not self.finished:
+            self.finished = is_kept(self.config.promise, self.ways_on(), self.known_area)
             if self.finished:
                 self._blacklist.clear()  # so nothing is left to try again
 
@@ -324,26 +329,18 @@ class ExplorationLoop:
         assert cells is not None, "there is a map from the first observation on"
         return OccupancyGrid(cells.reshape(frame.shape), frame)
 
-    def remains(self) -> Remains | None:
-        """Features of what the newest map doesn't show yet.
+    def ways_on(self) -> list[Frontier] | None:
+        """Frontiers that the robot fits through and that the exploration means to visit, now or in a later round.
 
-        None before the first, where the robot finds no place on it, before open space that it doesn't show, and
-        while nothing is offered but the next search, with another footprint or a newer map, may find something.
+        None where the robot finds no place on the map, before open space that it doesn't show, and while nothing is
+        offered but the next search, with another footprint or a newer map, may find something.
         """
-        # Every search makes a new list.
-        if self._remains is None or self._remains[0] is not self.candidates:
-            self._remains = (self.candidates, self._measure_remains())
-        return self._remains[1]
-
-    def _measure_remains(self) -> Remains | None:
-        if self._belief.cells is None or not (self.candidates or self._has_tried_all):
+        costmap, radius = self.navigator.costmap, self.context.robot_radius
+        if costmap is None or self.navigator.reachable is None:
             return None
-        if self._recovery.has_open_space(self.known_map()):
+        if not (self.candidates or self._has_tried_all) or self._recovery.has_open_space(self.known_map()):
             return None
-        radius, range_max = self.context.robot_radius, self.context.geometry.range_max
-        offered = [candidate.frontier.middle for candidate in self.candidates]
-        before = self._remains[1] if self._remains else None
-        return measure_remains(self.known_map(), self.pose, radius, range_max, offered, self.round, before)
+        return [one for one in self._wanted if fits_through(costmap, one, radius)]
 
     def _drop_target(self) -> None:
         assert self.target is not None

@@ -8,6 +8,12 @@ import numpy as np
 
 from slamgym.core.types import ByteArray, FloatArray, GridFrame, Int32Array, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap, cells_inside
+from slamgym.planning.frontier_feature_kernels import (
+    UnknownRegion,
+    classify_costs,
+    coarse_cells,
+    explore_unknown_region,
+)
 from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
@@ -17,6 +23,8 @@ COARSENING = 2
 
 _BEND = 0.5
 """A frontier whose centroid is farther than this from its cells is visited at one of them [m]."""
+_NEAR, _FAR = 1.5, 4.0
+"""The unknown behind a frontier is flooded up to these distances [m]."""
 _KEPT_WITHIN = 0.25
 """A frontier one of whose cells is so near to a place, by both coordinates, passes there [m]."""
 
@@ -134,6 +142,28 @@ def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: f
     if len(done) == 1:
         return [frontier]
     return [_describe(cells, frame, pose) for cells in done]
+
+
+def unknown_regions(
+    costmap: Costmap, frontiers: Sequence[Int32Array]
+) -> tuple[ByteArray, float, list[UnknownRegion]]:
+    """Measure the unknown behind frontiers, given by their cells, each of shape (N, 2).
+
+    Returns:
+        A coarse map (:func:`classify_costs`), the size of its cells [m], and the region behind each frontier.
+    """
+    classes, cell = classify_costs(costmap.costs, COARSENING), costmap.frame.resolution * COARSENING
+    coarse = [coarse_cells(cells, COARSENING, classes.shape) for cells in frontiers]
+    labels = np.full(classes.shape, -1, np.int16)
+    for index, cells in enumerate(coarse):
+        labels[cells[:, 0], cells[:, 1]] = index
+    # The margin is what a costmap keeps about the known part.
+    steps, margin, count = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell), len(coarse)
+    regions = [
+        explore_unknown_region(classes, labels, index, cells, steps, margin, count)
+        for index, cells in enumerate(coarse)
+    ]
+    return classes, cell, regions
 
 
 def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:

@@ -125,6 +125,12 @@ def find_frontiers(
     return [_describe_frontier(cells[first:end], frame, pose) for first, end in itertools.pairwise(starts)]
 
 
+def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
+    """True if a robot of a radius [m] fits through a frontier of a costmap."""
+    row, col = frontier.cells.T
+    return bool(costmap.distance[row, col].max() * costmap.frame.resolution >= radius)
+
+
 def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     """A frontier of given cells (N, 2), seen from the robot; all in one frame."""
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution

@@ -120,7 +120,7 @@ def test_saying_done_ends_the_episode_with_the_bonus_and_no_potential(two_room_p
         assert total == pytest.approx(sum(info["reward_terms"].values()))
         sums = {name: value + info["reward_terms"].get(name, 0.0) for name, value in sums.items()}
     last = discount ** (info["duration"] - env.config.control_step)
-    assert 0.5 < info["coverage"] < 0.9
+    assert info["coverage"] > 0.5
     assert sums["completion"] == pytest.approx(last)
     if discount == 1.0:  # the potential is 0 in the end, whatever was seen
         assert sums["shaping"] == pytest.approx(2.0 * (1.0 - first["coverage"]))

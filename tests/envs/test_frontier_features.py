@@ -5,10 +5,9 @@ from hypothesis import strategies as st
 
 from slamgym.agents.rules import FrontierTour
 from slamgym.envs import ExploreFrontiersEnv
-from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, unseen_share
 from slamgym.planning.frontier_feature_kernels import coarse_cells
 from slamgym.planning.open_tour import EXACT_PLACES
-from slamgym.planning.promise import expected_floor, pretrained_unseen_floor
 
 
 @settings(max_examples=25)
@@ -20,7 +19,7 @@ def test_coarse_cells_hold_each_cell_once_and_stay_on_the_map(seed, count):
     assert (coarse_cells(cells, 2, shape) == expected).all()
 
 
-def test_the_first_of_the_tour_is_what_the_rule_chooses_and_expected_floor_is_that_of_promises():
+def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_behind_each_door():
     env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
     observation, _ = env.reset(seed=4)
     expected, tour, detour = (CANDIDATE_FEATURES.index(name) for name in ("expected", "tour", "tour_detour"))
@@ -36,10 +35,13 @@ def test_the_first_of_the_tour_is_what_the_rule_chooses_and_expected_floor_is_th
             assert (rows[:, detour] >= 0.0).all()
             if len(candidates) <= EXACT_PLACES:
                 assert rows[choice, detour] == pytest.approx(0.0, abs=1e-6)
-            areas = expected_floor(env.loop.remains(), [one.points for one in candidates])
-            np.testing.assert_array_equal(np.argsort(areas), np.argsort(rows[:, expected]))
-            share = pretrained_unseen_floor().share(env.loop.remains())
+            ways_on = [one.cells for one in env.loop.ways_on()]
+            areas = (10.0 ** (2.0 * rows[:, expected]) - 1.0) / 10.0
+            for area, one in zip(areas, candidates, strict=True):
+                is_wide = any(np.array_equal(one.frontier.cells, cells) for cells in ways_on)
+                extent = np.hypot(*np.ptp(one.points, axis=0))
+                assert area == pytest.approx(is_wide * extent**2, rel=1e-3, abs=1e-5)
             measured = observation["globals"][GLOBAL_FEATURES.index("unseen_share")]
-            assert measured == pytest.approx(1.0 + 0.25 * np.log10(share), abs=1e-5)
+            assert measured == pytest.approx(1.0 + 0.25 * np.log10(unseen_share(env.loop)), abs=1e-5)
         observation, *_ = env.step(choice)
     assert several > 5

@@ -23,7 +23,7 @@ def room(door):
 
 
 def test_a_closed_room_keeps_the_promise_and_an_open_door_does_not():
-    detector = CompletionDetector(0.22, 0.35, 3.5, Promise(0.98, None, 0.92))
+    detector = CompletionDetector(0.22, 0.35, Promise(0.98, None, 0.92))
     here = Pose2D(0.0, 0.0, 0.0)
     assert detector.is_explored(room(door=0.0), here)
     assert not detector.is_explored(room(door=1.0), here)
