@@ -150,7 +150,10 @@ def figures(explored: list[Exploration]) -> dict[str, object]:
             f"{100 * kept / len(explored):.0f} [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
         )
     row["98% at the end [%]"] = round(100.0 * float(np.mean([one.end[1] >= 0.98 for one in explored])))
-    ratio = ratio_of_means(*(np.array([one[k][0] for one in explored]) for k in (1, 2)))
+    stops, ends = (
+        np.array(times) for times in zip(*((one.stop[0], one.end[0]) for one in explored), strict=True)
+    )
+    ratio = ratio_of_means(stops, ends)
     row["time / without"] = f"{ratio.value:.2f} [{ratio.low:.2f}, {ratio.high:.2f}]"
     return row
 
