@@ -118,11 +118,11 @@ class FrontierFeatures:
             "known_height": height / 15.0,
             "known_share": area / (width * height),
             "ending": float(loop.round),
-            "unseen_share": 1.0 + 0.25 * math.log10(max(unseen_share(loop), 1e-4)),
+            "unseen_share": 1.0 + 0.25 * math.log10(max(expected_unseen_share(loop), 1e-4)),
         }
 
 
-def unseen_share(loop: ExplorationLoop) -> float:
+def expected_unseen_share(loop: ExplorationLoop) -> float:
     """Expected unseen share of the floor; 1 where nothing can be said.
 
     Behind each frontier that the robot fits through, a room as deep as the frontier is wide is expected.

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from slamgym.agents.rules import FrontierTour
 from slamgym.envs import ExploreFrontiersEnv
-from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, unseen_share
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, expected_unseen_share
 from slamgym.planning.frontier_feature_kernels import coarse_cells
 from slamgym.planning.open_tour import EXACT_PLACES
 
@@ -42,6 +42,6 @@ def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_b
                 extent = np.hypot(*np.ptp(one.points, axis=0))
                 assert area == pytest.approx(is_wide * extent**2, rel=1e-3, abs=1e-5)
             measured = observation["globals"][GLOBAL_FEATURES.index("unseen_share")]
-            assert measured == pytest.approx(1.0 + 0.25 * np.log10(unseen_share(env.loop)), abs=1e-5)
+            assert measured == pytest.approx(1.0 + 0.25 * np.log10(expected_unseen_share(env.loop)), abs=1e-5)
         observation, *_ = env.step(choice)
     assert several > 5
