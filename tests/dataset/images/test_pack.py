@@ -16,7 +16,7 @@ from slamgym.dataset.images.pack import pack_images
 
 pytest.importorskip("pyarrow")
 STREAM = """
-import json, sys
+import json, os, sys
 import datasets
 datasets.disable_progress_bars()
 files = {s: f"{sys.argv[1]}/{s}-*.tar" for s in ("train", "test")}
@@ -28,7 +28,8 @@ if sys.argv[2] == "folder":
     rows = {s: [[r["name"], r["A"].size[0], r["B"].size[0]] for r in pack[s]] for s in pack}
 else:
     rows = {s: [[r["json"]["name"], r["cad.png"].size[0], r["slam.png"].size[0]] for r in pack[s]] for s in pack}
-print(json.dumps(rows))
+print(json.dumps(rows), flush=True)
+os._exit(0)  # threads of pyarrow may abort a process that ends while they read ahead
 """
 
 
