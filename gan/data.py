@@ -16,14 +16,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from slamgym.core.documents import parse_json, read_json
-from slamgym.core.errors import InputFileError
-from slamgym.core.files import read_bytes, text_lines
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import read_bytes, sha256_of, text_lines
 from slamgym.core.pictures import PICTURE_SUFFIXES, decode_picture, grey_picture
 from slamgym.core.types import UNKNOWN, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
@@ -61,7 +61,7 @@ class PairSet:
 
     def windows(self, side: int) -> "PairSet":
         """The pairs cut to windows of this side [px] about the middle of what their SLAM maps show."""
-        if self.cad.shape[1] <= side:
+        if len(self) == 0 or self.cad.shape[1] <= side:
             return self
         cut = []
         for cad, slam in zip(self.cad, self.slam, strict=True):
@@ -165,10 +165,41 @@ def true_faces(root: Path | str) -> bool:
     Raises:
         InputFileError: If its config.json is malformed.
     """
+    return bool(_settings(root).get("images", {}).get("edge_px") == 0.0)
+
+
+def describe_data(roots: Sequence[Path]) -> str:
+    """Folders of images by name, edition and digest of the manifest, for model cards.
+
+    Raises:
+        ConfigError: If they are of several editions.
+        InputFileError: If a config.json is malformed.
+    """
+    editions, described = set(), []
+    for root in roots:
+        manifest = root / "manifest.jsonl"
+        facts = []
+        if (settings := _settings(root)).get("dataset"):
+            edition = settings["dataset"].get("edition", 1)  # the first wrote no number
+            editions.add(edition)
+            facts.append(f"edition {edition}")
+        if manifest.is_file():
+            facts.append(f"manifest.jsonl {sha256_of(manifest)[:16]}")
+        described.append(f"{root.name} ({', '.join(facts)})" if facts else root.name)
+    if len(editions) > 1:
+        raise ConfigError(
+            f"{', '.join(described)}: maps of several editions look unlike, so no training mixes them; make those of "
+            "the older one anew by `slamgym generate` and `slamgym dataset render`"
+        )
+    return ", ".join(described)
+
+
+def _settings(root: Path | str) -> dict[str, Any]:
+    """What a folder's config.json says of its images and their dataset; empty without one."""
     path = Path(root) / "config.json"
     settings = read_json(path) if path.is_file() else None
-    images = settings.get("images") if isinstance(settings, dict) else None
-    return isinstance(images, dict) and images.get("edge_px") == 0.0
+    parts = settings.items() if isinstance(settings, dict) else ()
+    return {name: part for name, part in parts if isinstance(part, dict)}
 
 
 def read_grey(path: Path) -> ByteArray:

@@ -22,32 +22,32 @@ MAX_ATTRIBUTES = 15
 
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
-    "README.md": (0, 0, 0, 0, 1201),
+    "README.md": (0, 0, 0, 0, 1199),
     "agents": (2606, 48, 0, 111, 0),
     "cad": (2089, 3, 0, 103, 0),
-    "commands": (2559, 0, 222, 64, 0),
+    "commands": (2573, 0, 222, 62, 0),
     "core": (1721, 0, 0, 71, 0),
-    "dataset": (2879, 19, 0, 81, 0),
-    "docs": (0, 0, 0, 0, 23667),
+    "dataset": (2775, 19, 0, 82, 0),
+    "docs": (0, 0, 0, 0, 23615),
     "docs/drawing": (0, 0, 0, 0, 4278),
-    "docs/notes": (0, 0, 0, 0, 3292),
+    "docs/notes": (0, 0, 0, 0, 3288),
     "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (2906, 3, 0, 155, 0),
-    "envs": (2490, 33, 0, 56, 0),
-    "gan": (2173, 39, 0, 81, 0),
+    "envs": (2486, 33, 0, 55, 0),
+    "gan": (2196, 39, 0, 81, 0),
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1107, 0, 0, 58, 0),
-    "parametric": (1099, 34, 0, 29, 0),
-    "planning": (2119, 19, 0, 86, 0),
+    "parametric": (863, 17, 0, 28, 0),
+    "planning": (1990, 19, 0, 79, 0),
     "ros2": (1513, 0, 30, 40, 0),
-    "sim": (2232, 45, 0, 156, 0),
+    "sim": (2243, 45, 0, 156, 0),
     "slam": (3315, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (794, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32830, 272, 252, 1392, 33988)
+TOTAL = (32405, 255, 252, 1382, 33930)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -33,7 +33,7 @@ from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted, duration, say
 from slamgym.gan.config import TranslatorTrainingConfig
-from slamgym.gan.data import PairSet, image_side, load_training_pairs
+from slamgym.gan.data import PairSet, describe_data, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
 from slamgym.gan.registration import registered
@@ -117,7 +117,7 @@ class _Training:
         self.checkpoint = run / "checkpoint.safetensors"
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
         start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
-        self.images = ", ".join(folder.name for folder in images)
+        self.images = describe_data(images)
         self.pairs, self.held_out = _training_pairs(images, run, config)
         if scales := self.pairs.scale_percentiles():
             translator = dataclasses.replace(config.translator, metres_per_px=scales)

@@ -20,7 +20,7 @@ _T = TypeVar("_T")
 _Words = tuple[tuple[str, ...], ...]
 CLEARED = object()
 """Value of an option that sets a setting to None."""
-_STAMPS = ("version", "format_version", "plans")
+_STAMPS = ("version", "format_version", "edition", "plans")
 """Other entries of files of settings, unless a setting has that name."""
 
 

@@ -44,6 +44,9 @@ if TYPE_CHECKING:
     from slamgym.envs.episode import Episode
 
 FORMAT_VERSION = 2
+EDITION = 2
+"""Generation of the mapper that draws the maps: what is learnt from one doesn't hold for another. The first edition was
+drawn by a particle filter, the second by the pose graph over submaps."""
 FIELD_FILE = "field.npz"
 """``field``, shape (2, rows, cols) [m] x and y, true minus measured, on the cells of the map."""
 SIDES: tuple[Literal["A"], Literal["B"]] = ("A", "B")

@@ -117,9 +117,9 @@ IMAGE_DAMAGE = {
         ["B/{n}.png: differs from the digest"],
     ),
     "image torn": (lambda t, r: t.image(r.split, "B", r.name).write_bytes(b""), ["B/{n}.png: is not a picture"]),
-    "grey in A": (
-        lambda t, r: write(t.image(r.split, "A", r.name), np.full((64, 64), 205, np.uint8)),
-        ["has the pixel value 205"],
+    "grey in B": (
+        lambda t, r: write(t.image(r.split, "B", r.name), np.full((64, 64), 100, np.uint8)),
+        ["has the pixel value 100"],
     ),
     "other size": (
         lambda t, r: write(t.image(r.split, "A", r.name), np.zeros((32, 32), np.uint8)),

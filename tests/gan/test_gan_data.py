@@ -10,10 +10,18 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.config import AugmentConfig
-from slamgym.gan.data import PairSet, image_side, load_pairs, load_training_pairs, read_grey, true_faces
+from slamgym.gan.data import (
+    PairSet,
+    describe_data,
+    image_side,
+    load_pairs,
+    load_training_pairs,
+    read_grey,
+    true_faces,
+)
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
@@ -311,3 +319,12 @@ def test_whether_faces_are_true_is_read_from_the_images_settings(edge, expected,
         (root / "config.json").write_text(json.dumps({"images": {"edge_px": edge}}))
     assert true_faces(root) == expected
     assert image_side(root, "train") == 32
+
+
+def test_images_of_several_editions_are_not_mixed(make_images, tmp_path):
+    roots = [make_images(tmp_path / name, manifest=True) for name in ("old", "new")]
+    for root, dataset in zip(roots, ({}, {"edition": 2}), strict=True):
+        (root / "config.json").write_text(json.dumps({"dataset": {"config_sha256": "0"} | dataset}))
+    assert describe_data(roots[1:]).startswith("new (edition 2, manifest.jsonl ")
+    with pytest.raises(ConfigError, match=r"old \(edition 1, .*, new \(edition 2, .*make those of the older"):
+        describe_data(roots)

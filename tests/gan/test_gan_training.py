@@ -77,7 +77,7 @@ def test_several_folders_make_one_training(tmp_path, images, make_images):
     others = make_images(tmp_path / "others", count=4)
     report = train_translator([images, others], tmp_path / "run", RESIDUAL, CPU, QUIET)
     assert report.steps == 10  # two passes over ten pairs, two a step
-    assert json.loads((tmp_path / "run" / "config.json").read_text())["images"] == "images, others"
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["images"].endswith("), others")
     windows = dataclasses.replace(RESIDUAL, augment=AugmentConfig(windows=True))
     larger = make_images(tmp_path / "larger", side=64)
     with pytest.raises(InputFileError, match="larger: has images of 64 px but"):

@@ -22,7 +22,7 @@ from slamgym.core.progress import tell
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.folder import open_dataset, stage_pair
-from slamgym.dataset.format import FIELD_FILE, FORMAT_VERSION, is_dataset
+from slamgym.dataset.format import EDITION, FIELD_FILE, FORMAT_VERSION, is_dataset
 from slamgym.dataset.record import MapPair, Slot
 from slamgym.interop import write_ros_map, write_tum
 
@@ -43,7 +43,12 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
         for name, value in vars(arguments).items()
         if name not in ("out", "overwrite")
     }
-    config = {"format_version": FORMAT_VERSION, "version": __version__, "deform": settings}
+    config = {
+        "format_version": FORMAT_VERSION,
+        "edition": EDITION,
+        "version": __version__,
+        "deform": settings,
+    }
     digest = config_hash(config)
     plan_ids: list[str] = []
     with _new_folder(arguments) as root, open_dataset(root, config) as folder:

@@ -14,6 +14,13 @@ each stands a list of what may be drawn::
       - set: {lidar.range_max: 3.5, slam.max_usable_range: 3.0}
       - set: {lidar.range_max: 8.0, slam.max_usable_range: 7.0}
 
+A mixture has one key, ``recipe``, and under it names of recipes: each exploration draws one of them, and then what that
+recipe alone would draw::
+
+    recipe:
+      - {value: reference, weight: 9}
+      - {value: paper, weight: 3}
+
 What an exploration draws follows from its seed and the name of the key alone: not from other keys, the number
 of workers, the order, or from where a run was resumed.
 """
@@ -35,7 +42,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import YAML_BYTES, shown
 from slamgym.core.names import is_own_explorer, uniform_share
-from slamgym.dataset.format import FORMAT_VERSION
+from slamgym.dataset.format import EDITION, FORMAT_VERSION
 from slamgym.dataset.record import PairConfig
 from slamgym.envs import ExploreConfig
 from slamgym.envs.config import ERROR_LEVELS
@@ -45,6 +52,8 @@ from slamgym.sim import name_of_odometry
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
 EPISODE_SETTINGS = ("explorer", "minutes", "turn_deg")
+MIXTURE = "recipe"
+"""Factor that draws one of several recipes; the factors of each are stored as ``<its name>/<factor>``."""
 
 
 def known_settings() -> list[str]:
@@ -66,7 +75,7 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
         ConfigError: If a name is unknown (the error suggests the nearest), or a value is refused.
     """
     config = base
-    for name in sorted(conditions, key=lambda name: (name.count("."), name)):
+    for name in sorted(conditions.keys() - {MIXTURE}, key=lambda name: (name.count("."), name)):
         value = conditions[name]
         if name in EPISODE_SETTINGS:
             config = replace_setting(config, name, value)
@@ -123,10 +132,15 @@ class Recipe(Settings):
 
     def _check(self) -> None:
         owners: dict[str, str] = {}
+        for factor in self.factors:
+            if factor.endswith(f"/{MIXTURE}"):
+                raise ConfigError(f"{factor}: a mixture can't hold another; name the recipes of both")
         for factor, choices in self.factors.items():
+            recipe = factor.rpartition("/")[0]
             for name in {name for choice in choices for name in choice.settings}:
-                if owners.setdefault(name, factor) != factor:
-                    raise ConfigError(f"{owners[name]!r} and {factor!r} both set {name!r}; let one of them")
+                if owners.setdefault(f"{recipe}/{name}", factor) != factor:
+                    first = owners[f"{recipe}/{name}"]
+                    raise ConfigError(f"{first!r} and {factor!r} both set {name!r}; let one of them")
         for explorer in filter(is_own_explorer, map(str, self.values("explorer"))):
             raise ConfigError(
                 f"explorer: {shown(explorer)} is code of your own, which no recipe may run; give it by --explorer"
@@ -139,7 +153,7 @@ class Recipe(Settings):
     @property
     def settings(self) -> frozenset[str]:
         """Names of the settings that the recipe varies."""
-        return frozenset(name for choice in self._choices for name in choice.settings)
+        return frozenset(name for choice in self._choices for name in choice.settings) - {MIXTURE}
 
     def values(self, name: str) -> list[Any]:
         """Values that may be drawn for a setting; of ranges, the ends."""
@@ -149,10 +163,14 @@ class Recipe(Settings):
     def draw(self, seed: int) -> dict[str, Any]:
         """Draw the settings of the exploration that has this seed."""
         drawn: dict[str, Any] = {}
-        for factor, choices in self.factors.items():
-            choice = _pick(choices, uniform_share(f"{seed}/{factor}"))
-            for name, value in choice.settings.items():
-                drawn[name] = _number_between(value, uniform_share(f"{seed}/{factor}/{name}"))
+        # Factors without a recipe's name come first: one of them draws the recipe.
+        for name in sorted(self.factors, key=lambda name: "/" in name):
+            recipe, _, factor = name.rpartition("/")
+            if recipe and recipe != drawn[MIXTURE]:
+                continue
+            choice = _pick(self.factors[name], uniform_share(f"{seed}/{factor}"))
+            for setting, value in choice.settings.items():
+                drawn[setting] = _number_between(value, uniform_share(f"{seed}/{factor}/{setting}"))
         return drawn
 
 
@@ -176,6 +194,14 @@ def open_recipe(spec: str) -> Recipe:
         ConfigError: If there is no recipe of that name, or it varies an unknown setting or has a senseless
             value.
     """
+    path, content = _read_recipe(spec)
+    for name in [entry.get("value") for entry in content.get(MIXTURE, ()) if isinstance(entry, Mapping)]:
+        content |= {f"{name}/{factor}": entries for factor, entries in _read_recipe(str(name))[1].items()}
+    return parse_recipe(content, str(path))
+
+
+def _read_recipe(spec: str) -> tuple[Path, dict[Any, Any]]:
+    """The file of a recipe, and its plain form."""
     path = Path(spec)
     if not path.suffix and not path.is_file():
         names = [known.stem for known in RECIPES.glob("*.yaml")]
@@ -185,7 +211,7 @@ def open_recipe(spec: str) -> Recipe:
     content = parse_yaml(read_text(path, YAML_BYTES), path)  # JSON is YAML
     if not isinstance(content, Mapping) or not content:
         raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
-    return parse_recipe(content, str(path))
+    return path, dict(content)
 
 
 def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
@@ -222,7 +248,7 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     if not _is_number(weight) or not weight > 0.0:
         raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
     between = {"between": entry["between"]} if "between" in entry else None
-    chosen = entry.get("set", {factor: between or entry.get("value")})
+    chosen = entry.get("set", {factor.rpartition("/")[2]: between or entry.get("value")})
     if not isinstance(chosen, Mapping) or not chosen:
         raise ConfigError(f"{place}: 'set' takes settings and their values")
     settings = {str(name): _value_or_range(value, place) for name, value in chosen.items()}
@@ -301,7 +327,7 @@ class DatasetConfig(Settings):
                 raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
 
 
-STAMPS = ("format_version", "version", "plans")
+STAMPS = ("format_version", "edition", "version", "plans")
 """Entries of a ``config.json`` that are no settings."""
 
 
@@ -314,6 +340,7 @@ def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]
         groups.append({"count": len(group.ids), "sha256": digest, "weight": group.weight})
     return {
         "format_version": FORMAT_VERSION,
+        "edition": EDITION,
         "version": __version__,
         "plans": groups,
         **to_dict(config),

@@ -166,11 +166,15 @@ def _image_settings(
     dataset: Path, config: ImageConfig, split: SplitTable, selection: Selection
 ) -> dict[str, Any]:
     """The content of the images' ``config.json``."""
-    text = json.dumps(read_dataset_config(dataset), sort_keys=True)
+    own = read_dataset_config(dataset)
+    text = json.dumps(own, sort_keys=True)
     return {
         "images_version": IMAGES_VERSION,
         "version": __version__,
-        "dataset": {"config_sha256": hashlib.sha256(text.encode()).hexdigest()},
+        "dataset": {
+            "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
+            "edition": own.get("edition", 1),  # the first wrote no number
+        },
         "images": to_dict(config) | {"as_mapped": False},  # folders of earlier versions are continued
         "split": {"seed": split.seed, "test": split.test, "forced": list(split.forced)},
         "selection": selection.rule,

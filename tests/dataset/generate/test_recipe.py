@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import generate_plan
+from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.dataset.generate.build import DatasetConfig
 from slamgym.dataset.generate.recipe import (
@@ -135,19 +136,46 @@ def test_yaml_and_json_say_the_same(tmp_path):
 
 def test_the_reference_recipe_varies_what_it_promises():
     recipe = open_recipe("reference")
-    assert {"explorer", "odometry", "slam.particles", "clutter.furniture", "clutter.people"} < recipe.settings
+    assert {
+        "explorer",
+        "odometry",
+        "lidar.range_max",
+        "clutter.furniture",
+        "clutter.people",
+    } < recipe.settings
     assert set(recipe.values("odometry")) == {"ideal", "low", "medium", "high"}
-    drawn = [recipe.draw(seed)["slam.particles"] for seed in range(200)]
-    assert Counter(drawn).most_common(1)[0][0] == 30
+    assert not any(name.startswith("slam.mode") for name in recipe.settings)  # the default mapper's
 
 
-def test_the_quick_recipe_varies_the_same_with_fewer_particles():
+def test_a_mixture_draws_what_each_recipe_alone_would_draw():
+    mixture = open_recipe("edition2")
+    drawn = [mixture.draw(seed) for seed in range(100)]
+    for seed, settings in enumerate(drawn):
+        name = settings.pop("recipe")
+        assert settings == open_recipe(name).draw(seed)
+    config, conditions = episode_conditions(mixture, EpisodeConfig(), 3)
+    assert conditions["recipe"] in {"reference", "real", "paper", "paper360", "quick"}
+    assert apply_conditions(EpisodeConfig(), conditions) == config
+    counts = Counter(mixture.draw(seed)["recipe"] for seed in range(300))
+    assert counts.most_common(1)[0][0] == "reference"
+    assert from_dict(Recipe, to_dict(mixture)) == mixture
+
+
+def test_a_mixture_in_a_mixture_and_an_unknown_recipe_are_refused(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("recipe: [{value: edition2}, {value: quick}]")
+    with pytest.raises(ConfigError, match="edition2/recipe: a mixture can't hold another"):
+        open_recipe(str(path))
+    path.write_text("recipe: [{value: refrence}]")
+    with pytest.raises(ConfigError, match="did you mean 'reference'"):
+        open_recipe(str(path))
+
+
+def test_the_quick_recipe_varies_the_same_without_people():
     quick, reference = open_recipe("quick"), open_recipe("reference")
     assert reference.settings - quick.settings == {"clutter.people"}
     for key in ("odometry", "lidar.range_max", "slam.max_usable_range"):
         assert set(quick.values(key)) == set(reference.values(key))
-    particles = [[r.draw(seed)["slam.particles"] for seed in range(200)] for r in (quick, reference)]
-    assert sum(particles[0]) < 0.6 * sum(particles[1])
 
 
 @pytest.mark.parametrize(
