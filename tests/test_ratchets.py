@@ -25,10 +25,10 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "README.md": (0, 0, 0, 0, 1199),
     "agents": (2606, 48, 0, 111, 0),
     "cad": (2089, 3, 0, 103, 0),
-    "commands": (2573, 0, 222, 62, 0),
-    "core": (1721, 0, 0, 71, 0),
-    "dataset": (2775, 19, 0, 82, 0),
-    "docs": (0, 0, 0, 0, 23615),
+    "commands": (2572, 0, 222, 61, 0),
+    "core": (1722, 0, 0, 72, 0),
+    "dataset": (2779, 19, 0, 81, 0),
+    "docs": (0, 0, 0, 0, 23611),
     "docs/drawing": (0, 0, 0, 0, 4278),
     "docs/notes": (0, 0, 0, 0, 3288),
     "docs/tutorials": (0, 0, 0, 0, 400),
@@ -38,7 +38,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1107, 0, 0, 58, 0),
     "parametric": (863, 17, 0, 28, 0),
-    "planning": (1990, 19, 0, 79, 0),
+    "planning": (1986, 19, 0, 79, 0),
     "ros2": (1513, 0, 30, 40, 0),
     "sim": (2243, 45, 0, 156, 0),
     "slam": (3315, 29, 0, 197, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32405, 255, 252, 1382, 33930)
+TOTAL = (32405, 255, 252, 1381, 33926)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

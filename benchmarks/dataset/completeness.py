@@ -28,7 +28,7 @@ from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
 from slamgym import __version__
-from slamgym.core.config import from_dict
+from slamgym.commands.deforming.hypotheses import recorded_settings
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import write_text
 from slamgym.core.parallel.engine import run_tasks
@@ -38,10 +38,10 @@ from slamgym.dataset.curate.cleaning import CleanConfig
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel, scaled
 from slamgym.dataset.faults import STUCK_PATH
-from slamgym.dataset.format import Layout, load_pair, read_dataset_config, read_manifest
+from slamgym.dataset.format import Layout, load_pair, read_manifest
+from slamgym.dataset.generate.recipe import MIXTURE, apply_conditions
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_carmen, read_tum
-from slamgym.slam import SlamConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 
@@ -154,7 +154,7 @@ def _measure_one(pair: tuple[Path, PairRecord]) -> tuple[tuple[str, str], list[N
         np.array([shot.coverage for shot in shots]),
         np.array([shot.driven for shot in shots]),
         np.array([shot.is_last for shot in shots]),
-        np.array([str(record.conditions.get("recipe", root.name))] * len(shots)),
+        np.array([str(record.conditions.get(MIXTURE, root.name))] * len(shots)),
         np.array([record.plan_id] * len(shots)),
     ]
     return (str(root), record.name), columns
@@ -178,7 +178,7 @@ def take_snapshots(root: Path, record: PairRecord) -> Iterator[Snapshot]:
     scan_of_pose = np.searchsorted(stamps, estimate.stamps - 1e-5)
     if len(stamps) != len(truth) or (scan_of_pose >= len(stamps)).any():
         raise InputFileError(folder, "has paths that don't fit its scans; run `slamgym generate` again")
-    slam = slam_settings(root, record)
+    slam = apply_conditions(recorded_settings(root), record.conditions).env.slam
     cad, last_map = load_pair(root, record.name)
     believed, true = (HitCountMap(BeamTable.of(log.geometry, slam), slam) for _ in range(2))
     # What lies open is seen, however the mapper treats beams without return.
@@ -200,15 +200,6 @@ def take_snapshots(root: Path, record: PairRecord) -> Iterator[Snapshot]:
     for driven, drawn, seen in moments[:-1]:
         yield Snapshot(False, drawn, driven, record.coverage * min(seen / finally_seen, 1.0))
     yield Snapshot(True, last_map, moments[-1][0], record.coverage)
-
-
-def slam_settings(root: Path, record: PairRecord) -> SlamConfig:
-    """SLAM settings of the dataset's maps: its own, and what the pair's conditions changed."""
-    values: dict[str, Any] = dict(read_dataset_config(root)["episode"]["env"]["slam"])
-    changed = {
-        name.partition(".")[2]: value for name, value in record.conditions.items() if name[:5] == "slam."
-    }
-    return from_dict(SlamConfig, values | changed, str(Layout(root).config))
 
 
 def cross_fit(learner: Learner, maps: Maps) -> FloatArray:

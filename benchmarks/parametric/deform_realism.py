@@ -29,7 +29,7 @@ from slamgym.core.intervals import Interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory
 from slamgym.dataset.format import Layout, read_manifest
-from slamgym.dataset.generate.recipe import apply_conditions
+from slamgym.dataset.generate.recipe import MIXTURE, apply_conditions
 from slamgym.dataset.images.square_images import resample_map
 from slamgym.dataset.record import PairRecord
 from slamgym.envs.episode import EpisodeConfig
@@ -120,7 +120,7 @@ def main() -> None:
     for root in arguments.datasets:
         for record in read_manifest(root):
             if arguments.half in (None, half_of(record.plan_id)):
-                recipe = str(record.conditions.get("recipe") or root.name)
+                recipe = str(record.conditions.get(MIXTURE) or root.name)
                 of_recipe.setdefault(recipe, []).append((root, record))
     rows: list[tuple[object, ...]] = []
     for recipe, pairs in sorted(of_recipe.items()):

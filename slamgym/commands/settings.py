@@ -9,7 +9,7 @@ from typing import Annotated, Any, TypeVar
 import tyro
 
 from slamgym import __version__
-from slamgym.core.config import Arguments, from_dict, setting_names, suggest, to_dict
+from slamgym.core.config import STAMPS, Arguments, from_dict, setting_names, suggest, to_dict
 from slamgym.core.documents import json_text, load_json, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import write_text
@@ -20,8 +20,6 @@ _T = TypeVar("_T")
 _Words = tuple[tuple[str, ...], ...]
 CLEARED = object()
 """Value of an option that sets a setting to None."""
-_STAMPS = ("version", "format_version", "edition", "plans")
-"""Other entries of files of settings, unless a setting has that name."""
 
 
 class SettingsOptions(Arguments):
@@ -83,7 +81,7 @@ def settings_from_file(path: Path, default: _T) -> _T:
     if not isinstance(content, Mapping):
         raise InputFileError(path, "holds no settings; give a JSON object, as --save-config writes it")
     known = to_dict(default)
-    given = {name: value for name, value in content.items() if name in known or name not in _STAMPS}
+    given = {name: value for name, value in content.items() if name in known or name not in STAMPS}
     try:
         config = from_dict(type(default), _merged(default, known, given))
     except ConfigError as error:

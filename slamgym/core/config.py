@@ -18,6 +18,8 @@ from slamgym.core.limits import MAX_SHOWN, shown
 from slamgym.core.names import OneLine
 
 _T = TypeVar("_T")
+STAMPS = ("format_version", "edition", "version", "plans")
+"""Entries of files of settings that are none, unless a setting has that name."""
 _MOST_LISTED = 40
 """More names than that are no help in a sentence."""
 

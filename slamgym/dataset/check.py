@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from slamgym.core.config import config_hash
+from slamgym.core.config import STAMPS, config_hash
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import byte_lines, read_bytes, sha256_of
@@ -32,7 +32,7 @@ from slamgym.dataset.format import (
     require_manifest,
     shard_folders,
 )
-from slamgym.dataset.generate.recipe import STAMPS, current_settings
+from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.images.format import IMAGES_VERSION, METADATA, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.record import PairRecord
 

@@ -23,6 +23,7 @@ from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.curate.split import split_path
 from slamgym.dataset.folder import open_dataset, stage_pair
 from slamgym.dataset.format import EDITION, FIELD_FILE, FORMAT_VERSION, is_dataset
+from slamgym.dataset.generate.recipe import MIXTURE
 from slamgym.dataset.record import MapPair, Slot
 from slamgym.interop import write_ros_map, write_tum
 
@@ -60,7 +61,7 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
             conditions = {
                 "method": arguments.method,
                 "explorer": subject.settings.explorer if subject.driven else "roadmap",
-                "recipe": subject.recipe,
+                MIXTURE: subject.recipe,
             }
             pair, outcome = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame), hypothesis.outcome
             write = partial(_write_episode, plan=subject.plan, hypothesis=hypothesis, frame=frame)

@@ -19,7 +19,7 @@ from slamgym.core.names import exploration_seed
 from slamgym.core.progress import say
 from slamgym.core.types import FREE, Float32Array, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
-from slamgym.dataset.generate.recipe import apply_conditions, episode_conditions, open_recipe
+from slamgym.dataset.generate.recipe import MIXTURE, apply_conditions, episode_conditions, open_recipe
 from slamgym.dataset.record import Outcome, PairRecord, Slot
 from slamgym.envs.episode import EpisodeConfig, time_limit
 from slamgym.envs.plan_cache import Streams
@@ -113,7 +113,7 @@ def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
         for repetition in range(arguments.count):
             number = record.index + repetition * stride
             slot = _slot(arguments, number, record.plan_id, record.repetition * arguments.count + repetition)
-            recipe = str(record.conditions.get("recipe", ""))
+            recipe = str(record.conditions.get(MIXTURE, ""))
             yield Subject(slot, plan, settings, record.seed, recipe, driven)
 
 

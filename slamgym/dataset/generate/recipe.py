@@ -36,7 +36,16 @@ from typing import Any
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.core.config import Count, Settings, from_dict, replace_setting, setting_names, suggest, to_dict
+from slamgym.core.config import (
+    STAMPS,
+    Count,
+    Settings,
+    from_dict,
+    replace_setting,
+    setting_names,
+    suggest,
+    to_dict,
+)
 from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
@@ -131,16 +140,15 @@ class Recipe(Settings):
     """Choices by the name of the factor."""
 
     def _check(self) -> None:
-        owners: dict[str, str] = {}
-        for factor in self.factors:
-            if factor.endswith(f"/{MIXTURE}"):
-                raise ConfigError(f"{factor}: a mixture can't hold another; name the recipes of both")
+        owners: dict[tuple[str, str], str] = {}
         for factor, choices in self.factors.items():
             recipe = factor.rpartition("/")[0]
             for name in {name for choice in choices for name in choice.settings}:
-                if owners.setdefault(f"{recipe}/{name}", factor) != factor:
-                    first = owners[f"{recipe}/{name}"]
-                    raise ConfigError(f"{first!r} and {factor!r} both set {name!r}; let one of them")
+                if recipe and name == MIXTURE:
+                    raise ConfigError(f"{factor}: a mixture can't hold another; name the recipes of both")
+                owner = owners.setdefault((recipe, name), factor)
+                if owner != factor:
+                    raise ConfigError(f"{owner!r} and {factor!r} both set {name!r}; let one of them")
         for explorer in filter(is_own_explorer, map(str, self.values("explorer"))):
             raise ConfigError(
                 f"explorer: {shown(explorer)} is code of your own, which no recipe may run; give it by --explorer"
@@ -195,12 +203,10 @@ def open_recipe(spec: str) -> Recipe:
             value.
     """
     path, content = _read_recipe(spec)
-    for name in [entry.get("value") for entry in content.get(MIXTURE, ()) if isinstance(entry, Mapping)]:
-        content |= {f"{name}/{factor}": entries for factor, entries in _read_recipe(str(name))[1].items()}
     return parse_recipe(content, str(path))
 
 
-def _read_recipe(spec: str) -> tuple[Path, dict[Any, Any]]:
+def _read_recipe(spec: str) -> tuple[Path, Mapping[Any, Any]]:
     """The file of a recipe, and its plain form."""
     path = Path(spec)
     if not path.suffix and not path.is_file():
@@ -211,25 +217,39 @@ def _read_recipe(spec: str) -> tuple[Path, dict[Any, Any]]:
     content = parse_yaml(read_text(path, YAML_BYTES), path)  # JSON is YAML
     if not isinstance(content, Mapping) or not content:
         raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
-    return path, dict(content)
+    return path, content
 
 
 def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
-    """Build a recipe from its plain form and try every value in turn.
+    """Build a recipe from its plain form, with those that it mixes, and try every value in turn.
 
     Raises:
+        InputFileError: If a recipe that it mixes can't be read.
         ConfigError: Naming ``where``, the key and the fix.
     """
+    factors = _factors(content, where)
+    chosen = [choice.settings for choices in factors.values() for choice in choices]
+    for name in [str(settings[MIXTURE]) for settings in chosen if MIXTURE in settings]:
+        path, mixed = _read_recipe(name)
+        own = _factors(mixed, str(path))
+        factors |= {f"{name}/{factor}": choices for factor, choices in own.items()}
+    try:
+        return Recipe(factors)
+    except ConfigError as error:
+        raise ConfigError(f"{where}: {error}") from None
+
+
+def _factors(content: Mapping[Any, Any], where: str) -> dict[str, tuple[Choice, ...]]:
+    """The choices of a plain recipe by the names of its factors."""
     factors = {}
     for factor, entries in content.items():
         place = f"{where}: {str(factor)[:80]}"
         if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
             raise ConfigError(f"{place}: give a list of what may be drawn")
+        if "/" in str(factor):
+            raise ConfigError(f"{place}: a name holds no '/', which stands behind the names of mixed recipes")
         factors[str(factor)] = tuple(_choice(str(factor), entry, place) for entry in entries)
-    try:
-        return Recipe(factors)
-    except ConfigError as error:
-        raise ConfigError(f"{where}: {error}") from None
+    return factors
 
 
 def _choice(factor: str, entry: Any, place: str) -> Choice:
@@ -248,7 +268,7 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     if not _is_number(weight) or not weight > 0.0:
         raise ConfigError(f"{place}: the weight must be a number above 0, not {shown(weight)}")
     between = {"between": entry["between"]} if "between" in entry else None
-    chosen = entry.get("set", {factor.rpartition("/")[2]: between or entry.get("value")})
+    chosen = entry.get("set", {factor: between or entry.get("value")})
     if not isinstance(chosen, Mapping) or not chosen:
         raise ConfigError(f"{place}: 'set' takes settings and their values")
     settings = {str(name): _value_or_range(value, place) for name, value in chosen.items()}
@@ -325,10 +345,6 @@ class DatasetConfig(Settings):
         for name in sorted(self.recipe.settings):
             if setting_value(self.episode, name) != setting_value(default, name):
                 raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
-
-
-STAMPS = ("format_version", "edition", "version", "plans")
-"""Entries of a ``config.json`` that are no settings."""
 
 
 def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:

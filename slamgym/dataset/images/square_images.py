@@ -36,9 +36,7 @@ Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
-_SPIKE_WIDTH = (
-    0.2  # free space narrower than this is no floor [m]: a stray beam clears a spike through the wall
-)
+_SPIKE_WIDTH = 0.2  # narrower free space is no floor [m]: a stray beam clears a spike through the wall
 _DIGITS = 6  # micrometres, as manifests hold them
 
 

@@ -169,6 +169,35 @@ def test_a_mixture_in_a_mixture_and_an_unknown_recipe_are_refused(tmp_path):
     path.write_text("recipe: [{value: refrence}]")
     with pytest.raises(ConfigError, match="did you mean 'reference'"):
         open_recipe(str(path))
+    path.write_text("recipe: [{value: mine.yaml}]".replace("mine.yaml", str(path)))
+    with pytest.raises(ConfigError, match="a mixture can't hold another"):
+        open_recipe(str(path))
+
+
+def test_mixed_recipes_may_be_named_alone_and_set_with_others(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("recipe: [quick, paper]")
+    drawn = [open_recipe(str(path)).draw(seed) for seed in range(20)]
+    assert {settings["recipe"] for settings in drawn} == {"quick", "paper"}
+    assert all("odometry" in settings for settings in drawn)
+    path.write_text("both: [{set: {recipe: quick, minutes: 3}}]")
+    settings = open_recipe(str(path)).draw(1)
+    assert settings == open_recipe("quick").draw(1) | {"recipe": "quick", "minutes": 3}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("recipe: 5", "recipe: give a list"),
+        ("recipe: quick", "recipe: give a list"),
+        ("scan/ner: [{set: {lidar.range_max: 8.0}}]", "a name holds no '/'"),
+    ],
+)
+def test_what_is_no_list_of_recipes_is_refused(tmp_path, content, words):
+    path = tmp_path / "mine.yaml"
+    path.write_text(content)
+    with pytest.raises(ConfigError, match=words):
+        open_recipe(str(path))
 
 
 def test_the_quick_recipe_varies_the_same_without_people():
