@@ -48,7 +48,7 @@ def main(pairs: int, minutes: float) -> None:
     """The whole way, in a folder ``maps_to_cad`` here."""
     out = Path("maps_to_cad")
     images = make_images(out, pairs)
-    config = dataclasses.replace(find_preset("slam2cad-cpu"), minutes=minutes)
+    config = dataclasses.replace(find_preset("slam2cad"), minutes=minutes)
     report = train_translator(images, out / "run", config, choose_compute("cpu"))
     print(f"{report.steps} steps on {report.images} images")
     methods = {

@@ -21,11 +21,11 @@ from slamgym.core.config import (
 from slamgym.core.errors import ConfigError
 
 Direction = Literal["slam2cad", "cad2slam"]
-Encoding = Literal["grey", "free_occupied", "rgb"]
+Encoding = Literal["grey", "free_occupied", "rgb", "layers"]
 Precision = Literal["auto", "float32", "bfloat16"]
 DeviceName = Literal["auto", "cpu", "cuda", "mps"]
 
-CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3}
+CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3, "layers": 4}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
 
 MIN_RESOLUTION, MAX_SIZE = 8, 1024
@@ -74,7 +74,7 @@ class DiscriminatorConfig(Settings, section="discriminator"):
     make up nine tenths of its cost."""
 
 
-class LossConfig(Settings, section="loss"):
+class LossConfig(Settings, section="loss", dropped={"wall_weight": 6.0}):
     """Weights of the terms; a term of weight 0 isn't computed."""
 
     adversarial: NonNegative = 1.0
@@ -82,22 +82,7 @@ class LossConfig(Settings, section="loss"):
     l1: NonNegative = 10.0
     """Omega of the paper."""
     overlap: NonNegative = 0.0
-    """Cross entropy of free against not free, per pixel, and Dice: overlap of the free space and of what isn't free."""
-    wall_weight: NonNegative = 0.0
-    """Pixels in and next to walls of at most seven pixels count as much more in the cross entropy: one hole in such a
-    wall joins two rooms."""
-
-
-class AugmentConfig(Settings, section="augment"):
-    """Changes to the training pairs, on top of flips and quarter turns."""
-
-    real_maps: bool = False
-    """Zoom and shift both images, and give the SLAM map alone what clean simulation lacks: gaps, unknown, noise and
-    distortion (slam2cad; :mod:`slamgym.gan.training.sampler` has the amounts)."""
-    windows: bool = False
-    """Cut a window of ``translator.input_size`` out of images that are larger, so that they keep their scale: for
-    pairs rendered at one scale. Some are turned by any angle: a direction that was misjudged, oblique walls. Without
-    it images are shrunk to that size."""
+    """Cross entropy of the layers, per pixel, and Dice: overlap of the free space and of what isn't free."""
 
 
 class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
@@ -120,7 +105,11 @@ class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
             raise ConfigError(f"optimiser.decay must be at most 1 - optimiser.warm_up, not {self.decay}")
 
 
-class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0}):
+class TranslatorConfig(
+    Settings,
+    section="translator",
+    dropped={"tile_size": 0, "explored_margin": 0.0, "face_shift": 0.0, "flips": 1},
+):
     """Settings for using a trained generator: stored with the weights."""
 
     direction: Direction = "slam2cad"
@@ -132,14 +121,6 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
     output_encoding: Encoding = "rgb"
     derotate: bool = False
     """Turn SLAM maps so that most walls lie along the axes before they are translated."""
-    flips: Literal[1, 2] = 1
-    """2: the translation is the mean over the map and its mirror image."""
-    explored_margin: NonNegative = 0.5
-    """Floor is predicted at most so far beyond what the robot saw [m], and targets end there (slam2cad); 0 allows it
-    anywhere."""
-    face_shift: Annotated[float, Within(ge=0.0, le=8.0)] = 0.0
-    """By how much the network draws the faces of walls inside of the true ones [px of the network's image]: CAD maps
-    are drawn without it (:mod:`slamgym.gan.translation.finishing`). 0 for networks that learnt true faces."""
     metres_per_px: tuple[Positive, Positive, Positive] = (0.04, 0.06, 0.1)
     """Smallest, middle and largest scale of the training images (5th, 50th and 95th percentile) [m/px of
     ``input_size``]."""
@@ -150,6 +131,10 @@ class TranslatorConfig(Settings, section="translator", dropped={"tile_size": 0})
             raise ConfigError(
                 f"output_size {self.output_size} is larger than input_size {self.input_size}; "
                 "the decoder ends at the input's size"
+            )
+        if (self.output_encoding == "layers") != (self.generator.kind == "residual"):
+            raise ConfigError(
+                "the residual generator, and no other, draws 'layers': set output_encoding to it"
             )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
@@ -167,7 +152,9 @@ class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
     translator: TranslatorConfig = field(default_factory=TranslatorConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
     loss: LossConfig = field(default_factory=LossConfig)
-    augment: AugmentConfig = field(default_factory=AugmentConfig)
+    augment: bool = False
+    """Cut windows, zoom and turn them, and give the SLAM map alone what clean simulation lacks: drift, double walls,
+    gaps, coarse cells (:mod:`slamgym.gan.training.sampler` has the amounts). Else pairs are flipped only."""
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     stages: tuple[Stage, ...] = (Stage(32, 750.0, 64),)
     """From coarse to fine."""
@@ -194,5 +181,7 @@ class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
         for stage in self.stages:
             if stage.fade_epochs > stage.epochs:
                 raise ConfigError(f"a stage can't fade in longer than it lasts: {tuple(stage)}")
+        if (self.loss.overlap > 0.0) != (self.translator.output_encoding == "layers"):
+            raise ConfigError("loss.overlap is for layers, and only for them; set it to 0 or 1 accordingly")
         if self.translator.generator.kind == "residual" and len(self.stages) > 1:
             raise ConfigError("the residual generator has one stage")

@@ -159,13 +159,14 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
     )
 
 
-def true_faces(root: Path | str) -> bool:
-    """True if the CAD maps of a folder have walls as thick as the plan's, without a line along their faces.
+def face_lines(root: Path | str) -> float:
+    """Thickness of the line along every face of the CAD maps of a folder [px], 0 for true faces.
 
     Raises:
         InputFileError: If its config.json is malformed.
     """
-    return bool(_settings(root).get("images", {}).get("edge_px") == 0.0)
+    edge = _settings(root).get("images", {}).get("edge_px")
+    return float(edge) if isinstance(edge, (int, float)) else 0.0
 
 
 def describe_data(roots: Sequence[Path]) -> str:

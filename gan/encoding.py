@@ -5,6 +5,7 @@ values lie in [-1, 1].
 
 * ``grey``: one channel, the cell's grey.
 * ``rgb``: three times that, as the paper's images.
+* ``layers``: four channels, the shares of floor, wall, door and unseen in each pixel (:mod:`slamgym.metrics.layers`).
 * ``free_occupied``: two channels, "free" and "occupied", each 1 or -1; unknown is -1 in both. No grey between
   the wall's black and the floor's white then means "unknown", so borders stay clean.
 """
@@ -72,7 +73,8 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
     """Encode maps.
 
     Args:
-        cells: (B, H, W) uint8; a CAD map may hold greys between 0 and 254 for borders within a pixel.
+        cells: (B, H, W) uint8; a CAD map may hold greys between 0 and 254 for borders within a pixel. Layers are
+            (B, 4, H, W).
         encoding: See above.
 
     Returns:
@@ -81,8 +83,10 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
     if encoding == "free_occupied":
         parts = torch.stack([cells >= MIN_FREE_GREY, cells <= MAX_OCCUPIED_GREY], dim=1)
         return parts.float() * 2.0 - 1.0
-    grey = (cells.float() / HALF_FREE - 1.0).clamp(-1.0, 1.0).unsqueeze(1)
-    return grey.expand(-1, CHANNELS[encoding], -1, -1)
+    grey = (cells.float() / HALF_FREE - 1.0).clamp(-1.0, 1.0)
+    if encoding == "layers":
+        return grey
+    return grey.unsqueeze(1).expand(-1, CHANNELS[encoding], -1, -1)
 
 
 def free_probability(image: Float32Array, encoding: Encoding) -> Float32Array:
@@ -95,7 +99,10 @@ def free_probability(image: Float32Array, encoding: Encoding) -> Float32Array:
     Returns:
         (H, W) in [0, 1].
     """
-    free = image[0] if encoding == "free_occupied" else image.mean(axis=0)
+    if encoding == "layers":
+        free = image[0] + image[2] + 1.0
+    else:
+        free = image[0] if encoding == "free_occupied" else image.mean(axis=0)
     return np.clip(0.5 * (free + 1.0), 0.0, 1.0).astype(np.float32)
 
 

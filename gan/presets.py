@@ -1,4 +1,4 @@
-"""Ready settings: the paper's two translators, the default one, and a size of each for a CPU.
+"""Ready settings: the paper's two translators, each in a size for a CPU, too, and the default one.
 
 ``model32`` and ``modelprog`` follow Daher et al. and the schedules of its code (750 and 200 epochs). The CPU sizes keep
 losses, discriminators and schedule but have narrower networks and smaller images, and a span of minutes.
@@ -9,7 +9,6 @@ from dataclasses import replace
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import (
-    AugmentConfig,
     DiscriminatorConfig,
     GeneratorConfig,
     LossConfig,
@@ -19,33 +18,24 @@ from slamgym.gan.config import (
     TranslatorTrainingConfig,
 )
 
-_OVERLAP = LossConfig(adversarial=0.0, l1=0.0, overlap=1.0)
-"""No discriminators: the floor is a region, and what counts is its overlap and its borders."""
-
 _SLAM2CAD = TranslatorTrainingConfig(
     preset="slam2cad",
     translator=TranslatorConfig(
         input_encoding="free_occupied",
-        output_encoding="grey",
+        output_encoding="layers",
         derotate=True,
         generator=GeneratorConfig("residual", width=24, depth=4),
     ),
-    loss=_OVERLAP,
-    augment=AugmentConfig(real_maps=True),
+    # No discriminators: layers are regions, and what counts is their overlap and their borders.
+    loss=LossConfig(adversarial=0.0, l1=0.0, overlap=1.0),
+    augment=True,
     optimiser=OptimiserConfig(
         learning_rate=2e-3, beta1=0.9, warm_up=0.02, decay=0.6, average=0.99, clip_norm=1.0
     ),
     stages=(Stage(256, 40.0, 8),),
     register=True,
 )
-
-_METRIC = replace(
-    _SLAM2CAD,
-    preset="slam2cad-metric",
-    loss=replace(_OVERLAP, wall_weight=6.0),
-    augment=AugmentConfig(real_maps=True, windows=True),
-)
-"""For pairs rendered at one scale with true faces (`--scaling fixed --metres-per-px 0.05 --size 512 --edge-px 0`)."""
+"""For pairs rendered at one scale with true faces (`--scaling fixed --metres-per-px 0.05 --size 640`)."""
 
 # A quarter of the width and batches of 8 take two fifths of the time per image. The discriminators at full resolution
 # cost most of a step: thin ones leave time for twice the steps.
@@ -53,7 +43,7 @@ _THIN = DiscriminatorConfig(width=32, patch_width=16)
 _FAST = OptimiserConfig(learning_rate=5e-4, average=0.99)
 
 TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
-    "model32": TranslatorTrainingConfig(translator=TranslatorConfig(output_size=32, explored_margin=0.0)),
+    "model32": TranslatorTrainingConfig(translator=TranslatorConfig(output_size=32)),
     "modelprog": TranslatorTrainingConfig(
         preset="modelprog",
         translator=TranslatorConfig(direction="cad2slam"),
@@ -65,13 +55,6 @@ TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
         ),
     ),
     "slam2cad": _SLAM2CAD,
-    "slam2cad-metric": _METRIC,
-    "slam2cad-cpu": replace(
-        _SLAM2CAD,
-        preset="slam2cad-cpu",
-        translator=replace(_SLAM2CAD.translator, generator=GeneratorConfig("residual", width=16, depth=4)),
-        minutes=60.0,
-    ),
     "model32-cpu": TranslatorTrainingConfig(
         preset="model32-cpu",
         translator=TranslatorConfig(
@@ -79,7 +62,6 @@ TRANSLATOR_PRESETS: dict[str, TranslatorTrainingConfig] = {
             output_size=32,
             input_encoding="free_occupied",
             output_encoding="grey",
-            explored_margin=0.0,
             generator=GeneratorConfig("progressive", width=16),
         ),
         discriminator=_THIN,

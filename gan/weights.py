@@ -27,7 +27,7 @@ from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
 
 _ARROWS = {"slam2cad": "SLAM maps to CAD maps", "cad2slam": "CAD maps to SLAM maps"}
-WEIGHTS_FORMAT = "slamgym-translator-2"
+WEIGHTS_FORMAT = "slamgym-translator-3"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
 MAX_PARAMETERS = 200_000_000
 """Settings in a file of unknown origin may ask for any size; beyond this they are refused before memory is taken."""
@@ -175,9 +175,9 @@ def model_card(name: str, generator: Generator, config: TranslatorConfig, card: 
 def _limits(config: TranslatorConfig) -> str:
     if config.direction == "cad2slam":
         return "One CAD map gives one SLAM map: there is no noise input (bend the CAD map to get another)."
-    unseen = f"Floor ends {config.explored_margin:g} m beyond what the robot saw"
-    if config.explored_margin == 0.0:
-        unseen = "Rooms that the robot never saw are guessed or missing"
+    unseen = "Rooms that the robot never saw are guessed or missing"
+    if config.output_encoding == "layers":
+        unseen = "Floor ends half a metre beyond what the robot saw"
     return f"{unseen}; buildings with curved walls or with directions that aren't at right angles are squared off."
 
 

@@ -1,13 +1,12 @@
 """Drawings against true plans, set by set: errors, walls, rooms and dimensions of every method in one table.
 
-    slamgym dataset split out/dataset
-    slamgym dataset render out/dataset -o out/native --scaling fixed --metres-per-px 0.05 --size 640 --edge-px 0
-    python benchmarks/gan/gan_goals.py --images homes=out/native --tb3 tb3_house --real maps --weights slam2cad new=run
+    slamgym dataset render edition2/test -o out/native --scaling fixed --metres-per-px 0.05 --size 640
+    slamgym dataset render edition2/test -o out/fitted
+    python benchmarks/gan/gan_goals.py --images native=out/native fitted=out/fitted --tb3 tb3_house --real maps
 
-Folders of images are drawn with true faces at the maps' own cells; explorations with furniture become a set of their
-own. The TurtleBot3 house has people's maps and exact walls. Real maps have no truth: what can be said of them is how
-much of the drawn floor was never seen. Every method is aligned on its own, rigidly and (as in the paper) by a
-similarity.
+Explorations by different recipes are sets of their own. The TurtleBot3 house has people's maps and exact walls. Real
+maps have no truth: what can be said of them is how much of the drawn floor was never seen. Every method is aligned on
+its own, rigidly and (as in the paper) by a similarity.
 """
 
 import argparse
@@ -17,11 +16,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from slamgym.core.errors import SlamgymError
-from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray
+from slamgym.core.types import UNKNOWN
+from slamgym.dataset.generate.recipe import MIXTURE
 from slamgym.gan.data import PairSet, image_side, load_pairs
 from slamgym.gan.evaluation.evaluate import (
     CLEANED,
@@ -37,13 +36,10 @@ from slamgym.gan.evaluation.summary import dimensions_table, summarise_scores
 from slamgym.gan.translation.translate import load_translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import unseen_share
-from slamgym.metrics.cleaning import without_small
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from realism.same_building import known_part, people_of_the_house
 from report import print_and_save
-
-CELL = 0.05
 
 
 def main() -> None:
@@ -55,16 +51,15 @@ def main() -> None:
         "--tb3", type=Path, help="folder of the TurtleBot3 house: cad.json, cad_walls.png, runs/"
     )
     parser.add_argument("--real", type=Path, help="folder of ROS maps of real robots")
-    parser.add_argument("--weights", nargs="*", default=["slam2cad", "model32"], help="NAME or NAME=PATH")
+    parser.add_argument("--weights", nargs="*", default=["slam2cad"], help="NAME or NAME=PATH")
     parser.add_argument("--split", default="test")
     parser.add_argument("--count", type=int, default=0, help="maps of each set, evenly spaced; 0 takes all")
-    parser.add_argument("--plans", type=Path, help="file of plan ids, one a line: only their maps are taken")
     arguments = parser.parse_args()
     used = methods(arguments.weights)
     sets: dict[str, PairSet] = {}
     for named in arguments.images:
         name, _, folder = named.partition("=")
-        sets |= by_furniture(name, Path(folder), arguments.split, arguments.plans)
+        sets |= by_recipe(name, Path(folder), arguments.split)
     if arguments.tb3 is not None:
         sets["TB3 house"] = people_of_the_house(arguments.tb3)
     rows: list[Sequence[Any]] = []
@@ -87,39 +82,22 @@ def main() -> None:
 def methods(weights: Sequence[str]) -> list[TranslationMethod]:
     """Methods that are compared."""
     used = [method for method in baselines() if method.name in (RAW, CLEANED)]
-    used.insert(1, TranslationMethod("morphology", lambda p, i: morphology(p.slam[i]).astype(np.float32)))
     for argument in weights:
         name, _, path = argument.partition("=")
         used.append(learned(name, load_translator(path or name)))
     return used
 
 
-def morphology(slam: ByteArray) -> BoolArray:
-    """Twenty lines of image processing at cells of 5 cm: rays opened away, holes filled, the largest part kept."""
-    free = cv2.morphologyEx((slam == FREE).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(free, connectivity=4)
-    if count > 1:
-        free = (labels == 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))).astype(np.uint8)
-    filled = ~without_small(free == 0, 0.5 / CELL**2)
-    # A hit lies in front of its wall: the floor continues to the middle of the occupied cells.
-    grown: BoolArray = cv2.dilate(filled.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0
-    return grown
-
-
-def by_furniture(name: str, folder: Path, split: str, plans: Path | None) -> dict[str, PairSet]:
-    """The pairs of a folder, those with furniture apart."""
+def by_recipe(name: str, folder: Path, split: str) -> dict[str, PairSet]:
+    """The pairs of a folder, each recipe apart; all together where none is recorded."""
     pairs = load_pairs(folder, split, image_side(folder, split))
     records = (json.loads(line) for line in (folder / "manifest.jsonl").read_text().splitlines())
-    furniture = {
-        record["name"]: record["conditions"].get("clutter.furniture", 0.0) > 0.0 for record in records
+    recipes = {record["name"]: record["conditions"].get(MIXTURE, "all") for record in records}
+    drawn = [recipes[each] for each in pairs.names]
+    return {
+        f"{name}, {recipe}": pairs.subset([i for i, own in enumerate(drawn) if own == recipe])
+        for recipe in sorted(set(drawn))
     }
-    wanted = None if plans is None else set(plans.read_text().split())
-    chosen = [i for i, n in enumerate(pairs.names) if wanted is None or n.split("_", 1)[1] in wanted]
-    parts = {
-        f"{name}, empty": [i for i in chosen if not furniture[pairs.names[i]]],
-        f"{name}, furnished": [i for i in chosen if furniture[pairs.names[i]]],
-    }
-    return {title: pairs.subset(indices) for title, indices in parts.items() if indices}
 
 
 def table(

@@ -2,7 +2,7 @@
 
 The validation plans are those that every training holds out; the test plans aren't looked at. Errors are aligned as in
 ``slamgym gan evaluate``. Finished trainings are kept, an interrupted one continues; the table ends with the
-pretrained weights, and their mean over two flips.
+pretrained weights.
 
 Run: ``python benchmarks/gan/gan_variants.py IMAGES -o OUT [--minutes 6]``. Trainings run one after the other, each on
 one thread; run two with halves of ``--only`` side by side on two cores.
@@ -12,14 +12,13 @@ import argparse
 import os
 import sys
 from pathlib import Path
-from typing import Literal
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch start their threads
 
 import numpy as np
 
 from slamgym.commands.cli import TABLE
-from slamgym.gan.data import PairSet, load_pairs, true_faces
+from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
 from slamgym.gan.training.train import MAX_VALIDATION_PAIRS, VALIDATION_SHARE
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
@@ -33,7 +32,6 @@ VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "pairs not registered": ("slam2cad", ("register=false",)),
 }
 """Preset and settings by what the variant changes."""
-FLIPS: tuple[Literal[1, 2], ...] = (1, 2)
 
 
 def main() -> None:
@@ -59,13 +57,8 @@ def main() -> None:
     _, pairs = load_pairs(arguments.images, "train", 256).split(VALIDATION_SHARE)
     pairs = pairs.subset(range(min(len(pairs), MAX_VALIDATION_PAIRS)))
     raw = np.array([score.mse for score in evaluate_method(baselines()[0], pairs)])
-    true = true_faces(arguments.images)
-    rows = [
-        row(name, load_translator(folder, true_faces=true), pairs, raw) for name, folder in folders.items()
-    ]
-    for flips in FLIPS:
-        name = "pretrained weights" if flips == 1 else f"pretrained weights, mean over {flips} flips"
-        rows.append(row(name, load_translator("slam2cad", flips=flips, true_faces=true), pairs, raw))
+    rows = [row(name, load_translator(folder), pairs, raw) for name, folder in folders.items()]
+    rows.append(row("pretrained weights", load_translator("slam2cad"), pairs, raw))
     title = f"Variants of slam2cad, {arguments.minutes:g} minutes each; {len(pairs)} maps of validation plans"
     columns = (
         "variant", "images learnt from", "MSE1 / MSE2", "grey MSE1 / MSE2", "wall F1 10 cm", "room F1", "CPU ms a map",

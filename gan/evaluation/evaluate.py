@@ -18,6 +18,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.translation.classical import outline_only
+from slamgym.gan.translation.finishing import shrunk_floor
 from slamgym.gan.translation.translate import Translator
 from slamgym.metrics import (
     Dimensions,
@@ -105,9 +106,18 @@ def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
     return np.asarray(blurred, dtype=np.float32)
 
 
-def learned(name: str, translator: Translator) -> TranslationMethod:
-    """A method that runs a translator."""
-    return TranslationMethod(name, lambda pairs, i: translator.translate(pairs.slam[i], pairs.scale(i)))
+def learned(name: str, translator: Translator, face_lines: float = 0.0) -> TranslationMethod:
+    """A method that runs a translator.
+
+    Args:
+        name: Of the method.
+        translator: Draws true faces.
+        face_lines: Thickness of the line that the CAD maps have along every face, which the translation gets, too [px].
+    """
+    return TranslationMethod(
+        name,
+        lambda pairs, i: shrunk_floor(translator.translate(pairs.slam[i], pairs.scale(i)), 0.5 * face_lines),
+    )
 
 
 def evaluate_method(

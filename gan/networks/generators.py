@@ -36,7 +36,7 @@ INNERMOST_SIDE = 2
 FINE_CHANNELS = 8
 """Channels at full resolution: few, since every one costs four of the level below."""
 COPIED_LOG_ODDS = 2.0
-"""Log odds that the untrained network gives to the input's first channel (free space, or grey): odds of 7."""
+"""Log odds that the untrained network gives to floor where the input is free, and to walls where it is occupied."""
 WIDENING = (1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0)
 LEAK = 0.2
 """Slope of the leaky rectifiers (anime2clothing)."""
@@ -47,8 +47,7 @@ class GeneratorOutput(NamedTuple):
 
     image: Tensor  # (B, out, R, R) in [-1, 1]
     logits: Tensor | None = None
-    """Log odds of each value being 1 instead of -1, so that ``image = tanh(logits / 2)``; same shape. None while
-    two resolutions are blended."""
+    """Of layers, so that ``image = 2 softmax(logits) - 1``; same shape. None of images that are no layers."""
 
 
 class DoubleConv(nn.Sequential):
@@ -126,7 +125,7 @@ class ProgressiveGenerator(nn.Module):
             coarser, decoded = decoded, self.grow[step](double(joined))
         scores: Tensor = self.heads[last](decoded).float()  # (B, out, resolution, resolution)
         if fade >= 1.0 or last == 0:
-            return GeneratorOutput(torch.tanh(scores), logits=2.0 * scores)
+            return GeneratorOutput(torch.tanh(scores))
         old = torch.tanh(self.heads[last - 1](coarser).float())
         return GeneratorOutput(blend(torch.tanh(scores), double(old), fade))
 
@@ -207,7 +206,8 @@ class ResidualUNet(nn.Module):
             for name, values in self.named_parameters():
                 if name.startswith(zero) or name.endswith("body.4.weight"):
                     values.zero_()
-            self.copy.weight[0, 0] = COPIED_LOG_ODDS
+            for layer in range(min(2, self.copy.in_channels)):  # free to floor, occupied to wall
+                self.copy.weight[layer, layer] = COPIED_LOG_ODDS
 
     def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
         """Translate.
@@ -230,4 +230,4 @@ class ResidualUNet(nn.Module):
         fine = self.unfold(decoded)  # (B, FINE_CHANNELS, S, S)
         correction = self.refine(torch.cat([fine, x.to(fine.dtype)], dim=1))
         logits = correction.float() + self.copy(x).float()
-        return GeneratorOutput(torch.tanh(0.5 * logits), logits)
+        return GeneratorOutput(2.0 * torch.softmax(logits, dim=1) - 1.0, logits)

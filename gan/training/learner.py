@@ -163,9 +163,9 @@ class Learner:
         if weights.l1 > 0.0:
             terms["l1"] = losses.l1_loss(output.image, y)
         if weights.overlap > 0.0:
-            image, logits = output
-            terms["cross_entropy"] = losses.cross_entropy_loss(image, logits, y, weights.wall_weight)
-            terms["dice"] = losses.dice_loss(image, y)
+            assert output.logits is not None  # only layers are compared by overlap
+            terms["cross_entropy"] = losses.cross_entropy_loss(output.logits, y)
+            terms["dice"] = losses.dice_loss(output.image, y)
         return terms
 
     def _weighted(self, terms: dict[str, Tensor]) -> Tensor:

@@ -16,6 +16,8 @@ LAYER_WEIGHTS = (5.0, 1.5, 1.5, 1.5, 1.0)
 """Weights of the first layers in feature matching and input consistency (published code; in neither paper)."""
 EDGE_WEIGHT = 3.0
 """Pixels within two of a border count 1 + this in the cross entropy."""
+WALL_WEIGHT = 6.0
+"""Pixels in and next to thin walls count as much more: one hole in such a wall joins two rooms."""
 
 
 def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
@@ -76,25 +78,23 @@ def probabilities(image: Tensor) -> Tensor:
     return 0.5 * (image.float() + 1.0)
 
 
-def cross_entropy_loss(
-    image: Tensor, logits: Tensor | None, target: Tensor, wall_weight: float = 0.0
-) -> Tensor:
-    """Weighted mean binary cross entropy; soft targets are allowed.
+def cross_entropy_loss(logits: Tensor, target: Tensor) -> Tensor:
+    """Weighted mean cross entropy of layers, of which each pixel may have shares.
 
     Args:
-        image: (B, C, H, W) in [-1, 1].
-        logits: Log odds of the same, or None to take them from the image.
-        target: Same shape, in [-1, 1].
-        wall_weight: Pixels in and next to thin walls of the target count as much more.
+        logits: (B, 4, H, W).
+        target: Same shape, shares in [-1, 1].
     """
     wanted = probabilities(target)
-    if logits is None:
-        logits = torch.logit(probabilities(image), eps=1e-6)
-    terms = functional.binary_cross_entropy_with_logits(logits.float(), wanted, reduction="none")
-    weights = torch.ones_like(wanted) + EDGE_WEIGHT * near_borders(wanted)
-    if wall_weight > 0.0:
-        weights = weights + wall_weight * near_thin_walls(wanted)
+    terms = -(wanted * functional.log_softmax(logits.float(), dim=1)).sum(dim=1, keepdim=True)
+    floor = free_share(wanted)
+    weights = 1.0 + EDGE_WEIGHT * near_borders(floor) + WALL_WEIGHT * near_thin_walls(floor)
     return (weights * terms).sum() / weights.sum()
+
+
+def free_share(layers: Tensor) -> Tensor:
+    """Floor and doors of layers in [0, 1]: (B, 4, H, W) to (B, 1, H, W)."""
+    return layers[:, 0:1] + layers[:, 2:3]
 
 
 def near_borders(values: Tensor, radius: int = 2) -> Tensor:
@@ -136,15 +136,15 @@ def near_thin_walls(values: Tensor, beside: int = 2) -> Tensor:
 
 
 def dice_loss(image: Tensor, target: Tensor) -> Tensor:
-    """One minus the overlap 2 |A B| / (|A| + |B|), mean of that of the ones and that of the rest.
+    """One minus the overlap 2 |A B| / (|A| + |B|), mean of that of the free space and that of the rest.
 
-    Milletari et al., *V-Net* (2016), over the pixels of each sample and channel.
+    Milletari et al., *V-Net* (2016), over the pixels of each sample.
 
     Args:
-        image: (B, C, H, W) in [-1, 1].
+        image: (B, 4, H, W), layers in [-1, 1].
         target: Same shape.
     """
-    a, b = probabilities(image), probabilities(target)
+    a, b = free_share(probabilities(image)), free_share(probabilities(target))
     return 1.0 - 0.5 * (_overlap(a, b) + _overlap(1.0 - a, 1.0 - b))
 
 

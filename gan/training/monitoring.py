@@ -14,8 +14,8 @@ from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import decode_slam, enlarge_means, free_probability
 from slamgym.gan.networks.factory import Generator, run_generator
-from slamgym.gan.translation.finishing import USUAL_SCALE
 from slamgym.metrics import boundary_score
+from slamgym.metrics.layers import USUAL_SCALE
 
 WALL_TOLERANCE = 0.1
 """Tolerance of the wall F1 [m]."""

@@ -1,8 +1,8 @@
 """Which pairs come next, and how they are changed: a stream that can be stored and taken up again.
 
 Changes are motions of both images, and damage to the SLAM map that real robots do: real maps have more unknown, gaps
-in walls and salt noise than clean simulation, and a quarter of them are turned. Every change of one sample comes from a
-separate generator, so it doesn't depend on the rest of the batch.
+in walls, double walls and noise than clean simulation, and a quarter of them are turned. Every change of one
+sample comes from a separate generator, so it doesn't depend on the rest of the batch.
 """
 
 import math
@@ -14,34 +14,36 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, IntArray
-from slamgym.gan.config import AugmentConfig, TranslatorTrainingConfig
+from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, window_corner
-from slamgym.gan.translation.finishing import limited_to_explored
+from slamgym.metrics.layers import layer_shares
+from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.wall_direction import flipped, transformed
 
-ZOOM, SHIFT = 0.15, 0.06
-"""Images are enlarged by up to the first share, or shrunk by it; all but windows are shifted by up to the second share
-of the side."""
+ZOOM = 0.15
+"""Images are enlarged by up to this share, or shrunk by it."""
 RESAMPLED = 0.5
-"""Share of the samples that are zoomed, turned and shifted by fractions of a pixel, which moves walls by half a pixel
-at random; the others are shifted by whole pixels, as maps in use lie on their own grid."""
+"""Share of the samples that are zoomed and turned, which moves walls by half a pixel at random; the others stay on
+their grid, as maps in use do."""
 MAX_REDRAWS = 20
 """Attempts to find an unassociated target that differs from the associated one."""
 ROOM_TO_TURN = 1.42
 """Windows are cut larger by this, so that a turn about their middle takes nothing from beyond them."""
 ROTATED = 0.3
-"""Share of the windows that are turned by any angle."""
-DAMAGE_PROBABILITY = 0.35
+"""Share of the resampled windows that are turned by any angle."""
+DAMAGE_PROBABILITY = 0.2
 """Probability of each kind of damage: clean maps shall stay common."""
 TURN_DEG = 0.5
 """Standard deviation of a turn of the SLAM map [deg]; the published code turns it by up to 3."""
-WOBBLE_PX = 1.0
+WOBBLE_PX = 1.5
 """Largest amplitude of a smooth random distortion of the SLAM map [px]: more drift than the data has."""
 WALL_DROPOUT, UNKNOWN_BLOBS, SALT_NOISE = 0.2, 0.08, 0.004
 """Largest shares of the walls that are erased in blobs, of the image that becomes unknown in blobs, and of the pixels
 that become occupied or free at random."""
-OCCLUSION = 0.1
-"""Probability that a half-plane of the SLAM map was never seen."""
+DOUBLED_PX, DOUBLED_DEG = 6.0, 2.0
+"""Largest displacement of a part that is drawn twice, as after a loop that was closed late [px, deg]."""
+COARSEST = 2.0
+"""Cells are made coarser by up to this factor."""
 BLOB_CELLS, WOBBLE_CELLS = 24, 6
 """Blobs and distortions come from noise on grids of this many cells a side."""
 CUT_RANGE = (0.1, 0.45)
@@ -52,9 +54,9 @@ CUT_RANGE = (0.1, 0.45)
 class Batch:
     """Changed pairs, ready to be encoded."""
 
-    cad: ByteArray  # (B, S, S)
+    cad: ByteArray  # (B, S, S), or (B, 4, S, S) layers
     slam: ByteArray  # (B, S, S)
-    other_cad: ByteArray | None = None  # (B, S, S) CAD maps of other places, if they were asked for
+    other_cad: ByteArray | None = None  # CAD maps of other places, as ``cad``, if they were asked for
     other_slam: ByteArray | None = None  # (B, S, S) SLAM maps of other places
 
 
@@ -69,11 +71,7 @@ class BatchSampler:
             config: Of the training.
             rng: Source of the order and of all changes.
         """
-        self._pairs, self._config, self._rng = pairs, config.augment, rng
-        # A SLAM map that is the input may be damaged, and its target ends where it does; as a target it stays.
-        self._damage = config.translator.direction == "slam2cad"
-        self._margin = config.translator.explored_margin if self._damage else 0.0
-        self._side = config.translator.input_size
+        self._pairs, self._config, self._rng = pairs, config, rng
         self._others = config.loss.adversarial > 0.0
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
@@ -115,11 +113,15 @@ class BatchSampler:
         return *self._changed(index, own), *self._changed(other, others)
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
-        pairs = self._pairs
-        cad, slam = augment(pairs.cad[index], pairs.slam[index], self._config, rng, self._damage, self._side)
-        if self._margin > 0.0:
-            # The zoom changes the scale by a few per cent, which the margin needn't know.
-            cad = limited_to_explored(cad, slam, pairs.scale(index), self._margin)
+        pairs, translator = self._pairs, self._config.translator
+        cad, slam = pairs.cad[index], pairs.slam[index]
+        if self._config.augment:
+            cad, slam = augment(cad, slam, translator.input_size, rng)
+        symmetry = int(rng.integers(8))
+        cad, slam = (np.ascontiguousarray(flipped(image, symmetry)) for image in (cad, slam))
+        if translator.output_encoding == "layers":
+            # The zoom changes the scale by a few per cent, which the layers needn't know.
+            cad = layer_shares(cad, slam, pairs.scale(index))
         return cad, slam
 
     def _other(self, index: int) -> int:
@@ -132,63 +134,38 @@ class BatchSampler:
 
 
 def augment(
-    cad: ByteArray,
-    slam: ByteArray,
-    config: AugmentConfig,
-    rng: np.random.Generator,
-    damage: bool = True,
-    side: int = 0,
+    cad: ByteArray, slam: ByteArray, side: int, rng: np.random.Generator
 ) -> tuple[ByteArray, ByteArray]:
-    """Change one pair.
+    """Cut a window out of a pair, move it, and damage its SLAM map.
 
     Args:
         cad: (S, S).
         slam: (S, S).
-        config: What to change.
+        side: Side of the result [px]; images that aren't larger keep theirs.
         rng: Source of the draws.
-        damage: Whether the SLAM map may be turned, distorted and damaged (it is the input).
-        side: Side of the result, if the images are larger [px]; 0 keeps their size.
 
     Returns:
-        The pair; the inputs stay as they are.
+        The window of both; the inputs stay as they are.
     """
-    is_damaged = config.real_maps and damage
-    is_resampled = not config.real_maps or rng.random() < RESAMPLED
-    if config.windows and side and side < cad.shape[0]:
+    if side < cad.shape[0]:
         cad, slam = _cut_window(cad, slam, min(cad.shape[0], round(ROOM_TO_TURN * side)), rng)
-    both = _joint_motion(cad.shape[0], config, is_resampled, rng)
-    own = both
-    if is_resampled and is_damaged:
-        own = _about_centre(cad.shape[0], rng.normal(0.0, TURN_DEG), 1.0, (0.0, 0.0)) @ both
+    both = own = np.eye(3)
+    if rng.random() < RESAMPLED:
+        angle = rng.uniform(-45.0, 45.0) if rng.random() < ROTATED else 0.0
+        both = _about_centre(cad.shape[0], angle, math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM)))
+        own = _about_centre(cad.shape[0], rng.normal(0.0, TURN_DEG)) @ both
     cad = _moved(cad, both, cv2.INTER_LINEAR, OCCUPIED)
-    if is_damaged and rng.random() < DAMAGE_PROBABILITY:
+    if rng.random() < DAMAGE_PROBABILITY:
         slam = _wobbled(slam, own, rng.uniform(0.0, WOBBLE_PX), rng)
     else:
         slam = _moved(slam, own, cv2.INTER_NEAREST, UNKNOWN)
-    if is_damaged:
-        slam = _damaged(slam, rng)
-    if side and side < cad.shape[0]:
+    for damage in (_doubled, _with_gaps, _forgotten, _cut_off, _speckled, _coarsened):
+        if rng.random() < DAMAGE_PROBABILITY:
+            slam = damage(slam, rng)
+    if side < cad.shape[0]:
         start = (cad.shape[0] - side) // 2
         cad, slam = (image[start : start + side, start : start + side] for image in (cad, slam))
-    symmetry = int(rng.integers(8))
-    return np.ascontiguousarray(flipped(cad, symmetry)), np.ascontiguousarray(flipped(slam, symmetry))
-
-
-def _joint_motion(
-    side: int, config: AugmentConfig, is_resampled: bool, rng: np.random.Generator
-) -> np.ndarray:
-    """A zoom, shift and turn, or a shift by whole pixels, as a 3 x 3 matrix on (col, row)."""
-    largest = 0.0 if config.windows else SHIFT
-    if not is_resampled:
-        motion = np.eye(3)
-        motion[:2, 2] = np.rint(rng.uniform(-largest, largest, 2) * side)
-        return motion
-    angle = rng.uniform(-45.0, 45.0) if config.windows and rng.random() < ROTATED else 0.0
-    if not config.real_maps:
-        return _about_centre(side, angle, 1.0, (0.0, 0.0))
-    zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM))
-    shift = rng.uniform(-largest, largest, 2) * side
-    return _about_centre(side, angle, zoom, (float(shift[0]), float(shift[1])))
+    return cad, slam
 
 
 def _cut_window(
@@ -202,7 +179,10 @@ def _cut_window(
     return cad[window], slam[window]
 
 
-def _about_centre(side: int, angle_deg: float, zoom: float, shift: tuple[float, float]) -> np.ndarray:
+def _about_centre(
+    side: int, angle_deg: float, zoom: float = 1.0, shift: tuple[float, float] = (0.0, 0.0)
+) -> np.ndarray:
+    """A turn, zoom and shift as a 3 x 3 matrix on (col, row)."""
     centre = 0.5 * (side - 1)
     matrix = np.vstack([cv2.getRotationMatrix2D((centre, centre), angle_deg, zoom), [0.0, 0.0, 1.0]])
     matrix[:2, 2] += shift
@@ -232,22 +212,42 @@ def _wobbled(
     return np.asarray(warped, dtype=np.uint8)
 
 
-def _damaged(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
-    damaged = slam.copy()
-    side = slam.shape[0]
-    if rng.random() < DAMAGE_PROBABILITY:
-        gaps = (damaged == OCCUPIED) & _blobs(side, rng.uniform(0.0, WALL_DROPOUT), rng)
-        damaged[gaps] = FREE if rng.random() < 0.3 else UNKNOWN
-    if rng.random() < DAMAGE_PROBABILITY:
-        damaged[_blobs(side, rng.uniform(0.0, UNKNOWN_BLOBS), rng)] = UNKNOWN
-    if rng.random() < OCCLUSION:
-        damaged[_half_plane(side, rng)] = UNKNOWN
-    if rng.random() < DAMAGE_PROBABILITY:
-        count = int(rng.uniform(0.0, SALT_NOISE) * side * side)
-        rows, cols = rng.integers(0, side, (2, count))
-        # Mostly stray hits; a few holes and rays.
-        damaged[rows, cols] = rng.choice([OCCUPIED, OCCUPIED, FREE, UNKNOWN], count)
-    return damaged
+def _doubled(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    """Draw the part beyond a line a second time, displaced."""
+    shift = tuple(rng.uniform(-DOUBLED_PX, DOUBLED_PX, 2).tolist())
+    motion = _about_centre(slam.shape[0], rng.uniform(-DOUBLED_DEG, DOUBLED_DEG), 1.0, shift)
+    again = _moved(slam, motion, cv2.INTER_NEAREST, UNKNOWN)
+    adds = (again == OCCUPIED) | ((again == FREE) & (slam == UNKNOWN))
+    return np.where(adds & _half_plane(slam.shape[0], rng), again, slam)
+
+
+def _with_gaps(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    gaps = (slam == OCCUPIED) & _blobs(slam.shape[0], rng.uniform(0.0, WALL_DROPOUT), rng)
+    return np.where(gaps, UNKNOWN, slam).astype(np.uint8)
+
+
+def _forgotten(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    blobs = _blobs(slam.shape[0], rng.uniform(0.0, UNKNOWN_BLOBS), rng)
+    return np.where(blobs, UNKNOWN, slam).astype(np.uint8)
+
+
+def _cut_off(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    return np.where(_half_plane(slam.shape[0], rng), UNKNOWN, slam).astype(np.uint8)
+
+
+def _speckled(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    count = int(rng.uniform(0.0, SALT_NOISE) * slam.size)
+    rows, cols = rng.integers(0, slam.shape[0], (2, count))
+    speckled = slam.copy()
+    # Mostly stray hits; a few holes and rays.
+    speckled[rows, cols] = rng.choice([OCCUPIED, OCCUPIED, FREE, UNKNOWN], count)
+    return speckled
+
+
+def _coarsened(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
+    """The map as one of coarser cells shows it."""
+    side = round(slam.shape[0] / rng.uniform(1.0, COARSEST))
+    return resample_slam(resample_slam(slam, (side, side)), slam.shape)
 
 
 def _blobs(side: int, share: float, rng: np.random.Generator) -> BoolArray:

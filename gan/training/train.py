@@ -276,7 +276,7 @@ def _training_pairs(
     named = ", ".join(folder.name for folder in images)
     say(f"reading the pairs of {named}")
     side = config.translator.input_size
-    pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment.windows else side)
+    pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment else side)
     if config.register:
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
     rest, held_out = pairs.split(VALIDATION_SHARE)

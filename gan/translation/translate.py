@@ -1,23 +1,21 @@
 """Use a trained translator: maps of any size and scale in, maps of the same frame out.
 
 How an image reaches the network: a SLAM map is turned so that most walls lie along the axes, cut to what is known
-of it, and kept at its scale if the network was trained at such, else resampled to one (given by the ROS map's
-resolution; without it the map is fitted into the network's image). What is larger than the network's image goes
-through in overlapping tiles. Faces are moved to where they truly are, and the translation is resampled and turned
-back, so that it lies over the input.
+of it, and resampled to a scale at which the network was trained (given by the ROS map's resolution; without it the
+map is fitted into the network's image). What is larger than the network's image goes through in overlapping tiles. The
+translation is resampled and turned back, so that it lies over the input.
 """
 
-import dataclasses
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, Protocol, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array
-from slamgym.gan.config import DeviceName, Direction, TranslatorConfig
+from slamgym.gan.config import CHANNELS, DeviceName, Direction, TranslatorConfig
 from slamgym.gan.device import Compute, choose_compute
 from slamgym.gan.encoding import (
     decode_slam,
@@ -28,18 +26,17 @@ from slamgym.gan.encoding import (
 )
 from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
 from slamgym.gan.translation.elastic import drifted
-from slamgym.gan.translation.finishing import explored_floor, moved_faces, thinned_walls
+from slamgym.gan.translation.finishing import thinned_walls
 from slamgym.gan.weights import ModelCard, load_weights
+from slamgym.metrics.layers import MapLayers
 from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.wall_direction import (
     MAX_DRIFT_DEG,
     MIN_TURN_DEG,
     angle_to_undo_deg,
-    flipped,
     padded_for_turning,
     turned,
     turned_probability,
-    unflipped,
 )
 
 OVERLAP = 0.25
@@ -121,10 +118,6 @@ CONTENT_MARGIN = 0.06
 """Border around what is known of a map, in shares of its larger side."""
 MAX_SHRINK = 4.0
 """A map of unknown scale is shrunk at most by this to fit into the network's image; a larger one is tiled."""
-NEAR_SCALE = 1.3
-"""An image of the network's size goes in as it is if its scale is within this factor of what was trained."""
-SYMMETRIES = (0, 4)
-"""The map as it is, and mirrored: more flips and quarter turns give no more."""
 
 
 class LearnedTranslator:
@@ -168,6 +161,27 @@ class LearnedTranslator:
         Raises:
             ConfigError: If these weights translate to SLAM maps, or the map is empty.
         """
+        image = self._drawn(slam, metres_per_px, straighten, angle_deg)
+        return free_probability(image, self.config.output_encoding)
+
+    def layers(
+        self, slam: ByteArray, metres_per_px: float | None = None, angle_deg: float | None = None
+    ) -> MapLayers:
+        """The layers of a SLAM map; arguments and errors as of :meth:`translate`.
+
+        Raises:
+            ConfigError: Also if these weights draw no layers.
+        """
+        if self.config.output_encoding != "layers":
+            raise ConfigError("these weights draw floor alone, no layers; choose others with --weights")
+        image = self._drawn(slam, metres_per_px, False, angle_deg)
+        floor, wall, door = 0.5 * (image[:3] + 1.0)
+        return MapLayers(floor, wall, door, np.maximum(1.0 - floor - wall - door, 0.0))
+
+    def _drawn(
+        self, slam: ByteArray, metres_per_px: float | None, straighten: bool, angle_deg: float | None
+    ) -> Float32Array:
+        """What the network draws of a SLAM map, (C, H, W) in [-1, 1]."""
         if self.config.direction != "slam2cad":
             raise ConfigError("these weights translate CAD maps to SLAM maps; choose others with --weights")
         _require_image(slam)
@@ -176,16 +190,11 @@ class LearnedTranslator:
             angle = 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
-        upright = turned(padded, -angle)
-        free = free_probability(self._fitted(upright, UNKNOWN, metres_per_px), self.config.output_encoding)
-        if self.config.explored_margin > 0.0:
-            scale = metres_per_px or self.config.metres_per_px[1]
-            free[~explored_floor(upright, scale, self.config.explored_margin)] = 0.0
+        image = self._fitted(turned(padded, -angle), UNKNOWN, metres_per_px)
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
-        back = free if straighten else turned_probability(free, angle)
-        # At last: every resampling would lift a wall that is one cell thin above a half.
-        back = moved_faces(back, self._shift_px(upright, metres_per_px))
-        return back[above : above + slam.shape[0], beside : beside + slam.shape[1]]
+        if not straighten:
+            image = np.stack([2.0 * turned_probability(0.5 * (c + 1.0), angle) - 1.0 for c in image])
+        return image[:, above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
     def translate_cells(
         self,
@@ -217,7 +226,7 @@ class LearnedTranslator:
         return thinned_walls(decode_slam(image, self.config.output_encoding))
 
     def _fitted(self, cells: ByteArray, empty: int, metres_per_px: float | None) -> Float32Array:
-        """Translate at the network's scale: (C, H, W) of the input's size in [-1, 1].
+        """Translate at the network's scale: (C, H, W) of the input's size in [-1, 1], -1 where nothing is known.
 
         Args:
             cells: (H, W).
@@ -225,36 +234,17 @@ class LearnedTranslator:
             metres_per_px: Scale, if it is known.
         """
         size = self.config.input_size
-        if self._fits(cells, metres_per_px):
-            return self._run(cells[np.newaxis])[0]
-        channels = 1 if self.config.output_encoding == "grey" else 2
-        result = np.full((channels, *cells.shape), -1.0, np.float32)
+        result = np.full((CHANNELS[self.config.output_encoding], *cells.shape), -1.0, np.float32)
         rows, cols = _content(cells, empty)
         part = cells[rows, cols]
         if part.size == 0:
             return result
         shape = self._working_shape(part.shape, metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        image = translate_tiled(resampled, size, empty, self._run)
-        if image.shape[0] == 3:
-            image = image.mean(axis=0, keepdims=True)
-        for channel in range(channels):
-            share = resample_probability(0.5 * (image[channel] + 1.0), part.shape)
+        for channel, drawn in enumerate(translate_tiled(resampled, size, empty, self._run)):
+            share = resample_probability(0.5 * (drawn + 1.0), part.shape)
             result[channel, rows, cols] = 2.0 * share - 1.0
         return result
-
-    def _shift_px(self, cells: ByteArray, metres_per_px: float | None) -> float:
-        """By how much the network draws faces inside of the true ones, in cells of the map."""
-        part = cells[_content(cells, UNKNOWN)]
-        if self._fits(cells, metres_per_px) or part.size == 0:
-            return self.config.face_shift
-        return self.config.face_shift * max(part.shape) / max(self._working_shape(part.shape, metres_per_px))
-
-    def _fits(self, cells: ByteArray, metres_per_px: float | None) -> bool:
-        """Return True if an image may go in as it is: of the network's size, at a scale near those of the training."""
-        low, _, high = self.config.metres_per_px
-        is_usual = metres_per_px is None or low / NEAR_SCALE <= metres_per_px <= NEAR_SCALE * high
-        return cells.shape == (self.config.input_size,) * 2 and is_usual
 
     def _working_shape(self, shape: tuple[int, ...], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
@@ -269,17 +259,12 @@ class LearnedTranslator:
         return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
 
     def _run(self, tiles: ByteArray) -> Float32Array:
-        """Translate tiles (N, S, S) to (N, C, S, S), the mean over the symmetries."""
+        """Translate tiles (N, S, S) to (N, C, S, S)."""
         size, resolution = tiles.shape[-1], self.config.output_size
-        outputs: list[np.ndarray] = []
-        for symmetry in SYMMETRIES[: self.config.flips]:
-            seen = np.stack([flipped(tile, symmetry) for tile in tiles])
-            images = run_generator(self._generator, seen, self.config, self._compute, resolution)
-            outputs.append(np.stack([np.stack([unflipped(c, symmetry) for c in image]) for image in images]))
-        mean: Float32Array = np.stack(outputs).mean(axis=0).astype(np.float32)
-        if mean.shape[-1] == size:
-            return mean
-        shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in mean]
+        images = run_generator(self._generator, tiles, self.config, self._compute, resolution)
+        if images.shape[-1] == size:
+            return images
+        shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in images]
         return 2.0 * np.array(shares, dtype=np.float32) - 1.0
 
 
@@ -287,8 +272,6 @@ def load_translator(
     name_or_path: str | Path = "slam2cad",
     direction: Direction | None = None,
     device: DeviceName = "cpu",
-    flips: Literal[1, 2] | None = None,
-    true_faces: bool = True,
 ) -> LearnedTranslator:
     """Load a translator, ready to use; no network is needed.
 
@@ -296,22 +279,15 @@ def load_translator(
         name_or_path: Pretrained weights (``slam2cad``, ...), a ``.safetensors`` file, or the folder of a finished run.
         direction: What it must translate; None takes any.
         device: Where to compute.
-        flips: 2 averages over the map and its mirror image; None does what the weights' settings say.
-        true_faces: Whether walls get their true faces, whichever data the network learnt from; without it CAD maps
-            have the faces that the network draws (``translator.face_shift``).
 
     Raises:
         InputFileError: If the file can't be used.
         ConfigError: If no such weights exist or they translate the other way.
     """
     weights = load_weights(name_or_path, direction)
-    config = weights.config
-    config = dataclasses.replace(
-        config,
-        flips=config.flips if flips is None else flips,
-        face_shift=config.face_shift if true_faces else 0.0,
+    return LearnedTranslator(
+        weights.generator, weights.config, weights.card, choose_compute(device, "float32")
     )
-    return LearnedTranslator(weights.generator, config, weights.card, choose_compute(device, "float32"))
 
 
 def _require_image(cells: ByteArray) -> None:

@@ -191,12 +191,6 @@ def flipped(image: np.ndarray, symmetry: int) -> np.ndarray:
     return np.fliplr(turned) if symmetry >= 4 else turned
 
 
-def unflipped(image: np.ndarray, symmetry: int) -> np.ndarray:
-    """Undo :func:`flipped`."""
-    mirrored = np.fliplr(image) if symmetry >= 4 else image
-    return np.rot90(mirrored, -(symmetry % 4))
-
-
 def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray:
     """Add an even border so that turning by this angle cuts nothing off."""
     rows, cols = cells.shape

@@ -3,11 +3,10 @@
 import cv2
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.config import AugmentConfig
 from slamgym.gan.training import sampler
 from slamgym.gan.training.sampler import augment
 from slamgym.metrics.wall_direction import (
@@ -16,38 +15,12 @@ from slamgym.metrics.wall_direction import (
     flipped,
     padded_for_turning,
     turned,
-    unflipped,
 )
-
-EVERYTHING = AugmentConfig(real_maps=True)
-
-
-@pytest.fixture
-def unflipped_samples(monkeypatch):
-    monkeypatch.setattr(sampler, "flipped", lambda image, symmetry: image)
-
-
-@pytest.fixture
-def never_resampled(monkeypatch):
-    monkeypatch.setattr(sampler, "RESAMPLED", 0.0)
-
-
-@pytest.mark.parametrize("symmetry", range(8))
-def test_flips_are_undone(symmetry):
-    image = np.arange(12).reshape(3, 4)
-    assert np.array_equal(unflipped(flipped(image, symmetry), symmetry), image)
 
 
 def test_the_eight_flips_differ():
     image = np.arange(9).reshape(3, 3)
     assert len({flipped(image, symmetry).tobytes() for symmetry in range(8)}) == 8
-
-
-def test_flips_are_the_same_for_both_images():
-    image = np.arange(256, dtype=np.uint8).reshape(16, 16)
-    for seed in range(20):
-        cad, slam = augment(image, image, AugmentConfig(), np.random.default_rng(seed))
-        assert np.array_equal(cad, slam)
 
 
 @given(seed=st.integers(0, 10_000))
@@ -58,52 +31,54 @@ def test_damaged_maps_keep_their_three_values_and_targets_are_not_damaged(seed):
     slam = np.where(cad == FREE, FREE, UNKNOWN).astype(np.uint8)
     slam[7, 8:40] = OCCUPIED
     before = slam.copy()
-    new_cad, new_slam = augment(cad, slam, EVERYTHING, np.random.default_rng(seed))
+    new_cad, new_slam = augment(cad, slam, 48, np.random.default_rng(seed))
     assert np.array_equal(slam, before)
     assert set(np.unique(new_slam)) <= {OCCUPIED, UNKNOWN, FREE}
     assert new_cad.shape == new_slam.shape == (48, 48)
-    # Motion alone changes the floor's area: by the square of at most 1.2, less what is shifted out.
-    assert 0.55 * (cad == FREE).sum() < (new_cad > 127).sum() < 1.5 * (cad == FREE).sum()
+    # Motion alone changes the floor's area: by the square of at most 1.2.
+    assert 0.65 * (cad == FREE).sum() < (new_cad > 127).sum() < 1.5 * (cad == FREE).sum()
 
 
-def test_without_damage_the_slam_map_moves_as_the_cad_map_does():
+@pytest.fixture
+def undamaged(monkeypatch):
+    monkeypatch.setattr(sampler, "DAMAGE_PROBABILITY", 0.0)
+    monkeypatch.setattr(sampler, "TURN_DEG", 0.0)
+
+
+def test_without_damage_the_slam_map_moves_as_the_cad_map_does(undamaged):
     image = np.full((32, 32), UNKNOWN, np.uint8)
     image[5:20, 8:27] = FREE
     for seed in range(10):
-        rng = np.random.default_rng(seed)
-        cad, slam = augment(image, image, EVERYTHING, rng, damage=False)
-        assert np.mean((cad > 230) != (slam > 230)) < 0.08  # interpolated against nearest cell: borders only
+        cad, slam = augment(image, image, 32, np.random.default_rng(seed))
+        # Interpolated against nearest cell, and filled unlike each other beyond: borders only.
+        assert np.mean((cad > 230) != (slam > 230)) < 0.08
 
 
-@given(seed=st.integers(0, 10_000))
-@settings(max_examples=20, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_what_is_not_resampled_moves_by_whole_pixels(unflipped_samples, never_resampled, seed):
-    cad = np.full((48, 48), OCCUPIED, np.uint8)
-    cad[8:40, 8:40] = FREE
-    cad[20, 8:30] = OCCUPIED  # a wall of one pixel
-    new_cad, new_slam = augment(cad, cad, EVERYTHING, np.random.default_rng(seed), damage=False)
-    assert np.array_equal(new_cad[5:-5, 5:-5], new_slam[5:-5, 5:-5])  # filled unlike each other beyond
-    shifts = [np.roll(cad, (r, c), (0, 1)) for r in range(-5, 6) for c in range(-5, 6)]
-    assert any(np.array_equal(new_cad, shifted) for shifted in shifts)
+def test_half_of_the_samples_stay_on_their_grid(undamaged):
+    image = np.full((48, 48), UNKNOWN, np.uint8)
+    image[8:40, 8:40] = FREE
+    image[20, 8:30] = OCCUPIED  # a wall of one pixel
+    as_they_were = [
+        np.array_equal(augment(image, image, 48, np.random.default_rng(seed))[1], image) for seed in range(40)
+    ]
+    assert 10 < sum(as_they_were) < 30
 
 
-AMOUNTS = ("TURN_DEG", "WOBBLE_PX", "WALL_DROPOUT", "UNKNOWN_BLOBS", "SALT_NOISE", "OCCLUSION")
+DAMAGES = ("_doubled", "_with_gaps", "_forgotten", "_cut_off", "_speckled", "_coarsened")
 
 
-@pytest.mark.parametrize("kind", AMOUNTS)
-def test_each_kind_of_damage_does_something(unflipped_samples, monkeypatch, kind):
-    for other in {*AMOUNTS, "ZOOM", "SHIFT"} - {kind}:
-        monkeypatch.setattr(sampler, other, 0.0)
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_each_kind_of_damage_does_something(damage):
     slam = np.full((64, 64), FREE, np.uint8)
     slam[::4, ::9] = OCCUPIED
-    changed = [
-        not np.array_equal(augment(slam, slam, EVERYTHING, np.random.default_rng(s))[1], slam)
-        for s in range(60)
-    ]
-    assert any(changed)
-    monkeypatch.setattr(sampler, kind, 0.0)
-    _, same = augment(slam, slam, EVERYTHING, np.random.default_rng(0))
-    assert np.array_equal(same, slam)
+    slam[40:, 40:] = UNKNOWN
+    before = slam.copy()
+    damaged = [getattr(sampler, damage)(slam, np.random.default_rng(seed)) for seed in range(20)]
+    assert sum(not np.array_equal(each, slam) for each in damaged) > 10
+    assert all(
+        set(np.unique(each)) <= {OCCUPIED, UNKNOWN, FREE} and each.dtype == np.uint8 for each in damaged
+    )
+    assert np.array_equal(slam, before)
 
 
 def turned_building(angle_deg, noise=0.0):
@@ -152,21 +127,20 @@ class TestWindows:
         return np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8), slam
 
     @pytest.mark.parametrize("rotated", [0.0, 1.0])
-    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, monkeypatch, rotated):
+    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, monkeypatch, undamaged, rotated):
         monkeypatch.setattr(sampler, "ROTATED", rotated)
-        config = AugmentConfig(windows=True)
         for seed in range(10):
-            cad, slam = augment(*self.pair(), config, np.random.default_rng(seed), side=128)
+            cad, slam = augment(*self.pair(), 128, np.random.default_rng(seed))
             assert cad.shape == slam.shape == (128, 128)
-            assert (slam == FREE).sum() > 500
+            assert (slam == FREE).sum() > 400
             # Turned or not, what is floor in one is floor in the other, but for the cells at its borders.
             assert np.mean((slam == FREE) != (cad > 127)) < 0.02
 
-    def test_a_turned_sample_is_turned(self, monkeypatch):
+    def test_a_turned_sample_is_turned(self, monkeypatch, undamaged):
         monkeypatch.setattr(sampler, "ROTATED", 1.0)
-        config = AugmentConfig(windows=True)
+        monkeypatch.setattr(sampler, "RESAMPLED", 1.0)
         turned_share = [
-            len(np.unique(augment(*self.pair(), config, np.random.default_rng(seed), side=256)[0])) > 2
+            len(np.unique(augment(*self.pair(), 256, np.random.default_rng(seed))[0])) > 2
             for seed in range(5)
         ]
         assert all(turned_share)  # greys along oblique borders

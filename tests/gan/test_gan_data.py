@@ -12,24 +12,19 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.config import AugmentConfig
 from slamgym.gan.data import (
     PairSet,
     describe_data,
+    face_lines,
     image_side,
     load_pairs,
     load_training_pairs,
     read_grey,
-    true_faces,
 )
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.metrics.maps import resample_slam
-
-
-def training(preset, augment):
-    return dataclasses.replace(find_preset(preset), augment=augment)
 
 
 def test_rendered_folders_and_plain_ones_read_alike(tmp_path, make_images):
@@ -238,14 +233,14 @@ def pairs(tmp_path, make_images, monkeypatch):
 
 
 def test_every_pair_comes_once_a_pass(pairs):
-    sampler = BatchSampler(pairs, training("model32", AugmentConfig()), np.random.default_rng(0))
+    sampler = BatchSampler(pairs, find_preset("model32"), np.random.default_rng(0))
     drawn = np.concatenate([sampler.draw(3).slam for _ in range(7)])  # three passes over seven pairs
     counts = [sum(np.array_equal(image, slam) for image in drawn) for slam in pairs.slam]
     assert counts == [3] * 7
 
 
 def test_unassociated_targets_are_other_places(pairs):
-    sampler = BatchSampler(pairs, training("model32", AugmentConfig()), np.random.default_rng(0))
+    sampler = BatchSampler(pairs, find_preset("model32"), np.random.default_rng(0))
     for _ in range(5):
         batch = sampler.draw(4)
         for cad, other in zip(batch.cad, batch.other_cad, strict=True):
@@ -254,8 +249,8 @@ def test_unassociated_targets_are_other_places(pairs):
 
 
 def test_unassociated_targets_go_through_the_same_changes(pairs):
-    config = AugmentConfig(real_maps=True)
-    sampler = BatchSampler(pairs, training("modelprog", config), np.random.default_rng(0))
+    config = dataclasses.replace(find_preset("modelprog"), augment=True)
+    sampler = BatchSampler(pairs, config, np.random.default_rng(0))
     batches = [sampler.draw(7) for _ in range(30)]
     # A discriminator could recognise them by their greys if one kind were interpolated and the other not.
     greys = [np.mean((b > 0) & (b < FREE)) for b in (np.stack([x.cad for x in batches]),)]
@@ -265,12 +260,12 @@ def test_unassociated_targets_go_through_the_same_changes(pairs):
 
 
 def test_the_stream_goes_on_where_it_was_stored(pairs):
-    config = AugmentConfig(real_maps=True)
-    sampler = BatchSampler(pairs, training("model32", config), np.random.default_rng(0))
+    config = dataclasses.replace(find_preset("model32"), augment=True)
+    sampler = BatchSampler(pairs, config, np.random.default_rng(0))
     sampler.draw(5)
     state = json.loads(json.dumps(sampler.state()))
     expected = [sampler.draw(4) for _ in range(3)]
-    again = BatchSampler(pairs, training("model32", config), np.random.default_rng(99))
+    again = BatchSampler(pairs, config, np.random.default_rng(99))
     again.restore(state)
     for batch in expected:
         resumed = again.draw(4)
@@ -312,12 +307,12 @@ def test_windows_show_the_middle_of_what_is_known(make_pair):
     assert pairs.windows(200) is pairs
 
 
-@pytest.mark.parametrize(("edge", "expected"), [(0.0, True), (1.0, False), (None, False)])
-def test_whether_faces_are_true_is_read_from_the_images_settings(edge, expected, make_images, tmp_path):
+@pytest.mark.parametrize(("edge", "expected"), [(0.0, 0.0), (3.0, 3.0), (None, 0.0)])
+def test_lines_along_faces_are_read_from_the_images_settings(edge, expected, make_images, tmp_path):
     root = make_images(tmp_path)
     if edge is not None:
         (root / "config.json").write_text(json.dumps({"images": {"edge_px": edge}}))
-    assert true_faces(root) == expected
+    assert face_lines(root) == expected
     assert image_side(root, "train") == 32
 
 

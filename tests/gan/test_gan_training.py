@@ -13,7 +13,6 @@ from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.interruption import Terminated, deferred_interrupt
 from slamgym.gan.config import (
-    AugmentConfig,
     DiscriminatorConfig,
     GeneratorConfig,
     LossConfig,
@@ -48,7 +47,7 @@ PROGRESSIVE = TranslatorTrainingConfig(
         generator=GeneratorConfig(width=2),
     ),
     discriminator=DiscriminatorConfig(width=8, patch_width=8),
-    augment=AugmentConfig(real_maps=True),
+    augment=True,
     optimiser=OptimiserConfig(average=0.9),
     stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
     register=True,
@@ -58,6 +57,8 @@ RESIDUAL = dataclasses.replace(
     translator=dataclasses.replace(
         PROGRESSIVE.translator,
         derotate=True,
+        input_encoding="free_occupied",
+        output_encoding="layers",
         generator=GeneratorConfig("residual", width=8, depth=2),
     ),
     loss=LossConfig(adversarial=0.0, l1=0.0, overlap=1.0),
@@ -78,10 +79,9 @@ def test_several_folders_make_one_training(tmp_path, images, make_images):
     report = train_translator([images, others], tmp_path / "run", RESIDUAL, CPU, QUIET)
     assert report.steps == 10  # two passes over ten pairs, two a step
     assert json.loads((tmp_path / "run" / "config.json").read_text())["images"].endswith("), others")
-    windows = dataclasses.replace(RESIDUAL, augment=AugmentConfig(windows=True))
     larger = make_images(tmp_path / "larger", side=64)
     with pytest.raises(InputFileError, match="larger: has images of 64 px but"):
-        train_translator([images, larger], tmp_path / "other", windows, CPU, QUIET)
+        train_translator([images, larger], tmp_path / "other", RESIDUAL, CPU, QUIET)
     with pytest.raises(ConfigError, match="at least one folder"):
         train_translator([], tmp_path / "none", RESIDUAL, CPU, QUIET)
 
@@ -212,7 +212,7 @@ def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tm
 def test_the_residual_network_learns(tmp_path, make_images, monkeypatch):
     monkeypatch.setattr("slamgym.gan.training.train.VALIDATION_SHARE", 0.25)
     images = make_images(tmp_path / "images", count=24)
-    config = dataclasses.replace(RESIDUAL, augment=AugmentConfig(), stages=(Stage(32, 40.0, 6),))
+    config = dataclasses.replace(RESIDUAL, augment=False, stages=(Stage(32, 40.0, 6),))
     report = train_translator(images, tmp_path / "run", config, CPU, QUIET)
     # The walls are a pixel too thick and have gaps; copying the map scores 1.
     assert report.figures["mse_ratio"] < 0.7
@@ -241,7 +241,7 @@ def test_weights_of_another_preset_are_no_start(tmp_path, images):
     train_translator(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
     config = dataclasses.replace(PROGRESSIVE, start_from=str(tmp_path / "first"))
     with pytest.raises(
-        ConfigError, match=r"its generator is .*choose the preset it was trained with \(tiny\)"
+        ConfigError, match=r"its input_encoding is .*choose the preset it was trained with \(tiny\)"
     ):
         train_translator(images, tmp_path / "second", config, CPU, QUIET)
 
@@ -268,10 +268,10 @@ def test_slam_maps_as_targets_have_three_values_and_keep_thin_walls(resolution):
 
 def test_all_terms_are_reported_and_every_network_moves(images):
     loss = LossConfig(overlap=1.0)
-    learner = Learner(dataclasses.replace(PROGRESSIVE, loss=loss), CPU)
+    learner = Learner(dataclasses.replace(RESIDUAL, loss=loss), CPU)
     before = {name: [p.clone() for p in n.parameters()] for name, n in learner.networks().items()}
     sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
-    terms = learner.step(sampler.draw(2), Moment(32, 2, 0.5, 1.0))
+    terms = learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
     names = {"domain", "real_fake", "feature_matching", "l1", "cross_entropy", "dice", "total"}
     names |= {"discriminator_domain", "discriminator_real_fake", "input_consistency"}
     assert terms.keys() == names

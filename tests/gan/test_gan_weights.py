@@ -18,7 +18,7 @@ TINY = TranslatorConfig(
     input_size=16,
     output_size=16,
     input_encoding="grey",
-    output_encoding="grey",
+    output_encoding="layers",
     generator=GeneratorConfig("residual", width=8, depth=2),
 )
 CARD = ModelCard(preset="tiny", pairs=3, figures={"mse": 0.25}, command="slamgym gan train")

@@ -91,7 +91,10 @@ def test_settings_are_put_in_by_path():
         ("translator.input_size=100", "power of two"),
         ("translator.output_size=64", "last stage has resolution 32"),
         ("generator=1", "must be of type GeneratorConfig"),
-        ("translator.input_encoding=cmyk", "must be 'grey' or 'free_occupied' or 'rgb', not 'cmyk'"),
+        (
+            "translator.input_encoding=cmyk",
+            "must be 'grey' or 'free_occupied' or 'rgb' or 'layers', not 'cmyk'",
+        ),
     ],
 )
 def test_impossible_settings_are_refused(setting, message):
@@ -124,7 +127,7 @@ def test_the_cpu_presets_have_their_own_time_unless_one_is_given():
     )
     assert training_config(arguments(preset="model32-cpu", minutes=3.0)).minutes == 3.0
     assert training_config(arguments(preset="model32-cpu", epochs=2.0)).minutes is None
-    for name in ("model32-cpu", "modelprog-cpu", "slam2cad-cpu"):
+    for name in ("model32-cpu", "modelprog-cpu"):
         assert 0.0 < TRANSLATOR_PRESETS[name].minutes <= 90.0
 
 

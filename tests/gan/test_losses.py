@@ -62,44 +62,53 @@ def test_l1_by_hand():
     assert float(losses.l1_loss(torch.tensor([1.0, -1.0]), torch.tensor([1.0, 0.0]))) == 0.5
 
 
-def test_cross_entropy_by_hand_and_from_logits():
-    logits = torch.full((1, 1, 4, 4), 1.0)
-    image, target = torch.tanh(0.5 * logits), torch.ones(1, 1, 4, 4)
-    expected = math.log(1.0 + math.exp(-1.0))
-    assert float(losses.cross_entropy_loss(image, logits, target)) == pytest.approx(expected, rel=1e-5)
-    assert float(losses.cross_entropy_loss(image, None, target)) == pytest.approx(expected, rel=1e-4)
+def layers(floor):
+    """Floor (B, 1, H, W) in [0, 1], and the rest wall, as layers in [-1, 1]."""
+    nothing = torch.zeros_like(floor)
+    return 2.0 * torch.cat([floor, 1.0 - floor, nothing, nothing], dim=1) - 1.0
 
 
-def test_cross_entropy_is_finite_for_saturated_images():
-    image = torch.ones(1, 1, 2, 2, requires_grad=True)
-    loss = losses.cross_entropy_loss(image, None, -torch.ones(1, 1, 2, 2))
-    loss.backward()
-    assert torch.isfinite(loss)
-    assert torch.isfinite(image.grad).all()
+def test_cross_entropy_by_hand():
+    logits = torch.zeros(1, 4, 4, 4)
+    logits[:, 0] = 1.0
+    expected = math.log(3.0 + math.e) - 1.0
+    found = losses.cross_entropy_loss(logits, layers(torch.ones(1, 1, 4, 4)))
+    assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
+def test_cross_entropy_of_the_shares_themselves_is_least():
+    floor = torch.full((1, 1, 4, 4), 0.25)
+    target = layers(floor)
+    right = torch.log(losses.probabilities(target) + 1e-9)
+    entropy = -(0.25 * math.log(0.25) + 0.75 * math.log(0.75))
+    assert float(losses.cross_entropy_loss(right, target)) == pytest.approx(entropy, rel=1e-4)
+    assert float(losses.cross_entropy_loss(torch.zeros_like(right), target)) > entropy
 
 
 def test_borders_weigh_more():
-    target = -torch.ones(1, 1, 8, 8)
-    target[..., 4:] = 1.0
-    near = losses.near_borders(losses.probabilities(target))
+    floor = torch.zeros(1, 1, 8, 8)
+    floor[..., 4:] = 1.0
+    near = losses.near_borders(floor)
     assert near[0, 0, 0].tolist() == [0, 0, 1, 1, 1, 1, 0, 0]
-    logits = torch.zeros_like(target)
-    logits[..., 0] = 5.0  # wrong far from the border
-    far_wrong = losses.cross_entropy_loss(torch.tanh(logits / 2), logits, target)
-    logits = torch.zeros_like(target)
-    logits[..., 3] = 5.0  # wrong at the border
-    near_wrong = losses.cross_entropy_loss(torch.tanh(logits / 2), logits, target)
-    assert near_wrong > far_wrong
+    wrong = []
+    for column in (0, 3):  # far from the border, and at it
+        logits = torch.zeros(1, 4, 8, 8)
+        logits[:, 0, :, column] = 5.0
+        wrong.append(float(losses.cross_entropy_loss(logits, layers(floor))))
+    assert wrong[1] > wrong[0]
 
 
 def test_dice_is_zero_for_the_target_and_near_one_for_its_opposite():
-    target = torch.ones(2, 1, 16, 16)
-    target[..., :8] = -1.0
+    floor = torch.ones(2, 1, 16, 16)
+    floor[..., :8] = 0.0
+    target = layers(floor)
     assert float(losses.dice_loss(target, target)) == pytest.approx(0.0, abs=1e-6)
-    assert float(losses.dice_loss(-target, target)) == pytest.approx(1.0, abs=0.01)
+    assert float(losses.dice_loss(layers(1.0 - floor), target)) == pytest.approx(1.0, abs=0.01)
+    as_door = target[:, [2, 1, 0, 3]]
+    assert float(losses.dice_loss(as_door, target)) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_thin_walls_and_the_floor_beside_them_weigh_more():
+def test_thin_walls_and_the_floor_beside_them_weigh_more(monkeypatch):
     floor = torch.zeros(1, 1, 40, 60)
     floor[..., 5:35, 5:55] = 1.0
     floor[..., 5:20, 28:31] = 0.0  # a wall of three pixels, open at its lower end
@@ -107,14 +116,13 @@ def test_thin_walls_and_the_floor_beside_them_weigh_more():
     assert near[0, 0, 10, 26:33].tolist() == [1.0] * 7
     assert float(near[0, 0, 10, 25]) == float(near[0, 0, 30, 29]) == 0.0
     assert float(near[..., :3, :].sum()) == float(near[..., :4].sum()) == 0.0  # outer walls are thick
-    image = torch.where(floor > 0.5, 0.9, -0.9)
-    image[..., 10:12, 28:31] = 0.9  # a hole in the thin wall
-    elsewhere = torch.where(floor > 0.5, 0.9, -0.9)
-    elsewhere[..., 35:37, 28:31] = 0.9  # as large a bulge of the outline
-    target = 2.0 * floor - 1.0
+    hole, bulge = floor.clone(), floor.clone()
+    hole[..., 10:12, 28:31] = 1.0  # in the thin wall
+    bulge[..., 35:37, 28:31] = 1.0  # as large, of the outline
     for weight, ratio in ((0.0, 1.0), (3.0, 7.0 / 4.0)):  # beside 1 and the border's 3
-        right, hole, bulge = (
-            float(losses.cross_entropy_loss(i, None, target, wall_weight=weight))
-            for i in (0.9 * target, image, elsewhere)
+        monkeypatch.setattr(losses, "WALL_WEIGHT", weight)
+        right, with_hole, with_bulge = (
+            float(losses.cross_entropy_loss(3.0 * layers(drawn), layers(floor)))
+            for drawn in (floor, hole, bulge)
         )
-        assert (hole - right) / (bulge - right) == pytest.approx(ratio, rel=0.01)
+        assert (with_hole - right) / (with_bulge - right) == pytest.approx(ratio, rel=0.01)

@@ -39,7 +39,7 @@ CONFIG = TranslatorConfig(
     input_size=64,
     output_size=64,
     input_encoding="free_occupied",
-    output_encoding="grey",
+    output_encoding="layers",
     derotate=True,
     metres_per_px=(0.05, 0.1, 0.2),
     generator=GeneratorConfig("residual", width=8, depth=2),
@@ -47,15 +47,19 @@ CONFIG = TranslatorConfig(
 
 
 class Copy(nn.Module):
-    """Draws what is free in the input."""
+    """Draws what is free in the input as floor, what is occupied as walls; or all that is free as grey."""
 
-    def __init__(self, channels=1, shrink=1):
+    def __init__(self, shrink=1):
         super().__init__()
-        self.channels, self.shrink = channels, shrink
+        self.shrink = shrink
 
     def forward(self, x, resolution=None, fade=1.0):
-        small = nn.functional.avg_pool2d(x, self.shrink) if self.shrink > 1 else x
-        return GeneratorOutput(small[:, : self.channels])
+        if self.shrink > 1:
+            return GeneratorOutput(nn.functional.avg_pool2d(x, self.shrink)[:, :1])
+        free, occupied = x.split(1, dim=1)
+        return GeneratorOutput(
+            torch.cat([free, occupied, -torch.ones_like(free), -free - occupied - 1.0], dim=1)
+        )
 
 
 def copying(config=CONFIG, **kwargs):
@@ -90,9 +94,9 @@ def test_any_size_and_scale_comes_back_in_place(shape, scale):
     assert agreement(free, cells) > 0.9
 
 
-def test_a_map_of_the_networks_size_is_not_resampled():
+def test_a_map_of_a_trained_scale_is_not_resampled():
     cells = building(64, 64)
-    assert agreement(copying().translate(cells), cells) == 1.0
+    assert agreement(copying().translate(cells, 0.1), cells) == 1.0
 
 
 @pytest.mark.parametrize(
@@ -128,16 +132,10 @@ def test_a_drifted_map_is_straightened_on_demand():
     assert agreement(back, drifted) > 0.97
 
 
-@pytest.mark.parametrize("flips", [1, 2])
-def test_flips_come_back_in_place(flips):
-    cells = building(64, 64)
-    cells[20:30, 14:20] = OCCUPIED  # not symmetric
-    translator = copying(dataclasses.replace(CONFIG, flips=flips, derotate=False))
-    assert agreement(translator.translate(cells), cells) == 1.0
-
-
 def test_a_smaller_output_is_enlarged():
-    config = dataclasses.replace(CONFIG, output_size=32, generator=GeneratorConfig(width=2))
+    config = dataclasses.replace(
+        CONFIG, output_size=32, output_encoding="grey", generator=GeneratorConfig(width=2)
+    )
     cells = building(64, 64)
     assert agreement(copying(config, shrink=2).translate(cells), cells) > 0.9
 
@@ -152,7 +150,12 @@ def test_maps_of_one_value_are_translated(value):
 
 def test_cad_to_slam_draws_the_three_values():
     config = dataclasses.replace(
-        CONFIG, direction="cad2slam", derotate=False, input_encoding="grey", output_encoding="free_occupied"
+        CONFIG,
+        direction="cad2slam",
+        derotate=False,
+        input_encoding="grey",
+        output_encoding="free_occupied",
+        generator=GeneratorConfig(),
     )
 
     class Inverse(nn.Module):
@@ -204,8 +207,7 @@ def weights(tmp_path):
 
 
 def test_weights_load_with_one_call(weights):
-    translator = load_translator(weights, "slam2cad", flips=2)
-    assert translator.config.flips == 2
+    translator = load_translator(weights, "slam2cad")
     assert translator.translate(building(40, 50)).shape == (40, 50)
 
 
@@ -337,24 +339,25 @@ def test_tiles_without_anything_known_are_left_out():
     assert whole[0, 200, 200] == -1.0
 
 
-@pytest.mark.parametrize(("scale", "wider_px"), [(0.1, 2.0), (0.025, 4.0), (0.4, 1.0)])
-def test_faces_are_moved_by_pixels_of_the_network(scale, wider_px):
-    """A shift of one pixel on both sides, at the nearest scale that was trained."""
-    config = dataclasses.replace(CONFIG, face_shift=1.0, derotate=False, explored_margin=0.0)
-    cells = np.full((150, 150), UNKNOWN, np.uint8)
-    cells[40:110, 40:110] = FREE
-    free = copying(config).translate(cells, scale)
-    assert free[75].sum() - (copying(CONFIG).translate(cells, scale)[75]).sum() == pytest.approx(
-        wider_px, abs=0.3
+def test_layers_add_up_and_tell_walls_from_what_nobody_saw():
+    cells = building(60, 80)
+    layers = copying().layers(cells, 0.1)
+    assert np.allclose(layers.floor + layers.wall + layers.door + layers.unseen, 1.0, atol=1e-5)
+    assert np.array_equal(layers.free > 0.5, cells == FREE)
+    assert np.array_equal(layers.wall > 0.5, cells == OCCUPIED)
+    assert np.array_equal(layers.unseen > 0.5, cells == UNKNOWN)
+    config = dataclasses.replace(
+        CONFIG, output_size=32, output_encoding="grey", generator=GeneratorConfig(width=2)
     )
+    with pytest.raises(ConfigError, match="no layers"):
+        copying(config, shrink=2).layers(cells)
 
 
 def test_a_thin_wall_of_a_turned_map_stays_closed():
-    config = dataclasses.replace(CONFIG, face_shift=1.05)
     cells = np.full((120, 120), UNKNOWN, np.uint8)
     cells[20:100, 20:100] = FREE
     cells[20:100, 58:61] = OCCUPIED
     slam = turned(cells, 7.0)
-    floor = copying(config).translate(slam, 0.1) >= 0.5
+    floor = copying().translate(slam, 0.1) >= 0.5
     count, _ = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
     assert count == 3

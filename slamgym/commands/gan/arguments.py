@@ -26,8 +26,7 @@ class TrainTranslatorArguments(Arguments):
     out: Out
     """Folder of the run: settings, checkpoint, weights, samples, curves."""
     preset: str = "slam2cad"
-    """model32 and modelprog (the paper's), slam2cad (the default translator), slam2cad-metric (the same, for pairs
-    rendered with true faces), slam2cad-cpu, model32-cpu, modelprog-cpu."""
+    """slam2cad (the default translator), model32 and modelprog (the paper's), model32-cpu, modelprog-cpu."""
     minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
     """Wall-clock time for the whole training, which the stages share as they share the epochs. The CPU presets have
     some by default."""
@@ -66,8 +65,6 @@ class TranslateArguments(Arguments):
     """Pretrained weights by name, a .safetensors file, or the folder of a finished run."""
     metres_per_px: Annotated[float, Within(gt=0.0, lt=100.0)] | None = None
     """Scale of images [m/px]; ROS maps have their own. Without it an image is fitted into the network's image."""
-    flips: Literal[1, 2] | None = None
-    """2 averages over the map and its mirror image: somewhat better, and twice as slow."""
     probability: bool = False
     """Write how likely each pixel is free (0 to 255) instead of a map of walls and floor (images only)."""
     straighten: bool = False
@@ -91,8 +88,6 @@ class EvaluateTranslatorsArguments(Arguments):
     weights: list[str] = field(default_factory=list)
     """Translators: names of pretrained weights, .safetensors files or folders of finished runs; NAME=PATH chooses the
     name in the tables. None measures the baselines alone."""
-    flips: Literal[1, 2] | None = None
-    """2 averages over the map and its mirror image; by default what the weights' settings say."""
     split: str = "test"
     """Which pairs."""
     count: CountOrZero = 0

@@ -1,5 +1,6 @@
 """``slamgym gan evaluate``: translators and baselines on held-out pairs, in tables and pictures."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from slamgym.dataset.realism.comparison import (
     require_enough,
 )
 from slamgym.dataset.realism.page import tests_table, to_json, to_markdown
-from slamgym.gan.data import PairSet, image_side, load_pairs, true_faces
+from slamgym.gan.data import PairSet, face_lines, image_side, load_pairs
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     MapScore,
@@ -74,10 +75,11 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
         require_enough(arguments.images, pairs.plan_ids)
     for name, maps in generated.items():
         require_enough(folders[name], [pairs.plan_ids[i] for i in maps])
-    scores, summary = _measure(pairs, to_cad)
+    methods = _methods(to_cad, face_lines(arguments.images))
+    scores, summary = _measure(pairs, methods)
     if arguments.pictures:
         # Blurred and then thresholded, the raw map looks as it did.
-        shown = [method for method in _methods(to_cad) if method.name != BLURRED]
+        shown = [method for method in methods if method.name != BLURRED]
         write_pictures(arguments.out, Results(pairs, shown, scores), arguments.pictures)
     realism = _compare_realism(arguments, pairs, generated, to_slam) if tested else None
     _write(arguments, pairs, scores, summary, realism)
@@ -93,10 +95,7 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
             name, path = _short_name(argument), argument
         if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
-        # Where the CAD maps have a line along every face, translations are compared with such faces, too.
-        translators[name] = load_translator(
-            path, device=arguments.device, flips=arguments.flips, true_faces=true_faces(arguments.images)
-        )
+        translators[name] = load_translator(path, device=arguments.device)
     return translators
 
 
@@ -105,14 +104,18 @@ def _short_name(argument: str) -> str:
     return path.parent.name if path.stem == "weights" and path.parent.name else path.stem
 
 
-def _methods(translators: dict[str, LearnedTranslator]) -> list[TranslationMethod]:
-    return [*baselines(), *(learned(name, translator) for name, translator in translators.items())]
+def _methods(translators: dict[str, LearnedTranslator], face_lines: float) -> list[TranslationMethod]:
+    """Baselines and translators; what the paper's networks draw has the lines that they learnt."""
+    methods = baselines()
+    for name, translator in translators.items():
+        lines = face_lines if translator.config.output_encoding == "layers" else 0.0
+        methods.append(learned(name, translator, lines))
+    return methods
 
 
 def _measure(
-    pairs: PairSet, translators: dict[str, LearnedTranslator]
+    pairs: PairSet, methods: Sequence[TranslationMethod]
 ) -> tuple[dict[str, list[MapScore]], dict[str, dict[str, Any]]]:
-    methods = _methods(translators)
     scores = {}
     with show_progress("maps", 0, len(pairs) * len(methods)) as advance:
         for method in methods:

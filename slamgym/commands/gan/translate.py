@@ -27,7 +27,7 @@ def run_translation(arguments: TranslateArguments) -> None:
     """
     source, out = arguments.input, arguments.out
     require_input(source, "an image, a ROS map's yaml or a folder")
-    translator = load_translator(arguments.weights, device=arguments.device, flips=arguments.flips)
+    translator = load_translator(arguments.weights, device=arguments.device)
     if translator.config.direction != "slam2cad":
         raise ConfigError(
             f"{arguments.weights} translates CAD maps to SLAM maps; use `slamgym deform PLAN --method modelprog "

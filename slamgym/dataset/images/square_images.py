@@ -60,10 +60,10 @@ class ImageConfig(Settings, dropped={"as_mapped": False}):
     """The scale, if it is fixed."""
     margin_px: CountOrZero = 4
     """Free border around the plan and the floor of the SLAM map."""
-    edge_px: NonNegative = 1.0
-    """Thickness of the line that is drawn along every face of a wall, half of it on the floor: 1 keeps walls
-    that are thinner than a pixel, more makes all walls thicker. 0 draws no line but the share of floor of every
-    pixel in greys, so that faces are where the plan has them; walls that are thinner than a pixel stay closed."""
+    edge_px: NonNegative = 0.0
+    """Thickness of a line along every face of a wall, half of it on the floor: 3 thickens walls as in the paper. 0
+    draws no line but the share of floor of every pixel in greys, so that faces are where the plan has them; walls that
+    are thinner than a pixel stay closed."""
 
     def _check(self) -> None:
         if max(2 * self.margin_px, self.edge_px) >= self.size:

@@ -90,7 +90,8 @@ def test_both_sides_show_the_same_place(size):
     """On a perfect map the floor of both agrees but for the walls' own width."""
     cad, slam, frame = draw_pair(PLAN, (1.0, 1.0), map_of(PLAN), ImageConfig(size=size))
     assert cad.shape == slam.shape == (size, size) == frame.shape
-    assert set(np.unique(cad)) == {OCCUPIED, FREE}
+    lined = draw_pair(PLAN, (1.0, 1.0), map_of(PLAN), ImageConfig(size=size, edge_px=1.0))[0]
+    assert set(np.unique(lined)) == {OCCUPIED, FREE}
     assert set(np.unique(slam)) == {OCCUPIED, UNKNOWN, FREE}
     inside = cv2.erode((cad == FREE).astype(np.uint8), np.ones((5, 5))) > 0
     assert (slam[inside] == FREE).all()

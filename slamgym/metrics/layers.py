@@ -1,0 +1,119 @@
+"""The layers of a translated SLAM map: floor, wall, door, and what nobody saw.
+
+Each pixel has four shares that add up to 1. A door is the floor between two jambs, so floor and door together are the
+free space. Walls are drawn as deep as a wall may be; farther behind it, and beyond what the robot explored, lies the
+unseen.
+"""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from slamgym.core.types import FREE, BoolArray, ByteArray, Float32Array
+from slamgym.metrics.cleaning import without_small
+from slamgym.metrics.maps import distance_to
+from slamgym.metrics.rooms import label_rooms
+
+WALL_DEPTH = 0.25
+"""A wall is drawn so deep behind its face [m]: walls between rooms are thinner than twice this."""
+DOOR_DEPTH = 0.1
+"""A door's layer extends so far to both sides of the line between its jambs [m]."""
+EXPLORED_MARGIN = 0.5
+"""Floor is drawn at most so far beyond what the robot explored [m]."""
+WIDEST_GAP = 2.0
+"""Unseen places between free cells at most so far apart count as explored [m]: under a bed, behind a wardrobe."""
+RAY_WIDTH = 0.15
+"""Free space narrower than this is a ray that left through a window: it was seen, but nothing follows from it [m]."""
+SMALLEST_FREE = 0.1
+"""Separate free space smaller than this is noise, no evidence [m2]."""
+USUAL_SCALE = 0.06
+"""Scale of a map that comes without one [m/px]: the middle of rendered homes."""
+
+
+@dataclass(frozen=True)
+class MapLayers:
+    """Probabilities for each cell of a map, all (H, W) in [0, 1]; together 1."""
+
+    floor: Float32Array
+    wall: Float32Array
+    door: Float32Array
+    unseen: Float32Array
+
+    @property
+    def free(self) -> Float32Array:
+        """Free space: floor or door."""
+        return np.minimum(self.floor + self.door, 1.0)
+
+    @staticmethod
+    def of_floor(free: Float32Array, doors: BoolArray) -> "MapLayers":
+        """Layers of a floor that is known: what isn't free is wall.
+
+        Args:
+            free: Share of free space, (H, W).
+            doors: Cells that belong to doors.
+        """
+        door = np.where(doors, free, 0.0).astype(np.float32)
+        return MapLayers(free - door, 1.0 - free, door, np.zeros_like(free))
+
+
+def layer_shares(cad: ByteArray, slam: ByteArray, metres_per_px: float) -> ByteArray:
+    """The layers that a translator shall draw for a pair.
+
+    Args:
+        cad: (H, W): 0 walls and outside, 254 inside, shades where a face crosses a pixel.
+        slam: The SLAM map in the same frame, (H, W).
+        metres_per_px: Scale [m]; nan takes :data:`USUAL_SCALE`.
+
+    Returns:
+        (4, H, W): shares of floor, wall, door and unseen; they add up to 254.
+    """
+    scale = metres_per_px if np.isfinite(metres_per_px) else USUAL_SCALE
+    explored = explored_floor(slam, scale, EXPLORED_MARGIN)
+    floor = np.where(explored, cad, 0).astype(np.uint8)
+    near_floor = distance_to(floor > FREE // 2) <= max(WALL_DEPTH / scale, 1.0)
+    wall = np.where(explored & near_floor, FREE - floor, 0)
+    doors = door_cells(floor > FREE // 2, scale)
+    layers = np.stack([np.where(doors, 0, floor), wall, np.where(doors, floor, 0), FREE - floor - wall])
+    return layers.astype(np.uint8)
+
+
+def door_cells(floor: BoolArray, metres_per_px: float) -> BoolArray:
+    """Where two rooms meet (:mod:`slamgym.metrics.rooms`), and as far to both sides as a door's layer extends.
+
+    Args:
+        floor: (H, W).
+        metres_per_px: Scale [m].
+    """
+    rooms = label_rooms(floor, metres_per_px)
+    meet = np.zeros(rooms.shape, np.uint8)
+    for labels, cells in ((rooms, meet), (rooms.T, meet.T)):
+        cells[:-1] |= (labels[:-1] != labels[1:]) & (labels[:-1] > 0) & (labels[1:] > 0)
+    side = 2 * round(DOOR_DEPTH / metres_per_px) + 1
+    return (cv2.dilate(meet, np.ones((side, side), np.uint8)) > 0) & floor
+
+
+def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> BoolArray:
+    """Where a robot's map is evidence enough to predict floor.
+
+    The free cells, with gaps closed up to a width of :data:`WIDEST_GAP`, grown by ``margin``. A
+    frontier, where the free space ends at the unknown, is passed by no more than that.
+
+    Args:
+        slam: (H, W): 0 occupied, 205 unknown, 254 free.
+        metres_per_px: Scale [m].
+        margin: How far beyond the closed free space [m].
+
+    Returns:
+        (H, W), in the frame of ``slam``.
+    """
+    scale = metres_per_px
+    half_gap, half_ray = 0.5 * WIDEST_GAP / scale, 0.5 * RAY_WIDTH / scale
+    border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
+    seen = np.pad(without_small(slam == FREE, SMALLEST_FREE / scale**2), border)
+    # Opening and closing by a disc are thresholds on distances, at any radius for one price.
+    wide = distance_to(distance_to(~seen) > half_ray) <= half_ray
+    closed = distance_to(distance_to(wide) > half_gap) > half_gap
+    # It grows through walls, too: drift displaces them, and what lies behind one by a hand may be in front of it.
+    explored: BoolArray = (distance_to(closed) <= margin / scale) | seen
+    return explored[border:-border, border:-border]
