@@ -157,9 +157,7 @@ COMMANDS = {
     "dataset realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
     "dataset split": Command("dataset.folders:split", "put plans, with their near-duplicates, on a side"),
     "dataset render": Command("dataset.render:main", "make uniform square images for training"),
-    "dataset pack": Command("dataset.folders:pack", "images as shards that stream (WebDataset, Parquet)"),
     "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
-    "drive": Command("generate:drive_command", "explore a building by keyboard, and keep the pair"),
     "agents train frontiers": Command("agents.train:frontiers", "one that chooses frontiers", LEARNING),
     "agents train wheels": Command("agents.train:wheels", "one that drives the wheels", LEARNING),
     "agents evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
@@ -185,7 +183,6 @@ COMMANDS = {
     "reproduce": Command("reproduce.main:main", "the paper's experiments, plans to report", TRANSLATING),
     "warmup": Command("doctor:warmup", "compile the numeric kernels, once after an installation"),
     "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
-    "completion": Command("completion:main", "a script by which a shell completes commands and options"),
 }
 for _words, _command in COMMANDS.items():
     *_path, _word = _words.split()

@@ -1,4 +1,4 @@
-"""HTML pages that are whole in themselves: no script, no other file, no address; they print on A4."""
+"""HTML pages that are whole in themselves: no other file, no address; they print on A4."""
 
 import base64
 from collections.abc import Sequence
@@ -25,18 +25,20 @@ small { color: #868e96 } img, svg { max-width: 100% } h2, h3 { break-after: avoi
 """
 
 
-def make_page(title: str, parts: Sequence[str], style: str = "") -> str:
+def make_page(title: str, parts: Sequence[str], style: str = "", scripted: bool = False) -> str:
     """A page of parts that are HTML already.
 
     Args:
         title: Plain text.
         parts: Below each other.
         style: CSS, in addition to that of all pages.
+        scripted: If the parts hold a script, which others must not.
     """
+    policy = _POLICY + ("; script-src 'unsafe-inline'" if scripted else "")
     head = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
-        f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">',
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<title>{markup(title)}</title><style>{_STYLE}{style}</style></head><body>",
     ]

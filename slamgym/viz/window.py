@@ -13,10 +13,6 @@ class Window:
         title: Of the window.
         frames_per_second: Rate at which :meth:`show` returns; 0 doesn't wait.
 
-    Attributes:
-        keys: Names of the keys that were down at the last picture, also of those that were only tapped since the one
-            before: ``"up"``, ``"w"``, ``"return"``, ...
-
     Raises:
         SlamgymError: If pygame isn't installed, or there is no display.
     """
@@ -31,8 +27,6 @@ class Window:
         self._pygame: Any = pygame
         self._title = title
         self._rate = frames_per_second
-        self._held: set[str] = set()
-        self.keys: frozenset[str] = frozenset()
         self._screen: Any = None
         self._clock = pygame.time.Clock()
         try:
@@ -53,22 +47,12 @@ class Window:
             except pygame.error as error:
                 raise _no_display(error) from None
             pygame.display.set_caption(self._title)
-        self._take_events()
+        if pygame.event.get(pygame.QUIT):
+            raise SlamgymError("the window was closed before the end")
+        pygame.event.clear()
         self._screen.blit(pygame.surfarray.make_surface(picture.swapaxes(0, 1)), (0, 0))
         pygame.display.flip()
         self._clock.tick(self._rate)
-
-    def _take_events(self) -> None:
-        pygame, tapped = self._pygame, set()
-        for event in pygame.event.get():
-            if event.type == pygame.QUIT:
-                raise SlamgymError("the window was closed before the end")
-            if event.type == pygame.KEYDOWN:
-                tapped.add(pygame.key.name(event.key))
-                self._held.add(pygame.key.name(event.key))
-            elif event.type == pygame.KEYUP:
-                self._held.discard(pygame.key.name(event.key))
-        self.keys = frozenset(self._held | tapped)
 
     def close(self) -> None:
         """Close the window."""

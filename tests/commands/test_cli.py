@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 import tyro
+from help_pages import help_pages, options_of
 
 from slamgym import __version__
 from slamgym.commands import cli, frame
-from slamgym.commands.completion import help_pages, options_of
 from slamgym.core.config import Arguments
 from slamgym.core.errors import InputFileError
 from slamgym.core.progress import say, tell

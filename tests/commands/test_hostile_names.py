@@ -57,8 +57,6 @@ ELSEWHERE = {
     "dataset merge": "test_a_merge_takes_no_links_and_no_false_records",
     "cad compare": "names its files itself; tests/commands/test_cad_compare_command.py",
     "cad draw": "names its files by the stems of the maps' own; tests/commands/test_cad_command.py",
-    "drive": "writes as generate does, and needs a window; tests/commands/test_drive_command.py",
-    "dataset pack": "names its shards itself, and reads the images' manifest as all do",
     "agents record": "its id names the folder; tests/commands/test_record_command.py",
     "bench run": "names its files itself, of the track and of the entry made a file name; tests/agents/test_bench.py",
     "bench leaderboard": "writes the page that the command line names, and the JSON beside it",
@@ -69,7 +67,6 @@ ELSEWHERE = {
     "reproduce": "runs other commands on folders that it names itself",
     "plans fetch": "writes the file that the command line names; tests/cad/test_public_archives.py",
     "doctor": "reads and writes nothing of the user's",
-    "completion": "prints a script",
     "warmup": "reads and writes nothing of the user's",
 }  # fmt: skip
 

@@ -3,13 +3,12 @@
 import base64
 import json
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 
 import cv2
 import numpy as np
 import pytest
+from browser import needs_browser, run_in_page
 
 from slamgym.commands import cli
 from slamgym.core.types import GridFrame, OccupancyGrid
@@ -23,7 +22,6 @@ from slamgym.dataset.curate.review import (
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.interop import write_ros_map
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 BAND = (0.4, 0.8)
 
 
@@ -213,8 +211,6 @@ def test_a_folder_that_was_not_cleaned_is_refused(tmp_path, maps, capsys):
 
 
 DRIVER = """
-<script>
-(async () => {
   const press = (key) => document.dispatchEvent(new KeyboardEvent("keydown", { key, bubbles: true }));
   const text = (id) => document.getElementById(id).textContent;
   const read = () => ["progress-text", "place", "state"].map(text).join("; ");
@@ -231,34 +227,14 @@ DRIVER = """
     && canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height).data.some((value) => value > 0);
   // Pictures are decoded in real time while the browser's virtual time flies: look often.
   for (let tries = 0; tries < 700 && !isPainted(); tries++) await new Promise((resolve) => setTimeout(resolve, 20));
-  const result = document.createElement("output");
-  result.id = "result";
-  result.textContent = JSON.stringify({
-    seen, saved, painted: isPainted(), stored: Object.keys(localStorage).length > 0,
-  });
-  document.body.append(result);
-})();
-</script>
+  return { seen, saved, painted: isPainted(), stored: Object.keys(localStorage).length > 0 };
 """
 
 
-@pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
+@needs_browser
 def test_keys_decide_and_the_saved_file_is_read_back(tmp_path):
     """Load the page from a file in headless Chromium, press its keys, take what it saves."""
-    text = page_of(entry("a"), entry("bb"), entry("ccc"))
-    driven = tmp_path / "driven.html"
-    driven.write_text(text.replace("</body>", DRIVER + "</body>"), encoding="utf-8")
-    command = [
-        str(CHROMIUM), "--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage",
-        f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=15000", "--dump-dom",
-        driven.as_uri(),
-    ]  # fmt: skip
-    finished = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    found = re.search(r'<output id="result">(.*?)</output>', finished.stdout, re.DOTALL)
-    assert found, finished.stdout[-2000:] + finished.stderr[-2000:]
-    from html import unescape
-
-    result = json.loads(unescape(found[1]))
+    result = run_in_page(page_of(entry("a"), entry("bb"), entry("ccc")), DRIVER, tmp_path)
     assert result["seen"] == [
         "0 of 3 decided; 1 of 3; not decided",
         "1 of 3 decided; 2 of 3; not decided",  # k

@@ -7,10 +7,8 @@ import sys
 
 import pytest
 
-from slamgym.core.errors import ConfigError
 from slamgym.dataset.curate.split import make_split
 from slamgym.dataset.images.format import load_images, read_images
-from slamgym.dataset.images.pack import pack_images
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 
@@ -57,10 +55,3 @@ def test_datasets_loads_the_folder_as_it_lies(images, tmp_path):
             assert row["mode"] == "L"
             assert row["sums"] == [int(image.sum()) for image in load_images(images, record)]
             assert json.loads(row["conditions"]) == record.conditions
-
-
-def test_without_pyarrow_one_sentence_says_what_to_install(images, tmp_path, monkeypatch):
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(ConfigError, match=r"pip install 'slamgym\[hub\]'"):
-        pack_images(images, tmp_path / "pack")
-    assert not (tmp_path / "pack").exists()  # before the work is done, not after
