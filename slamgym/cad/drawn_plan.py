@@ -3,6 +3,7 @@
 Drawings show walls in three forms: closed bodies, two lines for the two faces, one line. All are taken as lines
 that divide the plane. What they enclose is a wall where it is narrow, else a space. Doors and windows are lines
 that close gaps; two spaces with a door between them are one floor, and what lies behind an outer door isn't.
+Outlines of rooms shut out the outside where walls have gaps.
 
 Convention: metres, x right, y up, as in a :class:`FloorPlan`.
 """
@@ -20,7 +21,7 @@ from slamgym.cad.houseexpo import MAX_PLAN_COORDINATE
 from slamgym.cad.polygons import largest_part, polygon_parts, refuse_crowded
 from slamgym.core.errors import PlanError
 from slamgym.core.limits import NEAR_PAIRS, PLAN_PARTS, VERTICES
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, IntArray
 
 LINE_GRID = 1e-3
 """Ends of lines that are closer than this meet [m]."""
@@ -74,14 +75,15 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
         PlanError: If the walls enclose nothing, or doors join too little of it.
     """
     drawn = _checked(drawn, source)
-    segments = np.vstack([drawn.walls, _lengthened(np.vstack([drawn.doors, drawn.windows]))])
+    drawn_lines = np.vstack([drawn.walls, _lengthened(np.vstack([drawn.doors, drawn.windows]))])
+    segments = np.vstack([drawn_lines, *outline_edges(room.polygon for room in drawn.rooms)])
     _refuse_tangled(segments, source)
     network = _joined(segments)
-    spaces = _spaces(network)
+    spaces = _spaces(network, drawn_lines)
     min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
     box = (max_x - min_x) * (max_y - min_y)
     if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
-        spaces = _spaces_with_gaps_shut(network, segments) or spaces
+        spaces = _spaces_with_gaps_shut(network, drawn_lines) or spaces
     if not spaces:
         raise PlanError(source, "its walls enclose no space; check the layers, the unit and gaps at corners")
     doorways = _doorways(drawn.doors, spaces)
@@ -120,13 +122,15 @@ def edges_of(points: FloatArray, closed: bool) -> FloatArray:
     return edges if closed else edges[:-1]
 
 
-def middle_line(polygon: Polygon) -> FloatArray:
-    """The long middle line of a polygon that is roughly a rectangle, shape (4,)."""
+def middle_line(polygon: Polygon, direction: FloatArray | None = None) -> FloatArray:
+    """The middle line of a polygon that is roughly a rectangle, shape (4,): the long one, or that in a direction."""
     box = shapely.get_coordinates(shapely.oriented_envelope(polygon))
     if len(box) < 5:
         return np.concatenate([box[0], box[-1]])
-    first, second = box[1] - box[0], box[2] - box[1]
-    centre, along = box[:4].mean(axis=0), first if np.hypot(*first) >= np.hypot(*second) else second
+    sides = np.diff(box[:3], axis=0)
+    lengths = np.hypot(*sides.T)
+    along = sides[np.argmax(lengths if direction is None else np.abs(sides @ direction) / lengths)]
+    centre = box[:4].mean(axis=0)
     return np.concatenate([centre - 0.5 * along, centre + 0.5 * along])
 
 
@@ -174,25 +178,41 @@ def _lengthened(segments: FloatArray) -> FloatArray:
     return np.hstack([segments[:, :2] - JAMB * unit, segments[:, 2:] + JAMB * unit])
 
 
-def _spaces(network: Any) -> list[Polygon]:
-    """Areas that the lines enclose, without the bodies of walls."""
+def _spaces(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
+    """Areas that the lines enclose, without the bodies of walls; the outline of a room doesn't part two of them."""
     faces = shapely.get_parts(shapely.polygonize([network]))
-    return [face for face in faces if not face.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
+    group = _groups(len(faces), _open_borders(network, drawn_lines, faces))
+    members = np.split(faces[np.argsort(group)], np.cumsum(np.bincount(group))[:-1])
+    areas = [part for some in members for part in polygon_parts(shapely.union_all(some))]
+    return [area for area in areas if not area.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
 
 
-def _spaces_with_gaps_shut(network: Any, segments: FloatArray) -> list[Polygon]:
+def _open_borders(network: Any, drawn_lines: FloatArray, faces: Any) -> list[tuple[int, int]]:
+    """Pairs of faces that meet where no line of a wall, door or window is drawn."""
+    borders = shapely.get_parts(network)
+    middles = shapely.line_interpolate_point(borders[shapely.length(borders) > JAMB], 0.5, normalized=True)
+    shut, _ = shapely.STRtree(_lines(drawn_lines)).query(middles, "dwithin", 2.0 * LINE_GRID)
+    border, face = shapely.STRtree(faces).query(np.delete(middles, shut), "dwithin", LINE_GRID)
+    same = border[1:] == border[:-1]
+    return list(zip(face[:-1][same].tolist(), face[1:][same].tolist(), strict=True))
+
+
+def _spaces_with_gaps_shut(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
     """The same where the outer walls have gaps: the outside is what a disc that can't pass them covers."""
     radius = 0.5 * OUTER_GAP
     around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
     # One line at a time: GEOS takes the square of the time, and of the memory, for all of them at once.
-    free = around.difference(shapely.union_all(shapely.buffer(_lines(segments), radius, quad_segs=16)))
+    free = around.difference(shapely.union_all(shapely.buffer(_lines(drawn_lines), radius, quad_segs=16)))
     border = around.exterior
     outside = shapely.union_all([part for part in shapely.get_parts(free) if part.intersects(border)])
     # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
     outside = outside.simplify(LINE_GRID, preserve_topology=False).buffer(radius - 5.0 * LINE_GRID)
     shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
     strip = 10.0 * LINE_GRID
-    inner = [space for space in _spaces(shut) if not outside.intersects(space.representative_point())]
+    borders = np.vstack([drawn_lines, *outline_edges(polygon_parts(outside))])
+    inner = [
+        space for space in _spaces(shut, borders) if not outside.intersects(space.representative_point())
+    ]
     opened = [space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre") for space in inner]
     return [part for space in opened for part in polygon_parts(space)]
 
@@ -228,14 +248,19 @@ def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> tuple[in
 
 def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> set[int]:
     """The spaces that doors join to the largest floor."""
+    group = _groups(len(spaces), [way.spaces for way in doorways])
+    areas = np.bincount(group, [space.area for space in spaces])
+    return set(np.flatnonzero(group == np.argmax(areas)).tolist())
+
+
+def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> IntArray:
+    """For each of some things the number of its group, joined pair by pair."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    ends = np.array([way.spaces for way in doorways], np.int64).reshape(-1, 2).T
-    joined = coo_array((np.ones(ends.shape[1]), ends), shape=(len(spaces), len(spaces)))
-    _, group = connected_components(joined, directed=False)
-    areas = np.bincount(group, [space.area for space in spaces])
-    return set(np.flatnonzero(group == np.argmax(areas)).tolist())
+    ends = np.array(pairs, np.int64).reshape(-1, 2).T
+    joined = coo_array((np.ones(ends.shape[1]), ends), shape=(count, count))
+    return np.asarray(connected_components(joined, directed=False)[1], np.int64)
 
 
 def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:

@@ -33,7 +33,7 @@ LayerKind = Literal["wall", "door", "window", "room", "other"]
 LAYERS: dict[LayerKind, str] = {
     "window": r"window|glaz|fenster|fen[eê]tre|ventana|finestra|janela|raam|vindu",
     "door": r"door|opening|t[uü]e?r(?!m)|porte|puerta|porta|deur|d[oø]rr?",
-    "room": r"room|raum|space|pi[eè]ce|locale|zone",
+    "room": r"room|raum|space|pi[eè]ce|locale|zone|area",
     "wall": r"wall|\bmur|wand|w[aä]e?nd|muro|pared|parete|vegg|cloison|inferred",
 }
 """Meanings of the names of layers, the first that fits; regular expressions, capital letters or not."""
@@ -224,7 +224,11 @@ class _Found:
 
     def doors(self, walls: FloatArray, unit: float) -> FloatArray:
         """The doors, from jamb to jamb [m]: lines, and closed positions of swings."""
-        edges = stacked([*self.lines["door"], self._closed_leaves(walls, HINGED / unit)]) * unit
+        lines, near = stacked(self.lines["door"]), HINGED / unit
+        hinges = shapely.STRtree([shapely.Point(swing[0]) for swing in self.swings])
+        segments: Any = shapely.linestrings(lines.reshape(-1, 2, 2))
+        leaves, _ = hinges.query(segments, predicate="dwithin", distance=near)  # that stand open
+        edges = stacked([np.delete(lines, leaves, axis=0), self._closed_leaves(walls, near)]) * unit
         lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
 
@@ -252,8 +256,9 @@ class _Found:
         if not all(abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE for size in sizes):
             raise PlanError(self._source, "has an arc without bounds; delete it")
         if kind == "door" and name == "ARC":
+            hinge = entity.ocs().to_wcs(entity.dxf.center)  # a mirrored block's arc has axes of its own
             self.swings.append(
-                np.array([tuple(p)[:2] for p in (entity.dxf.center, entity.start_point, entity.end_point)])
+                np.array([tuple(p)[:2] for p in (hinge, entity.start_point, entity.end_point)])
             )
             return
         curve = paths.make_path(entity)

@@ -304,9 +304,15 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     slope = (x1 - x0)[edge] / (y1 - y0)[edge]
     crossing = x0[edge] + (row - y0[edge]) * slope
     col = np.clip(np.ceil(crossing), 0, width).astype(np.int64)
-    crossings = np.bincount((height - 1 - row) * (width + 1) + col, minlength=height * (width + 1))
-    parity = (crossings.reshape(height, width + 1) & 1).astype(np.uint8)
-    return np.bitwise_xor.accumulate(parity, axis=1)[:, :width].astype(np.bool_)
+    inside = np.zeros((height, width), np.bool_)
+    if len(row):
+        top, bottom = height - 1 - row.max(), height - row.min()
+        crossings = np.bincount(
+            (height - 1 - row - top) * (width + 1) + col, minlength=(bottom - top) * (width + 1)
+        )
+        parity = (crossings.reshape(bottom - top, width + 1) & 1).astype(np.uint8)
+        inside[top:bottom] = np.bitwise_xor.accumulate(parity, axis=1)[:, :width]
+    return inside
 
 
 SHARE_STEPS = 5

@@ -171,16 +171,13 @@ def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
     if not openings:
         return None
     opening = max(openings, key=lambda part: float(part.area))
-    line = middle_line(opening)
-    if wall:
-        box = shapely.oriented_envelope(shapely.union_all(wall))
-        body = middle_line(box) if isinstance(box, Polygon) else line
-        direction = (body[2:] - body[:2]) / max(float(np.hypot(*(body[2:] - body[:2]))), LINE_GRID)
-        across = (shapely.get_coordinates(opening) - body[:2]) @ direction
-        sideways = body[:2] + across.min() * direction, body[:2] + across.max() * direction
-        # A curved wall's own axis lies elsewhere; there the opening's is taken.
-        if shapely.LineString(sideways).intersects(opening):
-            line = np.concatenate(sideways)
+    line, box = middle_line(opening), shapely.oriented_envelope(shapely.union_all(wall))
+    if isinstance(box, Polygon) and not box.is_empty:
+        body = middle_line(box)
+        line = middle_line(opening, body[2:] - body[:2])
+        if not box.intersects(shapely.LineString(line.reshape(2, 2))):  # it sticks out of the wall
+            across = np.array([line[1] - line[3], line[2] - line[0]]) / np.hypot(*(line[2:] - line[:2]))
+            line += np.tile((0.5 * (body[:2] + body[2:]) - line[:2]) @ across * across, 2)
     return line if float(np.hypot(*(line[2:] - line[:2]))) >= MIN_LENGTH else None
 
 

@@ -57,6 +57,29 @@ def test_coordinates_next_to_nothing_are_zeros(write):
     check_plan(read_dxf(path))  # geometry would divide by zero
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_dxf_doors_are_blocks_with_a_leaf_that_stands_open(write, side):
+    import io
+
+    import ezdxf
+
+    document = ezdxf.read(io.StringIO(flat.dxf(doors="DOORS")))
+    space = document.modelspace()
+    for line in space.query("LINE"):
+        space.delete_entity(line)
+    block = document.blocks.new("D90")
+    block.add_line((0, 0), (0, 1))
+    block.add_arc((0, 0), 1.0, 0.0, 90.0)
+    for x0, y0, x1, y1 in (flat.DOOR, flat.ENTRANCE):
+        width = float(np.hypot(x1 - x0, y1 - y0))
+        turn = float(np.degrees(np.arctan2(y1 - y0, x1 - x0)))
+        scale = {"xscale": width, "yscale": side * width, "zscale": width}
+        space.add_blockref("D90", (x0, y0), {**scale, "rotation": turn, "layer": "A-DOOR"})
+    text = io.StringIO()
+    document.write(text)
+    check_flat(read_dxf(write("blocks.dxf", text.getvalue())))
+
+
 def test_dxf_without_a_unit_is_guessed_with_a_doubt_and_refused_as_a_source(write):
     path = write("flat.dxf", flat.dxf(unit=""))
     plan = read_dxf(path)
@@ -100,6 +123,23 @@ def test_geojson(write):
     check_flat(plan)
     assert sorted(room.category for room in plan.rooms) == ["Bedroom", "Kitchen"]
     assert open_plans(path).ids == ["flat"]
+
+
+@pytest.mark.parametrize("gone", range(5))
+def test_rooms_are_floor_where_a_wall_is_missing(write, gone):
+    document = flat.geojson()
+    walls = [f for f in document["features"] if f["properties"]["kind"] == "wall"]
+    document["features"].remove(walls[gone])
+    check_flat(read_geojson(write("gap.geojson", json.dumps(document))), tolerance=0.07)
+
+
+def test_a_frame_round_a_name_and_an_open_passage_part_no_rooms(write):
+    document = flat.geojson()
+    frames = [(1.0, 2.0, 2.0, 2.3), (2.0, 0.0, 2.9, 4.0)]
+    for box in frames:
+        geometry = {"type": "Polygon", "coordinates": [flat.ring(box)]}
+        document["features"].append({"type": "Feature", "properties": {"kind": "room"}, "geometry": geometry})
+    check_flat(read_geojson(write("frame.geojson", json.dumps(document))))
 
 
 def test_geojson_of_walls_alone_shuts_the_entrance(write):

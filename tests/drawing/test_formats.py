@@ -1,17 +1,23 @@
 """Every format holds what was drawn, to scale, and can be read again."""
 
+import dataclasses
+import itertools
 import json
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 import shapely
-from drawing.painted import FLAT, painted
+from drawing.painted import FLAT, Painted, painted
 
 from slamgym.cad import check_plan, open_plans, read_houseexpo
 from slamgym.core.errors import SlamgymError
 from slamgym.drawing import make_drawing, write_drawing
+from slamgym.drawing.drawing import DrawnDoor, DrawnWall
+from slamgym.drawing.formats.html import format_html
+from slamgym.drawing.formats.look import DRAWN_COLOURS, place_labels
 from slamgym.drawing.formats.png import draw_picture
+from slamgym.drawing.formats.straight_walls import straight_walls
 
 
 @pytest.fixture(scope="module")
@@ -44,20 +50,36 @@ def test_json_is_a_plan_that_can_be_explored(drawing, files):
 @pytest.fixture(scope="module")
 def wide():
     """Two rooms and an opening of 2 m between them."""
-    rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4, 1, 4.1, 3), shapely.box(4.1, 0, 9, 5)])
-    grid, _, model = painted(rooms)
-    return make_drawing(grid, "wide", model, 3.0)
+    opening = shapely.box(4, 1, 4.1, 3)
+    grid, floor, _ = painted(shapely.union_all([shapely.box(0, 0, 4, 5), opening, shapely.box(4.1, 0, 9, 5)]))
+    return make_drawing(grid, "wide", Painted(floor, opening))
 
 
 @pytest.mark.parametrize("suffix", ["json", "geojson", "dxf", "ifc"])
-def test_every_format_keeps_a_wide_opening_in_the_round_trip(wide, tmp_path, suffix):
+@pytest.mark.parametrize("kind", ["drawing", "wide"])
+def test_every_format_keeps_floor_and_doors_in_the_round_trip(request, tmp_path, suffix, kind):
     pytest.importorskip({"dxf": "ezdxf", "ifc": "ifcopenshell"}.get(suffix, "json"))
-    (path,) = write_drawing(wide, tmp_path / "wide", [suffix])
+    drawn = request.getfixturevalue(kind)
+    (path,) = write_drawing(drawn, tmp_path / "flat", [suffix])
     source = open_plans(str(path))
     plan = source.load(source.ids[0])
-    assert [door.width for door in plan.doors] == pytest.approx([2.0], abs=0.02)
-    assert plan.area == pytest.approx(wide.area, rel=0.01)
+    (door,) = drawn.doors
+    assert [door.width for door in plan.doors] == pytest.approx([door.width], abs=0.02)
+    middle = shapely.LineString([plan.doors[0].start, plan.doors[0].end]).centroid
+    assert middle.distance(shapely.LineString([door.start, door.end]).centroid) < 0.07
+    assert plan.free_space.symmetric_difference(drawn.floor).area < 0.01 * drawn.area
     assert len(plan.rooms) == 2
+
+
+@pytest.mark.parametrize("suffix", ["geojson", "dxf", "ifc"])
+def test_the_floor_is_read_again_though_no_wall_was_drawn_somewhere(wide, tmp_path, suffix):
+    pytest.importorskip({"dxf": "ezdxf", "ifc": "ifcopenshell"}.get(suffix, "json"))
+    longest = max(wide.walls, key=lambda wall: wall.length)
+    gappy = dataclasses.replace(wide, walls=tuple(wall for wall in wide.walls if wall != longest), doors=())
+    (path,) = write_drawing(gappy, tmp_path / "gappy", [suffix])
+    source = open_plans(str(path))
+    floor = source.load(source.ids[0]).free_space
+    assert floor.symmetric_difference(wide.floor).area < 0.02 * wide.area
 
 
 def test_an_opening_is_told_from_a_door(wide, tmp_path):
@@ -104,6 +126,31 @@ def test_png_shows_floor_walls_and_doors(drawing):
     assert picture.shape[2] == 3
 
 
+@pytest.mark.parametrize("height", [0.05, 0.18, 0.5])
+@pytest.mark.parametrize("turned", [False, True])
+def test_labels_never_overlap(drawing, height, turned):
+    labels, lines = place_labels(drawing, 0.6 * height, height, turned)
+    boxes = [label.box(0.6 * height, height) for label in labels]
+    assert not any(a.intersects(b) for a, b in itertools.combinations(boxes, 2))
+    assert [label.line for label in labels if label.kind == "size"] == lines
+    if height < 0.2:
+        assert {label.kind for label in labels} == {"name", "number", "size"}
+        assert len(labels) == len(drawing.rooms) + len(drawing.doors) + len(drawing.dimensions)
+        names = [(label.at, box) for label, box in zip(labels, boxes, strict=True) if label.kind == "name"]
+        assert all(any(room.polygon.covers(box) for room in drawing.rooms) for _, box in names)
+
+
+def test_picture_drawing_and_report_explain_the_same_colours(drawing, files):
+    svg, page = files[".svg"].read_text(), format_html(drawing)
+    colours = {tuple(colour) for colour in draw_picture(drawing, 500).reshape(-1, 3).tolist()}
+    for colour, words in DRAWN_COLOURS.values():
+        assert f'fill="rgb{colour}"' in svg
+        assert words in svg
+        assert f'fill="rgb{colour}"' in page
+        assert words in page
+        assert colour in colours
+
+
 def test_text_formats_are_the_same_every_time(drawing, files, tmp_path):
     again = write_drawing(drawing, tmp_path / "again", ["svg", "geojson", "json", "png"])
     for path in again:
@@ -119,24 +166,70 @@ def test_dxf_has_its_layers_in_metres_and_passes_the_audit(drawing, tmp_path):
     assert not audit.fixes
     assert document.header["$INSUNITS"] == 6
     space = document.modelspace()
-    walls = space.query("LWPOLYLINE[layer=='WALLS']")
-    assert len(walls) == len(drawing.walls)
-    assert all(wall.closed for wall in walls)
-    union = shapely.union_all([shapely.Polygon([(x, y) for x, y, *_ in wall.get_points()]) for wall in walls])
-    assert union.area == pytest.approx(shapely.union_all([w.polygon for w in drawing.walls]).area, rel=1e-3)
-    (door,) = space.query("LINE[layer=='DOORS']")
-    assert door.dxf.start.distance(door.dxf.end) == pytest.approx(drawing.doors[0].width, abs=1e-6)
-    assert len(space.query("LWPOLYLINE[layer=='ROOMS']")) == 2
-    shown = {
-        text.text
-        for line in space.query("DIMENSION")
-        for text in line.get_geometry_block()
-        if text.dxftype() == "MTEXT"
-    }
-    assert shown == {f"{line.length:.2f}" for line in drawing.dimensions}
-    measured = sorted(line.get_measurement() for line in space.query("DIMENSION[layer=='DIMENSIONS']"))
+    outlines = space.query("LWPOLYLINE[layer=='A-WALL']")
+    assert all(line.closed for line in outlines)
+    faces = shapely.polygonize([shapely.LinearRing(list(line.vertices())) for line in outlines])
+    bodies = shapely.union_all([wall.polygon for wall in drawing.walls])
+    assert all(face.boundary.distance(bodies.boundary) < 1e-3 for face in shapely.get_parts(faces))
+    (door,) = space.query("INSERT[layer=='A-DOOR']")
+    jamb = door.matrix44().transform((1.0, 0.0, 0.0))
+    ends = {(round(x, 3), round(y, 3)) for x, y, _ in (door.dxf.insert, jamb)}
+    assert ends == {(round(x, 3), round(y, 3)) for x, y in (drawing.doors[0].start, drawing.doors[0].end)}
+    assert len(space.query("LWPOLYLINE[layer=='A-AREA']")) == 2
+    assert len(space.query("LWPOLYLINE[layer=='V-SURV']")) > 0
+    box = shapely.box(*document.header["$EXTMIN"][:2], *document.header["$EXTMAX"][:2])
+    assert box.covers(shapely.box(*drawing.bounds))
+    assert box.bounds == pytest.approx((*document.header["$LIMMIN"], *document.header["$LIMMAX"]))
+
+
+def test_dxf_dimensions_are_metres_by_their_style_alone(drawing, tmp_path):
+    ezdxf = pytest.importorskip("ezdxf")
+    (path,) = write_drawing(drawing, tmp_path / "flat", ["dxf"])
+    document = ezdxf.readfile(path)
+    lines = document.modelspace().query("DIMENSION[layer=='A-ANNO-DIMS']")
+    assert document.dimstyles.get("METRES").dxf.dimlfac == document.header["$DIMLFAC"] == 1.0
+    assert {line.dxf.dimstyle for line in lines} == {"METRES"}
+    assert not any(line.has_xdata("ACAD") for line in lines)
+    shown = {t.text for line in lines for t in line.get_geometry_block() if t.dxftype() == "MTEXT"}
+    assert shown == {f"{line.length:.2f} m" for line in drawing.dimensions}
+    measured = sorted(line.get_measurement() for line in lines)
     assert measured == pytest.approx(sorted(line.length for line in drawing.dimensions), abs=1e-6)
-    assert len(space.query("LWPOLYLINE[layer=='RAW']")) > 0
+
+
+def test_dxf_has_a_sheet_to_scale_on_the_smallest_paper(drawing, tmp_path):
+    ezdxf = pytest.importorskip("ezdxf")
+    (path,) = write_drawing(drawing, tmp_path / "flat", ["dxf"])
+    document = ezdxf.readfile(path)
+    assert document.layout_names_in_taborder() == ["Model", "A4 1-50"]
+    sheet = document.layout("A4 1-50").dxf_layout.dxf
+    assert (sheet.paper_width, sheet.paper_height) == (297.0, 210.0)
+    assert (sheet.scale_numerator, sheet.scale_denominator) == (20.0, 1.0)  # mm of paper a metre
+    _, view = document.layout("A4 1-50").viewports()
+    assert view.dxf.height == view.dxf.view_height
+    x, y, _ = view.dxf.center
+    half = 0.5 * view.dxf.width, 0.5 * view.dxf.height
+    assert shapely.box(x - half[0], y - half[1], x + half[0], y + half[1]).covers(
+        shapely.box(*drawing.bounds)
+    )
+
+
+@pytest.mark.parametrize(
+    ("size", "paper"),
+    [
+        ((13, 8), ("A4", 50)),
+        ((9, 12), ("A4", 50)),
+        ((18, 9), ("A4", 100)),
+        ((39, 9), ("A3", 100)),
+        ((900, 9), ("A0", 1000)),
+    ],
+)
+def test_papers(size, paper):
+    pytest.importorskip("ezdxf")
+    from slamgym.drawing.formats.dxf_sheet import fitting_paper
+
+    found = fitting_paper(*size)
+    assert (found.name, found.scale) == paper
+    assert (found.width > found.height) == (size[0] > size[1])
 
 
 @pytest.mark.filterwarnings(
@@ -152,10 +245,23 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     log = validate.json_logger()
     validate.validate(model, log, express_rules=True)
     assert log.statements == []
-    assert len(model.by_type("IfcWall")) == len(drawing.walls)
+    # Six outer walls of the L and its neighbour, and the one between them, which runs through the door.
+    walls = model.by_type("IfcWall")
+    assert len(walls) == 7 < len(drawing.walls)
+    for wall in walls:
+        (layer,) = element.get_material(element.get_type(wall)).MaterialLayers
+        assert layer.LayerThickness == pytest.approx(
+            element.get_psets(wall)["Slamgym_Evidence"]["Thickness"], abs=0.006
+        )
     (door,) = model.by_type("IfcDoor")
     assert door.OverallWidth == pytest.approx(drawing.doors[0].width)
-    assert door.FillsVoids[0].RelatingOpeningElement.is_a("IfcOpeningElement")
+    (voids,) = door.FillsVoids[0].RelatingOpeningElement.VoidsElements
+    assert element.get_psets(voids.RelatingBuildingElement)["Slamgym_Evidence"]["Length"] == pytest.approx(
+        3.0, abs=0.1
+    )
+    (slab,) = model.by_type("IfcSlab")
+    assert element.get_container(slab) == model.by_type("IfcBuildingStorey")[0]
+    assert all(model.get_inverse(item) for item in model.by_type("IfcSurfaceStyle"))
     areas = [
         element.get_psets(space)["Qto_SpaceBaseQuantities"]["NetFloorArea"]
         for space in model.by_type("IfcSpace")
@@ -163,6 +269,32 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     assert areas == pytest.approx([room.area for room in drawing.rooms], rel=1e-6)
     other = ifcopenshell.open(str(second))
     assert [e.GlobalId for e in model.by_type("IfcRoot")] == [e.GlobalId for e in other.by_type("IfcRoot")]
+
+
+def test_pieces_of_a_straight_wall_are_one_wall_through_a_door():
+    def piece(start, end, thickness=0.1, seen=1.0):
+        body = shapely.LineString([start, end]).buffer(0.5 * thickness, cap_style="flat")
+        return DrawnWall(body, start, end, thickness, True, 0.9, seen, "SEEN" if seen else "INFERRED")
+
+    pieces = [
+        piece((0.0, 0.0), (2.0, 0.0)),
+        piece((2.0, 0.01), (3.0, 0.01), seen=0.0),
+        piece((3.9, 0.0), (6.0, 0.0), 0.12),
+        piece((6.0, 0.0), (6.0, 3.0)),  # another direction
+        piece((6.0, 0.0), (8.0, 0.0), 0.3),  # another thickness
+        piece((9.0, 0.0), (10.0, 0.0)),  # nothing between
+    ]
+    door = DrawnDoor((3.0, 0.0), (3.9, 0.0), 0.1, ("R01", "R02"), (1, 2), 1.0, "SEEN")
+    walls, wall_of = straight_walls(pieces, [door])
+    assert [int(number == wall_of[0]) for number in wall_of] == [1, 1, 1, 0, 0, 0]
+    assert len(walls) == len(set(wall_of.tolist())) == 4
+    joined = walls[wall_of[0]]
+    assert joined.length == pytest.approx(6.0)
+    assert joined.polygon.bounds == pytest.approx((0.0, -0.05, 6.0, 0.06), abs=0.01)
+    assert joined.share_seen == pytest.approx(4.1 / 5.1)
+    assert joined.layer == "SEEN"
+    apart, _ = straight_walls(pieces, [])
+    assert len(apart) == 5
 
 
 def test_an_unknown_format_is_refused(drawing, tmp_path):

@@ -1,8 +1,9 @@
-"""DXF by ezdxf: metres, one layer a kind, dimension lines that measure themselves, the map's echoes as underlay.
+"""DXF by ezdxf: model space in metres, the map's echoes as underlay, and a sheet to scale in paper space.
 
-Layers: WALLS (closed LWPOLYLINEs of wall bodies), DOORS, OPENINGS and WINDOWS (LINEs), ROOMS (closed LWPOLYLINEs, a
-TEXT with id and area), UNEXPLORED, INFERRED (bodies of walls without evidence as on WALLS; unseen floor as
-HATCH), RAW (one closed LWPOLYLINE for each run of occupied cells), DIMENSIONS.
+Layers are named as the US National CAD Standard has them: A-WALL (outlines of walls; A-WALL-INFR of those without
+evidence; A-WALL-PATT, their filling), A-DOOR and A-DOOR-OPNG (a block for each door and opening), A-AREA (outlines of
+rooms; A-AREA-IDEN, their names and areas), A-FLOR-UNEX (unexplored), A-FLOR-INFR (floor never observed), A-ANNO-DIMS
+(dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes).
 """
 
 import io
@@ -11,19 +12,20 @@ from typing import Any
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import LineString, MultiPolygon, Polygon
 
-from slamgym.drawing.drawing import Drawing
+from slamgym.cad.polygons import largest_part, polygon_parts
+from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint
+from slamgym.drawing.evidence import echo_outlines
+from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
+from slamgym.drawing.polygons import CORNER_GRID
 
-LAYER_COLOURS = {
-    "RAW": 30, "ROOMS": 8, "WALLS": 7, "DOORS": 5, "OPENINGS": 150, "WINDOWS": 4, "INFERRED": 9, "UNEXPLORED": 2,
-    "DIMENSIONS": 1,
+LAYER_LOOKS = {
+    "V-SURV": (30, 9), "A-AREA": (8, 9), "A-AREA-IDEN": (7, 18), "A-FLOR-UNEX": (2, 18), "A-FLOR-INFR": (151, 9),
+    "A-WALL": (7, 35), "A-WALL-INFR": (8, 25), "A-WALL-PATT": (9, 9), "A-DOOR": (5, 25), "A-DOOR-OPNG": (150, 18),
+    "A-ANNO-DIMS": (1, 13), "A-ANNO-TTLB": (7, 25),
 }  # fmt: skip
-"""AutoCAD's colour numbers."""
-_TEXT = 0.18
-"""Height of letters [m]."""
-_APP = "SLAMGYM"
-"""Name under which walls carry thickness, confidence and share seen (extended data)."""
+"""AutoCAD's number of the colour, and the width of lines [0.01 mm]."""
 
 
 def format_dxf(drawing: Drawing) -> str:
@@ -31,63 +33,111 @@ def format_dxf(drawing: Drawing) -> str:
     import ezdxf
     from ezdxf import units
 
-    document = ezdxf.new("R2018", setup=["linetypes", "dimstyles"], units=units.M)
-    for name, colour in LAYER_COLOURS.items():
-        document.layers.add(name, color=colour)
-    for name in ("INFERRED", "OPENINGS", "UNEXPLORED"):
-        document.layers.get(name).dxf.linetype = "DASHED"
-    document.appids.add(_APP)
+    document = ezdxf.new("R2018", units=units.M)
+    document.header["$PSLTSCALE"] = 0  # dashes are in metres, on paper too
+    lines = [LineString([line.start, line.end]) for line in drawing.dimensions]
+    low, high = np.reshape(shapely.total_bounds([shapely.box(*drawing.bounds), *lines]), (2, 2))
+    paper = fitting_paper(*(high - low).tolist())
+    _add_tables(document, paper.letters)
     space = document.modelspace()
     space.units = units.M
-    for x0, y0, x1, y1 in np.round(drawing.echo_runs(), 4).tolist():
-        outline = [(x0, y1), (x1, y1), (x1, y0), (x0, y0)]
-        space.add_lwpolyline(outline, close=True, dxfattribs={"layer": "RAW"})
-    for room in drawing.rooms:
-        _add_polygons(space, [room.polygon], "ROOMS")
-        place = room.polygon.representative_point()
-        text = space.add_text(f"{room.id} {room.area:.2f} m2", height=_TEXT, dxfattribs={"layer": "ROOMS"})
-        text.set_placement((place.x, place.y))
-    for wall in drawing.walls:
-        layer = "WALLS" if wall.layer == "SEEN" else "INFERRED"
-        for line in _add_polygons(space, [wall.polygon], layer):
-            line.set_xdata(_APP, [(1040, wall.thickness), (1040, wall.confidence), (1040, wall.share_seen)])
-    for door in drawing.doors:
-        space.add_line(door.start, door.end, dxfattribs={"layer": f"{door.kind.upper()}S"})
-    for part in drawing.inferred_floor:
-        _add_hatch(space, part, "INFERRED")
-    _add_polygons(space, drawing.unexplored, "UNEXPLORED")
-    _add_dimensions(space, drawing)
-    min_x, min_y, max_x, max_y = drawing.bounds
-    document.set_modelspace_vport(
-        height=max_y - min_y + 2.0, center=(0.5 * (min_x + max_x), 0.5 * (min_y + max_y))
-    )
+    _draw(space, drawing, paper.letters)
+    space.reset_extents((*low, 0.0), (*high, 0.0))
+    space.reset_limits(low, high)
+    document.set_modelspace_vport(high[1] - low[1], 0.5 * (low + high))
+    add_sheet(document, drawing, paper, 0.5 * (low + high))
     stream = io.StringIO()
     document.write(stream)
     return stream.getvalue()
 
 
-def _add_polygons(space: Any, shapes: Iterable[Polygon], layer: str) -> list[Any]:
-    """Outlines and holes as closed LWPOLYLINEs."""
-    outlines = [shapely.get_coordinates(ring)[:-1].tolist() for ring in shapely.get_rings(list(shapes))]
-    return [space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer}) for points in outlines]
-
-
-def _add_hatch(space: Any, shape: Polygon, layer: str) -> None:
-    """A hatched area: floor, which is no wall's body."""
-    hatch = space.add_hatch(dxfattribs={"layer": layer})
-    hatch.set_pattern_fill("ANSI31", scale=0.05)
-    for number, ring in enumerate((shape.exterior, *shape.interiors)):
-        points = shapely.get_coordinates(ring)[:-1].tolist()
-        hatch.paths.add_polyline_path(points, is_closed=True, flags=1 if number == 0 else 16)
-
-
-def _add_dimensions(space: Any, drawing: Drawing) -> None:
-    """Aligned dimension lines; their text is what they measure."""
-    override = {
-        "dimtxt": _TEXT, "dimasz": 0.12, "dimexe": 0.05, "dimexo": 0.05, "dimgap": 0.05, "dimdec": 2, "dimlfac": 1.0,
-        "dimscale": 1.0, "dimtad": 1, "dimpost": "<>", "dimzin": 0,
+def _add_tables(document: Any, letters: float) -> None:
+    """Layers, styles for letters of a height [m], and a block each for doors and openings 1 m wide."""
+    document.linetypes.add("DASHED", [0.3, 0.2, -0.1])
+    for name, (colour, weight) in LAYER_LOOKS.items():
+        linetype = "DASHED" if name.endswith(("-INFR", "-OPNG", "-UNEX")) else "CONTINUOUS"
+        document.layers.add(name, color=colour, lineweight=weight, linetype=linetype)
+    document.styles.add("PLAN", font="arial.ttf")
+    look = {
+        "dimtxt": letters, "dimtsz": 0.4 * letters, "dimasz": 0.4 * letters, "dimgap": 0.3 * letters, "dimexe": 0.0,
+        "dimlunit": 2, "dimdec": 2, "dimzin": 0, "dimlfac": 1.0, "dimscale": 1.0, "dimpost": "<> m", "dimtxsty": "PLAN",
+        "dimtad": 1, "dimjust": 1, "dimtih": 0, "dimtoh": 0, "dimexo": 0.0, "dimdsep": 46, "dimclrd": 1, "dimclre": 1,
     }  # fmt: skip
-    for dimension in drawing.dimensions:
-        line = {"p1": dimension.start, "p2": dimension.end, "distance": 0.0}
-        look = {"dimstyle": "EZDXF", "override": override, "dxfattribs": {"layer": "DIMENSIONS"}}
-        space.add_aligned_dim(**line, **look).render()
+    document.dimstyles.new("METRES", dxfattribs=look).copy_to_header(document)
+    document.blocks.new("OPENING").add_line((0.0, 0.0), (1.0, 0.0))
+    door = document.blocks.new("DOOR")
+    door.add_line((0.0, 0.0), (0.0, 1.0))
+    door.add_arc((0.0, 0.0), 1.0, 0.0, 90.0)
+
+
+def _draw(space: Any, drawing: Drawing, letters: float) -> None:
+    """Everything in metres, what lies on top last."""
+    bodies = [[w.polygon for w in drawing.walls if w.layer == layer] for layer in ("SEEN", "INFERRED")]
+    seen, inferred = (shapely.union_all(some, grid_size=CORNER_GRID) for some in bodies)
+    inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
+    _add_hatch(space, drawing.inferred_floor, "A-FLOR-INFR", "ANSI31")
+    _add_hatch(space, polygon_parts(seen), "A-WALL-PATT", "SOLID")
+    _add_outlines(space, echo_outlines(drawing.grid), "V-SURV")
+    _add_outlines(space, [room.polygon for room in drawing.rooms], "A-AREA")
+    _add_outlines(space, drawing.unexplored, "A-FLOR-UNEX")
+    _add_outlines(space, polygon_parts(inferred), "A-WALL-INFR")
+    _add_outlines(space, polygon_parts(seen), "A-WALL")
+    for door in drawing.doors:
+        _add_door(space, door, drawing.floor)
+    for line in drawing.dimensions:
+        look = {"dimstyle": "METRES", "dxfattribs": {"layer": "A-ANNO-DIMS"}}
+        space.add_aligned_dim(line.start, line.end, 0.0, **look).render()
+    _add_names(space, drawing, letters)
+
+
+def _add_names(space: Any, drawing: Drawing, letters: float) -> None:
+    """Ids and areas of rooms, where dimension lines and doors leave most place."""
+    turn = np.radians(drawing.angle_deg)
+    up = 0.75 * letters * np.array([-np.sin(turn), np.cos(turn)])
+    swings = [LineString([d.start, d.end]).buffer(d.width, cap_style="flat") for d in drawing.doors]
+    for room in drawing.rooms:
+        lines = [LineString([d.start, d.end]).buffer(letters) for d in drawing.dimensions if d.of == room.id]
+        free = largest_part(room.polygon.difference(shapely.union_all([*swings, *lines])))
+        circle = shapely.maximum_inscribed_circle(free if free.area else room.polygon, tolerance=0.1)
+        place = shapely.get_coordinates(circle)[0]
+        for words, at in ((room.name, place + up), (f"{room.area:.2f} m²", place - up)):
+            add_text(space, words, at, letters, "A-AREA-IDEN", "MIDDLE_CENTER", drawing.angle_deg)
+
+
+def _rings(shape: Polygon) -> list[list[list[float]]]:
+    """Outline and holes, the first point not repeated [m]."""
+    return [np.round(shapely.get_coordinates(ring)[:-1], 4).tolist() for ring in shapely.get_rings(shape)]
+
+
+def _add_outlines(space: Any, shapes: Iterable[Polygon], layer: str) -> None:
+    """Closed LWPOLYLINEs."""
+    for points in (ring for shape in shapes for ring in _rings(shape)):
+        space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer})
+
+
+def _add_hatch(space: Any, shapes: Iterable[Polygon], layer: str, pattern: str) -> None:
+    """Filled areas."""
+    for shape in shapes:
+        hatch = space.add_hatch(color=256, dxfattribs={"layer": layer})
+        if pattern != "SOLID":
+            hatch.set_pattern_fill(pattern, color=256, scale=0.05)
+        for number, points in enumerate(_rings(shape)):
+            hatch.paths.add_polyline_path(points, is_closed=True, flags=16 if number else 1)
+
+
+def _add_door(space: Any, door: DrawnDoor, floor: MultiPolygon) -> None:
+    """A door's block. A map doesn't say how it is hung: the leaf swings over as much floor as it can."""
+    hinge, jamb, side = max(
+        ((a, b, side) for a, b in ((door.start, door.end), (door.end, door.start)) for side in (1.0, -1.0)),
+        key=lambda hung: round(_swept(*hung).intersection(floor).area, 2),
+    )
+    scale = {"xscale": door.width, "yscale": side * door.width, "zscale": door.width}
+    turn = float(np.degrees(np.arctan2(jamb[1] - hinge[1], jamb[0] - hinge[0])))
+    layer = "A-DOOR" if door.kind == "door" else "A-DOOR-OPNG"
+    space.add_blockref(door.kind.upper(), hinge, {**scale, "rotation": turn, "layer": layer})
+
+
+def _swept(hinge: DrawnPoint, jamb: DrawnPoint, side: float) -> Polygon:
+    """The triangle between a door that is shut and one that is open."""
+    across = side * (hinge[1] - jamb[1]), side * (jamb[0] - hinge[0])
+    return Polygon([hinge, jamb, (hinge[0] + across[0], hinge[1] + across[1])])

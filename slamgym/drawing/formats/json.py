@@ -19,6 +19,7 @@ from shapely import Polygon
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnRoom, DrawnWall
+from slamgym.drawing.edits import map_digest
 
 
 def format_json(drawing: Drawing) -> str:
@@ -26,31 +27,20 @@ def format_json(drawing: Drawing) -> str:
     plan = drawing.as_plan()
     data = json.loads(format_houseexpo(plan))
     data["id"] = plan.id[:MAX_ID]
-    data["drawing"] = {
+    data["drawing"] = drawing_facts(drawing)
+    return json.dumps(data) + "\n"
+
+
+def drawing_facts(drawing: Drawing) -> dict[str, Any]:
+    """Everything that is drawn, as JSON has it."""
+    return {
+        "map": {"name": drawing.name, "sha256": map_digest(drawing.grid)},
         "frame": "metres in the frame of the map, x right, y up",
         "bounds": _rounded(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
         "area_m2": round(drawing.area, 3),
-        "walls": [
-            {
-                "start": _rounded(wall.start),
-                "end": _rounded(wall.end),
-                "thickness_known": wall.thickness_known,
-                **_of_wall(wall),
-                "polygon": _rings(wall.polygon),
-            }
-            for wall in drawing.walls
-        ],
-        "doors": [
-            {
-                "start": _rounded(door.start),
-                "end": _rounded(door.end),
-                "depth_m": round(door.depth, 4),
-                "walls": list(door.walls),
-                **_of_door(door),
-            }
-            for door in drawing.doors
-        ],
+        "walls": [{**_of_wall(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
+        "doors": [_of_door(door) for door in drawing.doors],
         "windows": [],  # which a laser doesn't know
         "rooms": [{**_of_room(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
         "unexplored": [_rings(part) for part in drawing.unexplored],
@@ -62,7 +52,6 @@ def format_json(drawing: Drawing) -> str:
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
     }
-    return json.dumps(data) + "\n"
 
 
 def format_geojson(drawing: Drawing) -> str:
@@ -84,12 +73,10 @@ def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for room in drawing.rooms:
         yield _area(room.polygon, {"kind": "room", **_of_room(room)})
     for wall in drawing.walls:
-        line = [_rounded(wall.start), _rounded(wall.end)]
-        yield _area(wall.polygon, {"kind": "wall", **_of_wall(wall), "centre_line": line})
+        yield _area(wall.polygon, {"kind": "wall", **_of_wall(wall)})
     for door in drawing.doors:
         geometry = {"type": "LineString", "coordinates": [_rounded(door.start), _rounded(door.end)]}
-        properties = {**_of_door(door), "thickness_m": round(door.depth, 4)}
-        yield {"type": "Feature", "geometry": geometry, "properties": properties}
+        yield {"type": "Feature", "geometry": geometry, "properties": _of_door(door)}
     for part in drawing.unexplored:
         yield _area(part, {"kind": "unexplored", "layer": "INFERRED"})
     for part in drawing.inferred_floor:
@@ -103,6 +90,9 @@ def _area(polygon: Polygon, properties: dict[str, Any]) -> dict[str, Any]:
 
 def _of_wall(wall: DrawnWall) -> dict[str, Any]:
     return {
+        "start": _rounded(wall.start),
+        "end": _rounded(wall.end),
+        "thickness_known": wall.thickness_known,
         "length_m": round(wall.length, 4),
         "thickness_m": round(wall.thickness, 4),
         "confidence": round(wall.confidence, 3),
@@ -113,6 +103,10 @@ def _of_wall(wall: DrawnWall) -> dict[str, Any]:
 
 def _of_door(door: DrawnDoor) -> dict[str, Any]:
     return {
+        "start": _rounded(door.start),
+        "end": _rounded(door.end),
+        "depth_m": round(door.depth, 4),
+        "walls": list(door.walls),
         "kind": door.kind,
         "width_m": round(door.width, 4),
         "rooms": list(door.rooms),
@@ -124,6 +118,7 @@ def _of_door(door: DrawnDoor) -> dict[str, Any]:
 def _of_room(room: DrawnRoom) -> dict[str, Any]:
     return {
         "id": room.id,
+        "name": room.name,
         "area_m2": round(room.area, 3),
         "share_seen": round(room.share_seen, 3),
         "layer": room.layer,
