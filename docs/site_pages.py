@@ -12,6 +12,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from help_pages import help_pages
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
@@ -123,8 +124,6 @@ def gallery_page() -> str:
 
 def commands_page() -> str:
     """Every command with its help."""
-    from slamgym.commands.completion import help_pages
-
     parts = ["# Commands\n\nWhat `--help` shows."]
     parts += [f"## slamgym {name}\n\n```text\n{page.strip()}\n```" for name, page in help_pages().items()]
     return "\n\n".join(parts)

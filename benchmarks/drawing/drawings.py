@@ -24,11 +24,13 @@ from shapely import LineString, MultiPolygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad import FloorPlan, read_houseexpo
+from slamgym.cad.doors import find_openings
 from slamgym.cad.floorplan import floor_share, ring_segments
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame, OccupancyGrid
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.drawing import FloorModel, load_floor_model, make_drawing
-from slamgym.drawing.openings import divide
+from slamgym.drawing.evidence import filled
+from slamgym.drawing.openings import Gap, divide
 from slamgym.metrics import (
     Dimensions,
     Openings,
@@ -40,6 +42,7 @@ from slamgym.metrics import (
     measure_dimensions,
     room_score,
 )
+from slamgym.metrics.layers import DOOR_DEPTH, MapLayers
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from realism.same_building import exact_plan, people_of_the_house
@@ -82,9 +85,12 @@ class ExactFloor:
 
     truth: MultiPolygon
 
-    def probability(self, grid: OccupancyGrid, angle_deg: float) -> Float32Array:  # noqa: ARG002 - part of the protocol
-        """Share of floor."""
-        return shares(self.truth, grid.frame)
+    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG002 - part of the protocol
+        """Shares of floor, and the plan's openings as doors."""
+        lines = [gap.line.buffer(DOOR_DEPTH, cap_style="flat") for gap in true_gaps(self.truth)]
+        return MapLayers.of_floor(
+            shares(self.truth, grid.frame), filled(shapely.union_all(lines), grid.frame)
+        )
 
 
 @dataclass(frozen=True)
@@ -97,7 +103,7 @@ class Score:
     """F1 score of the rooms of the raster, and of the polygons."""
     vertices: float
     doors: int
-    """True doors, found in the plan as in a drawing."""
+    """Openings of the plan that part two rooms."""
     door_widths: list[float]
     """Errors of the true doors that are drawn as doors [m]."""
     doors_invented: int
@@ -201,7 +207,7 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
         motion = motion_onto(true_floor, shares(drawing.floor, frame))
     floor = shares(moved(drawing.floor, frame, motion), frame)
     inside, truth = floor >= 0.5, true_floor >= 0.5
-    true_rooms = divide(case.truth)
+    true_rooms = divide(case.truth, true_gaps(case.truth))
     rooms = [moved(room.polygon, frame, motion) for room in drawing.rooms]
     doors = [moved(LineString([door.start, door.end]), frame, motion) for door in drawing.doors]
     widths, invented = compare_doors(doors, [door.line for door in true_rooms.doors])
@@ -220,6 +226,11 @@ def score(case: Case, name: str, model: FloorModel) -> Score:
         dimensions=measure_dimensions(floor, true_floor, frame.resolution),
         openings=compare_openings(floor, true_floor, frame.resolution),
     )
+
+
+def true_gaps(truth: MultiPolygon) -> list[Gap]:
+    """The openings of a plan."""
+    return [Gap(door.start, door.end) for part in truth.geoms for door in find_openings(part)]
 
 
 def fine_frame(case: Case) -> GridFrame:

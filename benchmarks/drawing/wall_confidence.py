@@ -71,7 +71,7 @@ def main() -> None:
 
 
 def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[FloatArray, BoolArray]:
-    """Signs of all walls that a model draws, (N, 5), and which of them are true."""
+    """Signs of all walls that a model draws, (N, 3), and which of them are true."""
     floor_model = load_floor_model(model)
     signs, true = [], []
     for folder in folders:

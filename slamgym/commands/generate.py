@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -11,8 +10,8 @@ import tyro
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions, given
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
-from slamgym.core.errors import ConfigError, SlamgymError
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
 from slamgym.core.progress import counted, duration, say, tell
@@ -131,56 +130,3 @@ def _report(report: BuildReport) -> None:
     if report.pairs > 0:
         _, path = draw_pairs(ShowArguments(report.root))
         tell(f"contact sheet: {path}")
-
-
-class DriveArguments(Arguments):
-    """Drive a robot through a building with the arrow keys or W A S D, see its map grow, and keep the pair.
-
-    Enter ends the drive and adds the pair to a dataset as `slamgym generate` makes them; each call adds one.
-    """
-
-    out: Out
-    """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
-    plans: str = "bundled"
-    """Floor plans, as `slamgym generate` takes them."""
-    speed: Annotated[float, Within(gt=0.0, lt=1000.0)] = 4.0
-    """Speed of the clock, as a multiple of the robot's."""
-    seed: int | None = None
-    """Seed of everything random, by default 0."""
-    settings: AllSettings = SettingsOptions()
-    """Robot, sensors, SLAM, furniture and people, the images and all else."""
-
-
-def drive_command(arguments: DriveArguments) -> None:
-    """Run ``slamgym drive``."""
-    from slamgym.agents.keyboard import Keyboard
-    from slamgym.cad import open_plan_mix
-    from slamgym.core.types import Explorer
-    from slamgym.dataset.folder import pair_names
-    from slamgym.dataset.format import Layout
-    from slamgym.dataset.generate.build import build_dataset
-    from slamgym.dataset.generate.recipe import DatasetConfig
-    from slamgym.dataset.statistics import describe_pairs
-    from slamgym.envs import EpisodeConfig
-    from slamgym.planning import ExplorerContext
-    from slamgym.viz.window import Window
-
-    patient = DatasetConfig(episode=EpisodeConfig(minutes=60.0))
-    config = arguments.settings.configured(patient, {"seed": arguments.seed, "explorer": "keyboard"})
-    there = sum(1 for _ in pair_names(Layout(arguments.out).episodes))
-    with closing(Window("slamgym drive", config.episode.env.lidar.rate * arguments.speed)) as window:
-
-        def make_explorer(name: str, context: ExplorerContext, seed: int = 0) -> Explorer:  # noqa: ARG001 - you are the explorer
-            return Keyboard(context, window)
-
-        report = build_dataset(
-            arguments.out,
-            open_plan_mix((arguments.plans,)),
-            config,
-            make_explorer,
-            pairs=there + 1,
-            execution=Execution(engine="in_process"),
-        )
-    if not report.fresh:
-        raise SlamgymError(f"{arguments.out}: no pair was added")
-    tell(*describe_pairs(arguments.out).splitlines())

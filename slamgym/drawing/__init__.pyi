@@ -1,5 +1,6 @@
 from .comparison import PlanComparison, compare_with_plan
 from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
+from .edits import read_corrections
 from .floor import CleanedFloor, FloorModel, load_floor_model
 from .formats.write import drawing_map, write_drawing
 from .settings import ComparisonConfig
@@ -19,5 +20,6 @@ __all__ = [
     "drawing_map",
     "load_floor_model",
     "make_drawing",
+    "read_corrections",
     "write_drawing",
 ]

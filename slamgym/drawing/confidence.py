@@ -1,8 +1,7 @@
 """Walls, split where what was seen of them begins and ends, and how sure each piece is.
 
-What a drawing looks like around a wall says most of it: true walls are long and straight, and where pieces are short an
-outline follows furniture, clutter or rays. What lies behind it comes next: a wall with rooms on both sides is surer
-than one with nothing known behind it.
+What a drawing looks like around a wall says most of it: where pieces are short an outline follows furniture, clutter or
+rays. What lies behind it comes next: a wall with rooms on both sides is surer than one with nothing known behind it.
 """
 
 import itertools
@@ -18,23 +17,17 @@ from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing.drawing import DrawnWall, Layer
 from slamgym.drawing.evidence import Evidence
 from slamgym.drawing.settings import SEEN_SHARE
-from slamgym.drawing.walls import ANTIPARALLEL, WallPiece
+from slamgym.drawing.walls import WallPiece
 
 SHORTEST_CHANGE = 0.4
 """A wall is split into seen and inferred pieces of at least this length [m]."""
-NEAR, AROUND = 0.5, 2.0
-"""Distances around a wall within which the drawing is examined [m]."""
-LONG = 3.0
-"""Walls that are longer aren't surer for it [m]."""
-TOUCHING = 0.05
-"""Parallel pieces so near to each other are one straight wall [m]."""
-
-
-CONSTANT, WEIGHTS = 1.05, np.array([0.33, -0.66, 0.46, -0.74, -0.74])
+NEAR_WALL = 0.5
+"""Distance around a wall within which pieces of wall are counted [m]."""
+CONSTANT, WEIGHTS = 2.15, np.array([1.55, -1.4, -1.44])
 """Coefficients of a logistic function of :func:`wall_signs`: the probability that a true wall lies within 20 cm.
 
-Fitted and tried on simulated homes of other plans (``benchmarks/drawing/wall_confidence.py``,
-docs/drawing/quality.md). The model's certainty and a wall's thickness said nothing more."""
+Fitted on simulated homes (``benchmarks/drawing/wall_confidence.py``, docs/drawing/quality.md). The length of a wall,
+the model's certainty and the thickness said nothing more."""
 
 
 def confidences(signs: FloatArray) -> FloatArray:
@@ -55,31 +48,17 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
 
 
 def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
-    """The signs that tell true walls from others, shape (N, 5).
+    """The signs that tell true walls from others, shape (N, 3).
 
-    They are the share of a wall's length that was seen, the share of the space behind it that is unknown, the length of
-    the straight wall that it is part of, up to :data:`LONG` [m], and the logarithm of the pieces of wall per metre
-    within :data:`NEAR` and within :data:`AROUND`.
+    They are the share of a wall's length that was seen, the share of the space behind it that is unknown, and the
+    logarithm of the pieces of wall per metre within :data:`NEAR_WALL`.
     """
     seen = [float(evidence.seen_along(wall).mean()) for wall in walls]
     hidden = [evidence.hidden_behind(wall) for wall in walls]
-    ends = np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
-    lines: Any = shapely.linestrings(ends)
-    one, other = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=AROUND)
-    apart: FloatArray = shapely.distance(lines[one], lines[other])
-    across = ends[:, 1] - ends[:, 0]
-    length = np.hypot(*across.T)
-
-    def total(chosen: BoolArray, values: FloatArray) -> Any:
-        return np.bincount(one[chosen], values[other[chosen]], minlength=len(walls))
-
-    along = np.abs(np.einsum("ij,ij->i", across[one], across[other]))
-    is_parallel = along >= ANTIPARALLEL * length[one] * length[other]
-    straight = total((apart <= TOUCHING) & is_parallel, length)
-    ragged = [
-        np.log(total(apart <= r, np.ones_like(length)) / total(apart <= r, length)) for r in (NEAR, AROUND)
-    ]
-    return np.column_stack([seen, hidden, np.minimum(straight, LONG), *ragged])
+    lines: Any = shapely.linestrings(np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2))
+    one, other = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=NEAR_WALL)
+    metres = np.bincount(one, shapely.length(lines)[other], minlength=len(walls))
+    return np.column_stack([seen, hidden, np.log(np.bincount(one, minlength=len(walls)) / metres)])
 
 
 def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:

@@ -50,6 +50,7 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> list[str]:
         doubts.append(
             f"{left_out:.0%} of the floor that the robot saw isn't drawn; another --model may keep it"
         )
+    doubts += missing_walls(drawing)
     lengths = [wall.length for wall in drawing.walls]
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
     if inferred > MUCH_INFERRED * sum(lengths):
@@ -57,6 +58,20 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> list[str]:
     if len(drawing.floor.geoms) > 1:
         doubts.append(f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins")
     return doubts
+
+
+def missing_walls(drawing: Drawing) -> list[str]:
+    """A sentence for each wall that the map shows and the drawing doesn't."""
+    from slamgym.drawing.comparison.extra_walls import extra_structures
+    from slamgym.drawing.comparison.faces import map_evidence
+
+    shapes = [drawing.floor.boundary, *(wall.polygon.boundary for wall in drawing.walls)]
+    drawn = shapely.get_coordinates(shapely.segmentize(shapes, 0.05))
+    return [
+        f"a straight wall of {found.length:.1f} m isn't drawn: the map shows one from "
+        f"({found.line[0]:.1f}, {found.line[1]:.1f}) to ({found.line[2]:.1f}, {found.line[3]:.1f})"
+        for found in extra_structures(drawing.floor, map_evidence(drawing.grid), drawn)
+    ]
 
 
 def scale_doubt(drawing: Drawing) -> str | None:

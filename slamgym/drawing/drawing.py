@@ -7,14 +7,13 @@ Convention: metres, in the frame of the MAP that it was drawn from (x right, y u
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
-import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import Door as PlanDoor
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.floorplan import Room as PlanRoom
-from slamgym.core.types import OCCUPIED, FloatArray, OccupancyGrid
+from slamgym.core.types import OccupancyGrid
 
 Layer = Literal["SEEN", "INFERRED"]
 """SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
@@ -61,7 +60,7 @@ class DrawnDoor:
     walls: tuple[int, ...]
     """Numbers of the walls at its jambs."""
     confidence: float
-    """Share of the opening that the robot saw free, in [0, 1]."""
+    """Probability that it parts two rooms, in [0, 1]."""
     layer: Layer
     kind: Literal["door", "opening"] = "door"
     """An opening is wider than doors are; a map doesn't tell whether a double door hangs in it."""
@@ -82,6 +81,8 @@ class DrawnRoom:
     share_seen: float
     """Share of its area that the robot saw."""
     layer: Layer
+    name: str
+    """What it is called: its id, or as a person says."""
 
     @property
     def area(self) -> float:
@@ -119,7 +120,7 @@ class Drawing:
     doors: tuple[DrawnDoor, ...] = ()
     rooms: tuple[DrawnRoom, ...] = ()
     unexplored: tuple[Polygon, ...] = ()
-    """Parts inside of the building of which the map says nothing, or that were only glimpsed from afar."""
+    """Parts that were only glimpsed, by rays through a door, a window or a pane."""
     inferred_floor: tuple[Polygon, ...] = ()
     """Floor that the robot never observed."""
     dimensions: tuple[Dimension, ...] = ()
@@ -130,8 +131,9 @@ class Drawing:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """(min x, min y, max x, max y) of what is drawn [m]."""
-        shapes = [self.floor, *(wall.polygon for wall in self.walls)]
+        """(min x, min y, max x, max y) of what is drawn, dimension lines included [m]."""
+        lines = (shapely.LineString([line.start, line.end]) for line in self.dimensions)
+        shapes = [self.floor, *(wall.polygon for wall in self.walls), *lines]
         min_x, min_y, max_x, max_y = shapely.total_bounds(shapes).tolist()
         return min_x, min_y, max_x, max_y
 
@@ -140,31 +142,18 @@ class Drawing:
         """Area of the floor [m2]."""
         return float(self.floor.area)
 
-    def echo_runs(self) -> FloatArray:
-        """Each run of occupied cells in a row of the map: left x, upper y, right x, lower y, shape (N, 4) [m]."""
-        occupied = np.pad(self.grid.cells == OCCUPIED, ((0, 0), (1, 1))).astype(np.int8)
-        change = np.diff(occupied, axis=1)
-        rows, firsts = np.nonzero(change == 1)
-        _, stops = np.nonzero(change == -1)
-        left, _, _, top = self.grid.frame.bounds
-        return np.array([left, top, left, top]) + self.grid.frame.resolution * np.column_stack(
-            [firsts, -rows, stops, -rows - 1]
-        )
-
     def as_plan(self) -> FloorPlan:
-        """The largest part of the floor as a plan that can be explored; rooms are called ``Room``."""
+        """The largest part of the floor as a plan that can be explored; rooms without a name are called ``Room``."""
         largest = max(self.floor.geoms, key=lambda part: float(part.area))
         inside = largest.buffer(0.05)
         rooms = [room for room in self.rooms if room.polygon.representative_point().within(inside)]
-        doors = [door for door in self.doors if _middle(door).within(inside)]
+        doors = [
+            door for door in self.doors if shapely.LineString([door.start, door.end]).centroid.within(inside)
+        ]
         return FloorPlan(
             self.name,
             largest,
-            tuple(PlanRoom("Room", room.polygon) for room in rooms),
+            tuple(PlanRoom("Room" if room.name == room.id else room.name, room.polygon) for room in rooms),
             tuple(PlanDoor(door.start, door.end) for door in doors),
             str(self.provenance.get("source", self.name)),
         )
-
-
-def _middle(door: DrawnDoor) -> Any:
-    return shapely.Point(0.5 * (door.start[0] + door.end[0]), 0.5 * (door.start[1] + door.end[1]))

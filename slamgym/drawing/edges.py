@@ -14,7 +14,6 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import FloatArray
-from slamgym.drawing.settings import THICKEST_WALL
 
 FREE_AXIS = -1
 """Axis of an edge that keeps its own direction."""
@@ -153,7 +152,7 @@ def simplified(edges: list[Edge], axes: Sequence[complex]) -> list[Edge]:
         changed = False
         index = 0
         while index < len(ring) and len(ring) > 4:
-            if _simplify_at(ring, index, axes):
+            if _simplify_at(ring, index):
                 changed = True
                 index = max(0, index - 2)
             else:
@@ -161,7 +160,7 @@ def simplified(edges: list[Edge], axes: Sequence[complex]) -> list[Edge]:
     return _with_connections(ring, axes)
 
 
-def _simplify_at(ring: list[Edge], index: int, axes: Sequence[complex]) -> bool:
+def _simplify_at(ring: list[Edge], index: int) -> bool:
     """Try one step of simplification on the edge at this place and the two behind it."""
     count = len(ring)
     second, third = (index + 1) % count, (index + 2) % count
@@ -169,8 +168,6 @@ def _simplify_at(ring: list[Edge], index: int, axes: Sequence[complex]) -> bool:
     if _continues(a, b):
         ring[index] = joined(a, b)
         del ring[second]
-        return True
-    if _cap(ring, index, axes):
         return True
     short = b.length <= CHAMFER
     if short and b.axis == FREE_AXIS and a.axis != FREE_AXIS and c.axis != FREE_AXIS and a.axis != c.axis:
@@ -184,37 +181,6 @@ def _simplify_at(ring: list[Edge], index: int, axes: Sequence[complex]) -> bool:
         ring[index] = merged
         for gone in sorted((second, third), reverse=True):
             del ring[gone]
-        return True
-    return False
-
-
-def _cap(ring: list[Edge], index: int, axes: Sequence[complex]) -> bool:
-    """Give the end of a wall, worn to one or two short oblique edges, its straight face; returns True if there was one.
-
-    Without this rule doors are wrong by 1 cm (RMS) more.
-    """
-    count, a = len(ring), ring[index]
-    for between in (1, 2):
-        if a.axis == FREE_AXIS or count < between + 4:
-            return False
-        d = ring[(index + between + 1) % count]
-        opposite = d.axis == a.axis and (d.direction * a.direction.conjugate()).real < 0.0
-        places = [(index + k) % count for k in range(1, between + 1)]
-        worn = [ring[k] for k in places]
-        if not opposite or max(edge.length for edge in worn) > CHAMFER:
-            continue
-        if between == 1 and worn[0].axis == a.axis ^ 1:
-            return False
-        points = [point for edge in worn for point in (edge.start, edge.end)]
-        tip = max(points, key=lambda point: (point * a.direction.conjugate()).real)
-        first, second = projected(a, tip), projected(d, tip)
-        if not 1e-6 < abs(second - first) <= THICKEST_WALL:
-            continue
-        axis = axes[a.axis ^ 1]
-        direction = axis if ((second - first) * axis.conjugate()).real > 0.0 else -axis
-        ring[places[0]] = Edge(direction, offset_of(direction, tip), a.axis ^ 1, first, second)
-        for k in sorted(places[1:], reverse=True):
-            del ring[k]
         return True
     return False
 

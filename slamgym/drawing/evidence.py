@@ -24,7 +24,6 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.settings import SMALLEST_ROOM
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
@@ -34,14 +33,6 @@ STEP = 0.05
 """Between two places that are looked at [m]."""
 HIDDEN_DEPTHS = (0.1, 0.2, 0.35)
 """Distances from a wall's other face at which the space behind it is looked at [m]."""
-HULL_REACH = 3.0
-"""Space between parts of the floor at most so far apart is inside of the building [m]."""
-HULL_CELL = 0.1
-"""Cells of the search for unexplored parts [m]."""
-ENCLOSED_WITHIN, ENCLOSED_SHARE = 0.4, 0.85
-"""An unexplored part has floor within so far [m] along so much of its outline: the outside at a corner has less."""
-NARROWEST_GAP = 0.7
-"""Gaps between two floors narrower than this are walls and shafts [m]."""
 
 
 class Evidence:
@@ -62,10 +53,10 @@ class Evidence:
         near = self.is_near_wall(face)
         return near | self.is_near_wall(other) if piece.known else near
 
-    def share_walled(self, room: Polygon, doors: BaseGeometry) -> float:
-        """Share of a room's outline, doors left out, along which the map has occupied cells."""
+    def share_walled(self, room: Polygon, near_doors: BaseGeometry) -> float:
+        """Share of a room's outline, doors and what is near them left out, along which the map has occupied cells."""
         lines = [shapely.LineString(ring) for ring in (room.exterior, *room.interiors)]
-        outline = shapely.union_all(lines).difference(doors.buffer(2.0 * STEP))
+        outline = shapely.union_all(lines).difference(near_doors)
         if outline.is_empty:
             return 0.0
         points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
@@ -125,28 +116,9 @@ def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[P
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 
-def unexplored_parts(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
-    """Parts inside of the building of which the map says nothing: gaps between its floors that are wide enough."""
-    cell = max(HULL_CELL, grid.frame.resolution)
-    frame = GridFrame.covering(floor.bounds, cell, margin=HULL_REACH + cell)
-    inside = filled(floor, frame)
-    reach = HULL_REACH / cell
-    closed = distance_to(distance_to(inside) > reach) > reach
-    outlines, _ = cv2.findContours(closed.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    hull = cv2.drawContours(np.zeros(closed.shape, np.uint8), outlines, -1, 1, cv2.FILLED) > 0
-    # Walls and shafts between two rooms are no unexplored parts.
-    between = hull & ~inside
-    wide = distance_to(~between) > 0.5 * NARROWEST_GAP / cell
-    gaps = between & (distance_to(wide) <= 0.5 * NARROWEST_GAP / cell)
-    parts = []
-    to_floor = distance_to(inside) * cell
-    for part in cell_polygons(gaps, frame, SMALLEST_ROOM):
-        around = part.segmentize(2.0 * cell).exterior.coords.xy
-        rows, cols = frame.to_cell(np.array(around[0]), np.array(around[1]))
-        enclosed = float((to_floor[rows, cols] <= ENCLOSED_WITHIN).mean()) >= ENCLOSED_SHARE
-        if enclosed and share_known(part, grid) <= 0.5:
-            parts += [one for one in polygon_parts(part.difference(floor)) if one.area >= SMALLEST_ROOM]
-    return parts
+def echo_outlines(grid: OccupancyGrid) -> list[Polygon]:
+    """What a map has of walls and things: its patches of occupied cells, down to a single one."""
+    return cell_polygons(grid.cells == OCCUPIED, grid.frame, 0.25 * grid.frame.resolution**2)
 
 
 def share_known(shape: Polygon, grid: OccupancyGrid) -> float:

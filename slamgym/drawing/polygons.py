@@ -124,7 +124,7 @@ def without_necks(floor: BaseGeometry) -> MultiPolygon:
         floor: Valid polygons [m].
     """
     for step in (-NECK, NECK + SLIT, -SLIT):
-        floor = shapely.buffer(floor, step, join_style="mitre")
+        floor = shapely.buffer(floor, step, join_style="mitre", mitre_limit=1.5)
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)
     floor = shapely.set_precision(floor, CORNER_GRID)

@@ -1,8 +1,9 @@
 """A map in, a drawing out."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -12,23 +13,40 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.errors import InputFileError
 from slamgym.core.text import printable
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.corrections import corrected
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
+from slamgym.drawing.edits import Corrections
 from slamgym.drawing.evidence import (
     Evidence,
     cell_polygons,
+    filled,
     share_known,
     share_seen_open,
-    unexplored_parts,
     unseen_floor,
 )
-from slamgym.drawing.floor import FloorModel, load_floor_model
-from slamgym.drawing.openings import OPEN_ROOM, Division, Explored, explore, without_walls_in_doors
+from slamgym.drawing.floor import (
+    FloorModel,
+    faces_within_cells,
+    floor_of_rooms,
+    load_floor_model,
+    seen_space,
+)
+from slamgym.drawing.openings import (
+    OPEN_ROOM,
+    Division,
+    Explored,
+    Gap,
+    divide,
+    explore,
+    likely_gaps,
+    onto_faces,
+    without_walls_in_doors,
+)
 from slamgym.drawing.polygons import SMALLEST_HOLE, straightened
+from slamgym.drawing.revise import revised_division, revised_floor, room_names
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
 from slamgym.drawing.walls import find_walls
 from slamgym.metrics.wall_direction import find_wall_direction
@@ -37,6 +55,8 @@ SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
 """Distances of a room's dimension lines from its middle [m], in the order of trial."""
+BESIDE_BOUNDARY = 0.2
+"""Two rooms may touch so near to the line of a door [m]."""
 KNOWN_MARGIN = 1.0
 """Margin of unknown cells that is kept around the known part [m]."""
 
@@ -45,9 +65,9 @@ def make_drawing(
     grid: OccupancyGrid,
     name: str = "map",
     model: str | FloorModel = DEFAULT_MODEL,
-    opening_width: float = DRAWN_DOORS[1],
     angle_deg: float | None = None,
     provenance: Mapping[str, Any] | None = None,
+    corrections: Corrections | None = None,
 ) -> Drawing:
     """Draw a SLAM map: walls, doors and rooms with true dimensions.
 
@@ -55,43 +75,42 @@ def make_drawing(
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Name of the drawing.
         model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a translator.
-        opening_width: Widest gap between two jambs that is an opening and parts two rooms [m].
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.
+        corrections: A person's last word.
 
     Returns:
         The drawing, in the frame of the map.
 
     Raises:
-        InputFileError: If the map holds no floor or no walls.
+        InputFileError: If the map holds no floor or no walls, or the corrections don't fit it.
     """
+    corrections = corrections or Corrections(())
     where = (provenance or {}).get("source", name)
     if not (grid.cells == FREE).any():
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
-    no_floor = f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution and its greys"
-    if (grid.cells == FREE).sum() * grid.frame.resolution**2 < SMALLEST_ROOM:
-        raise InputFileError(where, no_floor)
     used = load_floor_model(model) if isinstance(model, str) else model
     grid = known_part(grid)
+    corrections.require(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
-    probability = corrected(used.probability(grid, angle), grid, angle)
-    outlines = trace_outlines(probability, grid.frame)
-    floor = straightened(outlines, angle, grid.frame.resolution)
+    floor, gaps = _find_floor(grid, used, angle)
+    floor = revised_floor(floor, corrections)
     if floor.is_empty:
-        raise InputFileError(where, no_floor)
+        raise InputFileError(where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution")
     evidence = Evidence(grid)
-    explored = explore(floor, evidence, opening_width)
+    division = revised_division(floor, gaps, corrections)
+    explored = explore(floor, division, evidence, room_names(division.rooms, corrections))
     floor, division = explored.floor, explored.division
     walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
-    rooms = _rooms(explored, grid)
+    rooms = _rooms(explored, grid, room_names(explored.division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
     kept = {
         "model": model if isinstance(model, str) else type(model).__name__,
-        "settings": {"opening_width": opening_width},
+        "corrections": [entry.as_dict() for entry in corrections.corrections],
         "slamgym": slamgym.__version__,
         **{
             key: printable(value) if isinstance(value, str) else value
@@ -106,13 +125,37 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        unexplored=(*explored.unexplored, *unexplored_parts(floor, grid)),
+        unexplored=explored.unexplored,
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None)
     return replace(drawing, doubts=tuple(doubts))
+
+
+def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tuple[MultiPolygon, list[Gap]]:
+    """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
+
+    def straight(picture: Float32Array) -> MultiPolygon:
+        return straightened(trace_outlines(picture, grid.frame), angle_deg, grid.frame.resolution)
+
+    layers = model.layers(grid, angle_deg)
+    seen = seen_space(grid)
+    space = straight(faces_within_cells(seen))
+    if space.is_empty:
+        return space, []
+    gaps = likely_gaps(space, seen, layers.door, grid.frame)
+    division = divide(space, gaps)
+    rooms = np.zeros(seen.shape, np.int64)
+    for number, room in enumerate(division.rooms, 1):
+        rooms[filled(room, grid.frame)] = number
+    doors = filled(
+        shapely.union_all([gap.line.buffer(BESIDE_BOUNDARY, cap_style="flat") for gap in division.doors]),
+        grid.frame,
+    )
+    floor = straight(floor_of_rooms(layers, seen, rooms, doors, grid.frame.resolution))
+    return floor, [] if floor.is_empty else [onto_faces(gap, floor) for gap in division.doors]
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:
@@ -127,12 +170,15 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     return OccupancyGrid(np.ascontiguousarray(cells), GridFrame(cell, x, y, *cells.shape))
 
 
-def _rooms(explored: Explored, grid: OccupancyGrid) -> tuple[DrawnRoom, ...]:
+def _rooms(explored: Explored, grid: OccupancyGrid, names: Mapping[int, str]) -> tuple[DrawnRoom, ...]:
     rooms = []
     for number, (polygon, walled) in enumerate(zip(explored.division.rooms, explored.walled, strict=True), 1):
         seen = share_known(polygon, grid)
         observed = seen >= SEEN_SHARE and walled >= OPEN_ROOM
-        rooms.append(DrawnRoom(f"R{number:02d}", polygon, seen, "SEEN" if observed else "INFERRED"))
+        layer: Layer = "SEEN" if observed else "INFERRED"
+        rooms.append(
+            DrawnRoom(f"R{number:02d}", polygon, seen, layer, names.get(number - 1, f"R{number:02d}"))
+        )
     return tuple(rooms)
 
 
@@ -144,13 +190,13 @@ def _doors(
     for gap, pair in zip(division.doors, division.joins, strict=True):
         ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
         beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
-        seen = share_seen_open(np.array([gap.start, gap.end]), grid)
-        is_seen = seen >= SEEN_SHARE and min(pair) >= 0
+        is_seen = share_seen_open(np.array([gap.start, gap.end]), grid) >= SEEN_SHARE and min(pair) >= 0
+        sure = 1.0 / (1.0 + math.exp(-gap.log_odds))
         layer: Layer = "SEEN" if is_seen else "INFERRED"
         names = tuple(rooms[k].id for k in pair if k >= 0)
-        kind: Literal["door", "opening"] = "door" if gap.width <= DRAWN_DOORS[1] else "opening"
+        kind = gap.kind or ("door" if gap.width <= DRAWN_DOORS[1] else "opening")
         depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
-        doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), seen, layer, kind))
+        doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))
     return tuple(doors)
 
 

@@ -14,7 +14,7 @@ from .maps import (
     wall_score,
 )
 from .openings import Openings, compare_openings, unseen_share
-from .rooms import RoomRule, RoomScore, label_rooms, room_score
+from .rooms import RoomScore, label_rooms, room_score
 from .trajectory import (
     ErrorStatistics,
     PoseError,
@@ -40,7 +40,6 @@ __all__ = [
     "ObstacleDistance",
     "PoseError",
     "RelationError",
-    "RoomRule",
     "RoomScore",
     "Similarity",
     "WallDistance",

@@ -17,23 +17,15 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.metrics.maps import check_same_shape
 
-
-@dataclass(frozen=True)
-class RoomRule:
-    """Rules for a room and a doorway."""
-
-    max_doorway: float = 1.6
-    """Wider openings join two parts to one room [m]. It lies in the gap of the widths in HouseExpo plans:
-    doors end at 1.35 m, and open passages begin at 1.85 m."""
-    max_narrowing: float = 0.75
-    """A doorway is at most this share of the smaller room's width."""
-    min_width: float = 0.7
-    """Narrower parts are no rooms: niches, and slits between furniture and a wall [m]."""
-    min_area: float = 1.0
-    """Smaller parts are no rooms [m2]."""
-
-
-DEFAULT_RULE = RoomRule()
+WIDEST_DOORWAY = 1.6
+"""Wider openings join two parts to one room [m]. It lies in the gap of the widths in HouseExpo plans: doors end at
+1.35 m, and open passages begin at 1.85 m."""
+MAX_NARROWING = 0.75
+"""A doorway is at most this share of the smaller room's width."""
+NARROWEST_ROOM = 0.7
+"""Narrower parts are no rooms: niches, and slits between furniture and a wall [m]."""
+SMALLEST_ROOM_AREA = 1.0
+"""Smaller parts are no rooms [m2]."""
 
 
 @dataclass(frozen=True)
@@ -46,13 +38,12 @@ class RoomScore:
     """F1 of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
 
 
-def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE) -> IntArray:
+def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
     """Number the rooms of a map.
 
     Args:
         free: Free cells, shape (rows, cols).
         metres_per_px: Scale [m].
-        rule: What counts as a room.
 
     Returns:
         Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
@@ -66,10 +57,10 @@ def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_
     parts = _flood(
         radius,
         order.astype(np.int64),
-        rule.max_doorway / 2.0,
-        rule.max_narrowing,
-        rule.min_width / 2.0,
-        rule.min_area / metres_per_px**2,
+        WIDEST_DOORWAY / 2.0,
+        MAX_NARROWING,
+        NARROWEST_ROOM / 2.0,
+        SMALLEST_ROOM_AREA / metres_per_px**2,
     )
     is_root = np.bincount(parts.ravel(), minlength=1) > 0
     is_root[0] = True  # outside
@@ -77,28 +68,25 @@ def label_rooms(free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_
     sizes = np.bincount(labels.ravel()) * metres_per_px**2
     widest = np.zeros(len(sizes))
     np.maximum.at(widest, labels.ravel(), radius.ravel())
-    is_room = (sizes >= rule.min_area) & (widest >= rule.min_width / 2.0)
+    is_room = (sizes >= SMALLEST_ROOM_AREA) & (widest >= NARROWEST_ROOM / 2.0)
     is_room[0] = False  # outside
     numbers = np.where(is_room, np.cumsum(is_room), 0)
     return np.asarray(numbers[labels][1:-1, 1:-1], dtype=np.int64)
 
 
-def room_score(
-    free: BoolArray, true_free: BoolArray, metres_per_px: float, rule: RoomRule = DEFAULT_RULE
-) -> RoomScore:
+def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> RoomScore:
     """Compare the rooms of a map with those of the CAD map.
 
     Args:
         free: Free cells of the map, shape (rows, cols).
         true_free: Free cells of the CAD map, same shape and frame.
         metres_per_px: Scale of both [m].
-        rule: What counts as a room.
 
     Raises:
         ValueError: If the shapes differ.
     """
     check_same_shape(free, true_free)
-    found, truth = label_rooms(free, metres_per_px, rule), label_rooms(true_free, metres_per_px, rule)
+    found, truth = label_rooms(free, metres_per_px), label_rooms(true_free, metres_per_px)
     count, true_count = int(found.max(initial=0)), int(truth.max(initial=0))
     overlap = np.zeros((count + 1, true_count + 1))
     np.add.at(overlap, (found, truth), 1.0)

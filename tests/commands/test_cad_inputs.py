@@ -220,7 +220,7 @@ def test_a_folder_gets_an_index(tmp_path, capsys):
     page = (out / "index.html").read_text()
     assert 'href="./flat.html"' in page
     assert "called like the index" in page
-    assert "2 rooms" in (out / "flat.html").read_text()
+    assert "<b>2</b>rooms" in (out / "flat.html").read_text()
 
 
 def test_a_folder_holds_vacuums_maps_beside_other_json(tmp_path):

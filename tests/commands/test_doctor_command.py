@@ -1,31 +1,10 @@
-"""What the doctor finds, and completion as the shell itself does it."""
+"""What the doctor finds."""
 
-import shutil
-import subprocess
-
-import pytest
 from drawn_drives import FLAT, drive
 
 from slamgym.commands import cli, doctor
-from slamgym.commands.completion import completion_script
 from slamgym.commands.doctor import findings
 from slamgym.interop import write_carmen
-
-
-@pytest.fixture(scope="module")
-def script(tmp_path_factory):
-    path = tmp_path_factory.mktemp("completion") / "slamgym.bash"
-    path.write_text(completion_script())
-    return path
-
-
-def complete(script, *words):
-    """What bash offers for the last word."""
-    quoted = " ".join(f"'{word}'" for word in ("slamgym", *words))
-    line = (
-        f'source {script}; COMP_WORDS=({quoted}); COMP_CWORD={len(words)}; _slamgym; echo "${{COMPREPLY[*]}}"'
-    )
-    return subprocess.run(["bash", "-c", line], capture_output=True, text=True, check=True).stdout.split()
 
 
 def test_a_whole_installation_is_in_order(capsys):
@@ -66,13 +45,3 @@ def test_a_log_is_described_with_what_is_wrong(tmp_path, capsys):
     assert cli.main(["doctor", str(tmp_path / "still.log")]) == 1
     assert "odometry: the odometry measures no turns and no distances" in capsys.readouterr().out
     assert cli.main(["doctor", str(tmp_path / "still.log"), "--odometry-topic", "none"]) == 0
-
-
-@pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
-def test_bash_completes_commands_verbs_and_options(script):
-    assert complete(script, "gen") == ["generate"]
-    assert {"render", "clean", "stats"} <= set(complete(script, "dataset", ""))
-    assert complete(script, "plans", "fe") == ["fetch"]
-    assert complete(script, "plans", "fetch", "--o") == ["--out"]
-    assert "--plans-filter" in complete(script, "generate", "--pairs", "8", "--plans-")
-    assert complete(script, "cad", "map.yaml", "--form") == ["--formats"]

@@ -70,7 +70,7 @@ def small_weights(path):
     from slamgym.gan.weights import ModelCard, save_translator
 
     config = TranslatorConfig(
-        input_size=16, output_size=16, input_encoding="grey", output_encoding="grey",
+        input_size=16, output_size=16, input_encoding="grey", output_encoding="layers",
         generator=GeneratorConfig("residual", width=8, depth=2),
     )  # fmt: skip
     save_translator(path, build_generator(config, seed=1), config, ModelCard(preset="tiny"))

@@ -5,9 +5,9 @@ from types import SimpleNamespace
 from typing import get_args
 
 import pytest
+from help_pages import help_pages, options_of
 
 from slamgym.commands import cli
-from slamgym.commands.completion import help_pages, options_of
 from slamgym.commands.reproduce import steps
 from slamgym.commands.reproduce.claims import ClaimVerdict, judge, judge_claims, table_one_beside
 from slamgym.commands.reproduce.steps import REDRAWN, REPRODUCTION_SCALES, STEPS, Reproduction

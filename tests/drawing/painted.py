@@ -7,6 +7,7 @@ from shapely import Polygon, affinity
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.metrics.layers import MapLayers, door_cells
 
 FINE = 8
 """Samples of a cell along each side."""
@@ -20,13 +21,16 @@ FLAT = shapely.union_all(
 
 
 class Painted:
-    """A floor model that knows the floor."""
+    """A floor model that knows the floor, and the doors in it or finds them."""
 
-    def __init__(self, floor):
-        self.floor = floor
+    def __init__(self, floor, doors=None):
+        self.floor, self.doors = floor, doors
 
-    def probability(self, grid, angle_deg):
-        return shares(self.floor, grid.frame)
+    def layers(self, grid, angle_deg):
+        free = shares(self.floor, grid.frame)
+        if self.doors is None:
+            return MapLayers.of_floor(free, door_cells(free >= 0.5, grid.frame.resolution))
+        return MapLayers.of_floor(free, shares(self.doors, grid.frame) > 0.0)
 
 
 def shares(floor, frame):

@@ -18,7 +18,7 @@ from slamgym.core.files import read_bytes, shown_path, spare_inputs, write_text
 from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, tell
-from slamgym.drawing.settings import DEFAULT_MODEL, DRAWING_FORMATS, DRAWN_DOORS
+from slamgym.drawing.settings import DEFAULT_MODEL, DRAWING_FORMATS
 
 if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
@@ -47,8 +47,8 @@ class CadArguments(Arguments):
     """Direction of the main walls [deg, counter-clockwise from the map's x axis]; found in the map by default."""
     resolution: Positive | None = None
     """Metres of a pixel of pictures that don't say it."""
-    opening_width: Positive = DRAWN_DOORS[1]
-    """Wide gaps in a wall up to this are openings that part two rooms [m], e.g. 3; at 1.6 doors alone do."""
+    corrections: Path | None = None
+    """A person's corrections of the drawing of one map, NAME.corrections.json, which the report saves."""
 
 
 def main(arguments: CadArguments, typed: str) -> int:
@@ -72,6 +72,8 @@ def main(arguments: CadArguments, typed: str) -> int:
         maps += maps_in(path, _may_be_map, what) if path.is_dir() else [path]
     if not maps:
         raise ConfigError("no map is named; give a map's yaml, a picture of a map or a folder")
+    if arguments.corrections and (len(maps) > 1 or arguments.maps[0].is_dir()):
+        raise ConfigError("--corrections are of one map; name the file of that map alone")
     named = dict(zip(distinct_names(maps), maps, strict=True))
     from slamgym.drawing import load_floor_model
 
@@ -137,6 +139,7 @@ def _may_be_map(path: Path) -> bool:
 def _draw(name: str, path: Path, job: _Job) -> Drawing:
     """Draw one map under a name and say what came of it."""
     from slamgym.drawing import make_drawing, write_drawing
+    from slamgym.drawing.edits import read_corrections
     from slamgym.interop.map_files import read_map
 
     arguments = job.arguments
@@ -148,9 +151,9 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
         robot_map.grid,
         name,
         job.model,
-        arguments.opening_width,
         angle_deg=arguments.angle,
         provenance={"source": str(path), "model": arguments.model, "command": job.command},
+        corrections=read_corrections(file) if (file := arguments.corrections) else None,
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments
 from slamgym.core.progress import counted, show_progress, tell
 
@@ -114,27 +113,3 @@ def split(arguments: SplitArguments) -> None:
         f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "
         f"({alike} of them a look-alike of another)"
     )
-
-
-class PackArguments(Arguments):
-    """Pack rendered images into WebDataset shards (tar) and Parquet files that programs can stream (extra `hub`).
-
-    Run the command again to resume; `hf upload USER/NAME OUT . --repo-type dataset` uploads them.
-    """
-
-    images: tyro.conf.Positional[Path]
-    """A folder that `slamgym dataset render` has written."""
-    out: Out
-    """Folder of the shards."""
-
-
-def pack(arguments: PackArguments) -> None:
-    """Run ``slamgym dataset pack``."""
-    from slamgym.dataset.images.format import read_images
-    from slamgym.dataset.images.pack import pack_images
-
-    total = len(read_images(arguments.images))
-    with show_progress("pairs packed", 0, total) as advance:
-        paths = pack_images(arguments.images, arguments.out, advance)
-    size = sum(path.stat().st_size for path in paths)
-    tell(f"{arguments.out}: {counted(total, 'pair')} in {counted(len(paths), 'file')}, {size / 1e6:.1f} MB")

@@ -179,7 +179,7 @@ def _extra_walls(
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
     here = np.vstack([places, faces.points + measured.expected[:, None] * faces.point_normals])
     jambs = np.array([end for door in plan.doors for end in (door.start, door.end)]).reshape(-1, 2)
-    for structure in extra_structures(plan, evidence, np.vstack([here, jambs])):
+    for structure in extra_structures(plan.free_space, evidence, np.vstack([here, jambs])):
         note = "seen from both sides" if structure.is_seen_from_both_sides else "long, seen from one side"
         yield Change(
             "wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length, note=note

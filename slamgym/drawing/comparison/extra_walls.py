@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 import shapely
 from scipy.spatial import KDTree
+from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, BoolArray, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.records import Line
@@ -49,15 +49,15 @@ class Structure:
         return self.free_behind >= SEEN_ALONG
 
 
-def extra_structures(plan: FloorPlan, evidence: MapEvidence, explained_by: FloatArray) -> list[Structure]:
-    """The walls that the plan doesn't have.
+def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray) -> list[Structure]:
+    """The walls that a plan or a drawing doesn't have.
 
     Args:
-        plan: The plan; what lies outside its floor isn't looked at.
-        evidence: The map over the plan.
-        explained_by: (N, 2) points of the plan's walls where the map is expected to show them [m].
+        floor: Its floor; what lies outside isn't looked at.
+        evidence: The map over it.
+        explained_by: (N, 2) points of its walls where the map is expected to show them [m].
     """
-    inner = plan.free_space.buffer(-0.5 * EXPLAINED)
+    inner = floor.buffer(-0.5 * EXPLAINED)
     inside = shapely.contains_xy(inner, evidence.points[:, 0], evidence.points[:, 1])
     away = (
         KDTree(explained_by).query(evidence.points)[0] if len(explained_by) else np.full(len(inside), np.inf)

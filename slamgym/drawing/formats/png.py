@@ -19,17 +19,14 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.drawing.drawing import Drawing, DrawnPoint
+from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor
+from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_COLUMNS, place_labels
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
-    FAINT,
     INK,
     PAPER,
     SHIFT,
-    TRUE_COLOUR,
     UNKNOWN_TINT,
-    UNSEEN_TINT,
-    WALL_TINT,
     WHITE,
     Colour,
     blank,
@@ -47,12 +44,11 @@ PICTURE_MARGIN = 1.2
 """Round what is drawn [m]."""
 CAPTION_PX = 64
 
-_UNEXPLORED: Colour = (250, 232, 184)
-_ECHO: Colour = (232, 89, 12)
+_TEXT_SIZE = 0.4
 
 
 def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
-    """Draw the map with the drawing on top: echoes orange, walls black (seen) or grey (inferred), doors blue.
+    """Draw the map with the drawing on top, in the colours of the legend below.
 
     Args:
         drawing: What to draw.
@@ -71,24 +67,38 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     def to_page(points: FloatArray) -> np.ndarray:
         return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
 
-    _fill(page, drawing.unexplored, _UNEXPLORED, to_page)
+    def draw_line(line: DrawnDoor | Dimension, colour: Colour, width: int) -> None:
+        ends = to_page(np.array([line.start, line.end]))
+        cv2.polylines(page, [ends], False, colour, width, cv2.LINE_AA, SHIFT)
+
+    tints = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
+    _fill(page, drawing.unexplored, tints["unexplored"], to_page)
     _fill(page, drawing.floor.geoms, WHITE, to_page)
-    _fill(page, drawing.inferred_floor, UNSEEN_TINT, to_page)
+    _fill(page, drawing.inferred_floor, tints["unseen"], to_page)
     for wall in drawing.walls:
-        _fill(page, [wall.polygon], WALL_TINT if wall.layer == "SEEN" else FAINT, to_page)
-    page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(_ECHO)).astype(np.uint8)
+        _fill(page, [wall.polygon], tints["wall" if wall.layer == "SEEN" else "inferred"], to_page)
+    page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(tints["echo"])).astype(
+        np.uint8
+    )
     for door in drawing.doors:
-        _line(page, door.start, door.end, TRUE_COLOUR, 3 if door.kind == "door" else 1, to_page)
-    for line in drawing.dimensions:
-        _line(page, line.start, line.end, BELIEVED_COLOUR, 1, to_page)
-        start, end = np.array([line.start]), np.array([line.end])
-        col, row = (to_page(start + 0.3 * (end - start))[0] >> SHIFT).tolist()
-        draw_text(page, f"{line.length:.2f}", col + 3, row - 3, 0.38, BELIEVED_COLOUR)
-    for room in drawing.rooms:
-        middle = room.polygon.representative_point()
-        text = f"{room.id} {room.area:.1f} m2"
-        col, row = (to_page(np.array([[middle.x, middle.y]]))[0] >> SHIFT).tolist()
-        draw_text(page, text, col - text_width(text, 0.4) // 2, row, 0.4, INK)
+        draw_line(door, tints[door.kind], 3)
+    colours = {"name": INK, "number": tints["door"], "size": tints["dimension"]}
+    height_px, letter_px = 22.5 * _TEXT_SIZE, 0.01 * text_width("R01 12.3 m" * 10, _TEXT_SIZE)
+    labels, lines = place_labels(drawing, letter_px * metres_per_px, height_px * metres_per_px, turned=False)
+    for line in lines:
+        draw_line(line, tints["dimension"], 1)
+    texts = []
+    for label in labels:
+        words = label.words.replace("²", "2")  # which fonts of OpenCV 4 lack
+        col, row = (to_page(np.array([label.at]))[0] >> SHIFT).tolist()
+        left, baseline = col - text_width(words, _TEXT_SIZE) // 2, row + round(0.5 * height_px)
+        texts.append((words, left, baseline, _TEXT_SIZE, colours[label.kind]))
+    halo = np.zeros_like(page)
+    for text in texts:
+        draw_text(halo, *text[:4], WHITE)
+    page = np.maximum(page, cv2.dilate(halo, np.ones((3, 3), np.uint8)))
+    for text in texts:
+        draw_text(page, *text)
     return np.vstack([page, _footer(drawing, page.shape[1], metres_per_px)])
 
 
@@ -121,23 +131,18 @@ def _fill(
             cv2.fillPoly(page, rings, colour, cv2.LINE_AA, SHIFT)
 
 
-def _line(
-    page: ByteArray,
-    start: DrawnPoint,
-    end: DrawnPoint,
-    colour: Colour,
-    width: int,
-    to_page: Callable[[FloatArray], np.ndarray],
-) -> None:
-    cv2.polylines(page, [to_page(np.array([start, end]))], False, colour, width, cv2.LINE_AA, SHIFT)
-
-
 def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:
-    strip = blank((CAPTION_PX, width), PAPER)
-    right = draw_scale_bar(strip, (16, 22), metres_per_px, 0.25 * width)
+    below = 20 * len(DRAWN_COLOURS) // LEGEND_COLUMNS
+    strip = blank((CAPTION_PX + below, width), PAPER)
+    for number, (colour, words) in enumerate(DRAWN_COLOURS.values()):
+        row, column = divmod(number, LEGEND_COLUMNS)
+        left, bottom = 16 + column * 240, 22 + 20 * row
+        cv2.rectangle(strip, (left, bottom - 9), (left + 12, bottom), colour, cv2.FILLED)
+        draw_text(strip, words, left + 18, bottom, _TEXT_SIZE)
+    right = draw_scale_bar(strip, (16, 22 + below), metres_per_px, 0.25 * width)
     caption = f"{drawing.name}   {counted(len(drawing.rooms), 'room')}   {drawing.area:.1f} m2"
-    draw_text(strip, caption, right + 24, 27, fitting_size(caption, 0.5, width - right - 40))
+    draw_text(strip, caption, right + 24, 27 + below, fitting_size(caption, 0.5, width - right - 40))
     if drawing.doubts:
         doubts = "; ".join(drawing.doubts)
-        draw_text(strip, doubts, 16, 52, fitting_size(doubts, 0.45, width - 32), BELIEVED_COLOUR)
+        draw_text(strip, doubts, 16, 52 + below, fitting_size(doubts, 0.45, width - 32), BELIEVED_COLOUR)
     return strip

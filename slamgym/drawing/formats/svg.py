@@ -12,6 +12,15 @@ from shapely import Polygon
 
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnPoint
+from slamgym.drawing.evidence import echo_outlines
+from slamgym.drawing.formats.look import (
+    DRAWING_STYLE,
+    DRAWN_COLOURS,
+    LEGEND_COLUMNS,
+    DrawnLabel,
+    format_part,
+    place_labels,
+)
 from slamgym.viz.canvas import round_length
 
 PRINTED = 100
@@ -22,15 +31,6 @@ LETTERS = 1.8
 """Height of letters on paper [mm]."""
 LETTER_WIDTH = 0.56
 """Width of a letter in heights."""
-STYLE = """
-.room{fill:#fff;stroke:none}.room.INFERRED{fill:#eef2f7}.floor-inferred{fill:#cbdaf0;stroke:none}
-.wall{fill:#2b2f36;stroke:none}.wall.INFERRED{fill:#b9c2ce;stroke:#7a8794;stroke-width:15;stroke-dasharray:60 40}
-.door,.opening{stroke:#1971c2;stroke-width:30;fill:none}.opening{stroke-width:15;stroke-dasharray:120 80}
-.unexplored{fill:#fff4d6;stroke:#c99b2e;stroke-width:15;stroke-dasharray:90 60}
-.dimension{stroke:#c92a2a;stroke-width:8;fill:none}.raw{fill:#e8590c;fill-opacity:.35}
-text{font-family:sans-serif;fill:#343a40;text-anchor:middle}text.size{fill:#c92a2a}text.blue{fill:#1971c2}
-text.start{text-anchor:start}text.halo{paint-order:stroke;stroke:#fff;stroke-linejoin:round}
-"""
 
 
 class Sheet(NamedTuple):
@@ -44,10 +44,10 @@ class Sheet(NamedTuple):
 
     @classmethod
     def of(cls, bounds: tuple[float, float, float, float], scale: float) -> "Sheet":
-        """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for the scale bar."""
+        """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for legend and scale bar."""
         min_x, min_y, max_x, max_y = bounds
         width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
-        strip = 6e-3 * LETTERS * scale
+        strip = (6e-3 + 1.6e-3 * len(DRAWN_COLOURS) / LEGEND_COLUMNS) * LETTERS * scale
         return cls(min_x - SHEET_MARGIN, max_y + SHEET_MARGIN, width, height + strip, scale)
 
     @property
@@ -59,18 +59,15 @@ class Sheet(NamedTuple):
         """A point of the map [m] as SVG has it."""
         return f"{1000 * (point[0] - self.left):.1f},{1000 * (self.top - point[1]):.1f}"
 
-    def text(self, at: DrawnPoint, words: str, kind: str = "", turn: float = 0.0) -> str:
-        """A line of text around a point; ``turn`` in degrees, clockwise."""
-        x, y = self.place(at).split(",")
-        turned = f' transform="rotate({turn:.1f} {x} {y})"' if turn else ""
+    def text(self, label: DrawnLabel) -> str:
+        """A label with a halo."""
+        x, y = self.place(label.at).split(",")
+        turned = f' transform="rotate({-label.turn:.1f} {x} {y})"' if label.turn else ""
         return (
-            f'<text class="halo {kind}" x="{x}" y="{float(y) + 0.35 * self.letters:.0f}" '
-            f'font-size="{self.letters:.0f}" stroke-width="{0.25 * self.letters:.0f}"{turned}>{markup(words)}</text>'
+            f'<text class="halo {label.kind}" x="{x}" y="{float(y) + 0.35 * self.letters:.0f}" '
+            f'font-size="{self.letters:.0f}" stroke-width="{0.25 * self.letters:.0f}"{turned}>'
+            f"{markup(label.words)}</text>"
         )
-
-    def fits(self, words: str, room: float) -> bool:
-        """True if a line of text is no longer than this [m]."""
-        return len(words) * LETTER_WIDTH * self.letters <= 1000.0 * room
 
     def path(self, shape: Polygon, kind: str, title: str = "") -> str:
         """Outline and holes of a shape as one path of a class, with a title that shows where the pointer rests."""
@@ -88,9 +85,23 @@ class Sheet(NamedTuple):
         return [
             f'<path class="bar" d="M{x:.0f} {y - tick:.0f}v{tick:.0f}h{bar:.0f}v{-tick:.0f}" fill="none" '
             f'stroke="#343a40" stroke-width="{0.3 * tick:.0f}"/>',
-            f'<text class="start" x="{x + bar + tick:.0f}" y="{y:.0f}" font-size="{self.letters:.0f}">'
-            f"{bar / 1000:g} m · 1:{self.scale:g}{markup(words)}</text>",
+            self.start(f"{bar / 1000:g} m · 1:{self.scale:g}{words}", x + bar + tick, y),
         ]
+
+    def legend(self) -> list[str]:
+        """Colours and what they mean, above the scale bar."""
+        size, parts = self.letters, []
+        for number, (colour, words) in enumerate(DRAWN_COLOURS.values()):
+            row, column = divmod(number, LEGEND_COLUMNS)
+            x = size * (1.0 + 17.0 * column)
+            y = 1000.0 * self.height - size * (4.2 + 1.6 * (len(DRAWN_COLOURS) / LEGEND_COLUMNS - 1 - row))
+            data = f"M{x:.0f} {y - 0.8 * size:.0f}h{1.2 * size:.0f}v{0.9 * size:.0f}h{-1.2 * size:.0f}z"
+            parts += [f'<path d="{data}" fill="rgb{colour}"/>', self.start(words, x + 1.6 * size, y)]
+        return parts
+
+    def start(self, words: str, x: float, y: float) -> str:
+        """A line of text that begins at a place on the sheet."""
+        return f'<text class="start" x="{x:.0f}" y="{y:.0f}" font-size="{self.letters:.0f}">{markup(words)}</text>'
 
 
 def format_svg(drawing: Drawing) -> str:
@@ -98,27 +109,21 @@ def format_svg(drawing: Drawing) -> str:
     sheet = Sheet.of(drawing.bounds, PRINTED)
     width, height = 1000 * sheet.width, 1000 * sheet.height
     layers = shape_layers(drawing, sheet) | {
-        "RAW": [_raw(drawing, sheet)],
+        "DRAWN_COLOURS": sheet.legend(),
+        "RAW": [sheet.path(part, "raw") for part in echo_outlines(drawing.grid)],
         "DIMENSIONS": size_layer(drawing, sheet),
     }
-    bar = sheet.scale_bar(f" · {drawing.name} · {drawing.area:.1f} m²")
-    doubts = markup("; ".join(drawing.doubts))
-    lines = [
-        '<?xml version="1.0" encoding="UTF-8"?>',
-        f'<svg xmlns="http://www.w3.org/2000/svg" width="{width / PRINTED:.2f}mm" '
-        f'height="{height / PRINTED:.2f}mm" viewBox="0 0 {width:.1f} {height:.1f}">',
-        f"<title>{markup(drawing.name)}</title>",
-        f"<desc>Scale 1:{PRINTED}; user units are millimetres of the building. x of the map = {sheet.left:.4f} m + "
-        f"x / 1000; y of the map = {sheet.top:.4f} m - y / 1000.</desc>",
-        f"<style>{STYLE}</style>",
-        '<rect width="100%" height="100%" fill="#f1f3f5"/>',
-        *(f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()),
-        f'<g id="SCALE">{"".join(bar)}</g>',
-        f'<text class="start" style="fill:#c92a2a" x="{sheet.letters:.0f}" y="{height - 0.7 * sheet.letters:.0f}" '
-        f'font-size="{sheet.letters:.0f}">{doubts}</text>',
-        "</svg>",
-    ]
-    return "\n".join(lines) + "\n"
+    layers["SCALE"] = sheet.scale_bar(f" · {drawing.name} · {drawing.area:.1f} m²")
+    return format_part(
+        "drawing.svg",
+        paper=f'width="{width / PRINTED:.2f}mm" height="{height / PRINTED:.2f}mm"',
+        view=f"0 0 {width:.1f} {height:.1f}",
+        name=markup(drawing.name),
+        frame=f"x of the map = {sheet.left:.4f} m + x / 1000; y of the map = {sheet.top:.4f} m - y / 1000",
+        style=DRAWING_STYLE,
+        layers="\n".join(f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()),
+        doubts=sheet.start("; ".join(drawing.doubts), sheet.letters, height - 0.7 * sheet.letters),
+    )
 
 
 def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
@@ -137,7 +142,7 @@ def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
         for number, door in enumerate(drawing.doors, 1)
     ]
     rooms = [
-        sheet.path(room.polygon, f"room {room.layer}", f"{room.id}: {room.area:.2f} m2")
+        sheet.path(room.polygon, f"room {room.layer}", f"{room.name}: {room.area:.2f} m2")
         for room in drawing.rooms
     ]
     return {
@@ -150,39 +155,14 @@ def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
 
 
 def size_layer(drawing: Drawing, sheet: Sheet) -> list[str]:
-    """Dimension lines with their lengths where these fit, and names and areas of rooms."""
+    """Dimension lines, names and areas of rooms, and numbers of doors."""
+    labels, lines = place_labels(drawing, 1e-3 * LETTER_WIDTH * sheet.letters, 1e-3 * sheet.letters)
     parts = []
-    for line in drawing.dimensions:
-        words = f"{line.length:.2f}"
-        if not sheet.fits(words, 0.8 * line.length):
-            continue
+    for line in lines:
         start, end = np.array(line.start), np.array(line.end)
         unit = (end - start) / line.length
         slant = 0.35e-3 * sheet.letters * np.array([unit[0] - unit[1], unit[0] + unit[1]])
         strokes = [(start, end), (start - slant, start + slant), (end - slant, end + slant)]
         data = " ".join(f"M{sheet.place(tuple(a))} L{sheet.place(tuple(b))}" for a, b in strokes)
         parts.append(f'<path class="dimension" d="{data}"/>')
-        share = 0.5 if line.of == "building" else 0.25
-        turn = readable_angle(line.start, line.end)
-        parts.append(sheet.text(tuple(start + share * (end - start)), words, "size", turn))
-    for room in drawing.rooms:
-        circle = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1))
-        words = f"{room.id} {room.area:.1f} m²"
-        is_wide = sheet.fits(words, 2.0 * float(np.hypot(*(circle[1] - circle[0]))))
-        parts.append(sheet.text(tuple(circle[0]), words if is_wide else room.id))
-    return parts
-
-
-def _raw(drawing: Drawing, sheet: Sheet) -> str:
-    """The map's occupied cells, a run of cells in a row as one bar."""
-    bars = [
-        f"M{sheet.place((x0, y0))}h{1000 * (x1 - x0):.1f}v{1000 * (y0 - y1):.1f}h{-1000 * (x1 - x0):.1f}z"
-        for x0, y0, x1, y1 in drawing.echo_runs().tolist()
-    ]
-    return f'<path class="raw" d="{"".join(bars)}"/>'
-
-
-def readable_angle(start: DrawnPoint, end: DrawnPoint) -> float:
-    """Angle of a line's text [deg, clockwise as SVG has it], never upside down."""
-    angle = float(-np.degrees(np.arctan2(end[1] - start[1], end[0] - start[0])))
-    return (angle + 90.0) % 180.0 - 90.0
+    return parts + [sheet.text(label) for label in labels]

@@ -1,0 +1,122 @@
+"""A person's last word on a drawing: walls and boundaries added or taken away, and rooms named.
+
+Corrections are a set, so their order says nothing; :mod:`slamgym.drawing.revise` carries them out.
+Coordinates are metres in the frame of the map. A file of corrections holds::
+
+    {"map": {"name": "flat", "sha256": "..."},
+     "corrections": [{"kind": "split", "line": [[1.0, 0.5], [1.0, 4.0]]},
+                     {"kind": "join", "at": [4.1, 2.0]},
+                     {"kind": "add_door", "line": [[4.0, 1.3], [4.0, 2.2]]},
+                     {"kind": "add_wall", "line": [[0.0, 3.0], [2.0, 3.0]], "thickness": 0.1},
+                     {"kind": "remove_wall", "line": [[6.0, 0.0], [6.0, 3.0]], "thickness": 0.12},
+                     {"kind": "name_room", "at": [2.0, 1.0], "name": "Kitchen"}]}
+"""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from shapely import LineString, Point
+from shapely.geometry.base import BaseGeometry
+
+from slamgym.core.config import Positive, Within
+from slamgym.core.documents import known_fields, read_json
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.names import Label
+from slamgym.core.types import OccupancyGrid
+from slamgym.drawing.settings import NARROWEST_CUT, OUTER_THICKNESS
+
+_Metres = Annotated[float, Within(ge=-1e5, le=1e5)]
+
+
+@dataclass(frozen=True)
+class Correction:
+    """A change of a drawing."""
+
+    kind: Literal["split", "join", "add_door", "add_wall", "remove_wall", "name_room"]
+    line: tuple[tuple[_Metres, _Metres], ...] = ()
+    """Two places, of all kinds but ``join`` and ``name_room`` [m]. Doors and splits go on to the next walls."""
+    at: tuple[_Metres, ...] = ()
+    """A place on the boundary at which two rooms are joined, or in the room that is named [m]."""
+    thickness: Positive = OUTER_THICKNESS
+    """Of a wall [m]."""
+    name: Label = ""
+
+    def __post_init__(self) -> None:
+        is_place = self.kind in ("join", "name_room")
+        if len(self.at if is_place else self.line) != 2 or (self.kind == "name_room" and not self.name):
+            needed = "'at': [x, y]" if is_place else "'line': [[x, y], [x, y]]"
+            raise ConfigError(
+                f"{self.kind} needs {needed}{' and a name' if self.kind == 'name_room' else ''}"
+            )
+        if self.line and LineString(self.line).length < NARROWEST_CUT:
+            raise ConfigError(f"the line of {self.kind} must be at least {NARROWEST_CUT:g} m long")
+
+    def as_dict(self) -> dict[str, Any]:
+        """What JSON says of it."""
+        return {name: value for name, value in vars(self).items() if value != getattr(Correction, name, None)}
+
+    @property
+    def shape(self) -> BaseGeometry:
+        """Its line, or its place."""
+        return LineString(self.line) if self.line else Point(self.at)
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """All that a person says about the drawing of a map."""
+
+    corrections: tuple[Correction, ...]
+    map: dict[str, str] = field(default_factory=dict)
+    """The map's name, and as ``sha256`` its :func:`map_digest`."""
+    where: str = "the corrections"
+    """The file, for errors."""
+
+    def require(self, grid: OccupancyGrid) -> None:
+        """Refuse corrections of another map.
+
+        Args:
+            grid: The known part of the map.
+
+        Raises:
+            InputFileError: If they are of another map, or name none.
+        """
+        if self.corrections and self.map.get("sha256") != (needed := map_digest(grid)):
+            reason = f"is of another map, {self.map.get('name')!r}; for this one, map.sha256 must be {needed}"
+            raise InputFileError(self.where, reason)
+
+    def of(self, *kinds: str) -> Iterator[Correction]:
+        """The corrections of some kinds, in an order of their own."""
+        return iter(sorted((entry for entry in self.corrections if entry.kind in kinds), key=repr))
+
+    def error(self, entry: Correction, reason: str) -> InputFileError:
+        """The error of a correction that the drawing doesn't allow."""
+        places = " to ".join(f"({x:.2f}, {y:.2f})" for x, y in entry.shape.coords)
+        return InputFileError(self.where, f"{entry.kind} at {places}: {reason}")
+
+
+def read_corrections(path: Path | str) -> Corrections:
+    """Read a file of corrections.
+
+    Raises:
+        InputFileError: If it isn't one.
+    """
+    document = read_json(path, "save it with the report of a drawing, NAME.html")
+    if not isinstance(document, dict):
+        raise InputFileError(
+            path, "is no file of corrections; save it with the report of a drawing, NAME.html"
+        )
+    return replace(known_fields(Corrections, document, path), where=str(path))
+
+
+def map_digest(grid: OccupancyGrid) -> str:
+    """SHA-256 of a map's cells and of where they lie.
+
+    Args:
+        grid: The known part of the map, as a drawing has it.
+    """
+    frame = grid.frame
+    head = f"{frame.height_px} {frame.width_px} {frame.resolution:.6f} {frame.origin_x:.4f} {frame.origin_y:.4f}\n"
+    return hashlib.sha256(head.encode() + grid.cells.tobytes()).hexdigest()

@@ -1,0 +1,129 @@
+"""A drawing with a person's corrections: walls first, then the boundaries between rooms, the rooms' names last."""
+
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+
+import shapely
+from shapely import LineString, MultiPolygon, Point, Polygon
+from shapely.geometry.base import BaseGeometry
+
+from slamgym.cad.polygons import polygon_parts
+from slamgym.drawing.edits import Correction, Corrections
+from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, onto_faces
+from slamgym.drawing.polygons import NECK, SLIT
+from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
+
+SAME_DOOR = 0.3
+"""Boundaries whose ends are so near to each other are one [m]."""
+
+
+def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon:
+    """The floor with other walls, and with doors in them.
+
+    Raises:
+        InputFileError: If no wall or no floor lies where one is named.
+    """
+    changed: BaseGeometry = floor
+    for entry in corrections.of("remove_wall"):
+        # A little thicker, so that nothing is left between a wall and its rounded line.
+        body = entry.shape.buffer(0.5 * entry.thickness + INTO_WALLS, cap_style="flat")
+        if body.difference(floor).area < 0.1 * body.area or not body.intersects(floor):
+            raise corrections.error(entry, "no wall stands there")
+        changed = changed.union(body)
+    for entry in corrections.of("add_wall"):
+        if _share_within(entry.shape, changed) < 0.5:
+            raise corrections.error(entry, "no floor lies there")
+        # A slit between its end and another wall is wall.
+        beyond = [0.0 if floor.covers(Point(p).buffer(2.0 * NECK)) else 2.0 * NECK for p in entry.line]
+        body = _lengthened(entry.shape, *beyond).buffer(0.5 * entry.thickness, cap_style="flat")
+        changed = changed.difference(_parts_at(entry.shape, body.intersection(changed)))
+    for entry in corrections.of("add_door"):
+        solid = entry.shape.buffer(THICKEST_WALL, cap_style="flat").difference(changed)
+        passage = _parts_at(entry.shape, solid)
+        # In a wall with rooms on both sides.
+        beside = changed.intersection(passage.buffer(1e-3)).area / 1e-3
+        if _share_within(entry.shape, changed) < 0.5 and beside > 1.5 * entry.shape.length:
+            changed = changed.union(passage)
+    if changed is floor:
+        return floor
+    closed = changed.buffer(SLIT, join_style="mitre").buffer(-SLIT, join_style="mitre").simplify(2e-3)
+    return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_CUT**2])
+
+
+def revised_division(floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections) -> Division:
+    """The rooms of a floor, with other boundaries.
+
+    Args:
+        floor: With the person's walls, and doors in them.
+        gaps: The likely boundaries.
+        corrections: A person's.
+
+    Raises:
+        InputFileError: If no boundary lies where one is taken away, or a new one doesn't part two rooms.
+    """
+    joined = []
+    for entry in corrections.of("join"):
+        away = [gap.line.distance(entry.shape) for gap in gaps]
+        if min(away, default=math.inf) > SAME_DOOR:
+            raise corrections.error(entry, "no door and no boundary between two rooms lies there")
+        joined.append(gaps[away.index(min(away))])
+    gaps = [gap for gap in gaps if gap not in joined]
+    added = {entry: list(_crossings(entry, floor, gaps)) for entry in corrections.of("split", "add_door")}
+    for gap in itertools.chain(*added.values()):
+        gaps = [*(old for old in gaps if not _is_same(old, gap)), gap]
+    division = divide(floor, gaps)
+    for entry, lines in added.items():
+        if not any(_is_same(door, line) for line in lines for door in division.doors):
+            reason = f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall"
+            raise corrections.error(entry, reason)
+    return division
+
+
+def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, str]:
+    """The names that a person gave to rooms, by the rooms' numbers.
+
+    Raises:
+        InputFileError: If no room lies where one is named.
+    """
+    names = {}
+    for entry in corrections.of("name_room"):
+        number = next((k for k, room in enumerate(rooms) if room.intersects(entry.shape)), None)
+        if number is None:
+            raise corrections.error(entry, "no room lies there")
+        names[number] = entry.name
+    return names
+
+
+def _lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
+    """A straight line made longer at its ends [m]."""
+    (x0, y0), (x1, y1) = line.coords
+    dx, dy = (x1 - x0) / line.length, (y1 - y0) / line.length
+    return LineString([(x0 - before * dx, y0 - before * dy), (x1 + after * dx, y1 + after * dy)])
+
+
+def _parts_at(line: BaseGeometry, geometry: BaseGeometry) -> BaseGeometry:
+    return shapely.union_all([part for part in polygon_parts(geometry) if part.intersects(line)])
+
+
+def _share_within(line: BaseGeometry, floor: BaseGeometry) -> float:
+    return float(line.intersection(floor).length / line.length)
+
+
+def _is_same(gap: Gap, other: Gap) -> bool:
+    return bool(gap.line.hausdorff_distance(other.line) <= SAME_DOOR)
+
+
+def _crossings(entry: Correction, floor: MultiPolygon, gaps: Sequence[Gap]) -> Iterator[Gap]:
+    """Where a line, led on to the next walls, leads through rooms; it covers at least half of the way."""
+    others = [gap.cut for gap in gaps if gap.line.hausdorff_distance(entry.shape) > SAME_DOOR]
+    space = MultiPolygon(polygon_parts(floor.difference(shapely.union_all(others).buffer(1e-3))))
+    # So it ends at corners, too, and doesn't run along walls.
+    inside = space.buffer(-INTO_WALLS, join_style="mitre")
+    for piece in shapely.get_parts(_lengthened(entry.shape, 1e3, 1e3).intersection(inside)):
+        covered = piece.intersection(entry.shape.buffer(1e-3)).length
+        if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
+            (x0, y0), (x1, y1) = piece.coords[0], piece.coords[-1]
+            yield onto_faces(
+                Gap((x0, y0), (x1, y1), kind="opening" if entry.kind == "split" else "door"), space
+            )

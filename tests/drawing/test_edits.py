@@ -1,0 +1,263 @@
+"""A person's corrections: each does what it says, in any order, and what doesn't fit is refused in a sentence."""
+
+import itertools
+import json
+
+import pytest
+import shapely
+from browser import needs_browser, run_in_page
+from drawing.painted import FLAT, painted
+
+from slamgym.commands.cli import main
+from slamgym.core.errors import InputFileError
+from slamgym.core.types import OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.drawing import make_drawing
+from slamgym.drawing.edits import Correction, Corrections, map_digest, read_corrections
+from slamgym.drawing.formats.html import format_html
+from slamgym.drawing.formats.json import drawing_facts
+from slamgym.interop import write_ros_map
+
+GRID, _, MODEL = painted(FLAT)
+PLAIN = make_drawing(GRID, "flat", MODEL)
+DOOR = (4.04, 1.75)
+SPLIT = {"kind": "split", "line": ((0.2, 3.2), (2.2, 3.2))}
+JOIN = {"kind": "join", "at": DOOR}
+WALL = {"kind": "add_wall", "line": ((0.1, 3.0), (2.4, 3.0)), "thickness": 0.12}
+DOOR_IN_WALL = {"kind": "add_door", "line": ((0.8, 3.0), (1.7, 3.0))}
+NAME = {"kind": "name_room", "at": (1.0, 1.0), "name": "Küche"}
+NO_WALL = {"kind": "remove_wall", "line": ((4.05, 0.0), (4.05, 1.3)), "thickness": 0.1}
+
+
+def corrected(*entries, **options):
+    corrections = Corrections(
+        tuple(Correction(**entry) for entry in entries),
+        {"sha256": map_digest(PLAIN.grid)},
+        "flat.corrections.json",
+    )
+    return make_drawing(GRID, "flat", MODEL, corrections=corrections, **options)
+
+
+def rooms(drawing):
+    return sorted(round(room.area, 1) for room in drawing.rooms)
+
+
+def test_a_split_goes_on_to_the_walls_and_is_an_opening():
+    drawing = corrected(SPLIT)
+    assert rooms(drawing) == pytest.approx([4.5, 9.6, 12.6], abs=0.11)
+    assert sorted(door.kind for door in drawing.doors) == ["door", "opening"]
+    assert drawing.area == pytest.approx(PLAIN.area)
+    assert len(drawing.walls) == len(PLAIN.walls)
+
+
+def test_a_narrow_split_is_no_door_and_a_wide_door_is_one():
+    for kind, expected in (("split", "opening"), ("add_door", "door")):
+        drawing = corrected({"kind": kind, "line": ((4.04, 1.35), (4.04, 2.15))})
+        assert [door.kind for door in drawing.doors] == [expected]
+        assert rooms(drawing) == pytest.approx(rooms(PLAIN), abs=0.11)
+    assert "door" in [
+        door.kind for door in corrected({**SPLIT, "kind": "add_door"}).doors if door.width > 2.0
+    ]
+
+
+def test_joined_rooms_are_one():
+    drawing = corrected(JOIN)
+    assert rooms(drawing) == [pytest.approx(PLAIN.area, abs=0.06)]
+    assert drawing.doors == ()
+
+
+def test_a_wall_parts_two_rooms_and_a_door_opens_it():
+    drawing = corrected(WALL)
+    assert len(drawing.rooms) == 3
+    assert len(drawing.doors) == 1
+    assert drawing.area == pytest.approx(PLAIN.area - 2.5 * 0.12, abs=0.02)
+    with_door = corrected(WALL, DOOR_IN_WALL)
+    assert len(with_door.rooms) == 3
+    assert sorted(round(door.width, 2) for door in with_door.doors) == [0.9, 0.92]
+    assert with_door.area == pytest.approx(drawing.area + 0.9 * 0.12, abs=0.01)
+
+
+def test_a_wall_that_is_taken_away_leaves_floor():
+    drawing = corrected(NO_WALL)
+    assert len(drawing.rooms) == 1
+    assert drawing.area == pytest.approx(PLAIN.area + 1.3 * 0.1, abs=0.03)
+
+
+def test_a_room_gets_its_name_in_every_format(tmp_path):
+    drawing = corrected(NAME)
+    assert [room.name for room in drawing.rooms] == ["Küche", "R02"]
+    assert [room.id for room in drawing.rooms] == ["R01", "R02"]
+    assert "Küche and R02" in format_html(drawing)
+    assert {room.category for room in drawing.as_plan().rooms} == {"Küche", "Room"}
+
+
+def test_a_room_with_a_name_is_no_unexplored_part():
+    closet = shapely.union_all([FLAT, shapely.box(7.3, 1.0, 7.4, 1.8), shapely.box(7.4, 0.5, 9.4, 2.5)])
+    grid, _, model = painted(closet)
+    cells = grid.cells.copy()
+    right = cells[:, grid.frame.to_cell(7.7, 1.0)[1] :]
+    right[right == OCCUPIED] = UNKNOWN
+    grid = OccupancyGrid(cells, grid.frame)
+    plain = make_drawing(grid, "flat", model)
+    assert [round(part.area) for part in plain.unexplored] == [4]
+    name = Correction("name_room", at=(8.5, 1.5), name="Glass house")
+    corrections = Corrections((name,), {"sha256": map_digest(plain.grid)})
+    drawing = make_drawing(grid, "flat", model, corrections=corrections)
+    assert drawing.unexplored == ()
+    assert [room.name for room in drawing.rooms][-1] == "Glass house"
+
+
+def test_any_order_gives_the_same_drawing():
+    entries = [
+        SPLIT,
+        JOIN,
+        {**WALL, "line": ((5.5, 0.0), (5.5, 3.0))},
+        {**DOOR_IN_WALL, "line": ((5.5, 1), (5.5, 2))},
+    ]
+    drawn = []
+    for order in list(itertools.permutations(entries))[::7]:
+        facts = drawing_facts(corrected(*order))
+        facts["provenance"] = None
+        drawn.append(json.dumps(facts))
+    assert len(drawn) == 4
+    assert len(set(drawn)) == 1
+    assert len(json.loads(drawn[0])["rooms"]) == 3
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        (
+            {**SPLIT, "line": ((0.2, 1.0), (0.9, 1.0))},
+            "split at (0.20, 1.00) to (0.90, 1.00): it doesn't part two rooms of 1 m2 or more",
+        ),
+        ({**JOIN, "at": (2.0, 2.0)}, "join at (2.00, 2.00): no door and no boundary"),
+        ({**DOOR_IN_WALL, "line": ((0.0, 1.0), (0.0, 2.0))}, "it doesn't part two rooms"),
+        ({**DOOR_IN_WALL, "line": ((-0.1, 0.2), (-0.1, 2.8))}, "it doesn't part two rooms"),
+        ({**SPLIT, "line": ((0.0, 4.8), (2.5, 4.8))}, "it doesn't part two rooms of 1 m2 or more"),
+        ({**WALL, "line": ((-3.0, 0.0), (-3.0, 2.0))}, "no floor lies there"),
+        ({**NO_WALL, "line": ((1.0, 1.0), (2.0, 1.0))}, "no wall stands there"),
+        ({**NO_WALL, "line": ((-3.0, 1.0), (-2.0, 1.0))}, "no wall stands there"),
+        ({**NAME, "at": (20.0, 1.0)}, "no room lies there"),
+    ],
+)
+def test_what_does_not_fit_the_drawing_is_refused(entry, message):
+    with pytest.raises(InputFileError, match=r"^flat\.corrections\.json: ") as error:
+        corrected(entry)
+    assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "is not valid JSON"),
+        ("[]", "is no file of corrections"),
+        ("{}", "'corrections' of Corrections is missing"),
+        ('{"corrections": [{"kind": "spilt", "line": [[0, 0], [1, 1]]}]}', "did you mean 'split'?"),
+        ('{"corrections": [{"kind": "join", "place": [0, 0]}]}', "unknown setting 'place'"),
+        ('{"corrections": [{"kind": "join", "line": [[0, 0], [1, 1]]}]}', "join needs 'at': [x, y]"),
+        ('{"corrections": [{"kind": "name_room", "at": [0, 0]}]}', "and a name"),
+        ('{"corrections": [{"kind": "split", "line": [[0, 0], [0, 0]]}]}', "must be at least 0.1 m long"),
+        ('{"corrections": [{"kind": "join", "at": [0, 1e9]}]}', "must be in [-100000, 100000]"),
+        (
+            '{"corrections": [{"kind": "add_wall", "line": [[0, 0], [1, 1]], "thickness": -1}]}',
+            "thickness must be",
+        ),
+    ],
+)
+def test_a_file_that_is_none_is_refused(tmp_path, text, message):
+    path = tmp_path / "c.json"
+    path.write_text(text)
+    with pytest.raises(InputFileError, match=r"c\.json: ") as error:
+        read_corrections(path)
+    assert message in str(error.value)
+
+
+def saved(folder, *entries, digest=None):
+    path = folder / "flat.corrections.json"
+    document = {"map": {"name": "flat", "sha256": digest or map_digest(PLAIN.grid)}, "corrections": entries}
+    path.write_text(json.dumps(document))
+    return path
+
+
+def test_corrections_of_another_map_are_refused(tmp_path):
+    corrections = read_corrections(saved(tmp_path, JOIN))
+    moved = OccupancyGrid(GRID.cells, GridFrame(0.05, 7.0, 0.0, *GRID.cells.shape))
+    with pytest.raises(
+        InputFileError, match=r"is of another map, 'flat'; for this one, map.sha256 must be [0-9a-f]{64}"
+    ):
+        make_drawing(moved, "flat", MODEL, corrections=corrections)
+    assert len(make_drawing(GRID, "other name", MODEL, corrections=corrections).rooms) == 1
+
+
+def test_the_command_draws_with_corrections(tmp_path, capsys):
+    (tmp_path / "maps").mkdir()
+    path = write_ros_map(tmp_path / "maps" / "flat", GRID)
+    command = ["cad", str(path), "-o", str(tmp_path / "out"), "--model", "none", "--formats", "json"]
+    assert main(command) == 0
+    digest = json.loads((tmp_path / "out" / "flat.json").read_text())["drawing"]["map"]["sha256"]
+    correct = [*command, "--corrections", str(saved(tmp_path, JOIN, digest=digest))]
+    assert main(correct) == 0
+    drawing = json.loads((tmp_path / "out" / "flat.json").read_text())["drawing"]
+    assert len(drawing["rooms"]) == 1
+    assert drawing["provenance"]["corrections"] == [{**JOIN, "at": list(DOOR)}]
+    for words in (
+        ["cad", str(path), *correct[1:]],
+        [str(path.parent) if word == str(path) else word for word in correct],
+    ):
+        capsys.readouterr()
+        assert main(words) == 2
+        assert "--corrections are of one map" in capsys.readouterr().err
+
+
+DRIVER = """
+  const svg = document.querySelector(".editor svg");
+  const press = (id) => document.getElementById(id).click();
+  const text = (id) => document.getElementById(id).textContent;
+  const saidThen = [];
+  const click = (x, y) => {
+    const place = new DOMPoint(1000 * (x - svg.dataset.left), 1000 * (svg.dataset.top - y));
+    const at = place.matrixTransform(svg.getScreenCTM());
+    svg.dispatchEvent(new MouseEvent("click", { clientX: at.x, clientY: at.y, bubbles: true }));
+    saidThen.push(text("said"));
+  };
+  press("split"); click(0.6, 3.22); click(2.0, 3.18);
+  press("join"); click(4.0, 1.75);
+  press("undo");
+  press("add_wall"); click(5.5, 0.0); click(5.55, 3.0);
+  press("add_door"); click(5.45, 1.0); click(5.55, 1.8);
+  press("remove_wall"); click(-0.05, 2.0);
+  press("join"); click(1.0, 1.0); click(5.0, 1.0);
+  press("name_room"); click(1.0, 4.5);
+  document.getElementById("name").value = " Bath|room ";
+  document.getElementById("naming").requestSubmit();
+  let saved = null;
+  const RealBlob = Blob;
+  window.Blob = function (parts, options) { saved = parts.join(""); return new RealBlob(parts, options); };
+  press("save");
+  return { saved, shown: document.getElementById("json").value, listed: document.querySelectorAll("li button").length,
+           drawn: svg.querySelectorAll(".edit").length, saidThen };
+"""
+
+
+@needs_browser
+def test_clicks_in_the_report_become_a_file_that_is_carried_out(tmp_path):
+    result = run_in_page(format_html(PLAIN), DRIVER, tmp_path)
+    assert result["saved"] == result["shown"]
+    assert result["listed"] == 5
+    assert result["drawn"] >= 5
+    assert "Only one face of this wall was seen: nothing is known behind it." in result["saidThen"]
+    path = tmp_path / "flat.corrections.json"
+    path.write_text(result["saved"])
+    corrections = read_corrections(path)
+    kinds = [entry.kind for entry in corrections.corrections]
+    assert kinds == ["split", "add_wall", "add_door", "join", "name_room"]
+    # Turned into the main direction, and on to the walls.
+    (x0, y0), (x1, y1) = corrections.corrections[0].line
+    assert (abs(x1 - x0), y0) == (pytest.approx(2.5, abs=0.02), pytest.approx(y1, abs=0.02))
+    drawing = make_drawing(GRID, "flat", MODEL, corrections=corrections)
+    assert sorted(room.name for room in drawing.rooms) == ["Bathroom", "R02", "R03"]
+    assert sorted(door.kind for door in drawing.doors) == ["door", "opening"]
+    again = run_in_page(
+        format_html(drawing), 'return document.querySelectorAll("#corrections li").length;', tmp_path
+    )
+    assert again == 5
