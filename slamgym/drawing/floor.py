@@ -25,7 +25,7 @@ FACE_DEPTH = 0.5
 """Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on."""
 THIN_DEPTH = 0.25
 """The same for walls of one or two cells, so that they don't vanish."""
-SURE_OF_UNSEEN = 0.9
+SURE_OF_UNSEEN = 0.8
 """Least probability of floor that was never seen."""
 SHORTEST_WALL = 0.5
 """Thin things in the free space from this length on are walls [m]."""
