@@ -1,8 +1,8 @@
 """Candidates for the boundaries between rooms, and the probability of each.
 
 A boundary begins where a wall ends: at a corner that points into the free space. Each such corner gives the shortest
-lines to what stands opposite, as far as :data:`WIDEST` goes. The translator's layer
-of doors, and the shape of the space on both sides, then say how likely each line is.
+lines to what stands opposite, as far as :data:`WIDEST` goes. The translator's layer of doors, and the shape of the
+space on both sides, then say how likely each line is.
 """
 
 import math
@@ -85,7 +85,7 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
 def candidate_lines(space: FreeSpace) -> FloatArray:
     """Lines across the free space that may be boundaries, (N, 2, 2) [m], the shortest first, some of them twice."""
     found = _opposite(space, np.flatnonzero(space.is_wall_corner))
-    return found[np.argsort(_widths(found), kind="stable")]
+    return found[np.argsort(line_widths(found), kind="stable")]
 
 
 def first_of(count: int, first: IntArray, second: IntArray) -> BoolArray:
@@ -103,7 +103,8 @@ def first_of(count: int, first: IntArray, second: IntArray) -> BoolArray:
     return stays
 
 
-def _widths(lines: FloatArray) -> FloatArray:
+def line_widths(lines: FloatArray) -> FloatArray:
+    """Widths of lines (N, 2, 2), from end to end."""
     return np.asarray(np.hypot(*(lines[:, 1] - lines[:, 0]).T))
 
 
@@ -154,7 +155,7 @@ def boundary_signs(
         door: Probability of these cells being a door.
         frame: Where the cells lie.
     """
-    width = _widths(lines)
+    width = line_widths(lines)
     along = (lines[:, 1] - lines[:, 0]) / width[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
     middle = lines.mean(axis=1)

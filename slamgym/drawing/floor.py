@@ -13,7 +13,7 @@ import numpy as np
 from slamgym.core.types import FREE, BoolArray, Float32Array, IntArray, OccupancyGrid
 from slamgym.drawing.settings import SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
-from slamgym.metrics.layers import RAY_WIDTH, MapLayers, door_cells
+from slamgym.metrics.layers import MapLayers, door_cells, without_rays
 from slamgym.metrics.maps import distance_to
 
 if TYPE_CHECKING:
@@ -102,9 +102,7 @@ def faces_within_cells(free: BoolArray) -> Float32Array:
 def seen_space(grid: OccupancyGrid) -> BoolArray:
     """The space that the robot saw free, without rays and patches too small for a room."""
     cell, free = grid.frame.resolution, grid.cells == FREE
-    half = 0.5 * RAY_WIDTH / cell
-    wide = distance_to(distance_to(~free) > half) <= half
-    return without_small(free & wide, SMALLEST_ROOM / cell**2)
+    return without_small(free & without_rays(free, cell), SMALLEST_ROOM / cell**2)
 
 
 def floor_of_rooms(

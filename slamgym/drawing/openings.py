@@ -31,6 +31,7 @@ from slamgym.drawing.boundaries import (
     candidate_lines,
     cross,
     first_of,
+    line_widths,
 )
 from slamgym.drawing.evidence import STEP, Evidence
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
@@ -116,7 +117,7 @@ def likely_gaps(floor: MultiPolygon, seen: BoolArray, door: Float32Array, frame:
 
 def _rivals(lines: FloatArray) -> tuple[IntArray, IntArray]:
     """Pairs of lines that lie across one passage, or cross: the numbers of the first ones and of the second."""
-    width = np.hypot(*(lines[:, 1] - lines[:, 0]).T)
+    width = line_widths(lines)
     shapes = np.asarray(shapely.linestrings(lines))
     first, second = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=ONE_PASSAGE * WIDEST)
     first, second = first[first < second], second[first < second]

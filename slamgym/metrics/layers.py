@@ -108,12 +108,24 @@ def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> Bool
         (H, W), in the frame of ``slam``.
     """
     scale = metres_per_px
-    half_gap, half_ray = 0.5 * WIDEST_GAP / scale, 0.5 * RAY_WIDTH / scale
+    half_gap = 0.5 * WIDEST_GAP / scale
     border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
     seen = np.pad(without_small(slam == FREE, SMALLEST_FREE / scale**2), border)
     # Opening and closing by a disc are thresholds on distances, at any radius for one price.
-    wide = distance_to(distance_to(~seen) > half_ray) <= half_ray
+    wide = without_rays(seen, scale)
     closed = distance_to(distance_to(wide) > half_gap) > half_gap
     # It grows through walls, too: drift displaces them, and what lies behind one by a hand may be in front of it.
     explored: BoolArray = (distance_to(closed) <= margin / scale) | seen
     return explored[border:-border, border:-border]
+
+
+def without_rays(free: BoolArray, metres_per_px: float) -> BoolArray:
+    """Where a disc of :data:`RAY_WIDTH` fits into free space: it is opened by the disc.
+
+    Args:
+        free: (H, W).
+        metres_per_px: Scale [m].
+    """
+    half = 0.5 * RAY_WIDTH / metres_per_px
+    wide: BoolArray = distance_to(distance_to(~free) > half) <= half
+    return wide

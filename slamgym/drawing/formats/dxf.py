@@ -35,8 +35,7 @@ def format_dxf(drawing: Drawing) -> str:
 
     document = ezdxf.new("R2018", units=units.M)
     document.header["$PSLTSCALE"] = 0  # dashes are in metres, on paper too
-    lines = [LineString([line.start, line.end]) for line in drawing.dimensions]
-    low, high = np.reshape(shapely.total_bounds([shapely.box(*drawing.bounds), *lines]), (2, 2))
+    low, high = np.reshape(drawing.bounds, (2, 2))
     paper = fitting_paper(*(high - low).tolist())
     _add_tables(document, paper.letters)
     space = document.modelspace()
