@@ -1,8 +1,20 @@
 """When an exploration is complete, by the robot's map alone."""
 
+import math
+
 import numpy as np
 
-from slamgym.core.types import FREE, UNKNOWN, FloatArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.jit import kernel
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.envs.config import ExploreConfig
 from slamgym.planning import (
     CostmapConfig,
@@ -12,7 +24,8 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
-from slamgym.planning.frontiers import fits_through
+from slamgym.planning.costmap import INSCRIBED_COST, NO_INFORMATION, Costmap
+from slamgym.planning.frontiers import fits_through, frontier_runs
 from slamgym.planning.promise import Promise, is_kept
 
 _TRUSTED = 15
@@ -64,30 +77,58 @@ class CompletionDetector:
             return False
         self._trusted = 0
         grid = free_body(_with_border(crop_known(grid, pose)), pose, self._radius)
-        costmap = make_costmap(grid, self._costs)
+        costmap = make_costmap(grid, self._costs) if self._promise else self._body_costs(grid)
         space = reachable_space(costmap, pose)
         if space is None:
             return False
-        frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
         if self._promise is not None:
             known_area = len(space.order) * grid.frame.resolution**2
+            frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
             ways_on = [one for one in frontiers if fits_through(costmap, one, self._radius)]
             return is_kept(self._promise, ways_on, known_area)
-        if frontiers:
-            self._remembered, self._trusted = grid.frame.to_points(*frontiers[-1].cells.T), _TRUSTED
-        return not frontiers
+        runs = frontier_runs(costmap, space, self._min_size)
+        if runs:
+            self._remembered, self._trusted = grid.frame.to_points(*runs[-1].T), _TRUSTED
+        return not runs
 
     def _is_still_there(self, grid: OccupancyGrid) -> bool:
         """True if enough of the remembered frontier is still unknown next to free space."""
-        cells = np.pad(grid.cells, 2, constant_values=UNKNOWN)
-        places = np.column_stack(grid.frame.to_cell(*self._remembered.T)) + 2
-        row, col = np.clip(places, 1, np.array(cells.shape) - 2).T
-        beside = cells[row - 1, col], cells[row + 1, col], cells[row, col - 1], cells[row, col + 1]
-        left = np.count_nonzero((cells[row, col] == UNKNOWN) & (np.array(beside) == FREE).any(axis=0))
-        return bool(left * grid.frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(places))
+        frame, points = grid.frame, self._remembered
+        left = _count_edges(grid.cells, points, (frame.resolution, frame.origin_x, frame.origin_y))
+        return bool(left * frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
+
+    def _body_costs(self, grid: OccupancyGrid) -> Costmap:
+        """The costs that :func:`make_costmap` would find, without its distances: by a disc about each occupied cell."""
+        import cv2
+
+        cells, reach = grid.cells, (self._radius + 1e-9) / grid.frame.resolution
+        offsets = np.arange(-math.floor(reach), math.floor(reach) + 1) ** 2
+        disc = (offsets + offsets[:, np.newaxis] <= reach**2).view(np.uint8)
+        occupied = (cells == OCCUPIED).view(np.uint8)
+        costs = cv2.dilate(occupied, disc) * np.uint8(INSCRIBED_COST) + occupied
+        costs[cells == UNKNOWN] = NO_INFORMATION
+        return Costmap(costs, np.empty((0, 0), np.float32), grid.frame, cells, self._costs)
+
+
+@kernel
+def _count_edges(cells: ByteArray, points: FloatArray, place: tuple[float, float, float]) -> int:
+    """How many cells at points, shape (N, 2) [m], are unknown next to free space; ``place`` is the frame's."""
+    (rows, cols), count = cells.shape, 0
+    for k in range(len(points)):
+        col = min(max(math.floor((points[k, 0] - place[1]) / place[0]), -1), cols)
+        row = min(max(rows - 1 - math.floor((points[k, 1] - place[2]) / place[0]), -1), rows)
+        if 0 <= row < rows and 0 <= col < cols and cells[row, col] != UNKNOWN:
+            continue
+        for r, c in ((row - 1, col), (row + 1, col), (row, col - 1), (row, col + 1)):
+            if 0 <= r < rows and 0 <= c < cols and cells[r, c] == FREE:
+                count += 1
+                break
+    return count
 
 
 def _with_border(grid: OccupancyGrid) -> OccupancyGrid:
     """A map with one unknown cell more on every side: a tight map may end in free cells."""
-    cells, (size, x, y, height, width) = np.pad(grid.cells, 1, constant_values=UNKNOWN), grid.frame
+    size, x, y, height, width = grid.frame
+    cells = np.full((height + 2, width + 2), UNKNOWN, np.uint8)
+    cells[1:-1, 1:-1] = grid.cells
     return OccupancyGrid(cells, GridFrame(size, x - size, y - size, height + 2, width + 2))

@@ -108,21 +108,24 @@ def find_frontiers(
     Returns:
         The frontiers in the order in which the search touched them, which is that of the path length.
     """
+    space = reachable or reachable_space(costmap, pose)
+    runs = frontier_runs(costmap, space, min_size) if space else []
+    return [_describe_frontier(cells, costmap.frame, pose) for cells in runs]
+
+
+def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[Int32Array]:
+    """Rows and columns of the cells of each frontier of :func:`find_frontiers`, shapes (size, 2)."""
     import cv2
 
-    space = reachable or reachable_space(costmap, pose)
-    if space is None:
-        return []
     # Most reachable cells border nothing unknown: what is collected are frontiers' neighbours in the order of the
     # search, which are few.
-    frame = costmap.frame
     edge = frontier_cells(costmap.costs, space.mask)
     near_edge = cv2.dilate(edge.view(np.uint8), _CROSS).reshape(-1).view(np.bool_)
     order = space.order[near_edge[space.order]]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
-    members, starts = collect_frontiers(edge, order, min_size / frame.resolution - 1e-6)
-    cells = np.column_stack(np.divmod(members, frame.width_px))
-    return [_describe_frontier(cells[first:end], frame, pose) for first, end in itertools.pairwise(starts)]
+    members, starts = collect_frontiers(edge, order, min_size / costmap.frame.resolution - 1e-6)
+    cells = np.column_stack(np.divmod(members, costmap.frame.width_px))
+    return [cells[first:end] for first, end in itertools.pairwise(starts)]
 
 
 def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:

@@ -6,6 +6,7 @@ import pytest
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.envs import completion
 from slamgym.envs.completion import CompletionDetector
+from slamgym.planning import make_costmap
 
 RESOLUTION = 0.05
 POSE = Pose2D(1.5, 1.5, 0.0)
@@ -48,13 +49,13 @@ def test_a_robot_off_the_map_has_not_explored():
 
 def test_no_search_while_the_last_frontier_stands(monkeypatch: pytest.MonkeyPatch):
     searches = []
-    search = completion.find_frontiers
+    search = completion.frontier_runs
 
     def counted(*args, **kwargs):
         searches.append(1)
         return search(*args, **kwargs)
 
-    monkeypatch.setattr(completion, "find_frontiers", counted)
+    monkeypatch.setattr(completion, "frontier_runs", counted)
     watch = CompletionDetector(0.22, 0.35)
     for _ in range(5):
         assert not watch.is_explored(room(0.9), POSE)
@@ -62,3 +63,12 @@ def test_no_search_while_the_last_frontier_stands(monkeypatch: pytest.MonkeyPatc
     # Once it is closed, a search finds that nothing else is left.
     assert watch.is_explored(room(), POSE)
     assert len(searches) == 2
+
+
+def test_costs_of_the_body_are_those_of_a_costmap():
+    cells = np.random.default_rng(0).choice([FREE, UNKNOWN, OCCUPIED], (80, 90), p=[0.7, 0.28, 0.02])
+    grid = OccupancyGrid(cells.astype(np.uint8), GridFrame(RESOLUTION, 0.0, 0.0, 80, 90))
+    for radius in (0.1, 0.22, 0.25):
+        watch = CompletionDetector(radius, 0.35)
+        expected = make_costmap(grid, watch._costs).costs
+        np.testing.assert_array_equal(watch._body_costs(grid).costs, expected)
