@@ -4,7 +4,6 @@ It holds the map about the robot as shares of free and occupied space in blocks,
 measured velocity, each scaled to [-1, 1]. All of it is belief, as in the other presets.
 """
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +23,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE, FAR_SIZE, FarLook
+from slamgym.envs.turned_reading import Tiles, is_inside, line_table, read_turned, turned_grid
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
@@ -32,13 +32,10 @@ SCAN_SECTORS = 60
 _POINTS = 4  # along a side of a block, at which the map is read
 _ONLY = np.zeros(1, dtype=np.int64)
 
-_FRACTION = 32
-_ONE = float(1 << _FRACTION)
-
 
 @kernel
 def write_compact(
-    tiles: tuple[ByteArray, tuple[int, int], float],
+    tiles: Tiles,
     pose: FloatArray,
     side: float,
     ranges: Float32Array,
@@ -72,58 +69,30 @@ def write_compact(
 
 
 @kernel
-def _write_shares(
-    tiles: tuple[ByteArray, tuple[int, int], float], pitch: float, pose: FloatArray, out: Float32Array
-) -> None:
+def _write_shares(tiles: Tiles, pitch: float, pose: FloatArray, out: Float32Array) -> None:
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
-    cells, corner, resolution = tiles
-    rows, cols = cells.shape
-    flat = cells.reshape(-1)
-    # Positions in 1 / 2^32 of a cell, exact to the lattice for any given part of the map. From point to point:
-    # (sin, -cos) to the right, (-cos, -sin) down.
-    cos, sin = round(pitch * _ONE * math.cos(pose[2])), round(pitch * _ONE * math.sin(pose[2]))
+    cells, flat = tiles[0], tiles[0].reshape(-1)
     last = BLOCKS * _POINTS - 1
-    left = round(pose[0] / resolution * _ONE) + (last * cos - last * sin) // 2 - (corner[1] << _FRACTION)
-    top = round(pose[1] / resolution * _ONE) + (last * sin + last * cos) // 2 - (corner[0] << _FRACTION)
+    first, down, right = turned_grid(tiles, pose, pitch, (last, last))
     share = np.float32(1.0 / (_POINTS * _POINTS))
-    places, read = np.empty(last + 1, np.uint32), np.empty(last + 1, np.uint8)
-    is_inside = True
-    for a, b in ((0, 0), (0, last), (last, 0), (last, last)):
-        row, col = (top - a * sin - b * cos) >> _FRACTION, (left - a * cos + b * sin) >> _FRACTION
-        is_inside &= 0 <= row < rows and 0 <= col < cols
+    table, read = line_table(cells.shape[1], right, BLOCKS, _POINTS), np.empty((_POINTS, last + 1), np.uint8)
+    inside = is_inside(cells, first, down, right, (last, last), read)
     free, occupied = np.empty(last + 1, np.uint8), np.empty(last + 1, np.uint8)
     for i in range(BLOCKS):
         free[:], occupied[:] = 0, 0
-        for a in range(i * _POINTS, (i + 1) * _POINTS):
-            row, col = top - a * sin, left - a * cos
-            # All loops but the one that reads become vector instructions.
-            if is_inside:
-                for b in range(last + 1):
-                    r, c = _whole(row - b * cos), _whole(col + b * sin)
-                    places[b] = r * np.uint32(cols) + c
-                for b in range(last + 1):
-                    read[b] = flat[places[b]]
-            else:
-                for b in range(last + 1):
-                    r, c = _whole(row - b * cos), _whole(col + b * sin)
-                    is_there = r < np.uint32(rows) and c < np.uint32(cols)
-                    read[b] = flat[r * np.uint32(cols) + c] if is_there else np.uint8(UNKNOWN)
+        begin = first[0] + i * _POINTS * down[0], first[1] + i * _POINTS * down[1]
+        read_turned(flat, cells.shape, begin, down, inside, table, read)
+        for a in range(_POINTS):
             for b in range(last + 1):
-                free[b] += read[b] == FREE
-                occupied[b] += read[b] == OCCUPIED
+                free[b] += read[a, b] == FREE
+                occupied[b] += read[a, b] == OCCUPIED
         for j in range(BLOCKS):
             num_free = num_occupied = 0
-            for b in range(j * _POINTS, (j + 1) * _POINTS):
-                num_free += free[b]
-                num_occupied += occupied[b]
+            for k in range(_POINTS):
+                num_free += free[k * BLOCKS + j]
+                num_occupied += occupied[k * BLOCKS + j]
             out[i * BLOCKS + j] = share * np.float32(num_free)
             out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(num_occupied)
-
-
-@kernel
-def _whole(position: int) -> np.uint32:
-    """The cell of a position; without a sign what lies before the first cell is beyond the last."""
-    return np.uint32(np.uint64(position) >> np.uint64(_FRACTION))
 
 
 def compact_size(num_beams: int) -> int:

@@ -15,102 +15,55 @@ from slamgym.core.types import (
     UNKNOWN,
     ByteArray,
     Float32Array,
-    GridFrame,
+    FloatArray,
     Observation,
     Pose2D,
     Twist2D,
 )
 from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
+from slamgym.envs.turned_reading import Tiles, is_inside, line_table, read_turned, turned_grid
 from slamgym.slam import Mapper
 
-_FRACTION = 32
-_ONE = float(1 << _FRACTION)
-
 
 @kernel
-def _cell(position: int) -> np.uint32:
-    """The cell of a position; without a sign what lies before the first cell is beyond the last."""
-    return np.uint32(np.uint64(position) >> np.uint64(_FRACTION))
-
-
-@kernel
-def cut_crop(
-    cells: ByteArray,
-    origin_x: float,
-    origin_y: float,
-    resolution: float,
-    x: float,
-    y: float,
-    theta: float,
-    crop_resolution: float,
-    samples: int,
-    out: ByteArray,
-) -> None:
-    """Read a map on a grid that stands on the robot and looks where it looks.
+def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: ByteArray) -> None:
+    """Read a map on a grid that stands on the robot and looks where it looks; unknown beyond the map.
 
     Each cell of the crop is read at ``samples`` x ``samples`` points; occupied wins over free and free over
     unknown.
 
-    Convention: ``cells`` has row 0 at the top, its origin is the lower left corner; ``x, y, theta`` is the
-    robot in the frame of the cells. In the crop the robot is in the middle, ahead is up, its left is left.
-
     Args:
-        cells: The map, shape (H, W).
-        origin_x: Of the map [m].
-        origin_y: Of the map [m].
-        resolution: Cell size of the map [m].
-        x: The robot [m].
-        y: The robot [m].
-        theta: Its heading [rad].
-        crop_resolution: Cell size of the crop [m].
+        tiles: The map: :class:`MapTiles` without names.
+        pose: The robot in the map frame, shape (3,) [m, m, rad].
+        pitch: Distance of the points [cells].
         samples: Points per side of a crop cell.
         out: Receives the crop, shape (h, w).
     """
-    rows, cols = cells.shape
-    flat = cells.reshape(-1)
-    height, width = out.shape
-    # Positions in the map in 1 / 2^32 of a cell. From sample to sample: (sin, cos) to the right in the crop,
-    # (-cos, sin) down.
-    step = crop_resolution / (samples * resolution) * _ONE
-    cos, sin = round(step * math.cos(theta)), round(step * math.sin(theta))
-    ahead, left = height * samples - 1, width * samples - 1
-    first_col = round((x - origin_x) / resolution * _ONE) + (ahead * cos - left * sin) // 2
-    first_row = round((rows - (y - origin_y) / resolution) * _ONE) - (ahead * sin + left * cos) // 2
-    is_inside = True
-    for a, b in ((0, 0), (0, left), (ahead, 0), (ahead, left)):
-        col, row = first_col - a * cos + b * sin, first_row + a * sin + b * cos
-        is_inside &= 0 <= row >> _FRACTION < rows and 0 <= col >> _FRACTION < cols
-    places, read = np.empty(width, np.uint32), np.empty(width, np.uint8)
+    (height, width), cells = out.shape, tiles[0]
+    last = height * samples - 1, width * samples - 1
+    first, down, right = turned_grid(tiles, pose, pitch, last)
+    table, flat = line_table(cells.shape[1], right, width, samples), cells.reshape(-1)
+    read = np.empty((samples, width * samples), np.uint8)
     least, most = np.empty(width, np.uint8), np.empty(width, np.uint8)
+    inside = is_inside(cells, first, down, right, last, read)
     for i in range(height):
-        least[:], most[:] = UNKNOWN, UNKNOWN  # occupied is less than that, free is more
-        for a in range(i * samples, (i + 1) * samples):
-            for b in range(samples):
-                col, row = first_col - a * cos + b * sin, first_row + a * sin + b * cos
-                # One sample of every cell of the line: all loops but the one that reads become vector instructions.
-                if is_inside:
-                    for j in range(width):
-                        r, c = _cell(row + j * samples * cos), _cell(col + j * samples * sin)
-                        places[j] = r * np.uint32(cols) + c
-                    for j in range(width):
-                        read[j] = flat[places[j]]
-                else:
-                    for j in range(width):
-                        r, c = _cell(row + j * samples * cos), _cell(col + j * samples * sin)
-                        is_there = r < np.uint32(rows) and c < np.uint32(cols)
-                        read[j] = flat[r * np.uint32(cols) + c] if is_there else np.uint8(UNKNOWN)
+        least[:], most[:] = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
+        begin = first[0] + i * samples * down[0], first[1] + i * samples * down[1]
+        read_turned(flat, cells.shape, begin, down, inside, table, read)
+        for a in range(samples):
+            for k in range(samples):
                 for j in range(width):
-                    least[j], most[j] = min(least[j], read[j]), max(most[j], read[j])
+                    value = read[a, k * width + j]
+                    least[j] = min(least[j], value)
+                    most[j] = max(most[j], value)
         for j in range(width):
-            out[i, j] = least[j] if least[j] == OCCUPIED else most[j]
+            low, high = least[j], most[j]
+            out[i, j] = low if low == OCCUPIED else high
 
 
 FURTHEST = 1000.0
 """Believed positions are cut off here [m], because Gymnasium wants bounds."""
-
-WINDOW_MARGIN = 0.5
-"""Spare width of the egocentric window, so that it is cut from the map again only every few steps [m]."""
 
 
 def observation_space(config: ExploreConfig) -> spaces.Space[Any]:
@@ -212,26 +165,17 @@ class EgocentricView:
     """The newest map about the robot, turned into its heading."""
 
     def __init__(self, config: ObservationConfig, map_resolution: float) -> None:
-        self._config = config
-        self._resolution = map_resolution
-        self._radius_px, self._samples = window_sizes(config, map_resolution)
-        self._window: ByteArray | None = None
-        self._left, self._bottom, self._centre = 0.0, 0.0, (0.0, 0.0)  # of the window [m]
+        self._side, self._resolution = config.crop_px, map_resolution
+        self._points = crop_points(config, map_resolution)
+        self._tiles: MapTiles | None = None
 
     def look(self, now: SensedStep) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
-        pose, config = now.pose, self._config
-        off = math.hypot(pose.x - self._centre[0], pose.y - self._centre[1])
-        if now.is_new or self._window is None or off > WINDOW_MARGIN:
-            # The part of the map that the crop can need, on the map's own lattice.
-            size, resolution = self._radius_px, self._resolution
-            self._left = resolution * (math.floor(pose.x / resolution) - size)
-            self._bottom = resolution * (math.floor(pose.y / resolution) - size)
-            self._centre, side = (pose.x, pose.y), 2 * size + 1
-            self._window = now.mapper.render(GridFrame(resolution, self._left, self._bottom, side, side))
-        crop: ByteArray = np.empty((1, config.crop_px, config.crop_px), dtype=np.uint8)
-        place, sizes = (self._left, self._bottom, self._resolution), (config.crop_resolution, self._samples)
-        cut_crop(self._window, *place, *pose, *sizes, crop[0])
+        if now.is_new or self._tiles is None:
+            cells, corner = now.mapper.lattice()
+            self._tiles = MapTiles(np.ascontiguousarray(cells), corner, self._resolution)
+        crop: ByteArray = np.empty((1, self._side, self._side), dtype=np.uint8)
+        cut_crop(self._tiles[:], np.array(now.pose), *self._points, crop[0])
         return crop
 
 
@@ -262,9 +206,7 @@ def make_view(config: ExploreConfig) -> MapView:
     return EgocentricView(config.observation, config.slam.resolution)
 
 
-def window_sizes(config: ObservationConfig, map_resolution: float) -> tuple[int, int]:
-    """Cells from the middle of the egocentric window to its border, and points read along a cell of the crop."""
-    # Half the diagonal of the crop, plus the margin in which the window serves again.
-    radius = 0.5 * math.sqrt(2.0) * config.crop_side + WINDOW_MARGIN
+def crop_points(config: ObservationConfig, map_resolution: float) -> tuple[float, int]:
+    """Distance of the points at which a crop is read [cells], and how many are along a cell of the crop."""
     samples = max(1, math.ceil(config.crop_resolution / map_resolution - 1e-9))
-    return math.ceil(radius / map_resolution) + 1, samples
+    return config.crop_resolution / (samples * map_resolution), samples

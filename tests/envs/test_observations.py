@@ -19,7 +19,9 @@ HALF = 0.5 * SIZE * RESOLUTION
 
 def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1):
     out = np.empty((size, size), dtype=np.uint8)
-    cut_crop(cells, -HALF, -HALF, RESOLUTION, x, y, theta, resolution, samples, out)
+    tiles = np.ascontiguousarray(cells[::-1]), (0, 0), RESOLUTION
+    pose = np.array([x + HALF, y + HALF, theta])
+    cut_crop(tiles, pose, resolution / (samples * RESOLUTION), samples, out)
     return out
 
 

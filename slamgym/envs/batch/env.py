@@ -213,16 +213,18 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     def _figures(self) -> dict[str, Any]:
         """Values that ``info`` shows of every robot."""
         fleet = self._fleet
-        stats = [] if fleet.is_mapped_together else [fleet.mapper(i).stats for i in range(self.num_envs)]
+        doubts = np.zeros((2, self.num_envs), dtype=np.int64)  # robots that are mapped together have none
+        if not fleet.is_mapped_together:
+            stats = [fleet.mapper(i).stats for i in range(self.num_envs)]
+            doubts[:] = [len(one.doubtful) for one in stats], [one.is_doubtful for one in stats]
         return {
             "coverage": fleet.shares,
             "path_length": fleet.robots.path.copy(),
             "collisions": fleet.robots.collisions.copy(),
             "pose_error": fleet.pose_errors,
             "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
-            # Robots that are mapped together doubt nothing.
-            "doubtful_scans": np.array([len(one.doubtful) for one in stats] or [0] * self.num_envs),
-            "is_doubtful": np.array([one.is_doubtful for one in stats] or [False] * self.num_envs),
+            "doubtful_scans": doubts[0],
+            "is_doubtful": doubts[1] > 0,
             "true_pose": fleet.robots.pose.copy(),
         }
 

@@ -41,7 +41,7 @@ from slamgym.slam import Mapper, make_mapper
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.motion_model import update_thresholds
 
-_SPARE = 1.0  # [m] that maps reach beyond what the scanner may see from the plan's outline
+_SPARE = 1.0  # [m] that maps reach beyond what is seen from the plan's outline, by the scanner or in a crop
 
 
 class Robot(NamedTuple):
@@ -198,7 +198,8 @@ class Fleet:
     def _blank_map(self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D) -> None:
         """An empty map that reaches as far as a robot in the plan can see."""
         maps, resolution = self.maps, self.map_model.resolution
-        reach = self._config.lidar.range_max + _SPARE
+        corners = math.sqrt(0.5) * self._config.observation.crop_side
+        reach = max(self._config.lidar.range_max, corners) + _SPARE
         min_x, min_y, max_x, max_y = prepared.plan.bounds
         corner = [
             BLOCK_SIDE * math.floor((low - reach) / (BLOCK_SIDE * resolution))

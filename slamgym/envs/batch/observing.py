@@ -10,7 +10,7 @@ from slamgym.envs.batch.stepping import compact_all, crop_all
 from slamgym.envs.compact import CompactObserver
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FarLook
-from slamgym.envs.observations import MapView, Measurements, SensedStep, make_view, window_sizes
+from slamgym.envs.observations import MapView, Measurements, SensedStep, crop_points, make_view
 
 
 class BatchObserver:
@@ -30,10 +30,7 @@ class BatchObserver:
         shape = self._compact.space.shape if self._compact else observation.shape
         self._seen: Any = np.zeros((count, *shape), np.float32 if self._compact else np.uint8)
         self._views: dict[int, MapView] = {}  # of robots that are not mapped together
-        size, self._samples = window_sizes(observation, config.slam.resolution)
-        width = 0 if self._compact or not fleet.is_mapped_together else 2 * size + 1
-        self._windows = np.zeros((count, width, width), dtype=np.uint8)
-        self._centres = np.zeros((count, 2))
+        self._points = crop_points(observation, config.slam.resolution)
 
     def begin(self, ids: IntArray) -> None:
         """Forget the maps of robots that begin an episode."""
@@ -64,8 +61,7 @@ class BatchObserver:
                     self._far.refresh(i, *fleet.tiles(i))
                 self._far.write(ids, maps.believed, self._seen)
         else:
-            fine, samples = self._config.observation.crop_resolution, self._samples
-            crop_all(maps, self._windows, self._centres, resolution, fine, samples, ids, self._seen)
+            crop_all(maps, resolution, self._points, ids, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
         times = fleet.times[:, np.newaxis]

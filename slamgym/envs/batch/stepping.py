@@ -13,11 +13,12 @@ import numpy as np
 
 from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
-from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, IntArray, Pose2D
+from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, ScanModel, Scans, Scenes, WheelModel
 from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
-from slamgym.envs.observations import WINDOW_MARGIN, cut_crop
+from slamgym.envs.observations import cut_crop
+from slamgym.envs.turned_reading import Tiles
 from slamgym.sim import motion
 from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
 from slamgym.sim.contact import DiscContacts, solve_disc
@@ -271,58 +272,30 @@ def compact_all(
 ) -> None:
     """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
     for i in ids:
-        rows, cols = maps.shape[i, 0], maps.shape[i, 1]
-        corner = (maps.corner[i, 0], maps.corner[i, 1])
-        tiles = maps.cells[i, : rows * cols].reshape(rows, cols), corner, resolution
+        tiles = _tiles(maps, i, resolution)
         write_compact(tiles, maps.believed[i], side, scans.ranges[i], robots.velocity[i], limits, out[i])
 
 
 @kernel
-def crop_all(
-    maps: Maps,
-    windows: ByteArray,
-    centres: FloatArray,
-    resolution: float,
-    crop_resolution: float,
-    samples: int,
-    ids: IntArray,
-    out: ByteArray,
-) -> None:
-    """Cut the crops about the robots from windows of the maps; see :class:`slamgym.envs.observations.EgocentricView`.
-
-    Args:
-        maps: The maps.
-        windows: What was cut last, shape (N, W, W), row 0 at the top.
-        centres: Where, shape (N, 2) [m].
-        resolution: Cell size of the maps [m].
-        crop_resolution: Cell size of the crops [m].
-        samples: Points along a cell of the crop.
-        ids: Environments.
-        out: Receives the crops, shape (N, 1, h, w).
-    """
-    size = windows.shape[1] // 2
-    for i in ids:
-        pose = maps.believed[i]
-        off = math.hypot(pose[0] - centres[i, 0], pose[1] - centres[i, 1])
-        if maps.is_new[i] or off > WINDOW_MARGIN:
-            centres[i, 0], centres[i, 1] = pose[0], pose[1]
-            _cut_window(maps, i, centres[i], resolution, windows[i])
-        left = (math.floor(centres[i, 0] / resolution) - size) * resolution
-        bottom = (math.floor(centres[i, 1] / resolution) - size) * resolution
-        x, y, theta = pose[0], pose[1], pose[2]
-        cut_crop(windows[i], left, bottom, resolution, x, y, theta, crop_resolution, samples, out[i, 0])
+def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
+    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    return (
+        maps.cells[i, : rows * cols].reshape(rows, cols),
+        (maps.corner[i, 0], maps.corner[i, 1]),
+        resolution,
+    )
 
 
 @kernel
-def _cut_window(maps: Maps, i: int, centre: FloatArray, resolution: float, window: ByteArray) -> None:
-    """Copy the part of a map about a point; unknown where the map ends."""
-    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
-    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
-    size = window.shape[0]
-    first_row = math.floor(centre[1] / resolution) - size // 2 - maps.corner[i, 0]
-    first_col = math.floor(centre[0] / resolution) - size // 2 - maps.corner[i, 1]
-    begin, end = max(first_col, 0), max(min(first_col + size, cols), 0)
-    window[:] = UNKNOWN
-    for r in range(max(first_row, 0), min(first_row + size, rows)):
-        for c in range(begin, end):
-            window[size - 1 - (r - first_row), c - first_col] = cells[r, c]
+def crop_all(maps: Maps, resolution: float, points: tuple[float, int], ids: IntArray, out: ByteArray) -> None:
+    """Cut the crops about the robots; see :func:`slamgym.envs.observations.cut_crop`.
+
+    Args:
+        maps: The maps.
+        resolution: Cell size of the maps [m].
+        points: Distance of the points that are read [cells], and how many are along a cell of the crop.
+        ids: Environments.
+        out: Receives the crops, shape (N, 1, h, w).
+    """
+    for i in ids:
+        cut_crop(_tiles(maps, i, resolution), maps.believed[i], points[0], points[1], out[i, 0])
