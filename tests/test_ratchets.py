@@ -33,7 +33,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "docs/notes": (0, 0, 0, 0, 3086),
     "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (3110, 3, 0, 151, 0),
-    "envs": (2486, 33, 0, 55, 0),
+    "envs": (2481, 33, 0, 51, 0),
     "gan": (2131, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1148, 0, 0, 68, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32404, 249, 242, 1369, 33359)
+TOTAL = (32399, 249, 242, 1365, 33359)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -32,6 +32,8 @@ from report import print_and_save
 MODES = ("ground_truth", "dead_reckoning", "pose_graph", "rbpf")
 GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
+STAGES = ("drive", "draw_noise", "sense", "publish", "are_complete", "rewards", "figures", "observe")
+"""Methods of a batch's parts whose time is taken."""
 PLAN = "home_000334"
 COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
 DECISION_MODES: dict[str, dict[str, Any]] = {
@@ -121,30 +123,72 @@ def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, flo
     return rate, 1e3 / rate
 
 
-def measure_batch(counts: tuple[int, ...] = (1, 8, 32), turns: int = 3) -> None:
-    """Median rates of turns of 0.3 CPU seconds, on the observations ``compact``."""
-    rows = []
+def measure_batch(counts: tuple[int, ...] = (8, 64), turns: int = 5) -> None:
+    """Median rates of turns of 0.5 CPU seconds; episodes end when all is explored, as by default."""
+    rows, stages = [], []
     for mode in ("ground_truth", "pose_graph"):
-        for shown in ("egocentric", "global"):
+        for preset in ("dict", "compact"):
             settings: dict[str, Any] = {
                 "localization": mode,
-                "observation": {"preset": "compact", "map": shown},
-                "terminate_when_explored": False,
+                "observation": {"preset": preset},
                 "time_limit": None,
             }
             single = ExploreEnv("bundled", **settings)
-            for count in counts:
+            if preset == "dict":
+                default = single
+            for count in counts if mode == "ground_truth" else counts[:1]:
                 batch = BatchExploreEnv(count, "bundled", autoreset_mode="same_step", **settings)
                 batch.reset(seed=1)
-                batch_rate(batch, 0.3)
+                batch_rate(batch, 2.0)
                 rates = np.array(
-                    [(steps_per_second(single, 0.3), batch_rate(batch, 0.3)) for _ in range(turns)]
+                    [
+                        (
+                            steps_per_second(single, 0.5),
+                            batch_rate(batch, 0.5),
+                            steps_per_second(default, 0.5),
+                        )
+                        for _ in range(turns)
+                    ]
                 )
                 ratios = rates[:, 1] / rates[:, 0]
-                spread = np.median(ratios), ratios.min(), ratios.max()
-                rows.append([mode, shown, count, *np.median(rates, axis=0), *spread])
-    columns = ["localisation", "map", "robots", "single steps/s", "batch steps/s", "ratio", "least", "most"]
+                spread = np.median(ratios), ratios.min(), ratios.max(), np.median(rates[:, 1] / rates[:, 2])
+                rows.append([mode, preset, count, *np.median(rates[:, :2], axis=0), *spread])
+                stages.append([mode, preset, count, *stage_costs(batch)])
+    columns = ["localisation", "preset", "robots", "single steps/s", "batch steps/s"]
+    columns += ["ratio", "least", "most", "ratio to single dict"]
     print_and_save("simulation/env_steps_batch", "Steps per CPU second of a batch of robots", rows, columns)
+    columns = ["localisation", "preset", "robots", *STAGES]
+    print_and_save(
+        "simulation/env_steps_batch_stages",
+        "CPU time of the stages of a step for each robot of a batch, in us; draw_noise is a part of sense",
+        stages,
+        columns,
+    )
+
+
+def stage_costs(env: BatchExploreEnv) -> list[float]:
+    """CPU time of each stage for a step of one robot [us]."""
+    spent = dict.fromkeys(STAGES, 0.0)
+    fleet: Any = env._fleet
+    owners: dict[str, Any] = {"observe": env._observer, "are_complete": env, "rewards": env, "figures": env}
+
+    def timed(name: str, function: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            begin = time.thread_time()
+            result = function(*arguments)
+            spent[name] += time.thread_time() - begin
+            return result
+
+        return call
+
+    for name in STAGES:
+        owner = owners.get(name, fleet)
+        attribute = name if hasattr(owner, name) else f"_{name}"
+        setattr(owner, attribute, timed(name, getattr(owner, attribute)))
+    begin = time.thread_time()
+    rate = batch_rate(env, 1.0)
+    steps = rate * (time.thread_time() - begin)
+    return [1e6 * seconds / steps for seconds in spent.values()]
 
 
 def batch_rate(env: BatchExploreEnv, seconds: float) -> float:
