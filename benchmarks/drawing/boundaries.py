@@ -27,17 +27,8 @@ from slamgym.cad.doors import find_openings
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.dataset.format import Layout, read_manifest
 from slamgym.drawing import FloorModel, load_floor_model
-from slamgym.drawing.boundaries import (
-    WIDEST,
-    FreeSpace,
-    boundary_log_odds,
-    boundary_signs,
-    candidate_lines,
-    cross,
-)
-from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.floor import faces_within_cells, seen_space
-from slamgym.drawing.polygons import straightened
+from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, cross
+from slamgym.drawing.floor import seen_floor
 from slamgym.drawing.vectorise import known_part
 from slamgym.interop import read_map
 from slamgym.metrics.wall_direction import find_wall_direction
@@ -163,19 +154,15 @@ def examples(name: str, grid: OccupancyGrid, truth: Truth, model: FloorModel) ->
     grid = known_part(grid)
     angle = find_wall_direction(grid.cells).angle_deg
     layers = model.layers(grid, angle)
-    seen = seen_space(grid)
-    outlines = trace_outlines(faces_within_cells(seen), grid.frame)
-    floor = straightened(outlines, angle, grid.frame.resolution)
+    seen, floor = seen_floor(grid, angle)
     if floor.is_empty:
         return
-    space = FreeSpace(floor)
-    lines = candidate_lines(space)
+    lines, signs = candidates(floor, seen, layers, grid.frame)
     if not len(lines):
         return
     matched, close = compared(lines, truth.certain)
     is_boundary = np.any(matched, axis=1)
     beside = np.any(np.hstack([close, compared(lines, truth.ambiguous)[1]]), axis=1) & ~is_boundary
-    signs = boundary_signs(lines, space, seen, layers.door, grid.frame)
     found = int(np.any(matched, axis=0).sum())
     yield Example(name, signs[~beside], is_boundary[~beside], found, len(truth.certain))
 

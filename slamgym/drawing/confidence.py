@@ -64,7 +64,7 @@ def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
 def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
     """Split a wall into pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
     least = math.ceil(SHORTEST_CHANGE / (piece.length / len(seen)))
-    runs = _runs(seen)
+    runs = list(itertools.pairwise([0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(seen)]))
     while len(runs) > 1 and min(high - low for low, high in runs) < least:
         shortest = min(range(len(runs)), key=lambda k: runs[k][1] - runs[k][0])
         low, high = max(shortest - 1, 0), min(shortest + 1, len(runs) - 1)
@@ -83,9 +83,3 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
             )
         )
     return parts
-
-
-def _runs(values: BoolArray) -> list[tuple[int, int]]:
-    changes = np.flatnonzero(np.diff(values)) + 1
-    marks = [0, *changes.tolist(), len(values)]
-    return list(itertools.pairwise(marks))

@@ -1,12 +1,10 @@
 """Points to check in a drawing: its scale, its direction, and how much of it was never seen."""
 
-import cv2
 import numpy as np
 import shapely
 
 from slamgym.core.types import FREE, OccupancyGrid
 from slamgym.drawing.drawing import Drawing
-from slamgym.drawing.evidence import filled
 from slamgym.metrics.maps import distance_to
 from slamgym.metrics.wall_direction import WallDirection
 
@@ -16,8 +14,6 @@ SMALLEST_FLOOR = 8.0
 """A map of a building shows more floor than this [m2]."""
 MUCH_UNSEEN = 0.15
 """Share of the floor."""
-MUCH_LEFT_OUT = 0.1
-"""Share of the floor that the robot saw."""
 MUCH_INFERRED = 0.5
 """Share of the walls' length."""
 
@@ -44,11 +40,6 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> list[str]:
     if unseen > MUCH_UNSEEN * drawing.area:
         doubts.append(
             f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
-        )
-    left_out = left_out_share(drawing)
-    if left_out > MUCH_LEFT_OUT:
-        doubts.append(
-            f"{left_out:.0%} of the floor that the robot saw isn't drawn; another --model may keep it"
         )
     doubts += missing_walls(drawing)
     lengths = [wall.length for wall in drawing.walls]
@@ -91,12 +82,3 @@ def widest_clearance(grid: OccupancyGrid) -> float:
     """Distance to the nearest cell that isn't free, exceeded by a tenth of the free cells [m]."""
     free = np.pad(grid.cells == FREE, 1)
     return float(np.percentile(distance_to(~free)[free], 90.0)) * grid.frame.resolution
-
-
-def left_out_share(drawing: Drawing) -> float:
-    """Share of the free floor, without rays of one or two cells, that is neither drawn nor marked as unexplored."""
-    free = cv2.morphologyEx(
-        (drawing.grid.cells == FREE).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)
-    )
-    drawn = filled(shapely.union_all([drawing.floor, *drawing.unexplored]), drawing.grid.frame)
-    return float((free.astype(bool) & ~drawn).sum() / max(int(free.sum()), 1))

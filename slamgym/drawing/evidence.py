@@ -97,10 +97,8 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
     unseen = inside & (grid.cells == UNKNOWN)
     closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) & inside
     # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
-    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
-    _, labels = cv2.connectedComponents(closed, connectivity=4)
-    patches = np.unique(labels[wide])
-    return np.isin(labels, patches[patches > 0])
+    wide: BoolArray = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    return wide
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:

@@ -9,8 +9,11 @@ from typing import TYPE_CHECKING, Protocol
 
 import cv2
 import numpy as np
+from shapely import MultiPolygon
 
-from slamgym.core.types import FREE, BoolArray, Float32Array, IntArray, OccupancyGrid
+from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, IntArray, OccupancyGrid
+from slamgym.drawing.evidence import SEEN_WITHIN
+from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
 from slamgym.metrics.layers import MapLayers, door_cells, without_rays
@@ -24,11 +27,14 @@ NO_MODEL = "none"
 FACE_DEPTH = 0.5
 """Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on."""
 THIN_DEPTH = 0.25
-"""The same for walls of one or two cells, so that they don't vanish."""
-SURE_OF_UNSEEN = 0.8
-"""Least probability of floor that was never seen."""
-SHORTEST_WALL = 0.5
-"""Thin things in the free space from this length on are walls [m]."""
+"""The same for walls of one or two cells, so that they don't vanish: with 0.5 room F1 of real maps falls by 0.06."""
+CLOSED_SEEN, CLOSED_UNSEEN = 0.8, 0.95
+"""Share of a patch's border near echoes or floor from which on it is closed in: a patch that was seen, and one that
+wasn't. On 20 maps of real robots 2.3 % of the seen floor is lost without the former, 0.1 % with it. With the latter
+simulated furnished rooms are 3 cm too narrow, without it 22 cm."""
+SURE_OF_UNSEEN = 0.9
+"""Least probability of floor that was never seen and isn't closed in. With 0.8 alone 2.5 % of the floor drawn of real
+maps was never seen, with both rules 1.7 %."""
 BESIDE_SEEN = 0.1
 """Cells so near to the free space hold echoes and the faces of walls: the model is right about them [m]."""
 GROWTH = 0.6
@@ -105,66 +111,102 @@ def seen_space(grid: OccupancyGrid) -> BoolArray:
     return without_small(free & without_rays(free, cell), SMALLEST_ROOM / cell**2)
 
 
+def seen_floor(grid: OccupancyGrid, angle_deg: float) -> tuple[BoolArray, MultiPolygon]:
+    """The space that the robot saw free, as cells and with straight edges [m]."""
+    seen = seen_space(grid)
+    return seen, straightened(faces_within_cells(seen), grid.frame, angle_deg)
+
+
 def floor_of_rooms(
-    layers: MapLayers, seen: BoolArray, rooms: IntArray, doors: BoolArray, cell: float
+    free: Float32Array, seen: BoolArray, echoes: BoolArray, rooms: IntArray, doors: BoolArray, cell: float
 ) -> Float32Array:
-    """The model's floor, with walls wherever the map has them.
+    """The model's floor, corrected where the map shows more or less.
+
+    Rays that left through glass or a door ajar end at the unknown, a room ends at walls. So what the model rejects
+    stays floor if it was seen and echoes or other floor close it in, and what it draws under furniture stays, too.
 
     Args:
-        layers: What the model says.
-        seen: Free space that was seen, (H, W).
-        rooms: Numbers of the rooms in it, 0 elsewhere.
+        free: Probability of floor, (H, W).
+        seen: Free space that was seen.
+        echoes: Occupied cells.
+        rooms: Numbers of the rooms in the free space, 0 elsewhere.
         doors: Cells where two rooms may meet.
         cell: Resolution [m].
 
     Returns:
         Probability of being floor, (H, W).
     """
-    floor = (layers.free >= 0.5) & ~_thin_walls(seen, cell)
-    floor &= ~_doubted(layers.free, floor, seen, rooms, cell)
+    known = distance_to(echoes | (seen & (free >= 0.5))) <= SEEN_WITHIN / cell
+    rejected, closed = _patches(without_rays(seen & (free < 0.5), cell), known)
+    opened = cv2.dilate((closed >= CLOSED_SEEN)[rejected].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
+    floor = (free >= 0.5) & ~_thin_walls(seen, rooms, doors, cell)
+    floor &= ~_doubted(free, floor, seen, known, rooms, cell)
     grown = np.where(floor, rooms, 0).astype(np.uint16)
     for _ in range(math.ceil(GROWTH / cell)):
         wider = cv2.dilate(grown, np.ones((3, 3), np.uint8))
         grown = np.where((grown == 0) & floor, wider, grown)
-    taken = (layers.free >= 0.5) & (grown == 0)
+    taken = (free >= 0.5) & (grown == 0)
     for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         meet = (grown[first] != grown[second]) & (grown[first] > 0) & (grown[second] > 0)
         taken[first] |= meet & ~doors[first]
         taken[second] |= meet & ~doors[second]
-    return without(layers.free, taken)
+    return without(free, taken)
 
 
-def _thin_walls(seen: BoolArray, cell: float) -> BoolArray:
-    """Thin things of some length in the free space that was seen: walls, whatever the model says."""
+def _patches(cells: BoolArray, known: BoolArray) -> tuple[IntArray, FloatArray]:
+    """Number connected cells, 0 the others; and the share of the known among the cells round each patch."""
+    count, labels = cv2.connectedComponents(cells.astype(np.uint8), connectivity=4)
+    around = np.where(cells, 0, _widened(labels, 1))
+    sizes = np.bincount(around.ravel(), minlength=count)
+    shares = np.bincount(around.ravel(), known.ravel(), count) / np.maximum(sizes, 1)
+    shares[0] = 0.0
+    return labels, shares
+
+
+def _widened(labels: IntArray, reach: int) -> IntArray:
+    """Numbers of patches, and so many cells around them."""
+    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
+    return cv2.dilate(labels.astype(np.float32), square).astype(np.int64)
+
+
+def _rooms_beside(labels: IntArray, rooms: IntArray, count: int) -> IntArray:
+    """How many rooms each of ``count`` patches covers; both are numbers of cells, 0 for none."""
+    most = int(rooms.max()) + 1
+    both = (labels > 0) & (rooms > 0)
+    pairs = np.unique(labels[both] * most + rooms[both])
+    return np.bincount(pairs // most, minlength=count)
+
+
+def _thin_walls(seen: BoolArray, rooms: IntArray, doors: BoolArray, cell: float) -> BoolArray:
+    """Thin things in the free space that part two rooms, or at which a door ends: walls, whatever the model says.
+
+    Without them room F1 of 30 maps of real robots is 0.81, with them 0.85.
+    """
     half = 0.5 * THICKEST_WALL / cell
-    closed = distance_to(distance_to(seen) > half) > half
-    thin = closed & ~seen
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
-    long = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) * cell >= SHORTEST_WALL
-    long[0] = False
-    return long[labels]
+    thin = (distance_to(distance_to(seen) > half) > half) & ~seen
+    count, labels = cv2.connectedComponents(thin.astype(np.uint8), connectivity=8)
+    near = _widened(labels, 2)
+    is_wall = _rooms_beside(near, rooms, count) > 1
+    is_wall[near[doors]] = True
+    is_wall[0] = False
+    return is_wall[labels]
 
 
 def _doubted(
-    free: Float32Array, floor: BoolArray, seen: BoolArray, rooms: IntArray, cell: float
+    free: Float32Array, floor: BoolArray, seen: BoolArray, known: BoolArray, rooms: IntArray, cell: float
 ) -> BoolArray:
-    """Patches of floor that was never seen and of which the model isn't sure, or that would join two rooms."""
-    unseen = floor & (distance_to(seen) > BESIDE_SEEN / cell)
-    count, labels = cv2.connectedComponents(unseen.astype(np.uint8), connectivity=4)
-    mean = np.bincount(labels.ravel(), free.ravel(), minlength=count) / np.bincount(labels.ravel())
-    reach = 2 * math.ceil(2.0 * BESIDE_SEEN / cell) + 1
-    near = cv2.dilate(labels.astype(np.float32), np.ones((reach, reach), np.uint8)).astype(np.int64)
-    pairs = near * (int(rooms.max()) + 1) + rooms
-    beside = np.unique(pairs[(near > 0) & (rooms > 0)]) // (int(rooms.max()) + 1)
-    doubted = (mean < SURE_OF_UNSEEN) | (np.bincount(beside, minlength=count) != 1)
+    """Patches of floor that was never seen and isn't closed in or sure, or that would join two rooms."""
+    labels, closed = _patches(floor & (distance_to(seen) > BESIDE_SEEN / cell), known)
+    mean = np.bincount(labels.ravel(), free.ravel(), len(closed)) / np.maximum(np.bincount(labels.ravel()), 1)
+    doubted = (mean < SURE_OF_UNSEEN) & (closed < CLOSED_UNSEEN)
+    doubted |= _rooms_beside(_widened(labels, math.ceil(2.0 * BESIDE_SEEN / cell)), rooms, len(closed)) != 1
     doubted[0] = False
     return doubted[labels]
 
 
 def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
     """A picture without some of its floor: what becomes a wall there has its faces in its first cells."""
-    if not taken.any():
-        return probability
     floor = (probability >= 0.5) & ~taken
     faces = faces_within_cells(floor)
     near = cv2.dilate(taken.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0

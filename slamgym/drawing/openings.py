@@ -20,15 +20,14 @@ from typing import Literal
 import numpy as np
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
+from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.drawing.boundaries import (
     WIDEST,
-    FreeSpace,
     boundary_log_odds,
-    boundary_signs,
-    candidate_lines,
+    candidates,
     cross,
     first_of,
     line_widths,
@@ -36,6 +35,7 @@ from slamgym.drawing.boundaries import (
 from slamgym.drawing.evidence import STEP, Evidence
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
 from slamgym.drawing.walls import WallPiece
+from slamgym.metrics.layers import MapLayers
 
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut [m]."""
@@ -78,9 +78,7 @@ class Gap:
     @property
     def cut(self) -> LineString:
         """A little longer than the line."""
-        (x0, y0), (x1, y1) = self.start, self.end
-        dx, dy = (x1 - x0) / self.width * INTO_WALLS, (y1 - y0) / self.width * INTO_WALLS
-        return LineString([(x0 - dx, y0 - dy), (x1 + dx, y1 + dy)])
+        return lengthened(self.line, INTO_WALLS, INTO_WALLS)
 
 
 @dataclass(frozen=True)
@@ -93,18 +91,24 @@ class Division:
     """The two rooms of each door, by their numbers."""
 
 
-def likely_gaps(floor: MultiPolygon, seen: BoolArray, door: Float32Array, frame: GridFrame) -> list[Gap]:
+def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
+    """A straight line made longer at its ends [m]."""
+    (x0, y0), (x1, y1) = line.coords
+    dx, dy = (x1 - x0) / line.length, (y1 - y0) / line.length
+    return LineString([(x0 - before * dx, y0 - before * dy), (x1 + after * dx, y1 + after * dy)])
+
+
+def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: GridFrame) -> list[Gap]:
     """Boundaries that are likely enough, none of which crosses or repeats a likelier one.
 
     Args:
         floor: The free space with straight edges [m].
         seen: The same as cells.
-        door: Probability of these cells being a door.
+        layers: What the model says of these cells.
         frame: Where they lie.
     """
-    space = FreeSpace(floor)
-    lines = candidate_lines(space)
-    odds = boundary_log_odds(boundary_signs(lines, space, seen, door, frame))
+    lines, signs = candidates(floor, seen, layers, frame)
+    odds = boundary_log_odds(signs)
     order = np.argsort(-odds, kind="stable")
     order = order[odds[order] >= LEAST_LOG_ODDS]
     lines, odds = lines[order], odds[order]
@@ -280,7 +284,9 @@ def explore(floor: MultiPolygon, division: Division, evidence: Evidence, sure: C
         tuple(gap for gap, _ in doors),
         tuple(pair for _, pair in doors),
     )
-    return Explored(_without(floor, unexplored), explored, tuple(walled[k] for k in kept), unexplored)
+    rest = floor.difference(shapely.union_all(list(unexplored)).buffer(1e-4)).simplify(2e-3)
+    shown = MultiPolygon([part for part in polygon_parts(rest) if part.area > 1e-2])
+    return Explored(shown, explored, tuple(walled[k] for k in kept), unexplored)
 
 
 def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
@@ -288,8 +294,3 @@ def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[
     doors = [gap.line for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
     shut = shapely.union_all(doors).buffer(ON_LINE)
     return [piece for piece in pieces if not shut.covers(shapely.LineString([piece.start, piece.end]))]
-
-
-def _without(floor: MultiPolygon, parts: tuple[Polygon, ...]) -> MultiPolygon:
-    rest = floor.difference(shapely.union_all(list(parts)).buffer(1e-4)).simplify(2e-3)
-    return MultiPolygon([part for part in polygon_parts(rest) if part.area > 1e-2])

@@ -1,7 +1,6 @@
 """From outlines to valid polygons with straight edges: the floor."""
 
 import cmath
-from collections.abc import Sequence
 
 import numpy as np
 import shapely
@@ -9,8 +8,8 @@ from shapely import MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import FloatArray
-from slamgym.drawing.contours import Outline
+from slamgym.core.types import Float32Array, FloatArray, GridFrame
+from slamgym.drawing.contours import Outline, trace_outlines
 from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, main_axes, projected, simplified
 from slamgym.drawing.settings import SMALLEST_ROOM
 
@@ -24,21 +23,21 @@ CORNER_GRID = 1e-4
 """Corners lie on a grid of this [m], so that files that round keep polygons valid."""
 
 
-def straightened(outlines: Sequence[Outline], angle_deg: float, resolution: float) -> MultiPolygon:
+def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> MultiPolygon:
     """The floor with straight edges.
 
     Args:
-        outlines: Closed outlines, free on their left [m].
+        picture: Probability of floor, (H, W).
+        frame: Where its cells lie.
         angle_deg: The main direction.
-        resolution: Resolution of the map [m/cell].
 
     Returns:
         Valid; empty if nothing is large enough.
     """
     axes = main_axes(angle_deg)
-    tolerance = max(TOLERANCE, 0.9 * resolution)
+    tolerance = max(TOLERANCE, 0.9 * frame.resolution)
     parts = []
-    for outline in outlines:
+    for outline in trace_outlines(picture, frame):
         if outline.area >= SMALLEST_ROOM or outline.area <= -SMALLEST_HOLE:
             edges = fit_edges(outline.points, axes, tolerance)
             ring = simplified(edges, axes) if len(edges) >= 3 else []

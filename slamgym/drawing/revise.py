@@ -5,12 +5,12 @@ import math
 from collections.abc import Iterator, Sequence
 
 import shapely
-from shapely import LineString, MultiPolygon, Point, Polygon
+from shapely import MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.edits import Correction, Corrections
-from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, onto_faces
+from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, lengthened, onto_faces
 from slamgym.drawing.polygons import NECK, SLIT
 from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
 
@@ -36,7 +36,7 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
             raise corrections.error(entry, "no floor lies there")
         # A slit between its end and another wall is wall.
         beyond = [0.0 if floor.covers(Point(p).buffer(2.0 * NECK)) else 2.0 * NECK for p in entry.line]
-        body = _lengthened(entry.shape, *beyond).buffer(0.5 * entry.thickness, cap_style="flat")
+        body = lengthened(entry.shape, *beyond).buffer(0.5 * entry.thickness, cap_style="flat")
         changed = changed.difference(_parts_at(entry.shape, body.intersection(changed)))
     for entry in corrections.of("add_door"):
         solid = entry.shape.buffer(THICKEST_WALL, cap_style="flat").difference(changed)
@@ -95,13 +95,6 @@ def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, 
     return names
 
 
-def _lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
-    """A straight line made longer at its ends [m]."""
-    (x0, y0), (x1, y1) = line.coords
-    dx, dy = (x1 - x0) / line.length, (y1 - y0) / line.length
-    return LineString([(x0 - before * dx, y0 - before * dy), (x1 + after * dx, y1 + after * dy)])
-
-
 def _parts_at(line: BaseGeometry, geometry: BaseGeometry) -> BaseGeometry:
     return shapely.union_all([part for part in polygon_parts(geometry) if part.intersects(line)])
 
@@ -120,7 +113,7 @@ def _crossings(entry: Correction, floor: MultiPolygon, gaps: Sequence[Gap]) -> I
     space = MultiPolygon(polygon_parts(floor.difference(shapely.union_all(others).buffer(1e-3))))
     # So it ends at corners, too, and doesn't run along walls.
     inside = space.buffer(-INTO_WALLS, join_style="mitre")
-    for piece in shapely.get_parts(_lengthened(entry.shape, 1e3, 1e3).intersection(inside)):
+    for piece in shapely.get_parts(lengthened(entry.shape, 1e3, 1e3).intersection(inside)):
         covered = piece.intersection(entry.shape.buffer(1e-3)).length
         if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
             (x0, y0), (x1, y1) = piece.coords[0], piece.coords[-1]

@@ -13,9 +13,8 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.errors import InputFileError
 from slamgym.core.text import printable
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Float32Array, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
-from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.edits import Corrections
@@ -27,13 +26,7 @@ from slamgym.drawing.evidence import (
     share_seen_open,
     unseen_floor,
 )
-from slamgym.drawing.floor import (
-    FloorModel,
-    faces_within_cells,
-    floor_of_rooms,
-    load_floor_model,
-    seen_space,
-)
+from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
 from slamgym.drawing.openings import (
     OPEN_ROOM,
     Division,
@@ -136,16 +129,11 @@ def make_drawing(
 
 def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tuple[MultiPolygon, list[Gap]]:
     """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
-
-    def straight(picture: Float32Array) -> MultiPolygon:
-        return straightened(trace_outlines(picture, grid.frame), angle_deg, grid.frame.resolution)
-
     layers = model.layers(grid, angle_deg)
-    seen = seen_space(grid)
-    space = straight(faces_within_cells(seen))
+    seen, space = seen_floor(grid, angle_deg)
     if space.is_empty:
         return space, []
-    gaps = likely_gaps(space, seen, layers.door, grid.frame)
+    gaps = likely_gaps(space, seen, layers, grid.frame)
     division = divide(space, gaps)
     rooms = np.zeros(seen.shape, np.int64)
     for number, room in enumerate(division.rooms, 1):
@@ -154,7 +142,8 @@ def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tup
         shapely.union_all([gap.line.buffer(BESIDE_BOUNDARY, cap_style="flat") for gap in division.doors]),
         grid.frame,
     )
-    floor = straight(floor_of_rooms(layers, seen, rooms, doors, grid.frame.resolution))
+    picture = floor_of_rooms(layers.free, seen, grid.cells == OCCUPIED, rooms, doors, grid.frame.resolution)
+    floor = straightened(picture, grid.frame, angle_deg)
     return floor, [] if floor.is_empty else [onto_faces(gap, floor) for gap in division.doors]
 
 

@@ -5,16 +5,15 @@ import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.drawing.floor import floor_of_rooms, seen_space
-from slamgym.metrics.layers import MapLayers
 
 CELL = 0.05
 
 
-def everywhere(shape, free=1.0):
-    """A model that says the same of each cell."""
-    full = np.full(shape, free, np.float32)
-    nothing = np.zeros(shape, np.float32)
-    return MapLayers(full, 1.0 - full, nothing, nothing)
+def drawn(free, rooms, doors=None, echoes=None):
+    """The cells that are floor by a model, where all rooms were seen."""
+    none = np.zeros(rooms.shape, np.bool_)
+    doors, echoes = (none if some is None else some for some in (doors, echoes))
+    return floor_of_rooms(free.astype(np.float32), rooms > 0, echoes, rooms, doors, CELL) >= 0.5
 
 
 def hall():
@@ -52,47 +51,77 @@ def test_a_ray_that_left_through_a_window_goes():
 
 
 def parted_hall():
-    """Rooms left and right of a wall of 20 cm, and the free space."""
+    """Rooms left and right of a wall of 20 cm."""
     rooms = np.zeros((80, 100), np.int64)
     rooms[10:70, 10:48], rooms[10:70, 52:90] = 1, 2
-    return rooms, rooms > 0
+    return rooms
 
 
 def test_rooms_that_the_map_parts_stay_parted_whatever_the_model_says():
-    rooms, space = parted_hall()
-    floor = floor_of_rooms(everywhere(rooms.shape), space, rooms, np.zeros_like(space), CELL) >= 0.5
+    rooms = parted_hall()
+    floor = drawn(np.ones(rooms.shape), rooms)
     assert floor[12:68, 12:46].all()
     assert floor[12:68, 54:88].all()
     assert (~floor[10:70, 46:54]).any(axis=1).all()
 
 
 def test_rooms_meet_in_a_door_only():
-    rooms, space = parted_hall()
+    rooms = parted_hall()
     rooms[30:48, 48:50], rooms[30:48, 50:52] = 1, 2
-    doors = np.zeros_like(space)
+    doors = np.zeros(rooms.shape, np.bool_)
     doors[30:48, 46:54] = True
-    space = rooms > 0
     for door, opened in ((doors, True), (np.zeros_like(doors), False)):
-        floor = floor_of_rooms(everywhere(rooms.shape), space, rooms, door, CELL) >= 0.5
+        floor = drawn(np.ones(rooms.shape), rooms, door)
         assert floor[32:46, 44:56].all() == opened
         assert (~floor[10:26, 44:56]).any(axis=1).all()
 
 
-@pytest.mark.parametrize(("free", "drawn"), [(0.7, False), (0.95, True)])
-def test_what_nobody_saw_in_a_room_takes_a_sure_model(free, drawn):
+@pytest.mark.parametrize("beside_door", [True, False])
+def test_a_thin_thing_in_a_room_is_a_wall_if_a_door_ends_there(beside_door):
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:90] = 1
+    rooms[30:50, 48:51] = 0
+    doors = np.zeros(rooms.shape, np.bool_)
+    doors[50:69, 46:53] = beside_door
+    assert drawn(np.ones(rooms.shape), rooms, doors)[32:48, 49].any() != beside_door
+
+
+@pytest.mark.parametrize(("free", "is_drawn"), [(0.7, False), (0.95, True)])
+def test_what_nobody_saw_at_the_edge_of_a_room_takes_a_sure_model(free, is_drawn):
     rooms = np.zeros((80, 100), np.int64)
     rooms[10:70, 10:90] = 1
     rooms[40:70, 40:60] = 0  # a wardrobe
-    layers = everywhere(rooms.shape, 0.0)
-    layers.floor[10:70, 10:90] = 1.0
-    layers.floor[40:70, 40:60] = free
-    floor = floor_of_rooms(layers, rooms > 0, rooms, np.zeros(rooms.shape, np.bool_), CELL) >= 0.5
-    assert floor[46:66, 46:54].all() == drawn
-    assert floor[46:66, 46:54].any() == drawn
+    model = np.zeros(rooms.shape)
+    model[10:70, 10:90] = 1.0
+    model[40:70, 40:60] = free
+    floor = drawn(model, rooms)
+    assert floor[46:66, 46:54].all() == is_drawn
+    assert floor[46:66, 46:54].any() == is_drawn
+
+
+def test_what_nobody_saw_in_the_middle_of_a_room_is_floor_if_the_model_says_so():
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:90] = 1
+    rooms[30:50, 40:60] = 0
+    assert drawn(0.6 * np.ones(rooms.shape), rooms)[30:50, 40:60].all()
+
+
+@pytest.mark.parametrize("has_walls", [True, False])
+def test_what_the_model_rejects_stays_if_walls_close_it_in(has_walls):
+    rooms = np.zeros((80, 100), np.int64)
+    rooms[10:70, 10:90] = 1
+    model = np.zeros(rooms.shape)
+    model[10:70, 10:50] = 1.0
+    echoes = np.zeros(rooms.shape, np.bool_)
+    if has_walls:
+        echoes[9:71, 9:91] = rooms[9:71, 9:91] == 0
+    floor = drawn(model, rooms, echoes=echoes)
+    assert floor[12:68, 12:48].all()
+    assert floor[12:68, 55:88].all() == has_walls
+    assert floor[12:68, 55:88].any() == has_walls
 
 
 def test_floor_that_nobody_saw_between_two_rooms_is_not_drawn():
-    rooms, space = parted_hall()
+    rooms = parted_hall()
     rooms[:, 36:64] = 0
-    floor = floor_of_rooms(everywhere(rooms.shape), rooms > 0, rooms, np.zeros_like(space), CELL) >= 0.5
-    assert not floor[12:68, 42:58].any()
+    assert not drawn(np.ones(rooms.shape), rooms)[12:68, 42:58].any()
