@@ -129,9 +129,9 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
 
 
 def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
-    """True if a robot of a radius [m] fits through a frontier of a costmap."""
-    row, col = frontier.cells.T
-    return bool(costmap.distance[row, col].max() * costmap.frame.resolution >= radius)
+    """True if a robot of a radius [m] fits through a frontier of a costmap: one as wide as it, away from walls."""
+    room = min(0.5 * frontier.size, costmap.distance[tuple(frontier.cells.T)].max())
+    return bool(room * costmap.frame.resolution >= radius)
 
 
 def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:

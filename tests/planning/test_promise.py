@@ -7,7 +7,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.frontiers import fits_through
+from slamgym.planning.frontiers import Frontier, fits_through
 from slamgym.planning.promise import LARGEST_CALIBRATED, Promise, is_kept, is_offered, split_promise
 
 FRAME = GridFrame(0.05, -6.0, -6.0, 240, 240)
@@ -29,6 +29,14 @@ def test_a_robot_fits_through_a_door_and_not_through_a_slit():
     for door, fits in ((1.0, True), (0.6, True), (0.3, False)):
         costmap = make_costmap(room(door), CostmapConfig(inscribed_radius=0.1))
         (frontier,) = find_frontiers(costmap, HERE, 0.2)
+        assert fits_through(costmap, frontier, 0.22) == fits
+
+
+def test_a_robot_does_not_fit_through_a_frontier_shorter_than_it_is_wide_though_no_wall_is_near():
+    costmap = make_costmap(OccupancyGrid(np.full(FRAME.shape, FREE, np.uint8), FRAME))
+    for size, fits in ((8, False), (9, True)):  # 0.4 and 0.45 m; the robot is 0.44 m wide
+        cells = np.column_stack([np.arange(size), np.full(size, 100)]).astype(np.int32)
+        frontier = Frontier(size, 1.0, (0.0, 0.0), (0.0, 0.0), (0.0, 0.0), cells)
         assert fits_through(costmap, frontier, 0.22) == fits
 
 
