@@ -75,7 +75,10 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
         require_enough(arguments.images, pairs.plan_ids)
     for name, maps in generated.items():
         require_enough(folders[name], [pairs.plan_ids[i] for i in maps])
-    methods = _methods(to_cad, face_lines(arguments.images))
+    # What the paper's networks draw has the lines that they learnt, true faces get them here.
+    lines = face_lines(arguments.images)
+    added = {name: lines if t.config.output_encoding == "layers" else 0.0 for name, t in to_cad.items()}
+    methods = [*baselines(), *(learned(name, t, added[name]) for name, t in to_cad.items())]
     scores, summary = _measure(pairs, methods)
     if arguments.pictures:
         # Blurred and then thresholded, the raw map looks as it did.
@@ -102,15 +105,6 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
 def _short_name(argument: str) -> str:
     path = Path(argument)
     return path.parent.name if path.stem == "weights" and path.parent.name else path.stem
-
-
-def _methods(translators: dict[str, LearnedTranslator], face_lines: float) -> list[TranslationMethod]:
-    """Baselines and translators; what the paper's networks draw has the lines that they learnt."""
-    methods = baselines()
-    for name, translator in translators.items():
-        lines = face_lines if translator.config.output_encoding == "layers" else 0.0
-        methods.append(learned(name, translator, lines))
-    return methods
 
 
 def _measure(
