@@ -84,7 +84,9 @@ class Viewpoints:
         self._lists = [np.flatnonzero(seen) for seen in self.views]
         self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen while driving from place to place
         at = [self.paths.place((x, y)) for x, y in self.places.tolist()]
-        self.lengths: FloatArray = np.vstack([self.paths.lengths_from(cell)[at] for cell in at])
+        lengths = np.vstack([self.paths.lengths_from(cell)[at] for cell in at])
+        # Rounding makes a way back longer by micrometres, and improving a tour by such lengths may never end.
+        self.lengths: FloatArray = np.minimum(lengths, lengths.T)
         self.near: IntArray = np.argsort(self.lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
         row, col = np.divmod(self.cells, frame.width_px)
         self._centres = np.column_stack(

@@ -154,7 +154,10 @@ def nearest_neighbour_tour(lengths: FloatArray) -> IntArray:
 
 @kernel
 def improve_tour(lengths: FloatArray, order: IntArray) -> IntArray:
-    """Reverse stretches (2-opt) and move stretches of up to 3 places (Or-opt) while the tour gets shorter."""
+    """Reverse stretches (2-opt) and move stretches of up to 3 places (Or-opt) while the tour gets shorter.
+
+    The lengths must be symmetric, or it may never end.
+    """
     tour = np.zeros(len(order) + 1, np.int64)
     assign(order, tour[1:])
     improved = True

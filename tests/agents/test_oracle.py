@@ -42,6 +42,11 @@ def test_a_tour_visits_all_rooms_in_the_order_of_the_corridor():
     assert (np.diff(x) > -1.0).all()  # never back to a room that was left
 
 
+def test_paths_between_viewpoints_are_as_long_there_as_back():
+    viewpoints, _ = search(corridor_with_rooms(), (0.8, 0.8, 0.0))
+    np.testing.assert_array_equal(viewpoints.lengths, viewpoints.lengths.T)
+
+
 def test_what_was_seen_needs_no_stop():
     start = (0.8, 0.8, 0.0)
     viewpoints, _ = search(corridor_with_rooms(), start)
