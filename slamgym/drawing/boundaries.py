@@ -100,7 +100,7 @@ def candidates(
     """
     space = FreeSpace(floor)
     lines = candidate_lines(space)
-    door = layers.door / np.maximum(layers.free, 0.1)
+    door = (layers.door / np.maximum(layers.free, 0.1)).astype(np.float32)
     return lines, boundary_signs(lines, space, free, door, frame)
 
 
