@@ -106,10 +106,9 @@ class _Leg:
 def _inflation(radius: float) -> CostmapConfig:
     """Inflation of obstacles for a robot of some radius [m].
 
-    Paths keep within sight of walls, which a scanner of short range needs to localise the robot, and else to the
-    middle of rooms, from where it sees both sides.
+    Paths keep within sight of walls, which a scanner of short range needs to localise the robot.
     """
-    return CostmapConfig(radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=2.5)
+    return CostmapConfig(radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=1.5)
 
 
 class Navigator:
