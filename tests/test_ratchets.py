@@ -34,7 +34,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "docs/tutorials": (0, 0, 0, 0, 400),
     "drawing": (3110, 3, 0, 151, 0),
     "envs": (2481, 33, 0, 51, 0),
-    "gan": (2139, 33, 0, 74, 0),
+    "gan": (2136, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1148, 0, 0, 68, 0),
     "parametric": (863, 17, 0, 28, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32404, 249, 242, 1365, 33357)
+TOTAL = (32401, 249, 242, 1365, 33357)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -84,15 +84,11 @@ class BatchSampler:
 
     def draw(self, count: int) -> Batch:
         """The next batch of this many pairs."""
-        self._prepare(count)
-        samples = [self._ahead.popleft()[1].result() for _ in range(count)]
-        self._prepare(count)
-        return Batch(*(np.stack(part) for part in zip(*samples, strict=True)))
-
-    def _prepare(self, count: int) -> None:
-        """Have the threads work at so many samples; what they draw is decided here, in order."""
-        while len(self._ahead) < count:
+        # As many again are in work while the networks learn; what they draw is decided here, in order.
+        while len(self._ahead) < 2 * count:
             self._ahead.append((self._place(), self._threads.submit(self._sample, *self._drawn())))
+        samples = [self._ahead.popleft()[1].result() for _ in range(count)]
+        return Batch(*(np.stack(part) for part in zip(*samples, strict=True)))
 
     def state(self) -> dict[str, Any]:
         """Where the stream stands, as JSON values."""
