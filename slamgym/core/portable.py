@@ -23,7 +23,7 @@ _SERIES = tuple(1.0 / math.factorial(term) for term in range(13, -1, -1))  # the
 
 
 @kernel
-def _multiply(a: Any, b: Any, out: Any) -> None:
+def multiply(a: Any, b: Any, out: Any) -> None:
     """Add a (N, K) times b (K, M) to out (N, M), each sum in the order of K; all C-contiguous and of one type."""
     inner = a.shape[1]
     grouped = inner - inner % 4
@@ -108,7 +108,7 @@ def inverted(matrix: FloatArray) -> FloatArray:
 def product(a: _Values, b: Float32Array | FloatArray) -> _Values:
     """The matrix product of a, shape (N, K), and b, shape (K, M), in the type of a."""
     out = np.zeros((len(a), b.shape[1]), a.dtype)
-    _multiply(np.ascontiguousarray(a), np.ascontiguousarray(b, a.dtype), out)
+    multiply(np.ascontiguousarray(a), np.ascontiguousarray(b, a.dtype), out)
     return out
 
 

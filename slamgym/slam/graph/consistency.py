@@ -7,14 +7,15 @@ where the graph itself doesn't know how it lies to where the robot was some metr
 """
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 
 from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, Pose2D
+from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.relative import seen_from
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
 
 SIGHT, LEAST_COSINE = 8.0, 0.5
@@ -58,16 +59,10 @@ class Consistency:
             return
         last = own.first + len(own.poses) - 1
         nodes = np.unique(np.linspace(own.first, last, SCANS + 2)[1:-1].astype(np.int64)).tolist()
-        lasers = [np.array(compose(Pose2D(*graph.poses[node].tolist()), self._mount)) for node in nodes]
-        for submap in submaps[:number]:
-            if submap.is_older_map:
-                continue
-            places = [seen_from(graph.poses[submap.first], laser) for laser in lasers]
-            if not any(submap.is_near(place, SIGHT) for place in places):
-                continue
-            means, sides = submap.lines()
-            for node, place in zip(nodes, places, strict=True):
-                look_through(means, sides, place, ranges[node], *self._beams, counts)
+        lasers = np.array([compose(Pose2D(*graph.poses[node].tolist()), self._mount) for node in nodes])
+        older = [submap for submap in submaps[:number] if not submap.is_older_map]
+        for submap, places in near_submaps(older, graph, lasers):
+            look_through(*submap.lines(), places, ranges[nodes], *self._beams, counts)
         firsts = np.array([submap.first for submap in submaps[: number + 1]])
         since = graph.driven[own.first] - graph.driven[firsts]
         old = int(firsts[since >= min(STRETCH_METRES, since[0])][-1])
@@ -93,43 +88,59 @@ class Consistency:
         return stamps[kinds > 0].tolist(), stamps[kinds > 1].tolist()
 
 
+def near_submaps(
+    submaps: list[Submap], graph: PoseGraph, lasers: FloatArray
+) -> Iterator[tuple[Submap, FloatArray]]:
+    """Those of some submaps that one of the lasers (K, 3) may see, and the lasers (K, 3) in their frames."""
+    count = len(submaps)
+    frames = graph.poses[[submap.first for submap in submaps]].repeat(len(lasers), axis=0)
+    places = relative_poses(frames, np.tile(lasers, (count, 1))).reshape(count, len(lasers), 3)
+    low = np.array([submap.corner for submap in submaps]).reshape(-1, 1, 2)
+    sizes = np.array([submap.grid.shape[1::-1] for submap in submaps]).reshape(-1, 1, 2)
+    beyond = np.maximum(low - places[..., :2], places[..., :2] - low - SUBMAP_CELL * sizes)
+    for index in np.flatnonzero((beyond < SIGHT).all(axis=2).any(axis=1)).tolist():
+        yield submaps[index], places[index]
+
+
 @kernel
 def look_through(
     means: FloatArray,
     sides: FloatArray,
-    laser: FloatArray,
+    lasers: FloatArray,
     ranges: Float32Array,
     angle_min: float,
     step: float,
     longest: float,
     counts: FloatArray,
 ) -> None:
-    """Count the surfaces that a scan passes, and those that it ends at.
+    """Count the surfaces that scans pass, and those that they end at.
 
     Args:
         means: (n, 2) of the surfaces [m].
         sides: (n, 3) unit vectors to the side that they face.
-        laser: (3,) pose, in the same frame.
-        ranges: (num_beams,) [m].
+        lasers: (K, 3) poses, in the same frame.
+        ranges: (K, num_beams) [m].
         angle_min: Direction of the first beam [rad].
         step: Angle from each beam to the next [rad].
         longest: A beam that is no shorter met nothing [m].
         counts: (2,) what is counted is added to it.
     """
-    for i in range(len(means)):
-        dx, dy = means[i, 0] - laser[0], means[i, 1] - laser[1]
-        distance = math.hypot(dx, dy)
-        if distance < SUBMAP_CELL or distance > SIGHT:
-            continue
-        cosine = -(dx * sides[i, 0] + dy * sides[i, 1]) / distance
-        turn = (math.atan2(dy, dx) - laser[2] - angle_min) * math.copysign(1.0, step) / (2.0 * math.pi)
-        beam = round((turn - math.floor(turn)) * 2.0 * math.pi / abs(step))
-        if cosine < LEAST_COSINE or beam < 1 or beam > len(ranges) - 2:
-            continue
-        near, far = min(ranges[beam - 1 : beam + 2]), max(ranges[beam - 1 : beam + 2])
-        if not (near > 0.0 and far < longest):
-            continue
-        if near > distance + BEHIND / cosine:
-            counts[0] += 1.0
-        elif far > distance - SUBMAP_CELL / cosine:
-            counts[1] += 1.0
+    for number in range(len(lasers)):
+        laser, scan = lasers[number], ranges[number]
+        for i in range(len(means)):
+            dx, dy = means[i, 0] - laser[0], means[i, 1] - laser[1]
+            distance = math.hypot(dx, dy)
+            if distance < SUBMAP_CELL or distance > SIGHT:
+                continue
+            cosine = -(dx * sides[i, 0] + dy * sides[i, 1]) / distance
+            turn = (math.atan2(dy, dx) - laser[2] - angle_min) * math.copysign(1.0, step) / (2.0 * math.pi)
+            beam = round((turn - math.floor(turn)) * 2.0 * math.pi / abs(step))
+            if cosine < LEAST_COSINE or beam < 1 or beam > len(scan) - 2:
+                continue
+            near, far = min(scan[beam - 1 : beam + 2]), max(scan[beam - 1 : beam + 2])
+            if not (near > 0.0 and far < longest):
+                continue
+            if near > distance + BEHIND / cosine:
+                counts[0] += 1.0
+            elif far > distance - SUBMAP_CELL / cosine:
+                counts[1] += 1.0

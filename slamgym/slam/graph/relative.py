@@ -7,7 +7,7 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel
-from slamgym.core.portable import inverted, product
+from slamgym.core.portable import inverted, multiply
 from slamgym.core.types import FloatArray
 
 MATCH_FLOOR = (0.01, 0.01, 0.003)
@@ -129,6 +129,7 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
     return out
 
 
+@kernel
 def relative_covariance(
     old: FloatArray, new: FloatArray, of_old: FloatArray, of_new: FloatArray, mixed: FloatArray
 ) -> FloatArray:
@@ -141,11 +142,23 @@ def relative_covariance(
         of_new: (3, 3) of the new one.
         mixed: (3, 3) of the old with the new.
     """
-    (x, y, _), (cos, sin) = seen_from(old, new), (math.cos(old[2]), math.sin(old[2]))
-    change = np.array([
-        [-cos, -sin, y, cos, sin, 0.0],
-        [sin, -cos, -x, -sin, cos, 0.0],
-        [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],
-    ])  # fmt: skip
-    joint = np.block([[of_old, mixed], [mixed.T, of_new]])
-    return product(product(change, joint), change.T)
+    cos, sin = math.cos(old[2]), math.sin(old[2])
+    dx, dy = new[0] - old[0], new[1] - old[1]
+    change, joint = np.zeros((3, 6)), np.empty((6, 6))
+    for col in range(2):
+        side = 2.0 * col - 1.0
+        change[0, 3 * col], change[0, 3 * col + 1] = side * cos, side * sin
+        change[1, 3 * col], change[1, 3 * col + 1] = -side * sin, side * cos
+        change[2, 3 * col + 2] = side
+    change[0, 2], change[1, 2] = cos * dy - sin * dx, -(cos * dx + sin * dy)
+    for row in range(3):
+        for col in range(3):
+            joint[row, col], joint[row, 3 + col] = of_old[row, col], mixed[row, col]
+            joint[3 + col, row], joint[3 + row, 3 + col] = mixed[row, col], of_new[row, col]
+    half, turned, out = np.zeros((3, 6)), np.empty((6, 3)), np.zeros((3, 3))
+    multiply(change, joint, half)
+    for row in range(6):
+        for col in range(3):
+            turned[row, col] = change[col, row]
+    multiply(half, turned, out)
+    return out

@@ -96,11 +96,6 @@ class Submap:
         sums = np.array([self.pieces["x"].sum(), self.pieces["y"].sum()])
         self.centre = sums / self.pieces["count"].sum()
 
-    def is_near(self, place: FloatArray, distance: float) -> bool:
-        """Return True if a place (2 or more,) in the submap's frame is no further from the grid than so much [m]."""
-        low, high = self.corner, self.corner + SUBMAP_CELL * np.array(self.grid.shape[1::-1])
-        return bool((low - distance < place[:2]).all() and (place[:2] < high + distance).all())
-
     @property
     def means(self) -> tuple[FloatArray, FloatArray]:
         """Means of all pieces (n, 2) in the submap's frame [m], and vectors (n, 2) to the side they were seen from."""
