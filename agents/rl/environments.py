@@ -23,6 +23,7 @@ from slamgym.cad import FloorPlan
 from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ObservationConfig, resolve_config
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+from slamgym.envs.rewards import RewardTerms
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise
@@ -64,7 +65,7 @@ def _promise(config: TrainConfig) -> Promise | None:
     return Promise.parse(config.promise) if config.promise else None
 
 
-def make_batch(config: WheelsConfig, plans: Any) -> BatchExploreEnv:
+def make_batch(config: WheelsConfig, plans: Any, reward_terms: RewardTerms | None = None) -> BatchExploreEnv:
     """The environments in which a run drives the wheels, in one batch."""
     return BatchExploreEnv(
         config.num_envs,
@@ -72,6 +73,7 @@ def make_batch(config: WheelsConfig, plans: Any) -> BatchExploreEnv:
         autoreset_mode="same_step",
         localization="ground_truth",
         reward=config.reward,
+        reward_terms=reward_terms,
         observation={"preset": "compact_far", "map": "global", "crop_px": 1, "crop_resolution": CROP_SIDE},
         coverage_goal=WHEELS_GOAL,
         time_limit=None,

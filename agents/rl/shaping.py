@@ -1,7 +1,8 @@
 """Reward-shaping experiments: the same learner with different rewards, over several seeds.
 
-Main path: :func:`run_shaping` trains every preset of an :class:`Experiment` with every seed and explores held-out plans
-with each policy; :func:`write_shaping_report` sets the :class:`ShapingRun` records against one another. After an
+Main path: :func:`run_shaping` trains a driver of the wheels by every preset of an :class:`Experiment`, with every seed,
+on a batch of environments, and explores held-out plans with each; :func:`write_shaping_report` sets the
+:class:`ShapingRun` records against one another. After an
 interruption training resumes from its checkpoint, and the test after its last exploration.
 """
 
@@ -53,11 +54,9 @@ class Column:
 
 
 REPORT: tuple[Column, ...] = (
-    Column("time", "time until done [s]", 0, ratio=True),
-    Column("path", "path until done [m]", 1),
-    Column("time_99", "time to 99 % [s]", 0),
-    Column("coverage", "coverage", 3),
-    Column("map_error", "map error [m]", 4, ratio=True),
+    Column("coverage", "coverage", 3, ratio=True),
+    Column("contacts", "contacts in 5 min", 1),
+    Column("path", "path [m]", 1),
 )
 
 
@@ -75,7 +74,7 @@ class Experiment:
 
     Args:
         config: The experiment.
-        learn: :func:`slamgym.agents.rl.train.train`.
+        learn: :func:`slamgym.agents.rl.wheels.train_wheels`.
         term: A term of the user's own, for the preset ``own``.
     """
 
@@ -83,10 +82,9 @@ class Experiment:
         self.config, self._learn, self._term = config, learn, term
 
     def identity(self, preset: str, seed: int) -> dict[str, Any]:
-        """What the results depend on; the number of processes that train is not part of it."""
-        settings = to_dict(self.config.settings(preset, seed)) | {"workers": 1}
+        """What the results depend on."""
         term = list(self._term[:2]) if preset == OWN and self._term else None
-        return {"settings": settings, "changes": self.config.changes, "term": term}
+        return {"settings": to_dict(self.config.settings(preset, seed)), "term": term}
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
@@ -96,7 +94,7 @@ class Experiment:
     def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
         """Explore a plan with the trained policy; start and noise follow from the plan's id."""
         settings, start = self.config.settings(preset, seed), exploration_seed(0, plan.id, 0)
-        return explore_plan(settings, folder / POLICY, plan, start, **self.config.changes)
+        return explore_plan(settings, folder / POLICY, plan, start)
 
 
 def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:
@@ -127,10 +125,7 @@ def _run_one(
     if not path.exists():
         write_text(path, json_text(identity))
     elif read_json(path, "delete the folder to begin that run again") != identity:
-        raise ConfigError(
-            f"{folder} holds a run with other settings (training, term or presets that need the "
-            "filter); choose another folder"
-        )
+        raise ConfigError(f"{folder} holds a run with other settings; choose another folder")
     log = TrialLog(folder / "trials.jsonl", Trial)
     trials = {trial.plan: trial for trial in log.trials.values()}
     left = [plan for plan in plans if plan.id not in trials]
@@ -153,7 +148,7 @@ def write_shaping_report(runs: Sequence[ShapingRun], out: Path) -> str:
 
 
 def table(runs: Sequence[ShapingRun]) -> str:
-    """Means over seeds and plans with 95 % intervals, and what is set against the preset ``time``.
+    """Means over seeds and plans with 95 % intervals, and what is set against the preset ``coverage``.
 
     Both are drawn again for an interval (:func:`slamgym.core.intervals.crossed_ratio`), so it holds for other plans
     and other seeds of the training. With one seed there is none: other plans alone would make it too narrow.

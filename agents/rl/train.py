@@ -20,28 +20,20 @@ from slamgym.agents.rl.run import PolicyLearner, learn_policy, save_checkpoint
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
-from slamgym.envs import RewardFunction
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig
 
-Terms = Mapping[str, tuple[float, RewardFunction]]
-"""Terms of the reward of the user's own, name to (weight, function)."""
 _EPISODE = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """Further columns of the log of episodes."""
 
 
-def train(config: TrainConfig, out: Path, reward_terms: Terms | None = None) -> PPO:
+def train(config: TrainConfig, out: Path) -> PPO:
     """Train a policy that chooses frontiers; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
-    return learn_policy(FrontierLearner(config, reward_terms), out)
+    return learn_policy(FrontierLearner(config), out)
 
 
 class FrontierLearner(PolicyLearner[TrainConfig]):
-    """Chooses frontiers.
-
-    Args:
-        config: The run.
-        reward_terms: Terms of the user's own.
-    """
+    """Chooses frontiers."""
 
     unit = "step"
     logged: ClassVar[Mapping[str, str]] = {
@@ -50,17 +42,13 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         "rollout/episode_coverage": "coverage",
     }
 
-    def __init__(self, config: TrainConfig, reward_terms: Terms | None = None) -> None:
-        super().__init__(config)
-        self._terms = reward_terms
-
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
         config = self.config
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
             return lambda: Monitor(
-                make_env(config, list(plans), reward_terms=self._terms, clutter=clutter),
+                make_env(config, list(plans), clutter=clutter),
                 info_keywords=_EPISODE,
             )
 

@@ -29,6 +29,8 @@ CROP_SIDE = 8.4
 """Side of the map's crop that the driver of the wheels sees [m]."""
 HOLD = 3
 """An action holds for so many control steps."""
+DISCOUNT = 0.99
+"""Of the return, per decision."""
 LAYER_UNITS = (256, 128)
 """Units of the first layer, which action and value share, and of the second of each."""
 WHEELS_NETWORK = {"crop_side": CROP_SIDE, "hold": HOLD, "first": LAYER_UNITS[0], "second": LAYER_UNITS[1]}
@@ -126,7 +128,7 @@ class WheelsConfig(
         "coverage_goal": WHEELS_GOAL,
         "network": WHEELS_NETWORK,
         "checkpoint_every": 20_000,
-        "discount": 0.99,
+        "discount": DISCOUNT,
         "episode_seconds": [90.0, 180.0],
     },
 ):

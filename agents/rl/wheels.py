@@ -16,16 +16,15 @@ from slamgym import __version__
 from slamgym.agents.rl.batch_vec_env import BatchVecEnv
 from slamgym.agents.rl.environments import explore_plan, make_batch, mean_figures
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
-from slamgym.agents.rl.train_config import HOLD, LAYER_UNITS, WheelsConfig
+from slamgym.agents.rl.train_config import DISCOUNT, HOLD, LAYER_UNITS, WheelsConfig
 from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
+from slamgym.envs.rewards import RewardTerms
 
 EPISODE_SECONDS = (90.0, 180.0)
 """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would have
 followed counts."""
-_DISCOUNT = 0.99
-"""Per decision."""
 _CONTACT_PRICE = 0.02
 """Cost of a contact in five minutes, in coverage, when the best weights are chosen."""
 _FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
@@ -44,29 +43,38 @@ class FirstLayer(BaseFeaturesExtractor):
         return torch.relu(self.layer(observations))
 
 
-def train_wheels(config: WheelsConfig, out: Path) -> PPO:
+def train_wheels(config: WheelsConfig, out: Path, reward_terms: RewardTerms | None = None) -> PPO:
     """Train a policy that drives the wheels; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
-    return learn_policy(WheelsLearner(config), out)
+    return learn_policy(WheelsLearner(config, reward_terms), out)
 
 
 class WheelsLearner(PolicyLearner[WheelsConfig]):
-    """Drives the wheels."""
+    """Drives the wheels.
+
+    Args:
+        config: The run.
+        reward_terms: Terms of the user's own.
+    """
 
     unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {f"rollout/{key}": key for key in ("coverage", "collisions")}
 
+    def __init__(self, config: WheelsConfig, reward_terms: RewardTerms | None = None) -> None:
+        super().__init__(config)
+        self._terms = reward_terms
+
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
         config = self.config
-        batch = BatchVecEnv(make_batch(config, plans), HOLD, EPISODE_SECONDS, config.seed)
-        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=_DISCOUNT)
+        batch = BatchVecEnv(make_batch(config, plans, self._terms), HOLD, EPISODE_SECONDS, config.seed)
+        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=DISCOUNT)
         layers = {
             "features_extractor_class": FirstLayer,
             "net_arch": {"pi": [LAYER_UNITS[1]], "vf": [LAYER_UNITS[1]]},
             "activation_fn": nn.ReLU,
             "log_std_init": math.log(0.5),
         }
-        model = self.ppo("MlpPolicy", normalised, gamma=_DISCOUNT, policy_kwargs=layers)
+        model = self.ppo("MlpPolicy", normalised, gamma=DISCOUNT, policy_kwargs=layers)
         _follow_the_way(model)
         return model
 

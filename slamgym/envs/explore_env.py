@@ -1,7 +1,6 @@
 """The environment: a robot explores a floor plan and maps it with SLAM."""
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import gymnasium as gym
@@ -17,7 +16,7 @@ from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_conf
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import Measurements, SensedStep, make_view, observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
-from slamgym.envs.rewards import Reward, RewardFunction
+from slamgym.envs.rewards import Reward, RewardTerms
 from slamgym.envs.simulation import Actions, EpisodeLog, Simulation
 from slamgym.planning import ExplorerContext
 from slamgym.sim import Clutter, Lidar
@@ -149,7 +148,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         config: ExploreConfig | None = None,
         *,
         render_mode: str | None = None,
-        reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+        reward_terms: RewardTerms | None = None,
         **settings: Any,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:

@@ -15,7 +15,7 @@ from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.envs.plan_cache import PlansArgument
-from slamgym.envs.rewards import FRONTIER_REWARD, RewardFunction
+from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 
 DEFAULT_TIME_LIMIT = 1200.0
@@ -95,7 +95,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         loop: ExplorationLoopConfig | Mapping[str, Any] | None = None,
         discount: float = 1.0,
         render_mode: str | None = None,
-        reward_terms: Mapping[str, tuple[float, RewardFunction]] | None = None,
+        reward_terms: RewardTerms | None = None,
         **settings: Any,
     ) -> None:
         if not 0.0 < discount <= 1.0:

@@ -7,9 +7,10 @@ reaches an observation.
 """
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, fields
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +24,7 @@ class StepRecord:
     """One transition, as a reward function sees it.
 
     ``previous_`` values are those before the step. What no active term needs isn't measured and is nan; a
-    term of the user's own makes the environment measure everything.
+    term of the user's own makes the environment measure everything, but for the map's error in a batch.
     """
 
     duration: float
@@ -49,6 +50,8 @@ class StepRecord:
 
 
 RewardFunction = Callable[[StepRecord], float]
+RewardTerms = Mapping[str, tuple[float, RewardFunction]]
+"""Terms of the user's own: name to (weight, function)."""
 
 
 def coverage_gain(step: StepRecord) -> float:
@@ -157,24 +160,24 @@ class Reward:
 
     Args:
         config: Weights of the terms above.
-        extra: Terms of the user's own: name to (weight, function).
+        extra: Terms of the user's own.
 
     Attributes:
         terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
         needs_map_error: True if a term looks at the map's error.
 
     Raises:
-        ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function).
+        ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function); in a call, if
+            it fails or gives no finite number.
     """
 
-    def __init__(
-        self, config: RewardConfig, extra: Mapping[str, tuple[float, RewardFunction]] | None = None
-    ) -> None:
+    def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
         functions = FUNCTIONS | {"shaping": partial(potential_shaping, discount=config.discount)}
         terms = {name: (getattr(config, name), function) for name, function in functions.items()}
         self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
         for name, entry in (extra or {}).items():
-            self.terms[name] = _own_term(name, entry, functions)
+            weight, function = _own_term(name, entry, functions)
+            self.terms[name] = weight, partial(_own_value, name, function)
         self.needs_map_error = bool(extra) or "map_error" in self.terms
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
@@ -206,3 +209,26 @@ def _own_term(
         hint = suggest(function, taken) if isinstance(function, str) else "give a function of a StepRecord"
         raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}")
     return weight, function
+
+
+def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
+    """What a term of the user's own gives for a transition, or for each of many."""
+    if isinstance(step.coverage, np.ndarray):
+        return np.array([_own_value(name, function, one) for one in _each(step)])
+    try:
+        value = float(function(step))
+    except Exception as error:
+        raise ConfigError(
+            f"reward term {name!r} failed after {step.time:.1f} s: {type(error).__name__}: {error}"
+        ) from error
+    if not math.isfinite(value):
+        raise ConfigError(f"reward term {name!r} gave {value} after {step.time:.1f} s, not a finite number")
+    return value
+
+
+def _each(steps: StepRecord) -> Iterator[StepRecord]:
+    """The transitions of a record of arrays, shape (N,)."""
+    count = np.shape(steps.coverage)
+    return map(
+        StepRecord, *(np.broadcast_to(getattr(steps, one.name), count).tolist() for one in fields(steps))
+    )

@@ -69,6 +69,11 @@ def drive_both(mode, steps, **settings):
     return contacts, ends
 
 
+def early(step):
+    """A term of one's own that branches, as only a single transition can."""
+    return step.coverage - step.previous_coverage if step.time < 2.0 else -float(step.contact)
+
+
 CASES = {
     "far": (
         AutoresetMode.SAME_STEP,
@@ -76,7 +81,11 @@ CASES = {
     ),
     "far and newest": (
         AutoresetMode.NEXT_STEP,
-        {"localization": "dead_reckoning", "observation": {"preset": "compact_far"}},
+        {
+            "localization": "dead_reckoning",
+            "observation": {"preset": "compact_far"},
+            "reward_terms": {"early": (3.0, early)},
+        },
     ),
     "far with scan matching": (
         AutoresetMode.DISABLED,

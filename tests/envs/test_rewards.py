@@ -130,6 +130,23 @@ def test_what_no_term_needs_is_not_measured_and_own_terms_get_everything(flat: F
     assert "map_error" not in plain.step((0.5, 0.0))[4]
 
 
+@pytest.mark.parametrize(
+    ("term", "complaint"),
+    [
+        (lambda step: 1.0 / (step.coverage - step.previous_coverage), r"'mine' failed .* ZeroDivisionError"),
+        (lambda step: None, r"'mine' failed .* TypeError"),
+        (lambda step: step.map_error, "'mine' gave nan"),
+    ],
+)
+def test_an_own_term_that_fails_is_named_in_one_sentence(term, complaint):
+    reward = Reward(RewardConfig(), {"mine": (1.0, term)})
+    with pytest.raises(ConfigError, match=complaint):
+        reward(AT_REST)
+    many = {entry.name: np.full(2, getattr(AT_REST, entry.name)) for entry in fields(StepRecord)}
+    with pytest.raises(ConfigError, match=complaint):
+        reward.of_many(StepRecord(**(many | {"map_error": np.full(2, math.nan)})))
+
+
 @pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
 def test_over_an_episode_the_gains_add_up(flat: FloorPlan, mode: str):
     env = ExploreEnv(

@@ -59,7 +59,7 @@ def wheels(arguments: TrainArguments) -> None:
 
 
 class ShapeArguments(Arguments):
-    """Train the same policy with different rewards over several seeds and compare the results.
+    """Train a driver of the wheels with different rewards over several seeds and compare the results.
 
     Run the command again to resume; finished runs are kept, and more presets or seeds add to them.
     """
@@ -67,14 +67,14 @@ class ShapeArguments(Arguments):
     out: Out
     """Folder of the experiment."""
     presets: tuple[str, ...] | None = None
-    """Rewards: floor, path_cost, time, collision, map_error, potential, completion; by default all."""
+    """Rewards: coverage, collision, careful, floor, path_cost, completion, potential; by default all."""
     seeds: Count | None = None
     """Runs of each preset, by default 3."""
     test_plans: Count | None = None
     """Held-out plans that every policy explores at the end."""
     term: str = ""
     """Your own function, as ``module:function``: it takes a StepRecord and returns a number. It is added
-    to the preset ``time`` as the preset ``own``, and all are trained with the particle filter."""
+    to the preset ``coverage`` as the preset ``own``."""
     term_weight: float = 1.0
     """Its weight."""
     settings: AllSettings = SettingsOptions()
@@ -98,7 +98,7 @@ def shape(arguments: ShapeArguments) -> None:
 def _experiment(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
     from slamgym.agents.rl.shaping import Experiment, own_term
-    from slamgym.agents.rl.train import train
+    from slamgym.agents.rl.wheels import train_wheels
 
     options = given(arguments, "presets seeds test_plans")
     config, term = arguments.settings.configured(ShapingConfig(), options), None
@@ -108,4 +108,4 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
             config = dataclasses.replace(config, presets=(*config.presets, OWN))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
-    return Experiment(config, train, term)
+    return Experiment(config, train_wheels, term)

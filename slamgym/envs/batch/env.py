@@ -22,7 +22,7 @@ from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.observations import observation_space
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
-from slamgym.envs.rewards import Reward, StepRecord
+from slamgym.envs.rewards import Reward, RewardTerms, StepRecord
 from slamgym.envs.simulation import Actions
 
 BATCH_SITES = 1024
@@ -35,8 +35,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
     environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
 
-    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map,
-    user-defined terms, a log of every scan, and rendering; each is refused with one sentence. ``info`` has no
+    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map, a
+    log of every scan, and rendering; each is refused with one sentence. ``info`` has no
     ``map_error`` at the end of an episode.
 
     Args:
@@ -46,6 +46,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: What happens after an episode's end, as in Gymnasium; also by name, ``"next_step"``,
             ``"same_step"`` or ``"disabled"``.
         render_mode: None.
+        reward_terms: More terms of the reward: name to (weight, function of one robot's step).
         **settings: As for the single environment.
 
     Raises:
@@ -61,13 +62,14 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         *,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
+        reward_terms: RewardTerms | None = None,
         **settings: Any,
     ) -> None:
         if num_envs < 1:
             raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
         self.config = config = resolve_config(config, settings)
-        self._reward = Reward(config.reward)
-        _refuse_unsupported(config, self._reward, render_mode)
+        self._reward = Reward(config.reward, reward_terms)
+        _refuse_unsupported(config, render_mode)
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": _mode(autoreset_mode)}
         self.single_observation_space = observation_space(config)
@@ -278,7 +280,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     return names[mode.lower()]
 
 
-def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str | None) -> None:
+def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
     """Refuse what single environments have and a batch doesn't."""
     observation, clutter = config.observation, config.clutter
     shows_whole_map = observation.map == "global" and not observation.is_compact
@@ -295,7 +297,7 @@ def _refuse_unsupported(config: ExploreConfig, reward: Reward, render_mode: str 
             "the whole map as a picture; give observation.map='egocentric' or preset='compact'",
         ),
         (
-            reward.needs_map_error,
+            config.reward.map_error != 0.0,
             "rewards that measure the map; leave out map_error",
         ),
     ):
