@@ -144,21 +144,16 @@ def relative_covariance(
     """
     cos, sin = math.cos(old[2]), math.sin(old[2])
     dx, dy = new[0] - old[0], new[1] - old[1]
-    change, joint = np.zeros((3, 6)), np.empty((6, 6))
-    for col in range(2):
-        side = 2.0 * col - 1.0
-        change[0, 3 * col], change[0, 3 * col + 1] = side * cos, side * sin
-        change[1, 3 * col], change[1, 3 * col + 1] = -side * sin, side * cos
-        change[2, 3 * col + 2] = side
-    change[0, 2], change[1, 2] = cos * dy - sin * dx, -(cos * dx + sin * dy)
+    change = np.array([
+        [-cos, -sin, cos * dy - sin * dx, cos, sin, 0.0],
+        [sin, -cos, -cos * dx - sin * dy, -sin, cos, 0.0],
+        [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],
+    ])  # fmt: skip
+    joint, half, out = np.empty((6, 6)), np.zeros((3, 6)), np.zeros((3, 3))
     for row in range(3):
         for col in range(3):
             joint[row, col], joint[row, 3 + col] = of_old[row, col], mixed[row, col]
             joint[3 + col, row], joint[3 + row, 3 + col] = mixed[row, col], of_new[row, col]
-    half, turned, out = np.zeros((3, 6)), np.empty((6, 3)), np.zeros((3, 3))
     multiply(change, joint, half)
-    for row in range(6):
-        for col in range(3):
-            turned[row, col] = change[col, row]
-    multiply(half, turned, out)
+    multiply(half, np.ascontiguousarray(change.T), out)
     return out
