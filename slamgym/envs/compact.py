@@ -23,7 +23,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE, FAR_SIZE, FarLook
-from slamgym.envs.turned_reading import Tiles, is_inside, line_table, read_turned, turned_grid
+from slamgym.envs.turned_reading import Box, Tiles, fetch_rows, line_table, read_turned, turned_grid
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
@@ -71,21 +71,21 @@ def write_compact(
 @kernel
 def _write_shares(tiles: Tiles, pitch: float, pose: FloatArray, out: Float32Array) -> None:
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
-    cells, flat = tiles[0], tiles[0].reshape(-1)
+    cols, flat, known = tiles[0].shape[1], tiles[0].reshape(-1), tiles[3]
     last = BLOCKS * _POINTS - 1
     first, down, right = turned_grid(tiles, pose, pitch, (last, last))
     share = np.float32(1.0 / (_POINTS * _POINTS))
-    table, read = line_table(cells.shape[1], right, BLOCKS, _POINTS), np.empty((_POINTS, last + 1), np.uint8)
-    inside = is_inside(cells, first, down, right, (last, last), read)
+    table, read = line_table(cols, right, BLOCKS, _POINTS), np.empty((_POINTS, last + 1), np.uint8)
+    fetch_rows(flat, cols, known, (first, down, right), (last, last), read)
     free, occupied = np.empty(last + 1, np.uint8), np.empty(last + 1, np.uint8)
     for i in range(BLOCKS):
         free[:], occupied[:] = 0, 0
         begin = first[0] + i * _POINTS * down[0], first[1] + i * _POINTS * down[1]
-        read_turned(flat, cells.shape, begin, down, inside, table, read)
-        for a in range(_POINTS):
-            for b in range(last + 1):
-                free[b] += read[a, b] == FREE
-                occupied[b] += read[a, b] == OCCUPIED
+        if read_turned(flat, cols, known, (begin, down, right), _POINTS, table, read):
+            for a in range(_POINTS):
+                for b in range(last + 1):
+                    free[b] += read[a, b] == FREE
+                    occupied[b] += read[a, b] == OCCUPIED
         for j in range(BLOCKS):
             num_free = num_occupied = 0
             for k in range(_POINTS):
@@ -106,6 +106,7 @@ class MapTiles(NamedTuple):
     cells: ByteArray  # (H, W), row 0 at the bottom, multiples of four
     corner: tuple[int, int]  # row and column of the lattice at which they begin, multiples of four
     resolution: float  # [m], of a cell
+    known: Box  # beyond which all is unknown
 
     @staticmethod
     def of(cells: ByteArray, corner: tuple[int, int], resolution: float) -> "MapTiles":
@@ -113,7 +114,7 @@ class MapTiles(NamedTuple):
         below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
         above, right = (-(below + cells.shape[0]) % BLOCK_SIDE, -(left + cells.shape[1]) % BLOCK_SIDE)
         whole = np.pad(cells, ((below, above), (left, right)), constant_values=UNKNOWN)
-        return MapTiles(whole, (corner[0] - below, corner[1] - left), resolution)
+        return MapTiles(whole, (corner[0] - below, corner[1] - left), resolution, (0, 0, *whole.shape))
 
     @staticmethod
     def of_grid(cells: ByteArray, frame: GridFrame) -> "MapTiles":
@@ -157,7 +158,7 @@ class CompactObserver:
     def refresh(self, published: MapTiles) -> None:
         """Look far, at a map that was published just now."""
         if self._far:
-            self._far.refresh(0, *published)
+            self._far.refresh(0, *published[:3])
 
     def observe(self, shown: MapTiles, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
         """The observation.

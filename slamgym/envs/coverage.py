@@ -196,7 +196,7 @@ def sweep(
     if not (0 <= start_row < height and 0 <= start_col < width):
         return 0
     start = start_row * width + start_col
-    fresh = 0
+    fresh, last_row, last_col = 0, 0, 0
     for i in range(len(ranges)):
         length = min(ranges[i], usable)
         end_x = x + length * (cos * directions[i, 0] - sin * directions[i, 1])
@@ -204,6 +204,9 @@ def sweep(
         # Beams end at a wall or at the usable range; rounding may put the end a cell outside the grid.
         d_col = min(max(math.floor((end_x - origin_x) * scale), 0), width - 1) - start_col
         d_row = min(max(math.floor((end_y - origin_y) * scale), 0), height - 1) - start_row
+        if i > 0 and d_row == last_row and d_col == last_col:
+            continue  # the same cells as the last beam's
+        last_row, last_col = d_row, d_col
         major_stride = 1 if d_col >= 0 else -1
         minor_stride = width if d_row >= 0 else -width
         major, minor = abs(d_col), abs(d_row)

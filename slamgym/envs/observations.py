@@ -22,7 +22,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
-from slamgym.envs.turned_reading import Tiles, is_inside, line_table, read_turned, turned_grid
+from slamgym.envs.turned_reading import Tiles, fetch_rows, line_table, read_turned, turned_grid
 from slamgym.slam import Mapper
 
 
@@ -40,26 +40,28 @@ def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: By
         samples: Points per side of a crop cell.
         out: Receives the crop, shape (h, w).
     """
-    (height, width), cells = out.shape, tiles[0]
-    last = height * samples - 1, width * samples - 1
+    (height, width), cells, known = out.shape, tiles[0], tiles[3]
+    last, cols, flat = (height * samples - 1, width * samples - 1), cells.shape[1], cells.reshape(-1)
     first, down, right = turned_grid(tiles, pose, pitch, last)
-    table, flat = line_table(cells.shape[1], right, width, samples), cells.reshape(-1)
+    table = line_table(cols, right, width, samples)
     read = np.empty((samples, width * samples), np.uint8)
-    least, most = np.empty(width, np.uint8), np.empty(width, np.uint8)
-    inside = is_inside(cells, first, down, right, last, read)
+    least, most = np.empty(width * samples, np.uint8), np.empty(width * samples, np.uint8)
+    fetch_rows(flat, cols, known, (first, down, right), last, read)
     for i in range(height):
-        least[:], most[:] = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
+        out[i] = UNKNOWN
         begin = first[0] + i * samples * down[0], first[1] + i * samples * down[1]
-        read_turned(flat, cells.shape, begin, down, inside, table, read)
+        if not read_turned(flat, cols, known, (begin, down, right), samples, table, read):
+            continue
+        least[:], most[:] = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
         for a in range(samples):
-            for k in range(samples):
-                for j in range(width):
-                    value = read[a, k * width + j]
-                    least[j] = min(least[j], value)
-                    most[j] = max(most[j], value)
+            for b in range(width * samples):
+                least[b], most[b] = min(least[b], read[a, b]), max(most[b], read[a, b])
+        for k in range(1, samples):
+            for j in range(width):
+                least[j] = min(least[j], least[np.uint64(k * width + j)])
+                most[j] = max(most[j], most[np.uint64(k * width + j)])
         for j in range(width):
-            low, high = least[j], most[j]
-            out[i, j] = low if low == OCCUPIED else high
+            out[i, j] = least[j] if least[j] == OCCUPIED else most[j]
 
 
 FURTHEST = 1000.0
@@ -173,7 +175,9 @@ class EgocentricView:
         """A crop round the robot of the newest map, not of the last published one."""
         if now.is_new or self._tiles is None:
             cells, corner = now.mapper.lattice()
-            self._tiles = MapTiles(np.ascontiguousarray(cells), corner, self._resolution)
+            self._tiles = MapTiles(
+                np.ascontiguousarray(cells), corner, self._resolution, (0, 0, *cells.shape)
+            )
         crop: ByteArray = np.empty((1, self._side, self._side), dtype=np.uint8)
         cut_crop(self._tiles[:], np.array(now.pose), *self._points, crop[0])
         return crop

@@ -55,7 +55,7 @@ def test_it_doesnt_matter_which_part_of_the_map_is_given():
 def test_blocks_show_the_cells_at_their_points():
     rng, rows, cols, pitch = np.random.default_rng(0), 200, 240, 8.4 / (21 * 4 * 0.05)
     cells = np.full((rows, cols), UNKNOWN, dtype=np.uint8)
-    tiles = MapTiles(cells, (4, -8), 0.05)
+    tiles = MapTiles(cells, (4, -8), 0.05, (0, 0, *cells.shape))
     for _ in range(40):
         row, col, height, width = rng.integers(rows), rng.integers(cols), *rng.integers(1, 90, 2)
         box = int(row), int(col), min(int(row + height), rows), min(int(col + width), cols)

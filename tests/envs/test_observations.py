@@ -17,9 +17,9 @@ SIZE, RESOLUTION = 121, 0.05
 HALF = 0.5 * SIZE * RESOLUTION
 
 
-def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1):
+def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1, corner=0, known=None):
     out = np.empty((size, size), dtype=np.uint8)
-    tiles = np.ascontiguousarray(cells[::-1]), (0, 0), RESOLUTION
+    tiles = np.ascontiguousarray(cells[::-1]), (corner, corner), RESOLUTION, known or (0, 0, *cells.shape)
     pose = np.array([x + HALF, y + HALF, theta])
     cut_crop(tiles, pose, resolution / (samples * RESOLUTION), samples, out)
     return out
@@ -67,6 +67,22 @@ def test_a_coarse_crop_keeps_obstacles():
     coarse = crop_of(cells, half, half, size=20, resolution=4 * RESOLUTION, samples=4)
     assert set(np.unique(coarse)) == {OCCUPIED, FREE}
     assert np.count_nonzero(coarse == OCCUPIED) == 100  # one of four coarse cells holds a point
+
+
+@given(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1))
+@settings(max_examples=60)
+def test_a_crop_is_the_same_wherever_the_map_is_looked_at(x, y, theta, seed):
+    """Only what is known must be read; the borders of the map and of what is known are met to the cell."""
+    rng = np.random.default_rng(seed)
+    (top, left), (end, right) = rng.integers(1, 60, 2), rng.integers(61, SIZE, 2)
+    shown = np.full((SIZE, SIZE), UNKNOWN, dtype=np.uint8)
+    shown[top:end, left:right] = rng.choice([FREE, OCCUPIED], (end - top, right - left))
+    known = SIZE - int(end), int(left), SIZE - int(top), int(right)
+    grid = {"size": 42, "resolution": 2 * RESOLUTION, "samples": 2}
+    crop = crop_of(shown, x, y, theta, **grid, known=known)
+    wide = np.pad(shown, 200, constant_values=UNKNOWN)
+    assert np.array_equal(crop, crop_of(shown, x, y, theta, **grid))
+    assert np.array_equal(crop, crop_of(wide, x, y, theta, **grid, corner=-200))
 
 
 def test_outside_of_the_map_is_unknown():

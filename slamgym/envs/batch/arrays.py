@@ -107,6 +107,7 @@ class Maps(NamedTuple):
     shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin, multiples of four
     dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
+    known: IntArray  # (N, 4) rows and columns, half open, beyond which all is unknown
     begun: BoolArray  # (N,) a scan was taken
     is_new: BoolArray  # (N,) the newest scan was processed
     counts: np.ndarray  # (N, cells, 2) int32 hits and visits, row by row, row 0 at the bottom
@@ -117,7 +118,7 @@ class Maps(NamedTuple):
         """So many maps without any cell."""
         poses, places = (
             zeros(count, np.float64, *[(3,)] * 5),
-            zeros(count, np.int64, (2,), (2,), (4,)),
+            zeros(count, np.int64, (2,), (2,), (4,), (4,)),
         )
         counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
         return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)

@@ -123,7 +123,7 @@ class Fleet:
         """One robot's map, which may have what is unknown around it."""
         if not self.is_mapped_together:
             return self.mapper(index).occupancy_grid()
-        cells, (row, col), resolution = self.tiles(index)
+        cells, (row, col), resolution, _ = self.tiles(index)
         frame = GridFrame(resolution, col * resolution, row * resolution, *cells.shape)
         return OccupancyGrid(cells[::-1], frame)
 
@@ -131,9 +131,9 @@ class Fleet:
         """The map of one of robots that are mapped together."""
         maps = self.maps
         (rows, cols), (row, col) = maps.shape[index].tolist(), maps.corner[index].tolist()
-        return MapTiles(
-            maps.cells[index, : rows * cols].reshape(rows, cols), (row, col), self.map_model.resolution
-        )
+        first, left, end, right = maps.known[index].tolist()
+        cells = maps.cells[index, : rows * cols].reshape(rows, cols)
+        return MapTiles(cells, (row, col), self.map_model.resolution, (first, left, end, right))
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
         """Put one robot down in a building; :meth:`sense` takes its first scan.
@@ -209,7 +209,8 @@ class Fleet:
         shape = [
             BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in zip(corner, end, strict=True)
         ]
-        maps.corner[index], maps.shape[index], maps.dirty[index] = corner, shape, 0
+        maps.corner[index], maps.shape[index] = corner, shape
+        maps.dirty[index], maps.known[index] = 0, 0
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
         self.maps = maps._replace(

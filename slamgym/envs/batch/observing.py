@@ -58,7 +58,7 @@ class BatchObserver:
             compact_all(robots, scans, maps, *sizes, ids, self._seen)
             if self._far:
                 for i in ids[is_published[ids]].tolist():
-                    self._far.refresh(i, *fleet.tiles(i))
+                    self._far.refresh(i, *fleet.tiles(i)[:3])
                 self._far.write(ids, maps.believed, self._seen)
         else:
             crop_all(maps, resolution, self._points, ids, self._seen)

@@ -231,13 +231,21 @@ def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     ranges, beams, resolution = ranges[i : i + 1], model.beams[:], model.resolution
     bounds = draw_scans(counts, corner, resolution, maps.anchor[i : i + 1], ranges, beams, 1)  # type: ignore[arg-type]
     box = cells_of(bounds, corner, model.resolution)
-    dirty = maps.dirty[i]
-    if dirty[0] >= dirty[2]:
-        dirty[0], dirty[1], dirty[2], dirty[3] = rows, cols, 0, 0
-    for k in range(2):
-        dirty[k], dirty[2 + k] = min(dirty[k], box[k]), max(dirty[2 + k], box[2 + k] + 1)
+    if box[0] < 0 or box[1] < 0 or box[2] >= rows or box[3] >= cols:
+        return  # beliefs have drifted so far that the map doesn't cover the scan
+    _widen(maps.known[i], box)
+    _widen(maps.dirty[i], box)
     if model.keeps_current:
         _classify(maps, model, i)
+
+
+@kernel
+def _widen(bounds: IntArray, box: tuple[int, int, int, int]) -> None:
+    """Let bounds, half open, hold the cells from the first to the last row and column."""
+    if bounds[0] >= bounds[2]:
+        bounds[0], bounds[1] = box[0], box[1]
+    for k in range(2):
+        bounds[k], bounds[2 + k] = min(bounds[k], box[k]), max(bounds[2 + k], box[2 + k] + 1)
 
 
 @kernel
@@ -278,11 +286,12 @@ def compact_all(
 
 @kernel
 def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
-    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    rows, cols, known = maps.shape[i, 0], maps.shape[i, 1], maps.known[i]
     return (
         maps.cells[i, : rows * cols].reshape(rows, cols),
         (maps.corner[i, 0], maps.corner[i, 1]),
         resolution,
+        (known[0], known[1], known[2], known[3]),
     )
 
 
