@@ -92,7 +92,7 @@ def measure_beams(
         out: Receives the ranges, shape (N,) [m].
     """
     surfaces, model = Surfaces(*surfaces), BeamModel(*model)
-    rough, biased = _no_corners(), _no_corners()
+    rough, biased, echoing = _no_corners(), _no_corners(), _no_corners()
     directions = beam_directions(len(true), model.angle_min, model.angle_increment)
     last, x, y, cos, sin = -1, 0.0, 0.0, 1.0, 0.0
     for i in range(len(true)):
@@ -111,7 +111,8 @@ def measure_beams(
             if kind != PLAIN:
                 ray = (x, y, ux, uy)
                 distance, cosine, echo, depth = _trace_beam(ray, true[i], hits[i], segments, surfaces, model)
-        if distance == true[i] <= model.range_max and model.beam_width > 0.0:
+        is_edge = _is_jump(true, i, i - 1) or _is_jump(true, i, i + 1)
+        if is_edge and distance == true[i] <= model.range_max and model.beam_width > 0.0:
             distance = _blend((x, y, ux, uy), i, distance, true, hits, segments, model)
         if distance > model.range_max:
             out[i] = np.inf
@@ -122,10 +123,8 @@ def measure_beams(
             strength = max(cosine, 1e-9) * echo
             # Most echoes are heard however they scatter.
             if loss > _WEAKEST_SCATTER * strength or normal[1, i] < _LEAST_NORMAL:
-                scatter = _ECHO_BY_PLACE * _smooth_noise(
-                    surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE, _no_corners()
-                )
-                scatter += _ECHO_BY_SCAN * normal[1, i]
+                uneven = _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE, echoing)
+                scatter = _ECHO_BY_PLACE * uneven + _ECHO_BY_SCAN * normal[1, i]
                 if loss > strength * math.exp(scatter):
                     out[i] = np.inf
                     continue
@@ -137,21 +136,6 @@ def measure_beams(
         if model.bias > 0.0:
             error += model.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
-
-
-@kernel
-def blur_beams(true: FloatArray, model: BeamModel, normal: FloatArray, out: FloatArray) -> None:
-    """Write ranges with the noise of a scanner whose errors don't depend on the place.
-
-    Args:
-        true: Distances along the beams, shape (N,) [m].
-        model: The scanner.
-        normal: Standard normal draws, shape (N,).
-        out: Receives the ranges, shape (N,) [m].
-    """
-    model = BeamModel(*model)
-    for i in range(len(true)):
-        out[i] = true[i] + max(model.sigma, model.sigma_relative * min(true[i], model.range_max)) * normal[i]
 
 
 @kernel
@@ -264,6 +248,12 @@ def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
 
 
 @kernel
+def _is_jump(true: FloatArray, i: int, j: int) -> bool:
+    """True if beams i and j, where there is such a one, meet different surfaces."""
+    return 0 <= j < len(true) and abs(true[j] - true[i]) > _JUMP + _JUMP_RELATIVE * true[i]
+
+
+@kernel
 def _blend(
     ray: Ray,
     i: int,
@@ -276,7 +266,7 @@ def _blend(
     """The range of a beam whose footprint lies over an edge: in between, by the parts of it on either side."""
     x, y, ux, uy = ray
     for j in (i - 1, i + 1):
-        if j < 0 or j >= len(true) or abs(true[j] - true[i]) <= _JUMP + _JUMP_RELATIVE * true[i]:
+        if not _is_jump(true, i, j):
             continue
         is_near = true[i] < true[j]
         s = hits[i] if is_near else hits[j]

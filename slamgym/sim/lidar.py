@@ -19,7 +19,7 @@ from slamgym.core.types import (
     Pose2D,
     Twist2D,
 )
-from slamgym.sim.beams import BeamModel, blur_beams, fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
 from slamgym.sim.raycast import cast_sweep
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
@@ -196,7 +196,6 @@ class Lidar:
     Attributes:
         geometry: The beams.
         law: What decides about an echo.
-        depends_on_place: True if errors belong to places.
         is_perfect: True if there are none.
     """
 
@@ -215,7 +214,6 @@ class Lidar:
             float(config.attenuation),
         )
         self._law = plain(self.law)
-        self.depends_on_place = config.bias > 0.0 or config.beam_width_deg > 0.0 or config.attenuation > 0.0
         self.is_perfect = config == lidar_level("exact", config)
 
     def look(self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)) -> Sighting:
@@ -296,11 +294,8 @@ class Lidar:
         config, true = self.config, sighting.ranges
         normal = rng.standard_normal((2, len(true)))
         measured = np.empty(len(true))
-        if self.depends_on_place or len(surfaces.first) > 1:
-            sensors, segments, _, hits = sighting
-            measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
-        else:
-            blur_beams(true, self._law, normal[0], measured)
+        sensors, segments, _, hits = sighting
+        measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
         fate = rng.random((2, len(true) + 1))
         fail_beams(measured, fate, float(config.lost), float(config.stray), float(config.range_max))
         if fate[0, -1] < config.bursts:

@@ -277,16 +277,17 @@ def classify_counts(
         min_passes: Unknown below so many visits.
         out: (rows, cols) receives the values, contiguous.
     """
-    occupied_margin, free_margin = margins
+    # Eight cells fit into a vector of these numbers; counts below 2^24 are exact.
+    share, above, below = np.float32(threshold), np.float32(margins[0]), np.float32(margins[1])
     pairs, values, cols = counts.reshape(-1), out.reshape(-1), counts.shape[1]
     for row in range(box[0], box[2]):
-        # Unsigned indices of contiguous arrays let the compiler classify eight cells at once.
+        # Unsigned indices of contiguous arrays let the compiler classify them at once.
         for cell in range(np.uint64(row * cols + box[1]), np.uint64(row * cols + box[3])):
             visits = pairs[np.uint64(2) * cell + np.uint64(1)]
-            excess = pairs[np.uint64(2) * cell] - threshold * visits
-            value = FREE if -excess >= free_margin else UNKNOWN
-            value = OCCUPIED if excess > occupied_margin else value
-            values[cell] = np.uint8(value if visits >= min_passes else UNKNOWN)
+            excess = np.float32(pairs[np.uint64(2) * cell]) - share * np.float32(visits)
+            value = np.uint8(FREE) if -excess >= below else np.uint8(UNKNOWN)
+            value = np.uint8(OCCUPIED) if excess > above else value
+            values[cell] = value if visits >= np.int32(min_passes) else np.uint8(UNKNOWN)
 
 
 @kernel
