@@ -32,7 +32,7 @@ from report import print_and_save
 MODES = ("ground_truth", "dead_reckoning", "pose_graph", "rbpf")
 GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
-STAGES = ("drive", "draw_noise", "sense", "publish", "are_complete", "rewards", "figures", "observe")
+STAGES = ("drive", "draw_noise", "sense", "are_complete", "rewards", "figures", "observe")
 """Methods of a batch's parts whose time is taken."""
 PLAN = "home_000334"
 COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}

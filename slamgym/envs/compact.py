@@ -23,7 +23,7 @@ from slamgym.core.types import (
 )
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE, FAR_SIZE, FarLook
-from slamgym.envs.turned_reading import Box, Tiles, fetch_rows, line_table, read_turned, turned_grid
+from slamgym.envs.turned_reading import CellBox, Tiles, fetch_rows, line_table, read_turned, turned_grid
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
@@ -106,7 +106,7 @@ class MapTiles(NamedTuple):
     cells: ByteArray  # (H, W), row 0 at the bottom, multiples of four
     corner: tuple[int, int]  # row and column of the lattice at which they begin, multiples of four
     resolution: float  # [m], of a cell
-    known: Box  # beyond which all is unknown
+    known: CellBox  # beyond which all is unknown
 
     @staticmethod
     def of(cells: ByteArray, corner: tuple[int, int], resolution: float) -> "MapTiles":

@@ -43,8 +43,7 @@ def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: By
     (height, width), cells, known = out.shape, tiles[0], tiles[3]
     last, cols, flat = (height * samples - 1, width * samples - 1), cells.shape[1], cells.reshape(-1)
     first, down, right = turned_grid(tiles, pose, pitch, last)
-    table = line_table(cols, right, width, samples)
-    read = np.empty((samples, width * samples), np.uint8)
+    table, read = line_table(cols, right, width, samples), np.empty((samples, width * samples), np.uint8)
     least, most = np.empty(width * samples, np.uint8), np.empty(width * samples, np.uint8)
     fetch_rows(flat, cols, known, (first, down, right), last, read)
     for i in range(height):

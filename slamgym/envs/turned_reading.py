@@ -18,9 +18,9 @@ Place = tuple[int, int]
 """Row and column, or how they change from point to point."""
 Lines = tuple[Place, Place, Place]
 """A grid's first point, the way from line to line, and the way from point to point."""
-Box = tuple[int, int, int, int]
+CellBox = tuple[int, int, int, int]
 """First row and column, and the end of the rows and columns."""
-Tiles = tuple[ByteArray, Place, float, Box]
+Tiles = tuple[ByteArray, Place, float, CellBox]
 """A map: its cells, row 0 at the bottom, the row and column at which they begin, their size [m], and the box of cells
 beyond which all is unknown."""
 
@@ -69,7 +69,9 @@ def line_table(cols: int, right: Place, count: int, samples: int) -> np.ndarray:
 
 
 @kernel
-def fetch_rows(flat: ByteArray, cols: int, known: Box, lines: Lines, last: Place, read: ByteArray) -> None:
+def fetch_rows(
+    flat: ByteArray, cols: int, known: CellBox, lines: Lines, last: Place, read: ByteArray
+) -> None:
     """Fetch the rows of the map below a grid, of which lines cross many.
 
     Args:
@@ -111,7 +113,7 @@ def _points_between(begin: int, step: int, low: int, end: int, points: Place) ->
 
 @kernel
 def read_turned(
-    flat: ByteArray, cols: int, known: Box, lines: Lines, samples: int, table: np.ndarray, read: ByteArray
+    flat: ByteArray, cols: int, known: CellBox, lines: Lines, samples: int, table: np.ndarray, read: ByteArray
 ) -> bool:
     """Read the points of some lines; unknown where the map is. No part of an array is taken, which would be counted.
 
@@ -130,7 +132,6 @@ def read_turned(
     (row, col), down, right = lines
     num_points, is_there = table.shape[1], False
     count, share = num_points // samples, 1.0 / samples
-    nothing, one = np.uint32(0), np.uint32(1)
     for a in range(read.shape[0]):
         begin, end = _points_between(row, right[0], known[0], known[2], (0, num_points))
         begin, end = _points_between(col, right[1], known[1], known[3], (begin, end))
@@ -144,7 +145,7 @@ def read_turned(
             corner, above = np.uint32(here), np.uint32(here + cols)
             for k in range(num_points):
                 begins = above if table[0, k] > row_rest else corner
-                beside = one if table[1, k] > col_rest else nothing
+                beside = np.uint32(1) if table[1, k] > col_rest else np.uint32(0)
                 table[3, k] = begins + beside + table[2, k]
             first, last = int((begin + 0.5) * share), int((end + 0.5) * share)
             before, after = begin - first * samples, end - last * samples

@@ -32,11 +32,11 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.envs.batch import stepping
 from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.explore_env import ExploreEnv
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
+from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
@@ -161,7 +161,7 @@ def _furnish() -> None:
 
 def _step_many() -> None:
     """Step many robots at once."""
-    for preset in ("compact_far", "map"):
+    for preset in ("map", "compact_far"):
         batch = BatchExploreEnv(1, _two_rooms(), localization="ground_truth", observation={"preset": preset})
         batch.reset(seed=0)
         batch.step(batch.action_space.sample())
@@ -171,7 +171,7 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
     "rbpf": (functools.partial(_match, "rbpf"), copy_maps),
     "drive": (_drive, settle),
     "navigate": (_navigate, short_paths),
-    BATCHED: (_step_many, stepping.crop_all),
+    BATCHED: (_step_many, write_far),
     "pose_graph": (functools.partial(_match, "pose_graph"), search_blocks),
     "furnish": (_furnish, next_clear),
     "decide": (_decide, cut_frontier_crop),

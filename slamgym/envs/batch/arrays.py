@@ -31,12 +31,13 @@ class Robots(NamedTuple):
     steps: IntArray  # (N,) since the episode began
     collisions: IntArray  # (N,) contacts begun
     contact: BoolArray  # (N,) the last step had contact
+    exact: BoolArray  # (N,) scans without errors
 
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
         numbers = zeros(count, np.float64, (8,), (3,), (3,), (3,), (2,), (2,), (3,), (3,), ())
-        return cls(*numbers, *zeros(count, np.int64, (), ()), *zeros(count, np.bool_, ()))
+        return cls(*numbers, *zeros(count, np.int64, (), ()), *zeros(count, np.bool_, (), ()))
 
 
 class Scenes(NamedTuple):
@@ -85,7 +86,6 @@ class Scans(NamedTuple):
     fate: FloatArray  # (N, 2, num_beams + 1) even draws
     pulses: FloatArray  # (N, most) the ranges that a burst of cross-talk makes [m]
     true: FloatArray  # (N, num_beams) [m]
-    kind: IntArray  # (N,) a value of ScanKind
     burst: IntArray  # (N, 2) first beam and number of beams that a burst hits
     ranges: Float32Array  # (N, num_beams) measured [m]
 
@@ -93,7 +93,7 @@ class Scans(NamedTuple):
     def blank(cls, count: int, num_beams: int, longest_burst: int) -> "Scans":
         """So many scans not taken yet."""
         draws = zeros(count, np.float64, (2, num_beams), (2, num_beams + 1), (longest_burst,), (num_beams,))
-        return cls(*draws, *zeros(count, np.int64, (), (2,)), *zeros(count, np.float32, (num_beams,)))
+        return cls(*draws, *zeros(count, np.int64, (2,)), *zeros(count, np.float32, (num_beams,)))
 
 
 class Maps(NamedTuple):
@@ -106,7 +106,6 @@ class Maps(NamedTuple):
     believed: FloatArray  # (N, 3) estimate now
     shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin, multiples of four
-    dirty: IntArray  # (N, 4) rows and columns, half open, that changed since they were classified; empty if none did
     known: IntArray  # (N, 4) rows and columns, half open, beyond which all is unknown
     begun: BoolArray  # (N,) a scan was taken
     is_new: BoolArray  # (N,) the newest scan was processed
@@ -118,7 +117,7 @@ class Maps(NamedTuple):
         """So many maps without any cell."""
         poses, places = (
             zeros(count, np.float64, *[(3,)] * 5),
-            zeros(count, np.int64, (2,), (2,), (4,), (4,)),
+            zeros(count, np.int64, (2,), (2,), (4,)),
         )
         counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
         return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)

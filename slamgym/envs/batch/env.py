@@ -112,8 +112,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             elif one is not None:
                 self._generators[i] = seeding.np_random(one)[0]
         self._begin(ids, wanted)
-        self._fleet.sense(ids)
-        self._fleet.publish(ids)
+        self._fleet.sense(ids, mask)
         self._over = self._over & ~mask
         return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(mask)
 
@@ -136,9 +135,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         driven = fleet.robots.path - path
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
-        fleet.sense(everyone)
         is_published = fleet.robots.steps % config.publication_steps == 0
-        fleet.publish(np.flatnonzero(is_published))
+        fleet.sense(everyone, is_published)
 
         terminations = self._are_complete(is_published & lived) & lived
         truncations = np.zeros_like(lived)
@@ -164,8 +162,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             is_dict = isinstance(observations, dict)
             last[i] = {key: value[i] for key, value in observations.items()} if is_dict else observations[i]
         self._begin(ids, ResetOptions())
-        fleet.sense(ids)
-        fleet.publish(ids)
+        fleet.sense(ids, over)
         self._over = np.zeros_like(over)
         infos = {
             **_entries(self._figures(), np.ones_like(over)),

@@ -1,7 +1,7 @@
 """Many robots in their buildings, stepped together: bodies, scanners, wheels, coverage, and maps from known poses."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -9,6 +9,7 @@ from slamgym.core.geometry import unit_vectors
 from slamgym.core.jit import plain
 from slamgym.core.types import (
     UNKNOWN,
+    BoolArray,
     FloatArray,
     GridFrame,
     IntArray,
@@ -27,7 +28,7 @@ from slamgym.envs.batch.arrays import (
     WheelModel,
     put,
 )
-from slamgym.envs.batch.stepping import ScanKind, drive_all, integrate_wheels, look_all, map_all, publish_all
+from slamgym.envs.batch.stepping import drive_all, integrate_wheels, look_all, sense_all
 from slamgym.envs.compact import MapTiles
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE
@@ -67,11 +68,13 @@ class Fleet:
         maps: What they believe; path and map only where kernels map.
         each: What belongs to one robot alone.
         map_model: How kernels draw maps.
+        shown: What kernels that map observe, and where they write it: the last arguments of :func:`sense_all`.
         is_mapped_together: True if kernels map; else each robot has its own mapper.
     """
 
     def __init__(self, config: ExploreConfig, count: int) -> None:
         self._config = config
+        self.shown: tuple[Any, ...] = ()
         self.robots, self.scenes, self.maps = Robots.rest(count), Scenes.empty(count), Maps.blank(count)
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
         self.each: list[Robot] = []
@@ -165,7 +168,6 @@ class Fleet:
         scenes, materials, walls = self.scenes, world.surfaces, world.segments()
         floor = prepared.floor.mask(start.x, start.y)
         scenes.floor_cells[index] = np.count_nonzero(floor)
-        is_plain = len(materials.first) == 1
         scenes.seen[index] = 0
         scenes.floor_shape[index] = floor.shape
         frame = prepared.floor.frame
@@ -192,8 +194,7 @@ class Fleet:
             order=put(contacts.order, index, wall_order(walls)), pairs=put(contacts.pairs, index, nothing),
             impulses=put(contacts.impulses, index, nothing), stamps=put(contacts.stamps, index, nothing),
         )  # fmt: skip
-        kind = ScanKind.PLACES if self.lidar.depends_on_place or not is_plain else ScanKind.NOISE
-        self.scans.kind[index] = ScanKind.PERFECT if self.lidar.is_perfect and is_plain else kind
+        self.robots.exact[index] = self.lidar.is_perfect and len(materials.first) == 1
 
     def _blank_map(self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D) -> None:
         """An empty map that reaches as far as a robot in the plan can see."""
@@ -206,11 +207,9 @@ class Fleet:
             for low in (min_y - start.y, min_x - start.x)
         ]
         end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
-        shape = [
-            BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in zip(corner, end, strict=True)
-        ]
-        maps.corner[index], maps.shape[index] = corner, shape
-        maps.dirty[index], maps.known[index] = 0, 0
+        spans = zip(corner, end, strict=True)
+        shape = [BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in spans]
+        maps.corner[index], maps.shape[index], maps.known[index] = corner, shape, (*shape, 0, 0)
         maps.begun[index], maps.anchor[index], maps.since[index] = False, initial, 0.0
         cells = shape[0] * shape[1]
         self.maps = maps._replace(
@@ -235,40 +234,36 @@ class Fleet:
         integrate_wheels(robots, self._wheel_model, ids, self._drive_model.dt)
         robots.steps[ids] += 1
 
-    def sense(self, ids: IntArray) -> None:
-        """Scan, and map."""
+    def sense(self, ids: IntArray, is_published: BoolArray) -> None:
+        """Scan; where kernels map, map and observe too, and publish the maps of a mask, shape (N,)."""
         self._draw_noise(ids)
         # The read-only type, with which a single scanner has its kernels compiled already.
         segments = self.scenes.segments.view()
         segments.flags.writeable = False
-        look_all(self.robots, self.scenes._replace(segments=segments), self._scanner, self.scans, ids)
+        robots, scenes, maps = self.robots, self.scenes._replace(segments=segments), self.maps
         if self.is_mapped_together:
-            map_all(self.robots, self.scans, self.maps, self.map_model, ids, self.times)
+            world, models = (robots, scenes, self.scans, maps), (self._scanner, self.map_model)
+            sense_all(world, models, ids, self.times, is_published, *self.shown)
             return
-        poses = self.robots.odometry
+        look_all(robots, scenes, self._scanner, self.scans, ids)
+        poses = robots.odometry
         if self.map_model.believes_truth:
-            poses = self.robots.pose - self.robots.start * (1.0, 1.0, 0.0)
-        times, maps = self.times.tolist(), self.maps
+            poses = robots.pose - robots.start * (1.0, 1.0, 0.0)
         for i in ids.tolist():
-            scan = LaserScan(times[i], self.scans.ranges[i].copy(), self.lidar.geometry)
+            scan = LaserScan(self.times[i].item(), self.scans.ranges[i].copy(), self.lidar.geometry)
             maps.is_new[i] = self.mapper(i).update(Pose2D(*poses[i].tolist()), scan)
             maps.believed[i] = self.mapper(i).pose
 
-    def publish(self, ids: IntArray) -> None:
-        """Bring the maps as they are shown up to date."""
-        if self.is_mapped_together:
-            publish_all(self.maps, self.map_model, ids)
-
     def _draw_noise(self, ids: IntArray) -> None:
         """Draw what errs in a scan, each robot from its own stream, in the order of a scanner alone."""
-        scans = self.scans
-        for i in ids[scans.kind[ids] != ScanKind.PERFECT].tolist():
-            rng = self.each[i].streams.lidar
+        scans, each = self.scans, self.each
+        noisy = ids[~self.robots.exact[ids]]
+        for i in noisy.tolist():
+            rng = each[i].streams.lidar
             rng.standard_normal(out=scans.normal[i])
             rng.random(out=scans.fate[i])
         scans.burst[ids] = 0
-        has_burst = scans.fate[ids, 0, -1] < self._config.lidar.bursts
-        for i in ids[has_burst & (scans.kind[ids] != ScanKind.PERFECT)].tolist():
-            first, pulses = self.lidar.draw_burst(self.each[i].streams.lidar)
+        for i in noisy[scans.fate[noisy, 0, -1] < self._config.lidar.bursts].tolist():
+            first, pulses = self.lidar.draw_burst(each[i].streams.lidar)
             scans.burst[i] = first, len(pulses)
             scans.pulses[i, : len(pulses)] = pulses

@@ -6,7 +6,6 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, IntArray, Pose2D, Twist2D
 from slamgym.envs.batch.fleet import Fleet
-from slamgym.envs.batch.stepping import compact_all, crop_all
 from slamgym.envs.compact import CompactObserver
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FarLook
@@ -24,13 +23,14 @@ class BatchObserver:
     def __init__(self, config: ExploreConfig, fleet: Fleet) -> None:
         count, observation = len(fleet), config.observation
         self._config, self._fleet = config, fleet
-        self._compact = CompactObserver.of(config) if observation.is_compact else None
+        compact = CompactObserver.of(config) if observation.is_compact else None
         self._far = FarLook(count) if observation.preset == "compact_far" else None
         self._measurements = Measurements(config)
-        shape = self._compact.space.shape if self._compact else observation.shape
-        self._seen: Any = np.zeros((count, *shape), np.float32 if self._compact else np.uint8)
+        shape = compact.space.shape if compact else observation.shape
+        self._seen: Any = np.zeros((count, *shape), np.float32 if compact else np.uint8)
         self._views: dict[int, MapView] = {}  # of robots that are not mapped together
-        self._points = crop_points(observation, config.slam.resolution)
+        points = crop_points(observation, config.slam.resolution)
+        fleet.shown = (compact.side, compact.limits) if compact else points, self._seen
 
     def begin(self, ids: IntArray) -> None:
         """Forget the maps of robots that begin an episode."""
@@ -45,7 +45,7 @@ class BatchObserver:
             is_published: Whose map was published just now, shape (N,).
         """
         fleet = self._fleet
-        maps, robots, scans, resolution = fleet.maps, fleet.robots, fleet.scans, fleet.map_model.resolution
+        maps, robots, scans = fleet.maps, fleet.robots, fleet.scans
         if not fleet.is_mapped_together:
             for i in ids.tolist():
                 pose, velocity = Pose2D(*maps.believed[i].tolist()), Twist2D(*robots.velocity[i].tolist())
@@ -53,15 +53,10 @@ class BatchObserver:
                 self._seen[i] = self._views[i].look(
                     SensedStep(fleet.mapper(i), scans.ranges[i], pose, velocity, *flags)
                 )
-        elif self._compact:
-            sizes = resolution, self._compact.side, self._compact.limits
-            compact_all(robots, scans, maps, *sizes, ids, self._seen)
-            if self._far:
-                for i in ids[is_published[ids]].tolist():
-                    self._far.refresh(i, *fleet.tiles(i)[:3])
-                self._far.write(ids, maps.believed, self._seen)
-        else:
-            crop_all(maps, resolution, self._points, ids, self._seen)
+        elif self._far:
+            for i in ids[is_published[ids]].tolist():
+                self._far.refresh(i, *fleet.tiles(i)[:3])
+            self._far.write(ids, maps.believed, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
         times = fleet.times[:, np.newaxis]

@@ -7,20 +7,20 @@ Every kernel takes ``ids``, the environments that it is about, shape (n,).
 """
 
 import math
-from enum import IntEnum
+from typing import Any
 
 import numpy as np
 
 from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
-from slamgym.core.types import ByteArray, Float32Array, FloatArray, IntArray, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, ScanModel, Scans, Scenes, WheelModel
 from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import cut_crop
-from slamgym.envs.turned_reading import Tiles
+from slamgym.envs.turned_reading import CellBox, Tiles
 from slamgym.sim import motion
-from slamgym.sim.beams import blur_beams, fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
 from slamgym.sim.contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
@@ -32,15 +32,6 @@ _between = kernel(geometry.between)
 _count_ticks, _slipped_arc = kernel(count_ticks), kernel(slipped_arc)
 _add_way, _is_far_enough = kernel(add_way), kernel(is_far_enough)
 _TURN = 2.0 * math.pi
-
-
-class ScanKind(IntEnum):
-    """Kind of a scan, by its errors."""
-
-    PERFECT = 0
-    NOISE = 1
-    PLACES = 2
-    """Errors that belong to places and materials."""
 
 
 @kernel
@@ -149,20 +140,15 @@ def look_all(robots: Robots, scenes: Scenes, scanner: ScanModel, scans: Scans, i
         _put_pose(sensors, 0, sensor)
         x, y, theta = sensor
         cast_hits(x, y, theta, law.angle_min, law.angle_increment, walls, law.range_max, true, hits)
-        if scans.kind[i] == ScanKind.PLACES:
-            first, patches = (
-                scenes.first[i, : scenes.num_first[i]],
-                scenes.patches[i, : scenes.num_patches[i]],
-            )
+        if robots.exact[i]:
+            assign(true, measured)
+        else:
+            first = scenes.first[i, : scenes.num_first[i]]
+            patches = scenes.patches[i, : scenes.num_patches[i]]
             outside = scenes.outside[i, : scenes.num_outside[i]]
             num_walls, seed = scenes.materials[i, 0], scenes.materials[i, 1]
             materials = (first, patches, outside, num_walls, seed, scenes.roughness[i])
             measure_beams(sensors, walls, true, hits, materials, law[:], scans.normal[i], measured)  # type: ignore[arg-type]
-        elif scans.kind[i] == ScanKind.NOISE:
-            blur_beams(true, law, scans.normal[i, 0], measured)
-        else:
-            assign(true, measured)
-        if scans.kind[i] != ScanKind.PERFECT:
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
             begin = scans.burst[i, 0]
             for k in range(scans.burst[i, 1]):
@@ -233,78 +219,60 @@ def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     box = cells_of(bounds, corner, model.resolution)
     if box[0] < 0 or box[1] < 0 or box[2] >= rows or box[3] >= cols:
         return  # beliefs have drifted so far that the map doesn't cover the scan
-    _widen(maps.known[i], box)
-    _widen(maps.dirty[i], box)
-    if model.keeps_current:
-        _classify(maps, model, i)
-
-
-@kernel
-def _widen(bounds: IntArray, box: tuple[int, int, int, int]) -> None:
-    """Let bounds, half open, hold the cells from the first to the last row and column."""
-    if bounds[0] >= bounds[2]:
-        bounds[0], bounds[1] = box[0], box[1]
+    known = maps.known[i]
     for k in range(2):
-        bounds[k], bounds[2 + k] = min(bounds[k], box[k]), max(bounds[2 + k], box[2 + k] + 1)
+        known[k], known[2 + k] = min(known[k], box[k]), max(known[2 + k], box[2 + k] + 1)
+    if model.keeps_current:
+        _classify(maps, model, i, (box[0], box[1], box[2] + 1, box[3] + 1))
 
 
 @kernel
-def _classify(maps: Maps, model: MapModel, i: int) -> None:
-    """Bring the shown cells up to date."""
+def _classify(maps: Maps, model: MapModel, i: int, box: CellBox) -> None:
+    """Bring shown cells up to date."""
     rows, cols = maps.shape[i, 0], maps.shape[i, 1]
-    box = maps.dirty[i, 0], maps.dirty[i, 1], maps.dirty[i, 2], maps.dirty[i, 3]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)
     classify_counts(counts, box, model.threshold, (0.0, 0.0), model.min_passes, cells)
-    maps.dirty[i] = 0
-
-
-@kernel
-def publish_all(maps: Maps, model: MapModel, ids: IntArray) -> None:
-    """Bring the shown cells up to date."""
-    for i in ids:
-        if maps.dirty[i, 0] < maps.dirty[i, 2]:
-            _classify(maps, model, i)
-
-
-@kernel
-def compact_all(
-    robots: Robots,
-    scans: Scans,
-    maps: Maps,
-    resolution: float,
-    side: float,
-    limits: FloatArray,
-    ids: IntArray,
-    out: Float32Array,
-) -> None:
-    """Write observations of the preset ``compact``; see :func:`slamgym.envs.compact.write_compact`."""
-    for i in ids:
-        tiles = _tiles(maps, i, resolution)
-        write_compact(tiles, maps.believed[i], side, scans.ranges[i], robots.velocity[i], limits, out[i])
 
 
 @kernel
 def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
     rows, cols, known = maps.shape[i, 0], maps.shape[i, 1], maps.known[i]
-    return (
-        maps.cells[i, : rows * cols].reshape(rows, cols),
-        (maps.corner[i, 0], maps.corner[i, 1]),
-        resolution,
-        (known[0], known[1], known[2], known[3]),
-    )
+    cells, corner = maps.cells[i, : rows * cols].reshape(rows, cols), (maps.corner[i, 0], maps.corner[i, 1])
+    return cells, corner, resolution, (known[0], known[1], known[2], known[3])
 
 
 @kernel
-def crop_all(maps: Maps, resolution: float, points: tuple[float, int], ids: IntArray, out: ByteArray) -> None:
-    """Cut the crops about the robots; see :func:`slamgym.envs.observations.cut_crop`.
+def sense_all(
+    world: tuple[Robots, Scenes, Scans, Maps],
+    models: tuple[ScanModel, MapModel],
+    ids: IntArray,
+    times: FloatArray,
+    is_published: BoolArray,
+    view: tuple[float, Any],
+    out: Any,
+) -> None:
+    """Scan, map, publish and observe, one robot after the other, so that each map is in the cache.
 
     Args:
-        maps: The maps.
-        resolution: Cell size of the maps [m].
-        points: Distance of the points that are read [cells], and how many are along a cell of the crop.
+        world: Robots, scenes, scans and maps.
+        models: Of the scanner and of the map.
         ids: Environments.
-        out: Receives the crops, shape (N, 1, h, w).
+        times: Robot time, shape (N,) [s].
+        is_published: Whose map is published now, shape (N,).
+        view: Side of the crop and limits for :func:`slamgym.envs.compact.write_compact`, or what
+            :func:`slamgym.envs.observations.crop_points` says.
+        out: Receives observations of the preset ``compact``, shape (N, n), or crops, shape (N, 1, h, w).
     """
-    for i in ids:
-        cut_crop(_tiles(maps, i, resolution), maps.believed[i], points[0], points[1], out[i, 0])
+    (robots, scenes, scans, maps), (scanner, model) = world, models
+    for k in range(len(ids)):
+        i, one = ids[k], ids[k : k + 1]
+        look_all(robots, scenes, scanner, scans, one)
+        map_all(robots, scans, maps, model, one, times)
+        tiles, pose = _tiles(maps, i, model.resolution), maps.believed[i]
+        if is_published[i] and not model.keeps_current:
+            _classify(maps, model, i, tiles[3])
+        if out.ndim == 2:
+            write_compact(tiles, pose, view[0], scans.ranges[i], robots.velocity[i], view[1], out[i])
+        else:
+            cut_crop(tiles, pose, view[0], view[1], out[i, 0])
