@@ -275,13 +275,13 @@ def house_of_turtlebot3(folder: Path, work: Path) -> list[dict[str, str]]:
     for run in sorted((folder / "runs").iterdir()):
         found = compare_with_plan(drawn, read_map(run / "slam.yaml").grid)
         kinds = [change.kind for change in found.changes]
-        states = [face.state for face in found.faces]
+        states = [wall.state for wall in found.walls]
         rows.append(
             {
                 "map": run.name,
                 "registered": str(found.is_confident),
                 "walls in view that are there": f"{found.registration.explained:.2f}",
-                "faces present": str(states.count("present")),
+                "walls present": str(states.count("present")),
                 **{
                     kind: str(kinds.count(kind))
                     for kind in ("wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new")

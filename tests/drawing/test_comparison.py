@@ -13,8 +13,9 @@ from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.drawing import ComparisonConfig
 from slamgym.drawing.comparison import compare_with_plan, draw_comparison
-from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
-from slamgym.drawing.comparison.faces import map_evidence, plan_faces
+from slamgym.drawing.comparison.distortion import Drift, Offsets
+from slamgym.drawing.comparison.faces import map_evidence
+from slamgym.drawing.comparison.plan_walls import plan_walls
 from slamgym.drawing.comparison.report import verdict
 
 T = 0.12
@@ -109,7 +110,7 @@ def test_a_map_as_planned_has_no_changes(unchanged):
     assert unchanged.changes == ()
     assert unchanged.doubts == ()
     assert unchanged.registration.explained > 0.95
-    assert {face.state for face in unchanged.faces if face.line} <= {"present", "not_seen", "unclear"}
+    assert {wall.state for wall in unchanged.walls} <= {"present", "not_seen", "unclear"}
 
 
 @pytest.mark.parametrize(
@@ -186,7 +187,7 @@ def test_rooms_that_were_not_entered_are_named_and_their_walls_not_judged():
     found = compare_with_plan(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), seen=seen))
     assert [change.what for change in of_kind(found, "room_unexplored")] == ["Bedroom", "Bath", "Office"]
     assert len(found.changes) == 3
-    assert sum(face.state == "not_seen" for face in found.faces) >= 5
+    assert sum(wall.state == "not_seen" for wall in found.walls) >= 5
 
 
 def test_drift_is_no_moved_wall_but_a_wall_that_moves_beside_it_is():
@@ -246,17 +247,16 @@ def test_the_picture_shows_what_has_changed(unchanged):
     assert (draw_comparison(unchanged, PLAN, robot_map(building())) == (240, 140, 0)).all(axis=2).sum() == 0
 
 
-def test_faces_know_what_is_behind_them():
-    faces = plan_faces(PLAN)
-    behind = [i for i in range(len(faces.lengths)) if faces.opposite[i] >= 0]
-    assert len(behind) >= 10
-    for i in behind:
-        j = faces.opposite[i]
-        assert faces.normals[i] @ faces.normals[j] == pytest.approx(-1.0)
-        assert (faces.segments[j, :2] - faces.segments[i, :2]) @ -faces.normals[i] == pytest.approx(T)
-    floor = PLAN.free_space
-    inside = faces.points + 0.02 * faces.point_normals
-    assert shapely.contains_xy(floor, *inside.T).mean() > 0.95
+def test_walls_have_two_faces_where_floor_lies_on_both_sides():
+    walls = plan_walls(PLAN)
+    away = ((walls.points - walls.lines[walls.wall, :2]) * walls.normals[walls.wall]).sum(axis=1)
+    inner = [wall for wall in range(len(walls.lengths)) if len(set(walls.side[walls.wall == wall])) == 2]
+    assert len(inner) >= 5
+    for wall in range(len(walls.lengths)):
+        own = walls.wall == wall
+        assert away[own] == pytest.approx(walls.side[own] * (T / 2 if wall in inner else 0.0))
+    before = walls.points + 0.02 * walls.point_normals
+    assert shapely.contains_xy(PLAN.free_space, before).mean() > 0.95
 
 
 def test_normals_point_to_the_free_side():
@@ -273,9 +273,8 @@ def test_drift_is_predicted_from_other_walls():
     field = np.stack([0.1 * np.sin(places[:, 1] / 4), 0.05 * np.cos(places[:, 0] / 5)], axis=1)
     values = (field * normals).sum(axis=1) + rng.normal(0, 0.01, 80)
     values[7] += 0.4
-    stretches = Stretches(places, normals, values, np.full(80, 0.015))
-    expected, deviation, _, _ = estimate_drift(stretches, np.eye(80, dtype=bool), stretches)
-    error = expected - (field * normals).sum(axis=1)
+    drift = Drift.of(Offsets(places, normals, values, np.full(80, 0.015)), np.eye(80, dtype=bool))
+    error = drift.expected - (field * normals).sum(axis=1)
     assert np.sqrt((error**2).mean()) < 0.025
-    assert np.abs(error / deviation).mean() < 1.3
+    assert np.abs(error / drift.deviation).mean() < 1.3
     assert abs(error[7]) < 0.05

@@ -12,19 +12,19 @@ import shapely
 from scipy.spatial import KDTree
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.types import FREE, BoolArray, FloatArray
+from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.records import Line
 
 EXPLAINED = 0.15
 """Points of the map that are so near to a wall of the plan, or to where it has moved, belong to it [m]."""
-BIN, GAP = 0.05, 0.2
-"""Width of a straight structure, and the widest gap in it [m]."""
+GAP = 0.2
+"""Widest gap in a straight structure [m]."""
 TURNS = 60
 """Directions in which structures are looked for."""
-MAX_STRUCTURES = 60
-"""A map with more has no structure at all."""
-SHORTEST_EXTRA, LONG_EXTRA = 0.9, 3.5
+VOTES = 10
+"""Cells that a straight structure has at least."""
+SHORTEST_EXTRA, LONG_EXTRA = 0.8, 3.5
 """Structures from the first length on are walls if they are seen from both sides, from the second on always [m]."""
 THICKEST = 0.35
 """Thicker structures are furniture [m]."""
@@ -57,57 +57,25 @@ def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: F
         evidence: The map over it.
         explained_by: (N, 2) points of its walls where the map is expected to show them [m].
     """
-    inner = floor.buffer(-0.5 * EXPLAINED)
-    inside = shapely.contains_xy(inner, evidence.points[:, 0], evidence.points[:, 1])
-    away = (
-        KDTree(explained_by).query(evidence.points)[0] if len(explained_by) else np.full(len(inside), np.inf)
+    inside = shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), evidence.points)
+    if len(explained_by):
+        inside &= KDTree(explained_by).query(evidence.points)[0] > EXPLAINED
+    frame = evidence.grid.frame
+    image = np.zeros(frame.shape, np.uint8)
+    image[frame.to_cell(*evidence.grid_points[inside].T)] = 255
+    cell = evidence.scale * frame.resolution
+    rows = cv2.HoughLinesP(
+        image, 1.0, np.pi / TURNS, VOTES, minLineLength=SHORTEST_EXTRA / cell, maxLineGap=GAP / cell
     )
-    left = np.unique(np.round(evidence.points[inside & (away > EXPLAINED)], 6), axis=0)
-    found: list[Structure] = []
-    while len(left) >= SHORTEST_EXTRA / BIN * 0.5 and len(found) < MAX_STRUCTURES:
-        longest = _longest_row(left)
-        if longest is None:
-            break
-        members, line = longest
-        left = left[~members]
-        structure = _seen_from(line, evidence)
+    found = []
+    for x0, y0, x1, y1 in rows.reshape(-1, 4).tolist() if rows is not None else []:
+        start, end = evidence.on_plan(frame.to_points(np.array([y0, y1]), np.array([x0, x1]))).tolist()
+        structure = _seen_from((*start, *end), evidence)
         if structure.is_seen_from_both_sides or (
             structure.length >= LONG_EXTRA and structure.free >= SEEN_ALONG
         ):
             found.append(structure)
     return _without_doubles(found)
-
-
-def _longest_row(points: FloatArray) -> tuple[BoolArray, Line] | None:
-    """The longest straight row of points: which they are, and its ends."""
-    best, best_length = None, SHORTEST_EXTRA
-    for angle in np.pi * np.arange(TURNS) / TURNS:
-        along = points @ [np.cos(angle), np.sin(angle)]
-        across = points @ [-np.sin(angle), np.cos(angle)]
-        for shift in (0.0, 0.5):
-            bins = np.floor(across / BIN + shift).astype(np.int64)
-            order = np.lexsort((along, bins))
-            breaks = np.flatnonzero((np.diff(bins[order]) != 0) | (np.diff(along[order]) > GAP)) + 1
-            starts, stops = np.r_[0, breaks], np.r_[breaks, len(order)] - 1
-            lengths = along[order[stops]] - along[order[starts]]
-            run = int(lengths.argmax())
-            if lengths[run] > best_length:
-                best_length, best = float(lengths[run]), order[starts[run] : stops[run] + 1]
-    if best is None:
-        return None
-    return _fitted(points, points[best])
-
-
-def _fitted(points: FloatArray, row: FloatArray) -> tuple[BoolArray, Line]:
-    """The line through a row, and all points that belong to it."""
-    vx, vy, x, y = cv2.fitLine(row.astype(np.float32), cv2.DIST_L1, 0, 0.01, 0.01).ravel().tolist()
-    unit, centre = np.array([vx, vy]), np.array([x, y])
-    along, row_along = (points - centre) @ unit, (row - centre) @ unit
-    across = (points - centre) @ [-vy, vx]
-    low, high = float(row_along.min()), float(row_along.max())
-    members = (np.abs(across) < 1.5 * BIN) & (along >= low - 0.1) & (along <= high + 0.1)
-    start, end = centre + low * unit, centre + high * unit
-    return members, (float(start[0]), float(start[1]), float(end[0]), float(end[1]))
 
 
 def _seen_from(line: Line, evidence: MapEvidence) -> Structure:

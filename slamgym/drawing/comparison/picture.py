@@ -50,10 +50,10 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     registration = comparison.registration
     picture: ByteArray = tints[cells_in(grid, frame, registration.plan_from_map, registration.scale)]
     if comparison.is_confident:
-        for face in comparison.faces:
-            colour = FAINT if face.state == "not_seen" else SURE_COLOUR
-            if face.state != "moved":
-                _line(picture, np.array(face.line), frame, colour, 2)
+        for wall in comparison.walls:
+            colour = FAINT if wall.state == "not_seen" else SURE_COLOUR
+            if wall.state != "moved":
+                _line(picture, np.array(wall.line), frame, colour, 2)
         for change in comparison.changes:
             _draw_change(picture, change, frame)
     else:

@@ -14,7 +14,7 @@ ChangeKind = Literal[
     "wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new",
     "door_moved", "door_blocked", "door_width", "room_unexplored",
 ]  # fmt: skip
-FaceState = Literal["present", "moved", "missing", "unclear", "not_seen"]
+WallState = Literal["present", "moved", "covered", "missing", "unclear", "not_seen"]
 Line = tuple[float, float, float, float]
 
 COLUMNS = (
@@ -44,19 +44,23 @@ class Change:
 
 
 @dataclass(frozen=True)
-class FaceReport:
-    """One straight face of a wall of the plan."""
+class WallReport:
+    """One straight wall of the plan."""
 
     line: Line
-    state: FaceState
+    """Its middle line [m]."""
+    length: float
+    """[m]"""
+    state: WallState
     seen: float
-    """Share of it that is in view."""
-    offset: float | None
-    """Towards the floor, without the map's distortion [m]."""
-    error: float | None
-    raw_offset: float | None
-    distortion: float | None
-    """Distance by which the map's distortion moves it towards the floor [m]."""
+    """Share of it that is in view from the side that shows more."""
+    offset: float | None = None
+    """To the left of its line, without the map's distortion [m]."""
+    error: float | None = None
+    raw_offset: float | None = None
+    distortion: float | None = None
+    """Distance by which the map's distortion moves it to the left [m]."""
+    note: str = ""
 
 
 @dataclass(frozen=True)
@@ -67,7 +71,7 @@ class PlanComparison:
     map: str
     registration: Registration
     changes: tuple[Change, ...]
-    faces: tuple[FaceReport, ...]
+    walls: tuple[WallReport, ...]
     rooms: tuple[tuple[str, float], ...]
     """Names, and which share of each the robot has seen."""
     doubts: tuple[str, ...]
@@ -80,7 +84,7 @@ class PlanComparison:
     def document(self) -> dict[str, Any]:
         """The JSON form."""
         pose = self.registration.plan_from_map
-        states = [face.state for face in self.faces]
+        states = [wall.state for wall in self.walls]
         return {
             "plan": self.plan,
             "map": self.map,
@@ -90,9 +94,9 @@ class PlanComparison:
                 **{k: v for k, v in asdict(self.registration).items() if k != "plan_from_map"},
                 "plan_from_map": {"x_m": pose.x, "y_m": pose.y, "theta_rad": pose.theta},
             },
-            "faces_by_state": {state: states.count(state) for state in sorted(set(states))},
+            "walls_by_state": {state: states.count(state) for state in sorted(set(states))},
             "changes": [asdict(change) for change in self.changes],
-            "faces": [asdict(face) for face in self.faces],
+            "walls": [asdict(wall) for wall in self.walls],
             "rooms": [{"name": name, "seen": share} for name, share in self.rooms],
         }
 

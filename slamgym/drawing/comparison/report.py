@@ -50,14 +50,14 @@ def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGri
 
 
 def _figures(found: PlanComparison) -> list[tuple[str, str]]:
-    states = [face.state for face in found.faces]
+    states = [wall.state for wall in found.walls]
     pose = found.registration.plan_from_map
     shown = [(f"{found.registration.explained:.0%}", "of the walls in view are there")]
     if found.is_confident:
         shown += [
             (str(len(found.changes)), "changes"),
-            (f"{states.count('present')} of {len(states)}", "faces of walls at their place"),
-            (str(states.count("not_seen")), "faces not seen"),
+            (f"{states.count('present')} of {len(states)}", "walls at their place"),
+            (str(states.count("not_seen")), "walls not seen"),
         ]
     turn = np.degrees(pose.theta)
     return [*shown, (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at")]

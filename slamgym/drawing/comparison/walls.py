@@ -1,15 +1,20 @@
-"""State of each face of the plan's walls: present, moved, missing, covered, or not seen."""
+"""State of each of the plan's walls: present, moved, missing, covered, or not seen.
+
+Every few centimetres along its faces, the map's nearest face that was seen from the same side is looked for. Where a
+wall stands is what most of these points agree on.
+"""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, FloatArray, IntArray
-from slamgym.drawing.comparison.distortion import Stretches, estimate_drift
-from slamgym.drawing.comparison.faces import FACE_STEP, IN_VIEW, MapEvidence, PlanFaces
-from slamgym.drawing.comparison.records import FaceReport, FaceState, Line
+from slamgym.core.types import BoolArray, FloatArray, IntArray
+from slamgym.drawing.comparison.distortion import Drift, Offsets
+from slamgym.drawing.comparison.faces import MapEvidence
+from slamgym.drawing.comparison.plan_walls import FACE_STEP, PlanWalls
+from slamgym.drawing.comparison.records import Line, WallReport, WallState
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -18,85 +23,94 @@ LATERAL = 0.045
 ALIKE = 0.7
 """Cosine of the angle between normals up to which a face of the map may be one of the plan."""
 NEAR = 0.1
-"""So near to its place a wall is there, and so near to the commonest offset a point belongs to its face [m]."""
-NO_OPENING = 0.3
-"""Where a wall stands so near to its place it has no opening, even if cells behind it are free [m]."""
-THROUGH = (-0.075, -0.025, 0.025, 0.075)
-"""Where the map is free so far from a face on both sides, there is no wall [m]."""
+"""So near to its place a wall is there, and so near to the commonest offset a point belongs to its wall [m]."""
 LEAST_SEEN = 0.3
-"""A face of a wall of which less is seen is not judged."""
+"""A wall of which less is seen, from either side, is not judged."""
 CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
 MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
 CORRELATED = 0.25
 """Offsets of points nearer to each other than this say the same [m]."""
-USUAL_DISTORTION = 0.4
-"""Offsets beyond this say nothing about the map's distortion [m]."""
+ONE_SIDED = 0.2
+"""A face with a smaller share of a wall's points doesn't count."""
+UNKNOWN_DRIFT = 0.1
+"""Standard error of the distortion where too few walls are seen [m]."""
+FURNITURE = (0.15, 0.8)
+"""A face so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 
 
 @dataclass(frozen=True)
-class Faces:
-    """Everything that was measured at the points of the faces, (S,)."""
+class Measured:
+    """Everything that was measured at the walls W and their points S."""
 
-    plan: PlanFaces
-    offsets: FloatArray  # [m]; nan where the map has no such face nearby
-    expected: FloatArray  # [m] offset by the map's distortion
-    deviation: FloatArray  # standard error of that [m]
-    in_view: BoolArray
-    is_open: BoolArray  # free on both sides of the face
+    plan: PlanWalls
+    offsets: FloatArray  # (S,) along the walls' normals [m]; nan where the map has no such face nearby
+    drift: FloatArray  # (W,) offset by the map's distortion [m]
+    deviation: FloatArray  # (W,) standard error of that [m]
+    field: Drift | None  # None where too few walls are seen
+    in_view: BoolArray  # (S,)
+    is_open: BoolArray  # (S,) free on both sides of the face
 
     @property
     def corrected(self) -> FloatArray:
-        """Offsets without the distortion [m]."""
-        return self.offsets - self.expected
+        """Offsets without the distortion, (S,) [m]."""
+        return self.offsets - self.drift[self.plan.wall]
+
+    def drift_at(self, place: FloatArray) -> FloatArray:
+        """The map's shift at a place (2,), (2,) [m]."""
+        return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0] if self.field else np.zeros(2)
 
 
-def measure_faces(faces: PlanFaces, evidence: MapEvidence) -> Faces:
-    """Measure all faces; in the second round the map's distortion is known from the first."""
-    expected, deviation = np.zeros(len(faces.points)), np.zeros(len(faces.points))
-    pairs = _pairs(faces, evidence)
+def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Measured:
+    """Measure all walls; in the second round the map's distortion is known from the first."""
+    drift = np.zeros(len(plan.lengths))
+    pairs = _pairs(plan, evidence)
     for _ in range(2):
-        found = _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
-        expected, deviation = _expected(found)
-    return _look(faces, evidence, _nearest_offsets(pairs, expected), expected, deviation)
+        offsets = _nearest_offsets(pairs, drift[plan.wall])
+        drift, deviation, field = _distortion(plan, offsets)
+    offsets = _nearest_offsets(pairs, drift[plan.wall])
+    normals = plan.point_normals
+    places = plan.points + (plan.side * drift[plan.wall])[:, None] * normals
+    is_open = evidence.across(places, normals) > 0
+    is_near = np.abs(offsets - drift[plan.wall]) < NEAR  # false for nan
+    in_view = evidence.is_free_before(places, normals) | is_open | is_near
+    return Measured(plan, offsets, drift, deviation, field, in_view, is_open)
 
 
-def judge_face(found: Faces, face: int, config: ComparisonConfig) -> FaceReport:
-    """Report on a face, from all of its points."""
+def judge_wall(found: Measured, wall: int, config: ComparisonConfig) -> WallReport:
+    """Report on a wall, from all points of its faces."""
     plan = found.plan
-    line: Line = tuple(float(value) for value in plan.segments[face])  # type: ignore[assignment]
-    own = np.flatnonzero(plan.face == face)
+    line: Line = tuple(plan.lines[wall].tolist())
+    length, drift = float(plan.lengths[wall]), float(found.drift[wall])
+    own = np.flatnonzero(plan.wall == wall)
     view = own[found.in_view[own]]
-    seen = len(view) / len(own)
+    seen = max(found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own]))
     if seen < LEAST_SEEN or len(view) < 3:
-        return FaceReport(line, "not_seen", seen, None, None, None, None)
-    values = found.corrected[view]
-    centre, support = _commonest(values)
-    near = float((np.abs(values) <= NEAR).mean())
-    if support < MOST and near < SOME and found.is_open[view].mean() >= MOST:
-        return FaceReport(line, "missing", seen, None, None, None, None)
-    if near >= SOME and abs(centre) > NEAR:
+        return WallReport(line, length, "not_seen", float(seen))
+    values, sides = found.corrected[view], plan.side[view]
+    near = np.abs(values) <= NEAR
+    centre = _commonest(values)
+    place = _around(values, sides, centre)
+    if place.support < MOST and near.mean() < SOME and found.is_open[view].mean() >= MOST:
+        return WallReport(line, length, "missing", float(seen))
+    if near.mean() >= SOME and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
-        centre = float(np.median(values[np.abs(values) <= NEAR]))
-        support = near
-    if support < SOME:
-        return FaceReport(line, "unclear", seen, None, None, None, None)
-    close = view[np.abs(found.corrected[view] - centre) <= NEAR]
-    offset = float(np.median(found.corrected[close]))
-    distortion = float(found.expected[close].mean())
-    error = _standard_error(found, close, offset)
-    is_moved = abs(offset) > config.moved and abs(offset) > config.sure * error and support >= MOST
-    state: FaceState = "moved" if is_moved else "present"
-    return FaceReport(line, state, seen, offset, error, offset + distortion, distortion)
+        place = _around(values, sides, float(np.median(values[near])))
+    if place.support < SOME:
+        return WallReport(line, length, "unclear", float(seen))
+    offset, error = place.offset, float(np.hypot(place.error, found.deviation[wall]))
+    is_moved = place.support >= MOST and abs(offset) > max(config.moved, config.sure * error)
+    is_covered = len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
+    state: WallState = "present" if not is_moved else "covered" if is_covered else "moved"
+    note = f"measured on {'one face' if len(place.sides) == 1 else 'both faces'}" if is_moved else ""
+    return WallReport(line, length, state, float(seen), offset, error, offset + drift, drift, note)
 
 
-def open_runs(found: Faces, face: int, shortest: float) -> list[tuple[float, float]]:
-    """Gaps in a face through which the map is free: first and last place along it [m]."""
-    own = np.flatnonzero(found.plan.face == face)
-    wall_beside = np.abs(found.corrected[own]) <= NO_OPENING  # false for nan
-    step = found.plan.lengths[face] / len(own)
-    runs = step * runs_of(found.is_open[own] & ~wall_beside)
+def open_runs(found: Measured, wall: int, shortest: float) -> list[tuple[float, float]]:
+    """Gaps in a wall through which the map is free: first and last place along it [m]."""
+    own = np.flatnonzero((found.plan.wall == wall) & (found.plan.side > 0.0))
+    runs = found.plan.lengths[wall] / len(own) * runs_of(found.is_open[own])
     return [(start, stop) for start, stop in runs.tolist() if stop - start >= shortest]
 
 
@@ -105,29 +119,17 @@ def runs_of(mask: BoolArray) -> IntArray:
     return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
 
 
-def _standard_error(found: Faces, points: IntArray, offset: float) -> float:
-    """Standard error of a median of correlated offsets, with rounding to cells and the error of the distortion [m]."""
-    scatter = 1.4826 * float(np.median(np.abs(found.corrected[points] - offset)))
-    independent = max(1.0, len(points) * FACE_STEP / CORRELATED)
-    return float(
-        np.sqrt(1.57 * scatter**2 / independent + CELL_ROUNDING**2 + found.deviation[points].mean() ** 2)
-    )
-
-
-def _pairs(faces: PlanFaces, evidence: MapEvidence) -> tuple[IntArray, FloatArray]:
-    """Points of faces and points of the map before or behind them: number of the first, offset [m]."""
+def _pairs(plan: PlanWalls, evidence: MapEvidence) -> tuple[IntArray, FloatArray]:
+    """Points of walls and of the map before or behind them: numbers of the first, offsets along walls' normals [m]."""
     tree = KDTree(evidence.points)
-    lists: Any = tree.query_ball_point(faces.points, MISSED)
-    counts = np.array([len(entries) for entries in lists])
-    index = np.repeat(np.arange(len(faces.points)), counts)
-    other = np.concatenate([np.asarray(entries, np.int64) for entries in lists]) if len(index) else index
-    normal = faces.point_normals[index]
-    difference = evidence.points[other] - faces.points[index]
-    offset = (difference * normal).sum(axis=1)
+    near = KDTree(plan.points).sparse_distance_matrix(tree, MISSED, output_type="ndarray")
+    index, other = near["i"], near["j"]
+    normal = plan.point_normals[index]
+    difference = evidence.points[other] - plan.points[index]
     sideways = np.abs(difference[:, 0] * normal[:, 1] - difference[:, 1] * normal[:, 0])
     alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
     keep = alike & (sideways < LATERAL)
-    return index[keep], offset[keep]
+    return index[keep], (plan.side[index] * (difference * normal).sum(axis=1))[keep]
 
 
 def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -> FloatArray:
@@ -140,51 +142,54 @@ def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -
     return found
 
 
-def _expected(found: Faces) -> tuple[FloatArray, FloatArray]:
-    """The distortion along the normal at every point, from the other walls around, and its standard error."""
-    faces, count = found.plan, len(found.plan.lengths)
-    values, noise = np.zeros(count), np.ones(count)
-    for face in range(count):
-        own = faces.face == face
-        known = found.offsets[own]
-        known = known[np.abs(known - found.expected[own]) < USUAL_DISTORTION]
-        if len(known) >= max(3, SOME * own.sum()):
-            values[face] = np.median(known)
-            scatter = 1.4826 * np.median(np.abs(known - values[face]))
-            noise[face] = np.hypot(
-                CELL_ROUNDING, scatter / np.sqrt(max(1.0, len(known) * FACE_STEP / CORRELATED))
-            )
-    measured = np.flatnonzero(noise < 1.0)
-    middles = 0.5 * (faces.segments[:, :2] + faces.segments[:, 2:])
-    everywhere = Stretches(middles, faces.normals, values, noise)
-    expected, deviation = np.zeros(count), np.full(count, 0.1)
-    if len(measured) >= 4:
-        chosen = Stretches(*(part[measured] for part in everywhere))
-        same = np.array([faces.same_wall(face)[measured] for face in measured.tolist()])
-        own_drift, error, expected, deviation = estimate_drift(chosen, same, everywhere)
-        expected[measured], deviation[measured] = own_drift, error
-    return expected[faces.face], deviation[faces.face]
+def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, FloatArray, Drift | None]:
+    """The distortion along the normals of all walls, from the other walls around, its standard error, and its field."""
+    count = len(plan.lengths)
+    values, noise = np.zeros(count), np.full(count, np.inf)
+    for wall in range(count):
+        own = plan.wall == wall
+        place = _around(offsets[own], plan.side[own], _commonest(offsets[own]))
+        values[wall], noise[wall] = place.offset, place.error
+    seen = np.flatnonzero(np.isfinite(noise))
+    if len(seen) < 4:
+        return np.zeros(count), np.full(count, UNKNOWN_DRIFT), None
+    in_line = np.array([plan.in_line(wall)[seen] for wall in seen.tolist()])
+    field = Drift.of(Offsets(plan.middles[seen], plan.normals[seen], values[seen], noise[seen]), in_line)
+    drift, deviation = field.predict(plan.middles, plan.normals)
+    drift[seen], deviation[seen] = field.expected, field.deviation
+    return drift, deviation, field
 
 
-def _look(
-    faces: PlanFaces, evidence: MapEvidence, offsets: FloatArray, expected: FloatArray, deviation: FloatArray
-) -> Faces:
-    """Find the points in view, and those where the map is free through a face."""
-    normals = faces.point_normals
-    place = faces.points + expected[:, None] * normals
-    through = evidence.values(place[:, None] + np.array(THROUGH)[:, None] * normals[:, None])
-    before = evidence.values(place[:, None] + IN_VIEW[:, None] * normals[:, None])
-    is_open = (through == FREE).mean(axis=1) > 0.7
-    is_open &= ~(through == OCCUPIED).any(axis=1)
-    in_view = (before == FREE).any(axis=1) | is_open | (np.abs(offsets - expected) < NEAR)
-    return Faces(faces, offsets, expected, deviation, in_view, is_open)
-
-
-def _commonest(values: FloatArray) -> tuple[float, float]:
-    """The offset that most points agree on, and their share of all, those without any included."""
+def _commonest(values: FloatArray) -> float:
+    """The offset (N,), nan where there is none, that most points agree on; the smaller if two are as common."""
     known = values[np.isfinite(values)]
     if not len(known):
-        return 0.0, 0.0
+        return 0.0
     agree = (np.abs(known[:, None] - known) <= NEAR).sum(axis=1) - 0.05 * np.abs(known)
-    centre = float(known[agree.argmax()])
-    return centre, float((np.abs(known - centre) <= NEAR).sum() / len(values))
+    return float(known[agree.argmax()])
+
+
+class _Place(NamedTuple):
+    """Where a wall stands."""
+
+    offset: float
+    """[m]"""
+    error: float
+    """Standard error of the offset [m]: neighbours are correlated, and all are rounded to cells."""
+    support: float
+    """Share of the points that say so."""
+    sides: list[float]
+    """Of the wall's faces, 1 and -1, those that do."""
+
+
+def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:
+    """What the offsets (N,) about a centre say, nan where there is none; a thicker wall is none that has moved."""
+    close = np.abs(values - centre) <= NEAR  # false for nan
+    if not close.any():
+        return _Place(centre, np.inf, 0.0, [])
+    seen = [side for side in (1.0, -1.0) if (sides[close] == side).mean() > ONE_SIDED]
+    offset = float(np.mean([np.median(values[close & (sides == side)]) for side in seen]))
+    scatter = 1.4826 * np.median(np.abs(values[close] - offset))
+    independent = max(1.0, close.sum() * FACE_STEP / CORRELATED)
+    error = np.hypot(np.sqrt(1.57 / independent) * scatter, CELL_ROUNDING)
+    return _Place(offset, float(error), float(close.mean()), seen)
