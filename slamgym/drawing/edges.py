@@ -141,11 +141,8 @@ def joined(first: Edge, second: Edge) -> Edge:
     return replace(first, offset=offset, end=second.end)
 
 
-def simplified(edges: list[Edge], axes: Sequence[complex]) -> list[Edge]:
-    """Join edges that continue each other, and drop rounded corners and steps that are the map's.
-
-    Edges along one axis that follow each other directly get an edge across between them.
-    """
+def simplified(edges: list[Edge]) -> list[Edge]:
+    """Join edges that continue each other, and drop rounded corners and steps that are the map's."""
     ring = list(edges)
     changed = True
     while changed and len(ring) > 4:
@@ -157,7 +154,7 @@ def simplified(edges: list[Edge], axes: Sequence[complex]) -> list[Edge]:
                 index = max(0, index - 2)
             else:
                 index += 1
-    return _with_connections(ring, axes)
+    return ring
 
 
 def _simplify_at(ring: list[Edge], index: int) -> bool:
@@ -189,22 +186,3 @@ def _continues(a: Edge, b: Edge) -> bool:
     """Return True if an edge continues along the line of another."""
     same = a.axis != FREE_AXIS and a.axis == b.axis and (a.direction * b.direction.conjugate()).real > 0.0
     return same and abs(a.offset - b.offset) <= MERGE
-
-
-def _with_connections(ring: list[Edge], axes: Sequence[complex]) -> list[Edge]:
-    """Put an edge across between two that follow each other along one axis."""
-    result: list[Edge] = []
-    for index, edge in enumerate(ring):
-        result.append(edge)
-        following = ring[(index + 1) % len(ring)]
-        if edge.axis == FREE_AXIS or edge.axis != following.axis:
-            continue
-        place = 0.5 * (edge.end + following.start)
-        first, second = projected(edge, place), projected(following, place)
-        step = second - first
-        if abs(step) < 1e-9:
-            continue
-        across = edge.axis ^ 1
-        direction = axes[across] if (step * axes[across].conjugate()).real > 0.0 else -axes[across]
-        result.append(Edge(direction, offset_of(direction, first), across, first, second))
-    return result

@@ -9,8 +9,17 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame
-from slamgym.drawing.contours import Outline, trace_outlines
-from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, main_axes, projected, simplified
+from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.edges import (
+    FREE_AXIS,
+    TOLERANCE,
+    Edge,
+    crossing,
+    fit_edges,
+    main_axes,
+    projected,
+    simplified,
+)
 from slamgym.drawing.settings import SMALLEST_ROOM
 
 SMALLEST_HOLE = 0.05
@@ -36,21 +45,14 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     """
     axes = main_axes(angle_deg)
     tolerance = max(TOLERANCE, 0.9 * frame.resolution)
-    parts = []
+    rings = []
     for outline in trace_outlines(picture, frame):
         if outline.area >= SMALLEST_ROOM or outline.area <= -SMALLEST_HOLE:
             edges = fit_edges(outline.points, axes, tolerance)
-            ring = simplified(edges, axes) if len(edges) >= 3 else []
-            parts.append((outline.area > 0.0, _polygon(outline, ring, tolerance)))
-    return _assembled(parts)
-
-
-def _polygon(outline: Outline, ring: list[Edge], tolerance: float) -> Polygon | MultiPolygon:
-    """The area that edges enclose, or where there are too few that of the outline itself."""
-    corners = ring_corners(ring, 4.0 * tolerance) if len(ring) >= 3 else np.empty((0, 2))
-    if len(corners) < 3:
-        return _polygonal(shapely.make_valid(Polygon(outline.points).simplify(tolerance)))
-    return _polygonal(_polygonal(shapely.make_valid(Polygon(corners))).buffer(0))
+            ring = ring_corners(simplified(edges), 4.0 * tolerance) if len(edges) >= 3 else []
+            rings.append(Polygon(ring) if len(ring) >= 3 else Polygon(outline.points).simplify(tolerance))
+    # What lies within an odd number of rings is floor: holes are none, and what stands in them is.
+    return without_necks(shapely.make_valid(MultiPolygon(rings)))
 
 
 def ring_corners(ring: list[Edge], most: float) -> FloatArray:
@@ -94,26 +96,14 @@ def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
         corner = crossing(edge, following)
         if corner is not None and abs(corner - place) <= max(most, abs(edge.end - following.start)):
             ends.append((corner, corner))
+        elif edge.axis != FREE_AXIS and edge.axis == following.axis:
+            ends.append((projected(edge, place), projected(following, place)))
         elif abs(cmath.phase(following.direction * edge.direction.conjugate())) < 0.5:
             middle = 0.5 * (projected(edge, place) + projected(following, place))
             ends.append((middle, middle))
         else:
             ends.append((projected(edge, edge.end), projected(following, following.start)))
     return [(ends[index - 1][1], ends[index][0]) for index in range(len(edges))]
-
-
-def _assembled(parts: list[tuple[bool, Polygon | MultiPolygon]]) -> MultiPolygon:
-    """Floors less the holes in them; a floor inside of another's hole stays."""
-    floors = sorted((part for is_floor, part in parts if is_floor), key=lambda part: -float(part.area))
-    holes = [part for is_floor, part in parts if not is_floor and not part.is_empty]
-    tree = shapely.STRtree(holes)
-    pieces = []
-    for floor in floors:
-        inside = [holes[index] for index in sorted(tree.query(floor, predicate="intersects").tolist())]
-        inside = [hole for hole in inside if hole.area < floor.area]
-        pieces.append(floor.difference(shapely.union_all(inside)) if inside else floor)
-    union = shapely.make_valid(shapely.union_all(pieces))
-    return without_necks(union)
 
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
@@ -128,9 +118,3 @@ def without_necks(floor: BaseGeometry) -> MultiPolygon:
     floor = shapely.make_valid(floor)
     floor = shapely.set_precision(floor, CORNER_GRID)
     return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * SMALLEST_ROOM])
-
-
-def _polygonal(geometry: shapely.Geometry) -> Polygon | MultiPolygon:
-    """The parts of a geometry that have an area."""
-    parts = polygon_parts(geometry)
-    return parts[0] if len(parts) == 1 else MultiPolygon(parts)
