@@ -4,6 +4,7 @@ Convention: metres, in the frame of the MAP that it was drawn from (x right, y u
 ``angle_deg`` says how far its main walls are turned against the x axis, counter-clockwise.
 """
 
+import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -44,7 +45,7 @@ class DrawnWall:
     @property
     def length(self) -> float:
         """Length of the centre line [m]."""
-        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+        return math.dist(self.start, self.end)
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class DrawnDoor:
     @property
     def width(self) -> float:
         """Clear width [m]."""
-        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+        return math.dist(self.start, self.end)
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,7 @@ class Dimension:
     @property
     def length(self) -> float:
         """[m]."""
-        return float(((self.end[0] - self.start[0]) ** 2 + (self.end[1] - self.start[1]) ** 2) ** 0.5)
+        return math.dist(self.start, self.end)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ longitude and latitude; a building's map has none, so the coordinates are local 
 """
 
 import json
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import shapely
@@ -18,8 +18,14 @@ from shapely import Polygon
 
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnRoom, DrawnWall
+from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.edits import map_digest
+
+_WALL = ("start", "end", "thickness_known", "length", "thickness", "confidence", "share_seen", "layer")
+_DOOR = ("start", "end", "depth", "walls", "kind", "width", "rooms", "confidence", "layer")
+_ROOM = ("id", "name", "area", "share_seen", "layer")
+_DIMENSION = ("start", "end", "length", "of")
+_UNITS = {name: f"{name}_m" for name in ("length", "thickness", "depth", "width")} | {"area": "area_m2"}
 
 
 def format_json(drawing: Drawing) -> str:
@@ -36,19 +42,16 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
     return {
         "map": {"name": drawing.name, "sha256": map_digest(drawing.grid)},
         "frame": "metres in the frame of the map, x right, y up",
-        "bounds": _rounded(drawing.bounds),
+        "bounds": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
         "area_m2": round(drawing.area, 3),
-        "walls": [{**_of_wall(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
-        "doors": [_of_door(door) for door in drawing.doors],
+        "walls": [{**_facts(wall, _WALL), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
+        "doors": [_facts(door, _DOOR) for door in drawing.doors],
         "windows": [],  # which a laser doesn't know
-        "rooms": [{**_of_room(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
+        "rooms": [{**_facts(room, _ROOM), "polygon": _rings(room.polygon)} for room in drawing.rooms],
         "unexplored": [_rings(part) for part in drawing.unexplored],
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
-        "dimensions": [
-            {"start": _rounded(d.start), "end": _rounded(d.end), "length_m": round(d.length, 4), "of": d.of}
-            for d in drawing.dimensions
-        ],
+        "dimensions": [_facts(line, _DIMENSION) for line in drawing.dimensions],
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
     }
@@ -60,7 +63,7 @@ def format_geojson(drawing: Drawing) -> str:
         "type": "FeatureCollection",
         "name": drawing.name,
         "coordinates": "local metres in the frame of the map, x right, y up; not longitude and latitude",
-        "bbox": _rounded(drawing.bounds),
+        "bbox": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
@@ -71,12 +74,12 @@ def format_geojson(drawing: Drawing) -> str:
 
 def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for room in drawing.rooms:
-        yield _area(room.polygon, {"kind": "room", **_of_room(room)})
+        yield _area(room.polygon, {"kind": "room", **_facts(room, _ROOM)})
     for wall in drawing.walls:
-        yield _area(wall.polygon, {"kind": "wall", **_of_wall(wall)})
+        yield _area(wall.polygon, {"kind": "wall", **_facts(wall, _WALL)})
     for door in drawing.doors:
-        geometry = {"type": "LineString", "coordinates": [_rounded(door.start), _rounded(door.end)]}
-        yield {"type": "Feature", "geometry": geometry, "properties": _of_door(door)}
+        geometry = {"type": "LineString", "coordinates": _plain((door.start, door.end))}
+        yield {"type": "Feature", "geometry": geometry, "properties": _facts(door, _DOOR)}
     for part in drawing.unexplored:
         yield _area(part, {"kind": "unexplored", "layer": "INFERRED"})
     for part in drawing.inferred_floor:
@@ -88,52 +91,18 @@ def _area(polygon: Polygon, properties: dict[str, Any]) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _of_wall(wall: DrawnWall) -> dict[str, Any]:
-    return {
-        "start": _rounded(wall.start),
-        "end": _rounded(wall.end),
-        "thickness_known": wall.thickness_known,
-        "length_m": round(wall.length, 4),
-        "thickness_m": round(wall.thickness, 4),
-        "confidence": round(wall.confidence, 3),
-        "share_seen": round(wall.share_seen, 3),
-        "layer": wall.layer,
-    }
+def _facts(part: Any, names: Sequence[str]) -> dict[str, Any]:
+    """What is known of a part of the drawing, with units in the names."""
+    return {_UNITS.get(name, name): _plain(getattr(part, name)) for name in names}
 
 
-def _of_door(door: DrawnDoor) -> dict[str, Any]:
-    return {
-        "start": _rounded(door.start),
-        "end": _rounded(door.end),
-        "depth_m": round(door.depth, 4),
-        "walls": list(door.walls),
-        "kind": door.kind,
-        "width_m": round(door.width, 4),
-        "rooms": list(door.rooms),
-        "confidence": round(door.confidence, 3),
-        "layer": door.layer,
-    }
+def _rings(polygon: Polygon) -> list[Any]:
+    """Outline and holes of a polygon, each closed."""
+    return [_plain(tuple(ring.coords)) for ring in shapely.get_rings(largest_part(polygon))]
 
 
-def _of_room(room: DrawnRoom) -> dict[str, Any]:
-    return {
-        "id": room.id,
-        "name": room.name,
-        "area_m2": round(room.area, 3),
-        "share_seen": round(room.share_seen, 3),
-        "layer": room.layer,
-    }
-
-
-def _rings(polygon: Polygon) -> list[list[list[float]]]:
-    """Outline and holes of a polygon, each closed, to a tenth of a millimetre."""
-    largest = largest_part(polygon)
-    return [
-        [_rounded(point) for point in shapely.get_coordinates(ring).tolist()]
-        for ring in (largest.exterior, *largest.interiors)
-    ]
-
-
-def _rounded(values: Any) -> list[float]:
-    """Numbers to a tenth of a millimetre."""
-    return [round(float(value), 4) for value in values]
+def _plain(value: Any) -> Any:
+    """Tuples as lists, and numbers to four places: a tenth of a millimetre."""
+    if isinstance(value, tuple):
+        return [_plain(part) for part in value]
+    return round(float(value), 4) if isinstance(value, float) else value
