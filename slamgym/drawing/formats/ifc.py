@@ -52,8 +52,10 @@ class _Builder:
 
     def __init__(self, name: str) -> None:
         import ifcopenshell.api
+        from ifcopenshell.util.shape_builder import ShapeBuilder
 
         self.file = ifcopenshell.api.run("project.create_file", version="IFC4")
+        self.shapes = ShapeBuilder(self.file)
         whole = self._create("IfcProject", name)
         kinds = ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
         self.run("unit.assign_unit", units=[self.run("unit.add_si_unit", unit_type=kind) for kind in kinds])
@@ -156,9 +158,10 @@ class _Builder:
         """A named thing with a body, its style and its evidence."""
         entity = self._create(kind, name)
         self.run("geometry.edit_object_placement", product=entity, matrix=matrix)
-        up = self.file.createIfcDirection((0.0, 0.0, 1.0))
-        solid = self.file.createIfcExtrudedAreaSolid(self._profile(base), None, up, height)
-        shape = self.file.createIfcShapeRepresentation(self.body, "Body", "SweptSolid", [solid])
+        rings = [shapely.get_coordinates(ring)[:-1].tolist() for ring in shapely.get_rings(base)]
+        outline, *voids = [self.shapes.polyline(ring, closed=True) for ring in rings]
+        solid = self.shapes.extrude(self.shapes.profile(outline, inner_curves=voids), height)
+        shape = self.shapes.get_representation(self.body, [solid])
         self.run("geometry.assign_representation", product=entity, representation=shape)
         if kind in self.styles:
             styles = [self.styles[kind]]
@@ -166,17 +169,6 @@ class _Builder:
         described = self.run("pset.add_pset", product=entity, name="Slamgym_Evidence")
         self.run("pset.edit_pset", pset=described, properties=evidence)
         return entity
-
-    def _profile(self, polygon: Polygon) -> Any:
-        """A closed profile; holes become voids."""
-        curves = []
-        for ring in shapely.get_rings(polygon):
-            points = shapely.get_coordinates(ring)[:-1].tolist()
-            places = [self.file.createIfcCartesianPoint(point) for point in points]
-            curves.append(self.file.createIfcPolyline([*places, places[0]]))
-        if len(curves) == 1:
-            return self.file.createIfcArbitraryClosedProfileDef("AREA", None, curves[0])
-        return self.file.createIfcArbitraryProfileDefWithVoids("AREA", None, curves[0], curves[1:])
 
 
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
