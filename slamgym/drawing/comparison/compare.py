@@ -117,9 +117,7 @@ def _extra_walls(
     shifts = measured.drift, measured.drift + [report.offset or 0.0 for report in reports]
     places = [walls.points + (shift[:, None] * walls.normals)[walls.wall] for shift in shifts]
     for structure in extra_structures(plan.free_space, evidence, np.vstack([*places, jambs])):
-        note = "seen from both sides" if structure.is_seen_from_both_sides else "long, seen from one side"
-        what = f"wall of {structure.length:.1f} m"
-        yield Change("wall_extra", what, structure.line, structure.length, note=note)
+        yield Change("wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length)
 
 
 def _door_changes(plan: FloorPlan, measured: Measured, evidence: MapEvidence) -> Iterator[Change]:

@@ -1,10 +1,11 @@
 """Straight structures of a map that the plan doesn't have, and which of them are walls rather than furniture.
 
-A wall is thin and seen from both sides, or long. What is seen from one side alone, with the unknown behind it, is the
-front of a cupboard or a sofa.
+A wall is thin and seen from both sides. What is seen from one side alone, with the unknown behind it, is the front of a
+cupboard or a sofa.
 """
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -24,29 +25,19 @@ TURNS = 60
 """Directions in which structures are looked for."""
 VOTES = 10
 """Cells that a straight structure has at least."""
-SHORTEST_EXTRA, LONG_EXTRA = 0.8, 3.5
-"""Structures from the first length on are walls if they are seen from both sides, from the second on always [m]."""
+SHORTEST_EXTRA = 0.8
+"""Shorter structures are no walls [m]."""
 THICKEST = 0.35
 """Thicker structures are furniture [m]."""
 SEEN_ALONG = 0.6
 """Share of its length along which a structure is seen from a side that counts as seen."""
 
 
-@dataclass(frozen=True)
-class Structure:
+class Structure(NamedTuple):
     """A straight row of occupied cells."""
 
     line: Line
-    length: float
-    free: float
-    """Share of its length with free space within the thickness of a wall, on the side that has more."""
-    free_behind: float
-    """The same on the other side."""
-
-    @property
-    def is_seen_from_both_sides(self) -> bool:
-        """True if most of it is."""
-        return self.free_behind >= SEEN_ALONG
+    length: float  # [m]
 
 
 def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray) -> list[Structure]:
@@ -70,25 +61,20 @@ def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: F
     found = []
     for x0, y0, x1, y1 in rows.reshape(-1, 4).tolist() if rows is not None else []:
         start, end = evidence.on_plan(frame.to_points(np.array([y0, y1]), np.array([x0, x1]))).tolist()
-        structure = _seen_from((*start, *end), evidence)
-        if structure.is_seen_from_both_sides or (
-            structure.length >= LONG_EXTRA and structure.free >= SEEN_ALONG
-        ):
+        structure = Structure((*start, *end), math.dist(start, end))
+        if _is_seen_from_both_sides(structure, evidence):
             found.append(structure)
     return _without_doubles(found)
 
 
-def _seen_from(line: Line, evidence: MapEvidence) -> Structure:
-    start, end = np.array(line[:2]), np.array(line[2:])
-    length = float(np.hypot(*(end - start)))
-    normal = np.array([start[1] - end[1], end[0] - start[0]]) / length
-    points = start + np.linspace(0.05, 0.95, max(5, round(length / 0.05)))[:, None] * (end - start)
+def _is_seen_from_both_sides(found: Structure, evidence: MapEvidence) -> bool:
+    """True if there is free space within the thickness of a wall on either side of most of it."""
+    start, end = np.array(found.line[:2]), np.array(found.line[2:])
+    normal = np.array([start[1] - end[1], end[0] - start[0]]) / found.length
+    points = start + np.linspace(0.05, 0.95, max(5, round(found.length / 0.05)))[:, None] * (end - start)
     depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
-    sides = [
-        float((evidence.values(points[:, None] + side * depths) == FREE).any(axis=1).mean())
-        for side in (1.0, -1.0)
-    ]
-    return Structure(line, length, max(sides), min(sides))
+    sides = (points[:, None] + depths, points[:, None] - depths)
+    return all((evidence.values(side) == FREE).any(axis=1).mean() >= SEEN_ALONG for side in sides)
 
 
 def _without_doubles(found: list[Structure]) -> list[Structure]:
