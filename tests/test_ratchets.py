@@ -23,17 +23,17 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1163),
-    "agents": (2575, 48, 0, 107, 0),
+    "agents": (2556, 48, 0, 106, 0),
     "cad": (2116, 3, 0, 103, 0),
     "commands": (2486, 0, 212, 59, 0),
     "core": (1722, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 23226),
-    "docs/drawing": (0, 0, 0, 0, 4100),
+    "docs/drawing": (0, 0, 0, 0, 4094),
     "docs/notes": (0, 0, 0, 0, 3318),
     "docs/tutorials": (0, 0, 0, 0, 400),
-    "drawing": (3110, 3, 0, 151, 0),
-    "envs": (2481, 33, 0, 51, 0),
+    "drawing": (2876, 3, 0, 148, 0),
+    "envs": (2499, 33, 0, 51, 0),
     "gan": (2136, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
     "metrics": (1148, 0, 0, 68, 0),
@@ -41,13 +41,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "planning": (1986, 19, 0, 79, 0),
     "ros2": (1513, 0, 30, 40, 0),
     "sim": (2236, 45, 0, 156, 0),
-    "slam": (3315, 29, 0, 197, 0),
+    "slam": (3327, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (784, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32394, 249, 242, 1365, 33357)
+TOTAL = (32171, 249, 242, 1361, 33351)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -45,12 +45,14 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     """
     axes = main_axes(angle_deg)
     tolerance = max(TOLERANCE, 0.9 * frame.resolution)
-    rings = []
+    rings = list[Polygon]()
     for outline in trace_outlines(picture, frame):
         if outline.area >= SMALLEST_ROOM or outline.area <= -SMALLEST_HOLE:
             edges = fit_edges(outline.points, axes, tolerance)
-            ring = ring_corners(simplified(edges), 4.0 * tolerance) if len(edges) >= 3 else []
-            rings.append(Polygon(ring) if len(ring) >= 3 else Polygon(outline.points).simplify(tolerance))
+            corners = ring_corners(simplified(edges), 4.0 * tolerance)
+            if len(corners) < 3:
+                corners = shapely.get_coordinates(Polygon(outline.points).simplify(tolerance))
+            rings.append(Polygon(corners))
     # What lies within an odd number of rings is floor: holes are none, and what stands in them is.
     return without_necks(shapely.make_valid(MultiPolygon(rings)))
 
@@ -91,7 +93,7 @@ def ring_corners(ring: list[Edge], most: float) -> FloatArray:
 def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
     """Where each edge begins and ends."""
     ends = []
-    for edge, following in zip(edges, [*edges[1:], edges[0]], strict=True):
+    for edge, following in zip(edges, [*edges[1:], *edges[:1]], strict=True):
         place = 0.5 * (edge.end + following.start)
         corner = crossing(edge, following)
         if corner is not None and abs(corner - place) <= max(most, abs(edge.end - following.start)):

@@ -13,7 +13,7 @@ from slamgym.drawing.comparison.faces import MapEvidence, map_evidence
 from slamgym.drawing.comparison.plan_walls import plan_walls
 from slamgym.drawing.comparison.records import Change, ChangeKind, Line, PlanComparison, WallReport
 from slamgym.drawing.comparison.registration import register
-from slamgym.drawing.comparison.walls import Measured, judge_wall, measure_walls, open_runs, runs_of
+from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -88,7 +88,7 @@ def _wall_changes(reports: Sequence[WallReport]) -> Iterator[Change]:
             yield Change(kind, what, wall.line, wall.length, *moved, wall.note)
 
 
-def _new_openings(plan: FloorPlan, measured: Measured, reports: Sequence[WallReport]) -> Iterator[Change]:
+def _new_openings(plan: FloorPlan, measured: Survey, reports: Sequence[WallReport]) -> Iterator[Change]:
     """Gaps in walls that are there otherwise, away from the plan's doors."""
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors])
     for number, wall in enumerate(reports):
@@ -108,7 +108,7 @@ def _along(line: Line, places: FloatArray) -> FloatArray:
 
 
 def _extra_walls(
-    plan: FloorPlan, evidence: MapEvidence, measured: Measured, reports: Sequence[WallReport]
+    plan: FloorPlan, evidence: MapEvidence, measured: Survey, reports: Sequence[WallReport]
 ) -> Iterator[Change]:
     """Straight structures that the plan doesn't have."""
     walls = measured.plan
@@ -120,7 +120,7 @@ def _extra_walls(
         yield Change("wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length)
 
 
-def _door_changes(plan: FloorPlan, measured: Measured, evidence: MapEvidence) -> Iterator[Change]:
+def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[Change]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
         line: Line = (*door.start, *door.end)

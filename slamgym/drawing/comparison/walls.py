@@ -41,7 +41,7 @@ FURNITURE = (0.15, 0.8)
 
 
 @dataclass(frozen=True)
-class Measured:
+class Survey:
     """Everything that was measured at the walls W and their points S."""
 
     plan: PlanWalls
@@ -62,7 +62,7 @@ class Measured:
         return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0] if self.field else np.zeros(2)
 
 
-def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Measured:
+def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
     """Measure all walls; in the second round the map's distortion is known from the first."""
     drift = np.zeros(len(plan.lengths))
     pairs = _pairs(plan, evidence)
@@ -75,10 +75,10 @@ def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Measured:
     is_open = evidence.across(places, normals) > 0
     is_near = np.abs(offsets - drift[plan.wall]) < NEAR  # false for nan
     in_view = evidence.is_free_before(places, normals) | is_open | is_near
-    return Measured(plan, offsets, drift, deviation, field, in_view, is_open)
+    return Survey(plan, offsets, drift, deviation, field, in_view, is_open)
 
 
-def judge_wall(found: Measured, wall: int, config: ComparisonConfig) -> WallReport:
+def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> WallReport:
     """Report on a wall, from all points of its faces."""
     plan = found.plan
     line: Line = tuple(plan.lines[wall].tolist())
@@ -107,7 +107,7 @@ def judge_wall(found: Measured, wall: int, config: ComparisonConfig) -> WallRepo
     return WallReport(line, length, state, float(seen), offset, error, offset + drift, drift, note)
 
 
-def open_runs(found: Measured, wall: int, shortest: float) -> list[tuple[float, float]]:
+def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, float]]:
     """Gaps in a wall through which the map is free: first and last place along it [m]."""
     own = np.flatnonzero((found.plan.wall == wall) & (found.plan.side > 0.0))
     runs = found.plan.lengths[wall] / len(own) * runs_of(found.is_open[own])

@@ -10,7 +10,7 @@ longitude and latitude; a building's map has none, so the coordinates are local 
 """
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from typing import Any
 
 import shapely
@@ -18,13 +18,16 @@ from shapely import Polygon
 
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
-from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from slamgym.drawing.edits import map_digest
 
-_WALL = ("start", "end", "thickness_known", "length", "thickness", "confidence", "share_seen", "layer")
-_DOOR = ("start", "end", "depth", "walls", "kind", "width", "rooms", "confidence", "layer")
-_ROOM = ("id", "name", "area", "share_seen", "layer")
-_DIMENSION = ("start", "end", "length", "of")
+_FACTS = {
+    DrawnWall: "start end thickness_known length thickness confidence share_seen layer",
+    DrawnDoor: "start end depth walls kind width rooms confidence layer",
+    DrawnRoom: "id name area share_seen layer",
+    Dimension: "start end length of",
+}
+"""What is written of each kind."""
 _UNITS = {name: f"{name}_m" for name in ("length", "thickness", "depth", "width")} | {"area": "area_m2"}
 
 
@@ -45,13 +48,13 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "bounds": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
         "area_m2": round(drawing.area, 3),
-        "walls": [{**_facts(wall, _WALL), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
-        "doors": [_facts(door, _DOOR) for door in drawing.doors],
+        "walls": [{**_facts(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
+        "doors": [_facts(door) for door in drawing.doors],
         "windows": [],  # which a laser doesn't know
-        "rooms": [{**_facts(room, _ROOM), "polygon": _rings(room.polygon)} for room in drawing.rooms],
+        "rooms": [{**_facts(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
         "unexplored": [_rings(part) for part in drawing.unexplored],
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
-        "dimensions": [_facts(line, _DIMENSION) for line in drawing.dimensions],
+        "dimensions": [_facts(line) for line in drawing.dimensions],
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
     }
@@ -74,12 +77,12 @@ def format_geojson(drawing: Drawing) -> str:
 
 def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for room in drawing.rooms:
-        yield _area(room.polygon, {"kind": "room", **_facts(room, _ROOM)})
+        yield _area(room.polygon, {"kind": "room", **_facts(room)})
     for wall in drawing.walls:
-        yield _area(wall.polygon, {"kind": "wall", **_facts(wall, _WALL)})
+        yield _area(wall.polygon, {"kind": "wall", **_facts(wall)})
     for door in drawing.doors:
         geometry = {"type": "LineString", "coordinates": _plain((door.start, door.end))}
-        yield {"type": "Feature", "geometry": geometry, "properties": _facts(door, _DOOR)}
+        yield {"type": "Feature", "geometry": geometry, "properties": _facts(door)}
     for part in drawing.unexplored:
         yield _area(part, {"kind": "unexplored", "layer": "INFERRED"})
     for part in drawing.inferred_floor:
@@ -91,9 +94,9 @@ def _area(polygon: Polygon, properties: dict[str, Any]) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _facts(part: Any, names: Sequence[str]) -> dict[str, Any]:
+def _facts(part: DrawnWall | DrawnDoor | DrawnRoom | Dimension) -> dict[str, Any]:
     """What is known of a part of the drawing, with units in the names."""
-    return {_UNITS.get(name, name): _plain(getattr(part, name)) for name in names}
+    return {_UNITS.get(name, name): _plain(getattr(part, name)) for name in _FACTS[type(part)].split()}
 
 
 def _rings(polygon: Polygon) -> list[Any]:
