@@ -85,7 +85,7 @@ def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
     _line(picture, moved, frame, colour, 5)
     text = "" if change.offset is None else f"{100.0 * change.offset:+.0f} cm"
     middle = frame_pixels((0.5 * (moved[:2] + moved[2:]))[None], frame, 1.0)[0]
-    draw_text(picture, text, int(middle[0]) + 8, int(middle[1]) - 8, 0.55, colour)
+    draw_text(picture, text, int(middle[0]) + 8, int(middle[1]) - 16, 0.55, colour)
 
 
 def _line(picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour, thickness: int) -> None:
