@@ -213,7 +213,7 @@ def _own_term(
 
 def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
     """What a term of the user's own gives for a transition, or for each of many."""
-    if isinstance(step.coverage, np.ndarray):
+    if np.ndim(step.coverage):
         return np.array([_own_value(name, function, one) for one in _each(step)])
     try:
         value = float(function(step))
