@@ -28,9 +28,9 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2486, 0, 212, 59, 0),
     "core": (1722, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22939),
+    "docs": (0, 0, 0, 0, 22952),
     "docs/drawing": (0, 0, 0, 0, 4093),
-    "docs/notes": (0, 0, 0, 0, 3578),
+    "docs/notes": (0, 0, 0, 0, 3562),
     "docs/tutorials": (0, 0, 0, 0, 433),
     "drawing": (2876, 3, 0, 148, 0),
     "envs": (2499, 33, 0, 51, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32171, 249, 242, 1361, 33356)
+TOTAL = (32171, 249, 242, 1361, 33353)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
