@@ -2,8 +2,8 @@
 
 Main path: :func:`run_shaping` trains a driver of the wheels by every preset of an :class:`Experiment`, with every seed,
 on a batch of environments, and explores held-out plans with each; :func:`write_shaping_report` sets the
-:class:`ShapingRun` records against one another. After an
-interruption training resumes from its checkpoint, and the test after its last exploration.
+:class:`ShapingRun` records against one another. After an interruption training resumes from its checkpoint, and the
+test after its last exploration.
 """
 
 from __future__ import annotations

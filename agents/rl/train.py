@@ -47,10 +47,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         config = self.config
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
-            return lambda: Monitor(
-                make_env(config, list(plans), clutter=clutter),
-                info_keywords=_EPISODE,
-            )
+            return lambda: Monitor(make_env(config, list(plans), clutter=clutter), info_keywords=_EPISODE)
 
         furnished = round(config.furnished * config.num_envs)
         makers = [maker(FURNISHED if i < furnished else ClutterConfig()) for i in range(config.num_envs)]

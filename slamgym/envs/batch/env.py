@@ -35,9 +35,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
     environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
 
-    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map, a
-    log of every scan, and rendering; each is refused with one sentence. ``info`` has no
-    ``map_error`` at the end of an episode.
+    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map, a log
+    of every scan, and rendering; each is refused with one sentence. ``info`` has no ``map_error`` at the end of an
+    episode.
 
     Args:
         num_envs: How many.

@@ -60,9 +60,9 @@ class Consistency:
         last = own.first + len(own.poses) - 1
         nodes = np.unique(np.linspace(own.first, last, SCANS + 2)[1:-1].astype(np.int64)).tolist()
         lasers = np.array([compose(Pose2D(*graph.poses[node].tolist()), self._mount) for node in nodes])
-        older = [submap for submap in submaps[:number] if not submap.is_older_map]
+        older, scans = [submap for submap in submaps[:number] if not submap.is_older_map], ranges[nodes]
         for submap, places in near_submaps(older, graph, lasers):
-            look_through(*submap.lines(), places, ranges[nodes], *self._beams, counts)
+            look_through(*submap.lines(), places, scans, *self._beams, counts)
         firsts = np.array([submap.first for submap in submaps[: number + 1]])
         since = graph.driven[own.first] - graph.driven[firsts]
         old = int(firsts[since >= min(STRETCH_METRES, since[0])][-1])
