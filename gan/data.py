@@ -27,6 +27,7 @@ from slamgym.core.files import read_bytes, sha256_of, text_lines
 from slamgym.core.pictures import PICTURE_SUFFIXES, decode_picture, grey_picture
 from slamgym.core.types import UNKNOWN, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
+from slamgym.metrics.layers import USUAL_SCALE
 from slamgym.metrics.maps import resample_slam
 
 
@@ -47,6 +48,10 @@ class PairSet:
     def scale(self, index: int) -> float:
         """Metres per pixel of one pair; nan if they aren't known."""
         return float(self.metres_per_px[index])
+
+    def usual_scale(self, index: int) -> float:
+        """Metres per pixel of one pair; that of most rendered homes if they aren't known."""
+        return self.scale(index) if math.isfinite(self.scale(index)) else USUAL_SCALE
 
     def subset(self, indices: Sequence[int] | IntArray) -> "PairSet":
         """The pairs with these indices."""

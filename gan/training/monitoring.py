@@ -15,7 +15,6 @@ from slamgym.gan.device import Compute
 from slamgym.gan.encoding import decode_slam, enlarge_means, free_probability
 from slamgym.gan.networks.factory import Generator, run_generator
 from slamgym.metrics import boundary_score
-from slamgym.metrics.layers import USUAL_SCALE
 
 WALL_TOLERANCE = 0.1
 """Tolerance of the wall F1 [m]."""
@@ -56,8 +55,7 @@ def _validate_cad(
     for index, image in enumerate(translated):
         free = enlarge_means(free_probability(image, config.output_encoding), pairs.cad.shape[1:])
         probabilities.append(free)
-        truth, scale = pairs.cad[index] > FREE // 2, pairs.scale(index)
-        scale = scale if np.isfinite(scale) else USUAL_SCALE
+        truth, scale = pairs.cad[index] > FREE // 2, pairs.usual_scale(index)
         masks = free > 0.5, pairs.slam[index] == FREE
         errors = [float(np.mean(mask != truth)) for mask in masks]
         rows.append(errors + [boundary_score(mask, truth, scale, WALL_TOLERANCE).f1 for mask in masks])

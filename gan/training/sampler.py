@@ -20,7 +20,7 @@ import torch
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, IntArray
 from slamgym.gan.config import TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, window_corner
-from slamgym.metrics.layers import layer_shares
+from slamgym.metrics.layers import door_cells, layer_shares
 from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.wall_direction import flipped, transformed
 
@@ -80,6 +80,7 @@ class BatchSampler:
         self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
         self._position = 0
         self._threads = ThreadPoolExecutor(torch.get_num_threads())
+        self._doors: dict[int, IntArray] = {}
         self._ahead: deque[tuple[dict[str, Any], Future[tuple[ByteArray, ...]]]] = deque()
 
     def draw(self, count: int) -> Batch:
@@ -126,16 +127,26 @@ class BatchSampler:
         return tuple(image for pair in changed for image in pair)
 
     def _changed(self, index: int, rng: np.random.Generator) -> tuple[ByteArray, ByteArray]:
-        pairs, translator = self._pairs, self._config.translator
-        cad, slam = pairs.cad[index], pairs.slam[index]
+        translator, slam = self._config.translator, self._pairs.slam[index]
+        to_layers = translator.output_encoding == "layers"
+        cad = self._with_doors(index) if to_layers else self._pairs.cad[index]
         if self._config.augment:
             cad, slam = augment(cad, slam, translator.input_size, rng)
         symmetry = int(rng.integers(8))
         cad, slam = (np.ascontiguousarray(flipped(image, symmetry)) for image in (cad, slam))
-        if translator.output_encoding == "layers":
+        if to_layers:
             # The zoom changes the scale by a few per cent, which the layers needn't know.
-            cad = layer_shares(cad, slam, pairs.scale(index))
+            cad = layer_shares(cad[..., 0], cad[..., 1] > FREE // 2, slam, self._pairs.usual_scale(index))
         return cad, slam
+
+    def _with_doors(self, index: int) -> ByteArray:
+        """(S, S, 2): the CAD map and its doors, which are found once."""
+        cad = self._pairs.cad[index]
+        if index not in self._doors:
+            self._doors[index] = np.flatnonzero(door_cells(cad > FREE // 2, self._pairs.usual_scale(index)))
+        doors = np.zeros_like(cad)
+        doors.ravel()[self._doors[index]] = FREE
+        return np.dstack([cad, doors])
 
     def _other(self, index: int) -> int:
         other = index
@@ -152,7 +163,7 @@ def augment(
     """Cut a window out of a pair, move it, and damage its SLAM map.
 
     Args:
-        cad: (S, S).
+        cad: (S, S), or (S, S, C) several images that move together.
         slam: (S, S).
         side: Side of the result [px]; images that aren't larger keep theirs.
         rng: Source of the draws.

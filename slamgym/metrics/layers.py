@@ -57,23 +57,22 @@ class MapLayers:
         return MapLayers(free - door, 1.0 - free, door, np.zeros_like(free))
 
 
-def layer_shares(cad: ByteArray, slam: ByteArray, metres_per_px: float) -> ByteArray:
+def layer_shares(cad: ByteArray, doors: BoolArray, slam: ByteArray, metres_per_px: float) -> ByteArray:
     """The layers that a translator shall draw for a pair.
 
     Args:
         cad: (H, W): 0 walls and outside, 254 inside, shades where a face crosses a pixel.
+        doors: Its :func:`door_cells`, found before anything was cut off: a room cut in two would lose its doors.
         slam: The SLAM map in the same frame, (H, W).
-        metres_per_px: Scale [m]; nan takes :data:`USUAL_SCALE`.
+        metres_per_px: Scale [m].
 
     Returns:
         (4, H, W): shares of floor, wall, door and unseen; they add up to 254.
     """
-    scale = metres_per_px if np.isfinite(metres_per_px) else USUAL_SCALE
-    explored = explored_floor(slam, scale, EXPLORED_MARGIN)
+    explored = explored_floor(slam, metres_per_px, EXPLORED_MARGIN)
     floor = np.where(explored, cad, 0).astype(np.uint8)
-    near_floor = distance_to(floor > FREE // 2) <= max(WALL_DEPTH / scale, 1.0)
+    near_floor = distance_to(floor > FREE // 2) <= max(WALL_DEPTH / metres_per_px, 1.0)
     wall = np.where(explored & near_floor, FREE - floor, 0)
-    doors = door_cells(floor > FREE // 2, scale)
     layers = np.stack([np.where(doors, 0, floor), wall, np.where(doors, floor, 0), FREE - floor - wall])
     return layers.astype(np.uint8)
 

@@ -14,6 +14,7 @@ from slamgym.gan.training.sampler import BatchSampler
 from slamgym.metrics.layers import EXPLORED_MARGIN, WALL_DEPTH, door_cells, explored_floor, layer_shares
 
 SCALE = 0.1
+NO_DOOR = np.zeros((1, 1), np.bool_)
 
 
 def half_explored():
@@ -28,7 +29,7 @@ def half_explored():
 
 def test_gaps_are_closed_and_frontiers_are_passed_by_the_margin_alone():
     cad, slam = half_explored()
-    floor, wall, door, unseen = layer_shares(cad, slam, SCALE)
+    floor, wall, door, unseen = layer_shares(cad, NO_DOOR, slam, SCALE)
     assert (floor[10:50, 10:50] == FREE).all()  # with the bed
     assert (floor[10:50, 50:54] == FREE).all()
     assert (unseen[:, 57:] == FREE).all()
@@ -45,7 +46,7 @@ def test_shares_add_up_to_the_whole(seed, scale):
     rng = np.random.default_rng(seed)
     cad = rng.integers(0, 255, (50, 40)).astype(np.uint8)
     slam = rng.choice([OCCUPIED, UNKNOWN, FREE, FREE, FREE], (50, 40)).astype(np.uint8)
-    assert (layer_shares(cad, slam, scale).sum(axis=0) == FREE).all()
+    assert (layer_shares(cad, rng.random(cad.shape) < 0.1, slam, scale).sum(axis=0) == FREE).all()
 
 
 def test_a_door_is_the_floor_between_its_jambs():
@@ -62,12 +63,11 @@ def test_a_door_is_the_floor_between_its_jambs():
     assert not door_cells(floor[:, :58], 0.05).any()
 
 
-def test_sizes_are_in_metres_and_an_unknown_scale_is_taken_as_usual():
+def test_sizes_are_in_metres():
     _, slam = half_explored()
     large = slam.repeat(2, axis=0).repeat(2, axis=1)
     fine = explored_floor(large, SCALE / 2, 0.5)[::2, ::2]
     assert np.mean(fine == explored_floor(slam, SCALE, 0.5)) > 0.99
-    assert layer_shares(slam, slam, float("nan"))[0].any()
 
 
 @given(seed=st.integers(0, 1000), margin=st.floats(0.0, 1.0))
@@ -100,6 +100,22 @@ def test_training_targets_end_where_the_map_does(monkeypatch):
     pairs = PairSet(cad, slam, ("a",), ("a",), np.array([SCALE]))
     config = dataclasses.replace(find_preset("slam2cad"), augment=False)
     batch = BatchSampler(pairs, config, np.random.default_rng(0)).draw(1)
-    assert np.array_equal(batch.cad[0], layer_shares(cad[0], slam[0], SCALE))
+    assert np.array_equal(batch.cad[0], layer_shares(cad[0], NO_DOOR, slam[0], SCALE))
     assert batch.other_cad is None
     assert not batch.cad[0, 0, round(30 + EXPLORED_MARGIN / SCALE) + 1 :].any()
+
+
+@pytest.mark.parametrize("scale", [0.05, float("nan")])
+def test_doors_are_learned_where_the_whole_map_has_them(monkeypatch, scale):
+    """Also where the robot saw one of the two rooms alone."""
+    monkeypatch.setattr("slamgym.gan.training.sampler.flipped", lambda image, symmetry: image)
+    cad = np.zeros((120, 120), np.uint8)
+    cad[10:70, 10:58] = cad[10:70, 62:110] = cad[30:46, 58:62] = FREE
+    slam = np.full_like(cad, UNKNOWN)
+    slam[10:70, 10:58] = FREE
+    pairs = PairSet(cad[None], slam[None], ("a",), ("a",), np.array([scale]))
+    config = dataclasses.replace(find_preset("slam2cad"), augment=False)
+    door = BatchSampler(pairs, config, np.random.default_rng(0)).draw(1).cad[0, 2]
+    assert (door[30:46] == FREE).any(axis=1).all()
+    assert not door[:, :54].any()
+    assert not door[:, 66:].any()
