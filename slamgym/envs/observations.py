@@ -11,7 +11,6 @@ from gymnasium import spaces
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import (
-    OCCUPIED,
     UNKNOWN,
     ByteArray,
     Float32Array,
@@ -44,23 +43,22 @@ def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: By
     last, cols, flat = (height * samples - 1, width * samples - 1), cells.shape[1], cells.reshape(-1)
     first, down, right = turned_grid(tiles, pose, pitch, last)
     table, read = line_table(cols, right, width, samples), np.empty((samples, width * samples), np.uint8)
-    least, most = np.empty(width * samples, np.uint8), np.empty(width * samples, np.uint8)
+    best = np.empty(width * samples, np.uint8)  # values less one: of these occupied is the largest, then free
     fetch_rows(flat, cols, known, (first, down, right), last, read)
     for i in range(height):
         out[i] = UNKNOWN
         begin = first[0] + i * samples * down[0], first[1] + i * samples * down[1]
         if not read_turned(flat, cols, known, (begin, down, right), samples, table, read):
             continue
-        least[:], most[:] = np.uint8(UNKNOWN), np.uint8(UNKNOWN)  # occupied is less than that, free is more
+        best[:] = np.uint8(UNKNOWN - 1)
         for a in range(samples):
             for b in range(width * samples):
-                least[b], most[b] = min(least[b], read[a, b]), max(most[b], read[a, b])
+                best[b] = max(best[b], np.uint8(read[a, b] - np.uint8(1)))
         for k in range(1, samples):
             for j in range(width):
-                least[j] = min(least[j], least[np.uint64(k * width + j)])
-                most[j] = max(most[j], most[np.uint64(k * width + j)])
+                best[j] = max(best[j], best[np.uint64(k * width + j)])
         for j in range(width):
-            out[i, j] = least[j] if least[j] == OCCUPIED else most[j]
+            out[i, j] = np.uint8(best[j] + np.uint8(1))
 
 
 FURTHEST = 1000.0
