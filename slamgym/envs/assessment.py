@@ -41,11 +41,8 @@ class Assessment:
         usable_range: float,
         reward: Reward,
     ) -> None:
-        start = simulation.start
-        self._prepared = prepared
-        self._simulation = simulation
-        self._reward = reward
-        floor = prepared.floor
+        start, floor = simulation.start, prepared.floor
+        self._prepared, self._simulation, self._reward = prepared, simulation, reward
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
         self.look()
         self.latest = self._record(None, duration=0.0, distance=0.0, contact=False, terminated=False)

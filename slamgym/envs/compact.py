@@ -141,8 +141,7 @@ class CompactObserver:
     def __init__(
         self, num_beams: int, limits: tuple[float, float, float], side: float, looks_far: bool = False
     ) -> None:
-        self.limits = np.array(limits, dtype=np.float64)
-        self.side = side
+        self.limits, self.side = np.array(limits, dtype=np.float64), side
         self._far = FarLook(1) if looks_far else None
         size = compact_size(num_beams) + (FAR_SIZE if looks_far else 0)
         self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)

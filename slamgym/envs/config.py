@@ -195,24 +195,21 @@ def resolve_config(config: ExploreConfig | None, settings: Mapping[str, Any]) ->
     settings = dict(settings)
     mode = settings.pop("localization", None)
     known = {entry.name for entry in dataclasses.fields(ExploreConfig)}
-    changes = {}
+    changes: dict[str, Any] = {}
     for name, value in settings.items():
         if name not in known:
             raise ConfigError(
                 f"unknown setting {name!r} of ExploreEnv; {suggest(name, known | {'localization', 'plans'})}"
             )
-        changes[name] = _part(name, getattr(config, name), value)
-    config = dataclasses.replace(config, **changes)
+        changes[name] = resolve_part(name, getattr(config, name), value)
     if mode is not None:
-        config = dataclasses.replace(config, slam=dataclasses.replace(config.slam, mode=mode))
-    return config
+        changes["slam"] = dataclasses.replace(changes.get("slam", config.slam), mode=mode)
+    return dataclasses.replace(config, **changes)
 
 
-def _part(name: str, current: Any, value: Any) -> Any:
-    """A field's new value."""
-    if not dataclasses.is_dataclass(current) or isinstance(current, type):
-        return value
-    if isinstance(value, type(current)):
+def resolve_part(name: str, current: Any, value: Any) -> Any:
+    """A field's new value: as given, or with what a mapping or the name of an error level changes."""
+    if not dataclasses.is_dataclass(current) or isinstance(current, type) or isinstance(value, type(current)):
         return value
     if isinstance(value, str) and name in ERROR_LEVELS:
         return ERROR_LEVELS[name](value)

@@ -8,10 +8,9 @@ import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.core.config import from_dict
 from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.types import Observation
-from slamgym.envs.config import ExploreConfig, resolve_config
+from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.envs.plan_cache import PlansArgument
@@ -102,11 +101,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
         config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
-        self.loop_config = (
-            from_dict(ExplorationLoopConfig, loop, "loop")
-            if isinstance(loop, Mapping)
-            else loop or ExplorationLoopConfig()
-        )
+        self.loop_config: ExplorationLoopConfig = resolve_part("loop", ExplorationLoopConfig(), loop or {})
         self.discount = discount
         self.inner = ExploreEnv(
             plans,

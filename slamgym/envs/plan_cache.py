@@ -125,10 +125,8 @@ class PlanCache:
         surfaces: SurfaceConfig | None = None,
         kept: int = KEPT_SITES,
     ) -> None:
-        self._kept = kept
-        self._source = _open(plans)
-        self._robot = robot
-        self._surfaces = surfaces
+        self._source, self._kept = _open(plans), kept
+        self._robot, self._surfaces = robot, surfaces
         self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 

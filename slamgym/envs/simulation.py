@@ -123,16 +123,13 @@ class SimulatedRobot:
         self._odometry_rng = streams.odometry
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._dt = config.control_step
-        self.radius = config.robot.radius
-        self.steps = 0
-        self._in_contact = False
+        self.radius, self.steps, self._in_contact = config.robot.radius, 0, False
         self.start = start
         self.world_from_map = Pose2D(start.x, start.y, 0.0)
         self.odometry_pose = Pose2D(0.0, 0.0, start.theta)
         self._odometry.reset(self.odometry_pose)
         self.velocity = Twist2D(0.0, 0.0)
-        self.path_length = 0.0
-        self.collisions = 0
+        self.path_length, self.collisions = 0.0, 0
         self._sense()
 
     @property

@@ -11,7 +11,6 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.jit import plain
 from slamgym.core.types import (
-    Float32Array,
     FloatArray,
     IntArray,
     LaserGeometry,
@@ -288,7 +287,9 @@ class Lidar:
             ranges = sighting.ranges
         else:
             ranges = self._with_errors(sighting, surfaces, rng)
-        return LaserScan(stamp, self._as_rep117(ranges), self.geometry)
+        out = np.empty(len(ranges), dtype=np.float32)
+        write_rep117(ranges, float(self.config.range_min), float(self.config.range_max), out)
+        return LaserScan(stamp, out, self.geometry)
 
     def _with_errors(self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator) -> FloatArray:
         config, true = self.config, sighting.ranges
@@ -315,9 +316,3 @@ class Lidar:
         distance = rng.random() * self.config.range_max
         pulses: FloatArray = distance * (1.0 + 0.03 * rng.standard_normal(count))
         return first, pulses
-
-    def _as_rep117(self, ranges: FloatArray) -> Float32Array:
-        """Too near to measure is -inf, nothing in range is +inf."""
-        out = np.empty(len(ranges), dtype=np.float32)
-        write_rep117(ranges, float(self.config.range_min), float(self.config.range_max), out)
-        return out
