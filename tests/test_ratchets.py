@@ -40,14 +40,14 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "parametric": (863, 17, 0, 28, 0),
     "planning": (1986, 19, 0, 79, 0),
     "ros2": (1513, 0, 30, 40, 0),
-    "sim": (2236, 45, 0, 156, 0),
+    "sim": (2234, 45, 0, 156, 0),
     "slam": (3327, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (784, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (32168, 249, 242, 1361, 33353)
+TOTAL = (32166, 249, 242, 1361, 33353)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

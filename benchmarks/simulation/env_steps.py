@@ -1,13 +1,15 @@
 """Environment steps per second of one core, and how that depends on the settings and on the building.
 
 Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments and a
-single one, in turns, so that both see the same load of the machine. ``--decisions`` measures the level of decisions
+single one, in turns, so that both see the same load of the machine; what threads gain where each has a core follows
+from the CPU time of each. ``--decisions`` measures the level of decisions
 instead: decisions per CPU second, and what a decision of the pretrained policy costs.
 
     python benchmarks/simulation/env_steps.py [--batch | --decisions] [--plans procedural]
 """
 
 import argparse
+import os
 import sys
 import time
 from collections.abc import Iterator
@@ -23,6 +25,7 @@ from slamgym.agents.pretrained_policy import read_policy
 from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv
+from slamgym.envs.batch import threads
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.planning.exploration_loop import ExplorationLoop
 
@@ -34,6 +37,12 @@ GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
 STAGES = ("drive", "draw_noise", "sense", "are_complete", "rewards", "figures", "observe")
 """Methods of a batch's parts whose time is taken."""
+BATCHES = (
+    ("ground_truth", "dict", ((8, 1), (64, 1), (64, 2))),
+    ("ground_truth", "compact", ((8, 1), (64, 1), (64, 2))),
+    ("pose_graph", "dict", ((16, 1), (16, 2))),
+)
+"""Localisation, preset, and numbers of robots and threads."""
 PLAN = "home_000334"
 COARSE = {"slam": {"resolution": 0.1}, "observation": {"map_resolution": 0.1}}
 DECISION_MODES: dict[str, dict[str, Any]] = {
@@ -123,39 +132,31 @@ def cost(plan: FloorPlan | str = "bundled", **settings: Any) -> tuple[float, flo
     return rate, 1e3 / rate
 
 
-def measure_batch(counts: tuple[int, ...] = (8, 64), turns: int = 5) -> None:
+def measure_batch(turns: int = 5) -> None:
     """Median rates of turns of 0.5 CPU seconds; episodes end when all is explored, as by default."""
     rows, stages = [], []
-    for mode in ("ground_truth", "pose_graph"):
-        for preset in ("dict", "compact"):
-            settings: dict[str, Any] = {
-                "localization": mode,
-                "observation": {"preset": preset},
-                "time_limit": None,
-            }
-            single = ExploreEnv("bundled", **settings)
-            if preset == "dict":
-                default = single
-            for count in counts if mode == "ground_truth" else counts[:1]:
-                batch = BatchExploreEnv(count, "bundled", autoreset_mode="same_step", **settings)
-                batch.reset(seed=1)
-                batch_rate(batch, 2.0)
-                rates = np.array(
-                    [
-                        (
-                            steps_per_second(single, 0.5),
-                            batch_rate(batch, 0.5),
-                            steps_per_second(default, 0.5),
-                        )
-                        for _ in range(turns)
-                    ]
-                )
-                ratios = rates[:, 1] / rates[:, 0]
-                spread = np.median(ratios), ratios.min(), ratios.max(), np.median(rates[:, 1] / rates[:, 2])
-                rows.append([mode, preset, count, *np.median(rates[:, :2], axis=0), *spread])
+    for mode, preset, sizes in BATCHES:
+        settings: dict[str, Any] = {
+            "localization": mode,
+            "observation": {"preset": preset},
+            "time_limit": None,
+        }
+        single = ExploreEnv("bundled", **settings)
+        for count, num_threads in sizes:
+            batch = BatchExploreEnv(
+                count, "bundled", autoreset_mode="same_step", threads=num_threads, **settings
+            )
+            batch.reset(seed=1)
+            batch_rate(batch, 2.0)
+            rates = np.array([(steps_per_second(single, 0.5), *batch_rates(batch)) for _ in range(turns)])
+            ratios = rates[:, 1:] / rates[:, :1]
+            spread = [figure(ratios[:, 0]) for figure in (np.median, np.min, np.max)]
+            key = [mode, preset, count, num_threads]
+            rows.append([*key, *np.median(rates[:, :2], axis=0), *spread, np.median(ratios[:, 1])])
+            if num_threads == 1:
                 stages.append([mode, preset, count, *stage_costs(batch)])
-    columns = ["localisation", "preset", "robots", "single steps/s", "batch steps/s"]
-    columns += ["ratio", "least", "most", "ratio to single dict"]
+    columns = ["localisation", "preset", "robots", "threads", "single steps/s", "batch steps/s"]
+    columns += ["ratio", "least", "most", "ratio with a core for each thread"]
     print_and_save("simulation/env_steps_batch", "Steps per CPU second of a batch of robots", rows, columns)
     columns = ["localisation", "preset", "robots", *STAGES]
     print_and_save(
@@ -164,6 +165,40 @@ def measure_batch(counts: tuple[int, ...] = (8, 64), turns: int = 5) -> None:
         stages,
         columns,
     )
+
+
+class TimedPool:
+    """Threads whose CPU time is taken, by which one knows how long they take where each has a core of its own.
+
+    Attributes:
+        saved: CPU time that the parts of each division took less that of the longest thread [s].
+    """
+
+    def __init__(self, pool: Any) -> None:
+        self._pool, self.saved = pool, 0.0
+
+    def map(self, work: Any, parts: list[Any]) -> list[float]:
+        """Let the threads work; returns the CPU time of each part [s]."""
+
+        def timed(part: Any) -> float:
+            begin = time.thread_time()
+            work(part)
+            return time.thread_time() - begin
+
+        spent = list(self._pool.map(timed, parts))
+        self.saved += sum(spent) - max(max(spent), sum(spent) / self._pool._max_workers)
+        return spent
+
+
+def batch_rates(env: BatchExploreEnv) -> tuple[float, float]:
+    """Steps per CPU second, and per second where each thread has a core."""
+    pool, original = TimedPool(threads._pool(os.getpid(), env._fleet.threads)), threads._pool
+    threads._pool = lambda *_: pool  # type: ignore[assignment]
+    begin = time.process_time()
+    rate = batch_rate(env, 0.5)
+    seconds = time.process_time() - begin
+    threads._pool = original
+    return rate, rate * seconds / (seconds - pool.saved)
 
 
 def stage_costs(env: BatchExploreEnv) -> list[float]:

@@ -1,5 +1,7 @@
 """A batch of environments is the same as single ones, to the byte."""
 
+import copy
+
 import gymnasium as gym
 import numpy as np
 import pytest
@@ -7,7 +9,10 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import slamgym
 from slamgym.core.errors import ActionError, ConfigError
+from slamgym.core.parallel.backlog import available_cores
+from slamgym.core.parallel.local import SINGLE_THREADED
 from slamgym.envs import BatchExploreEnv, ExploreEnv
+from slamgym.envs.batch.threads import usable_threads
 
 COUNT = 3
 NOT_TO_THE_BYTE = {"pose_error", "heading_error"}  # numpy's hypot isn't Python's to the last bit
@@ -45,7 +50,7 @@ def assert_same_infos(single, batch, where):
 def drive_both(mode, steps, **settings):
     """Step both with the same actions and compare all that they give; returns contacts and ends."""
     single = SyncVectorEnv([lambda: ExploreEnv("bundled", **settings)] * COUNT, autoreset_mode=mode)
-    batch = BatchExploreEnv(COUNT, "bundled", autoreset_mode=mode, **settings)
+    batch = BatchExploreEnv(COUNT, "bundled", autoreset_mode=mode, threads=2, **settings)
     for one, other, where in zip(single.reset(seed=5), batch.reset(seed=5), ("seen", "info"), strict=True):
         (assert_same if where == "seen" else assert_same_infos)(one, other, where)
     rng, turn = np.random.default_rng(0), np.zeros(COUNT)
@@ -132,6 +137,31 @@ def test_explorations_end_at_the_same_step():
     assert ends > 0
 
 
+def test_any_number_of_threads_gives_the_same_and_so_does_a_copy():
+    settings = {"localization": "ground_truth", "observation": {"preset": "compact_far"}}
+    batches = [
+        BatchExploreEnv(COUNT, "bundled", threads=threads, **settings) for threads in (1, 2, COUNT + 1)
+    ]
+    for batch in batches:
+        batch.reset(seed=5)
+    batches.append(copy.deepcopy(batches[1]))
+    for _ in range(12):  # the map is published at the tenth step
+        first, *others = [batch.step(np.full((COUNT, 2), 0.6)) for batch in batches]
+        for other in others:
+            assert_same(first[0], other[0], "seen")
+            assert_same_infos(first[4], other[4], "info")
+
+
+def test_threads_are_those_of_the_process(monkeypatch):
+    monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
+    for given, expected in (("1", 1), ("0", 1), ("99999", available_cores()), ("many", available_cores())):
+        monkeypatch.setenv("OMP_NUM_THREADS", given)
+        assert usable_threads() == expected
+    for name, count in SINGLE_THREADED.items():
+        monkeypatch.setenv(name, count)
+    assert usable_threads() == 1, "workers compute on one thread"
+
+
 def test_an_explored_room_ends_the_episode(hall):
     settings = {"lidar": "exact", "localization": "ground_truth"}
     middle = {"start": (1.5, 1.5, 0.0)}
@@ -181,6 +211,7 @@ def test_gymnasium_makes_it_by_name():
         ({"render_mode": "rgb_array"}, "render_mode"),
         ({"autoreset_mode": "same_stp"}, "same_step"),
         ({"num_envs": 0}, "num_envs"),
+        ({"threads": 0}, "threads"),
         ({"localisation": "ground_truth"}, "localization"),
     ],
 )

@@ -17,6 +17,7 @@ from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.observing import BatchObserver
 from slamgym.envs.batch.stepping import drive_all
+from slamgym.envs.batch.threads import divide_work, usable_threads
 from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import CELL
@@ -47,6 +48,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             ``"same_step"`` or ``"disabled"``.
         render_mode: None.
         reward_terms: More terms of the reward: name to (weight, function of one robot's step).
+        threads: So many work on the robots, with the same results; by default as many as the process may use, see
+            :func:`~slamgym.envs.batch.threads.usable_threads`.
         **settings: As for the single environment.
 
     Raises:
@@ -63,10 +66,12 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         render_mode: str | None = None,
         reward_terms: RewardTerms | None = None,
+        threads: int | None = None,
         **settings: Any,
     ) -> None:
-        if num_envs < 1:
-            raise ConfigError(f"num_envs must be at least 1, not {num_envs}")
+        threads = usable_threads() if threads is None else threads
+        if min(num_envs, threads) < 1:
+            raise ConfigError(f"num_envs and threads must be at least 1, not {num_envs} and {threads}")
         self.config = config = resolve_config(config, settings)
         self._reward = Reward(config.reward, reward_terms)
         _refuse_unsupported(config, render_mode)
@@ -81,7 +86,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._generators: list[np.random.Generator] = []
         self._detectors: dict[int, CompletionDetector] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
-        self._fleet = Fleet(config, num_envs)
+        self._fleet = Fleet(config, num_envs, threads)
         self._observer = BatchObserver(config, self._fleet)
 
     def reset(
@@ -188,9 +193,13 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if config.coverage_goal is not None:
             complete = fleet.shares >= config.coverage_goal
         if config.terminate_when_explored:
-            for i in np.flatnonzero(published & ~complete).tolist():
-                pose = Pose2D(*fleet.maps.believed[i].tolist())
-                complete[i] = self._detectors[i].is_explored(fleet.grid(i), pose)
+
+            def look(ids: IntArray) -> None:
+                for i in ids.tolist():
+                    pose = Pose2D(*fleet.maps.believed[i].tolist())
+                    complete[i] = self._detectors[i].is_explored(fleet.grid(i), pose)
+
+            divide_work(look, np.flatnonzero(published & ~complete), fleet.threads)
         return complete
 
     def _rewards(
@@ -216,12 +225,13 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if not fleet.is_mapped_together:
             stats = [fleet.mapper(i).stats for i in range(self.num_envs)]
             doubts[:] = [len(one.doubtful) for one in stats], [one.is_doubtful for one in stats]
+        apart = fleet.maps.believed - (fleet.robots.pose - fleet.robots.start * (1.0, 1.0, 0.0))
         return {
             "coverage": fleet.shares,
             "path_length": fleet.robots.path.copy(),
             "collisions": fleet.robots.collisions.copy(),
-            "pose_error": fleet.pose_errors,
-            "heading_error": np.abs(wrap_angle(fleet.maps.believed[:, 2] - fleet.robots.pose[:, 2])),
+            "pose_error": np.hypot(apart[:, 0], apart[:, 1]),
+            "heading_error": np.abs(wrap_angle(apart[:, 2])),
             "doubtful_scans": doubts[0],
             "is_doubtful": doubts[1] > 0,
             "true_pose": fleet.robots.pose.copy(),
@@ -281,22 +291,15 @@ def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
     """Refuse what single environments have and a batch doesn't."""
     observation, clutter = config.observation, config.clutter
     shows_whole_map = observation.map == "global" and not observation.is_compact
-    for is_asked, what in (
-        (render_mode is not None, "pictures; leave out render_mode"),
-        (config.record, "a log of every scan; set record=False"),
-        (
-            clutter.people or clutter.changes,
-            "people, or furniture that is moved; set clutter.people and changes to 0",
-        ),
-        (config.lidar.sweep > 0.0, "scanners that take their time; set lidar.sweep to 0"),
-        (
-            shows_whole_map,
-            "the whole map as a picture; give observation.map='egocentric' or preset='compact'",
-        ),
-        (
-            config.reward.map_error != 0.0,
-            "rewards that measure the map; leave out map_error",
-        ),
-    ):
+    refused = {
+        "pictures; leave out render_mode": render_mode is not None,
+        "a log of every scan; set record=False": config.record,
+        "people; set clutter.people to 0": clutter.people > 0,
+        "furniture that is moved; set clutter.changes to 0": clutter.changes > 0.0,
+        "scanners that take their time; set lidar.sweep to 0": config.lidar.sweep > 0.0,
+        "the whole map as a picture; give observation.map='egocentric' or preset='compact'": shows_whole_map,
+        "rewards that measure the map; leave out map_error": config.reward.map_error != 0.0,
+    }
+    for what, is_asked in refused.items():
         if is_asked:
             raise ConfigError(f"a batch of environments has no {what}, or make single environments")

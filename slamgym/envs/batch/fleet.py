@@ -29,6 +29,7 @@ from slamgym.envs.batch.arrays import (
     put,
 )
 from slamgym.envs.batch.stepping import drive_all, integrate_wheels, look_all, sense_all
+from slamgym.envs.batch.threads import divide_work
 from slamgym.envs.compact import MapTiles
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE
@@ -60,8 +61,10 @@ class Fleet:
     Args:
         config: The settings.
         count: How many.
+        threads: So many work on them.
 
     Attributes:
+        threads: As given.
         robots: Bodies and wheels.
         scenes: What they touch and see.
         scans: The newest scans.
@@ -72,8 +75,8 @@ class Fleet:
         is_mapped_together: True if kernels map; else each robot has its own mapper.
     """
 
-    def __init__(self, config: ExploreConfig, count: int) -> None:
-        self._config = config
+    def __init__(self, config: ExploreConfig, count: int, threads: int) -> None:
+        self._config, self.threads = config, threads
         self.shown: tuple[Any, ...] = ()
         self.robots, self.scenes, self.maps = Robots.rest(count), Scenes.empty(count), Maps.blank(count)
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
@@ -90,7 +93,6 @@ class Fleet:
         self.is_mapped_together = slam.mode in ("ground_truth", "dead_reckoning") and slam.counting == "beams"
         self._contacts = DiscContacts.none(count, 0)
         self._drive_model = DriveModel.of(robot, float(config.control_step))
-        self._fastest = np.array([robot.max_linear, robot.max_angular])
         ticks = odometry.ticks_per_revolution
         tick = 2.0 * math.pi * WHEEL_RADIUS / ticks if ticks else 0.0
         slips = float(odometry.slip_distance), float(odometry.slip_drift), float(odometry.slip_turn)
@@ -109,12 +111,6 @@ class Fleet:
         """Shares of the reachable floor that were seen, shape (N,)."""
         totals = self.scenes.floor_cells
         return np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
-
-    @property
-    def pose_errors(self) -> FloatArray:
-        """Distances of the believed from the true positions, shape (N,) [m]."""
-        true = self.robots.pose[:, :2] - self.robots.start[:, :2]
-        return np.asarray(np.hypot(*(self.maps.believed[:, :2] - true).T), dtype=np.float64)
 
     def mapper(self, index: int) -> Mapper:
         """One robot's, where they are not mapped together."""
@@ -225,17 +221,25 @@ class Fleet:
         """
         if np.isnan(commands[ids]).any():
             raise ValueError(f"commands {commands[ids]} hold what is not a number")
-        targets = np.clip(commands, -self._fastest, self._fastest)
+        fastest = np.array([self._config.robot.max_linear, self._config.robot.max_angular])
+        targets = np.clip(commands, -fastest, fastest)
+        divide_work(lambda part: self._drive(part, targets), ids, self.threads)
+        self.robots.steps[ids] += 1
+
+    def _drive(self, ids: IntArray, targets: FloatArray) -> None:
         robots = self.robots
         drive_all(robots, self.scenes, self._contacts, self._drive_model, ids, targets)
         if not self._wheel_model.is_ideal:
             for i in ids.tolist():
                 self.each[i].streams.odometry.standard_normal(out=robots.slips[i])
         integrate_wheels(robots, self._wheel_model, ids, self._drive_model.dt)
-        robots.steps[ids] += 1
 
     def sense(self, ids: IntArray, is_published: BoolArray) -> None:
         """Scan; where kernels map, map and observe too, and publish the maps of a mask, shape (N,)."""
+        parts = 1 if self.is_mapped_together else 4  # some matches take much longer than others
+        divide_work(lambda part: self._sense(part, is_published), ids, self.threads, parts)
+
+    def _sense(self, ids: IntArray, is_published: BoolArray) -> None:
         self._draw_noise(ids)
         # The read-only type, with which a single scanner has its kernels compiled already.
         segments = self.scenes.segments.view()

@@ -6,6 +6,7 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, IntArray, Pose2D, Twist2D
 from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.threads import divide_work
 from slamgym.envs.compact import CompactObserver
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import FarLook
@@ -24,7 +25,7 @@ class BatchObserver:
         count, observation = len(fleet), config.observation
         self._config, self._fleet = config, fleet
         compact = CompactObserver.of(config) if observation.is_compact else None
-        self._far = FarLook(count) if observation.preset == "compact_far" else None
+        self._far: Any = FarLook(count) if observation.preset == "compact_far" else None
         self._measurements = Measurements(config)
         shape = compact.space.shape if compact else observation.shape
         self._seen: Any = np.zeros((count, *shape), np.float32 if compact else np.uint8)
@@ -36,6 +37,8 @@ class BatchObserver:
         """Forget the maps of robots that begin an episode."""
         if not self._fleet.is_mapped_together:
             self._views |= {i: make_view(self._config) for i in ids.tolist()}
+        elif self._far:
+            self._look_far(ids)  # makes room for all, which threads couldn't
 
     def observe(self, ids: IntArray, is_published: BoolArray) -> Any:
         """The observations of all robots, those of ``ids`` made again.
@@ -47,15 +50,9 @@ class BatchObserver:
         fleet = self._fleet
         maps, robots, scans = fleet.maps, fleet.robots, fleet.scans
         if not fleet.is_mapped_together:
-            for i in ids.tolist():
-                pose, velocity = Pose2D(*maps.believed[i].tolist()), Twist2D(*robots.velocity[i].tolist())
-                flags = bool(maps.is_new[i]), bool(is_published[i])
-                self._seen[i] = self._views[i].look(
-                    SensedStep(fleet.mapper(i), scans.ranges[i], pose, velocity, *flags)
-                )
+            divide_work(lambda part: self._look(part, is_published), ids, fleet.threads)
         elif self._far:
-            for i in ids[is_published[ids]].tolist():
-                self._far.refresh(i, *fleet.tiles(i)[:3])
+            divide_work(self._look_far, ids[is_published[ids]], fleet.threads)
             self._far.write(ids, maps.believed, self._seen)
         if self._config.observation.preset != "dict":
             return self._seen.copy()
@@ -63,3 +60,16 @@ class BatchObserver:
         return self._measurements.observe(
             self._seen.copy(), scans.ranges, maps.believed, robots.velocity, times
         )
+
+    def _look_far(self, ids: IntArray) -> None:
+        for i in ids.tolist():
+            self._far.refresh(i, *self._fleet.tiles(i)[:3])
+
+    def _look(self, ids: IntArray, is_published: BoolArray) -> None:
+        fleet, maps = self._fleet, self._fleet.maps
+        for i in ids.tolist():
+            moving = Pose2D(*maps.believed[i].tolist()), Twist2D(*fleet.robots.velocity[i].tolist())
+            flags = bool(maps.is_new[i]), bool(is_published[i])
+            self._seen[i] = self._views[i].look(
+                SensedStep(fleet.mapper(i), fleet.scans.ranges[i], *moving, *flags)
+            )
