@@ -88,7 +88,8 @@ def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[Floa
             outline = case.truth.boundary
             shapely.prepare(outline)
             pieces = [piece_of(wall, side) for wall in drawing.walls for side in (1.0, -1.0)]
-            faces = [moved(LineString([piece.start, piece.end]), frame, motion) for piece in pieces]
+            lines = [LineString(piece.places(np.array([0.0, 1.0]), 0.0)) for piece in pieces]
+            faces = [moved(line, frame, motion) for line in lines]
             near = [share_near(face, outline) >= 0.5 for face in faces]
             true.append(np.array(near).reshape(-1, 2).any(axis=1))
             evidence = Evidence(case.grid)
@@ -98,15 +99,9 @@ def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[Floa
 
 def piece_of(wall: DrawnWall, side: float = 1.0) -> WallPiece:
     """The stretch of a face that a wall was drawn from; with a ``side`` of -1 the other face."""
-    start, end = np.array(wall.start), np.array(wall.end)
-    behind = np.array([end[1] - start[1], start[0] - end[0]]) / wall.length
-    first, last = (point - side * 0.5 * wall.thickness * behind for point in (start, end))
-    return WallPiece(
-        (float(first[0]), float(first[1])),
-        (float(last[0]), float(last[1])),
-        wall.thickness,
-        wall.thickness_known,
-    )
+    start, end = complex(*wall.start), complex(*wall.end)
+    aside = 0.5j * side * wall.thickness * (end - start) / wall.length
+    return WallPiece(start + aside, end + aside, wall.thickness, wall.thickness_known)
 
 
 def share_near(face: BaseGeometry, outline: BaseGeometry) -> float:

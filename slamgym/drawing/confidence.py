@@ -42,7 +42,7 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
     walls = []
     for part, seen, sure in zip(parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True):
         layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
-        start, end = part.centre_line
+        start, end = map(tuple, part.centre_line.tolist())
         walls.append(DrawnWall(part.body, start, end, part.thickness, part.known, sure, seen, layer))
     return walls
 
@@ -69,17 +69,9 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
         shortest = min(range(len(runs)), key=lambda k: runs[k][1] - runs[k][0])
         low, high = max(shortest - 1, 0), min(shortest + 1, len(runs) - 1)
         runs[low : high + 1] = [(runs[low][0], runs[high][1])]
-    start, end = np.array(piece.start), np.array(piece.end)
     parts = []
-    for index, (low, high) in enumerate(runs):
-        first, last = (start + place / len(seen) * (end - start) for place in (low, high))
-        parts.append(
-            replace(
-                piece,
-                start=(float(first[0]), float(first[1])),
-                end=(float(last[0]), float(last[1])),
-                before=piece.before if index == 0 else 0.0,
-                after=piece.after if index == len(runs) - 1 else 0.0,
-            )
-        )
+    for low, high in runs:
+        start, end = (piece.start + place / len(seen) * (piece.end - piece.start) for place in (low, high))
+        before, after = piece.before if low == 0 else 0.0, piece.after if high == len(seen) else 0.0
+        parts.append(replace(piece, start=start, end=end, before=before, after=after))
     return parts

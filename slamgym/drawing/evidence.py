@@ -49,14 +49,12 @@ class Evidence:
 
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall, a step apart, with an occupied cell near either face."""
-        face, other = self._faces(piece)
-        near = self.is_near_wall(face)
-        return near | self.is_near_wall(other) if piece.known else near
+        depths = (0.0, piece.thickness) if piece.known else (0.0,)
+        return np.any([self.is_near_wall(piece.places(_shares(piece), depth)) for depth in depths], axis=0)
 
     def share_walled(self, room: Polygon, near_doors: BaseGeometry) -> float:
         """Share of a room's outline, doors and what is near them left out, along which the map has occupied cells."""
-        lines = [shapely.LineString(ring) for ring in (room.exterior, *room.interiors)]
-        outline = shapely.union_all(lines).difference(near_doors)
+        outline = room.boundary.difference(near_doors)
         if outline.is_empty:
             return 0.0
         points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
@@ -64,19 +62,15 @@ class Evidence:
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
-        face, other = self._faces(piece)
-        outwards = (other - face) / piece.thickness
-        places = np.concatenate([other + depth * outwards for depth in HIDDEN_DEPTHS])
+        depths = piece.thickness + np.array(HIDDEN_DEPTHS)
+        places = np.concatenate([piece.places(_shares(piece), depth) for depth in depths])
         return float((values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean())
 
-    @staticmethod
-    def _faces(piece: WallPiece) -> tuple[FloatArray, FloatArray]:
-        start, end = np.array(piece.start), np.array(piece.end)
-        count = max(2, math.ceil(piece.length / STEP))
-        share = ((np.arange(count) + 0.5) / count)[:, None]
-        face = start + share * (end - start)
-        behind = np.array([end[1] - start[1], start[0] - end[0]]) / piece.length
-        return face, face + piece.thickness * behind
+
+def _shares(piece: WallPiece) -> FloatArray:
+    """Where a wall is looked at, in shares of its length."""
+    count = max(2, math.ceil(piece.length / STEP))
+    return (np.arange(count) + 0.5) / count
 
 
 def values_at(picture: np.ndarray, frame: GridFrame, points: FloatArray, beyond: float) -> np.ndarray:
@@ -103,14 +97,9 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
     """Patches of cells as smooth polygons of at least an area [m2]."""
-    image = cells.astype(np.float32)
-    outlines = trace_outlines(image, frame)
-    floors = [outline for outline in outlines if outline.area >= smallest]
-    holes = [Polygon(outline.points) for outline in outlines if outline.area <= -smallest]
-    union = shapely.union_all([Polygon(outline.points) for outline in floors])
-    if holes:
-        union = union.difference(shapely.union_all(holes))
-    simple = shapely.make_valid(union.simplify(0.5 * frame.resolution))
+    rings = trace_outlines(cells.astype(np.float32), frame, smallest, smallest)
+    shape = shapely.make_valid(MultiPolygon([Polygon(ring) for ring in rings]))
+    simple = shapely.make_valid(shape.simplify(0.5 * frame.resolution))
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 

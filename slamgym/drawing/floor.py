@@ -37,8 +37,6 @@ SURE_OF_UNSEEN = 0.9
 maps was never seen, with both rules 1.7 %."""
 BESIDE_SEEN = 0.1
 """Cells so near to the free space hold echoes and the faces of walls: the model is right about them [m]."""
-GROWTH = 0.6
-"""Floor belongs to a room up to so far from what was seen of it [m]."""
 
 
 class FloorModel(Protocol):
@@ -142,16 +140,7 @@ def floor_of_rooms(
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, doors, cell)
     floor &= ~_doubted(free, floor, seen, known, rooms, cell)
-    grown = np.where(floor, rooms, 0).astype(np.uint16)
-    for _ in range(math.ceil(GROWTH / cell)):
-        wider = cv2.dilate(grown, np.ones((3, 3), np.uint8))
-        grown = np.where((grown == 0) & floor, wider, grown)
-    taken = (free >= 0.5) & (grown == 0)
-    for first, second in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        meet = (grown[first] != grown[second]) & (grown[first] > 0) & (grown[second] > 0)
-        taken[first] |= meet & ~doors[first]
-        taken[second] |= meet & ~doors[second]
-    return without(free, taken)
+    return without(free, (free >= 0.5) & ~floor)
 
 
 def _patches(cells: BoolArray, known: BoolArray) -> tuple[IntArray, FloatArray]:

@@ -10,10 +10,8 @@ Rooms that were only partly seen, by rays through a door, a window or a pane, en
 are neither rooms nor floor whose size is known: a drawing shows them as unexplored, behind their doors.
 """
 
-import heapq
 import math
-from collections import defaultdict
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -28,7 +26,6 @@ from slamgym.drawing.boundaries import (
     WIDEST,
     boundary_log_odds,
     candidates,
-    cross,
     first_of,
     line_widths,
 )
@@ -38,7 +35,7 @@ from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.layers import MapLayers
 
 INTO_WALLS = 0.02
-"""Lines of doors are drawn so far into the walls, so that they cut [m]."""
+"""Lines of doors are drawn so far into the walls, so that they cut; rooms lie so near beside them [m]."""
 LEAST_LOG_ODDS = -3.0
 """Lines that are less likely are no candidates."""
 ONE_PASSAGE = 0.35
@@ -73,7 +70,7 @@ class Gap:
     @property
     def width(self) -> float:
         """[m]."""
-        return math.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+        return math.dist(self.start, self.end)
 
     @property
     def cut(self) -> LineString:
@@ -88,7 +85,8 @@ class Division:
     rooms: tuple[Polygon, ...]
     doors: tuple[Gap, ...]
     joins: tuple[tuple[int, int], ...]
-    """The two rooms of each door, by their numbers."""
+    """The two rooms of each door, by their numbers; -1 for a part that wasn't explored."""
+    unexplored: tuple[Polygon, ...] = ()
 
 
 def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
@@ -119,22 +117,15 @@ def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: 
     ]
 
 
-def _rivals(lines: FloatArray) -> tuple[IntArray, IntArray]:
-    """Pairs of lines that lie across one passage, or cross: the numbers of the first ones and of the second."""
-    width = line_widths(lines)
-    shapes = np.asarray(shapely.linestrings(lines))
-    first, second = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=ONE_PASSAGE * WIDEST)
-    first, second = first[first < second], second[first < second]
-    one, other = lines[first], lines[second]
-    apart = np.hypot(*(one.mean(axis=1) - other.mean(axis=1)).T)
-    narrow = np.maximum(DRAWN_DOORS[0], np.minimum(width[first], width[second]))
-
-    def parts(line: FloatArray, ends: FloatArray) -> BoolArray:
-        sides = [cross(line[:, 1] - line[:, 0], ends[:, k] - line[:, 0]) for k in (0, 1)]
-        return np.asarray(sides[0] * sides[1] < -1e-6)
-
-    is_rival = (apart < ONE_PASSAGE * narrow) | (parts(one, other) & parts(other, one))
-    return first[is_rival], second[is_rival]
+def _rivals(lines: FloatArray) -> IntArray:
+    """Pairs of lines that lie across one passage, or cross: the numbers of both, (2, P), the lower first."""
+    width, middle = line_widths(lines), np.asarray(shapely.points(lines.mean(axis=1)))
+    near = shapely.STRtree(middle).query(middle, predicate="dwithin", distance=ONE_PASSAGE * WIDEST)
+    narrow = np.maximum(DRAWN_DOORS[0], width[near].min(axis=0))
+    near = near[:, shapely.distance(*middle[near]) < ONE_PASSAGE * narrow]
+    shapes = shapely.linestrings(lines)
+    both = np.hstack([near, shapely.STRtree(shapes).query(shapes, predicate="crosses")])
+    return both[:, both[0] < both[1]]
 
 
 def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
@@ -145,58 +136,43 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
         gaps: Likely boundaries; one with infinite log odds is kept wherever it parts the floor.
     """
     parts = _cut(floor, gaps)
-    room = _joined(parts, gaps)
-    kept = [
-        gap
-        for gap, (a, b) in zip(gaps, joined_rooms(parts, gaps), strict=True)
-        if min(a, b) >= 0 and room[a] != room[b]
-    ]
+    sides = joined_rooms(parts, gaps)
+    room = _joined(np.array([part.area for part in parts]), sides, np.array([gap.log_odds for gap in gaps]))
+    kept = [gap for gap, (a, b) in zip(gaps, sides, strict=True) if min(a, b) >= 0 and room[a] != room[b]]
     rooms = _cut(floor, kept)
     rooms.sort(key=lambda part: (-round(part.centroid.y, 3), part.centroid.x))
     doors = [
-        (gap, pair)
-        for gap, pair in zip(kept, joined_rooms(rooms, kept), strict=True)
-        if min(pair) >= 0 and pair[0] != pair[1]
+        (gap, (a, b))
+        for gap, (a, b) in zip(kept, joined_rooms(rooms, kept).tolist(), strict=True)
+        if min(a, b) >= 0 and a != b
     ]
     return Division(tuple(rooms), tuple(gap for gap, _ in doors), tuple(pair for _, pair in doors))
 
 
-def _joined(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[int]:
-    """The room of each part: a number that all parts of a room share."""
-    room = list(range(len(parts)))
-    area = [part.area for part in parts]
-    odds: list[dict[int, float]] = [defaultdict(float) for _ in parts]
-    for gap, (a, b) in zip(gaps, joined_rooms(parts, gaps), strict=True):
-        if min(a, b) >= 0 and a != b:
-            odds[a][b] += gap.log_odds
-            odds[b][a] += gap.log_odds
+def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
+    """The room of each part: a number that all parts of a room share.
 
-    def costs(a: int) -> Iterator[tuple[bool, float, int, int]]:
+    Args:
+        area: Of the parts, (N,) [m2].
+        pairs: The parts on both sides of each boundary, (G, 2); -1 for none.
+        odds: Log odds of the boundaries, (G,).
+    """
+    room, count = np.arange(len(area)), len(area)
+    is_inside = pairs.min(axis=1) >= 0
+    pairs, odds = pairs[is_inside], odds[is_inside]
+    while True:
+        pairs = np.sort(room[pairs], axis=1)
+        is_apart = pairs[:, 0] != pairs[:, 1]
+        code, number = np.unique(pairs[is_apart] @ (count, 1), return_inverse=True)
+        pairs, odds = np.stack(np.divmod(code, count), axis=1), np.bincount(number, odds[is_apart])
         # What is too small for a room is a niche, whatever stands before it.
-        for b, value in odds[a].items():
-            yield min(area[a], area[b]) >= SMALLEST_ROOM, value, min(a, b), max(a, b)
-
-    queue = [cost for a in range(len(parts)) for cost in costs(a)]
-    heapq.heapify(queue)
-    while queue and queue[0][:2] < (True, 0.0):
-        cost = heapq.heappop(queue)
-        first, second = cost[2:]
-        if cost not in costs(first):  # an entry from before one of them grew
-            continue
+        is_room = area[pairs].min(axis=1) >= SMALLEST_ROOM
+        next_one = np.lexsort((odds, is_room))[:1]
+        if not (~is_room | (odds < 0.0))[next_one].any():
+            return room
+        first, second = pairs[next_one[0]]
         area[first] += area[second]
-        del odds[first][second], odds[second][first]
-        for other, value in odds[second].items():
-            odds[first][other] += value
-            odds[other][first] += value
-            del odds[other][second]
-        odds[second] = {}
-        room[second] = first
-        for cost in costs(first):
-            heapq.heappush(queue, cost)
-    for number in range(len(parts)):  # a room's number is that of one of its parts
-        while room[number] != room[room[number]]:
-            room[number] = room[room[number]]
-    return room
+        room[room == second] = first
 
 
 def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
@@ -212,22 +188,16 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     ]
 
 
-def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> list[tuple[int, int]]:
-    """Which part of a floor lies on either side of each gap; -1 for none."""
-    tree = shapely.STRtree(list(parts))
-    found = []
-    for gap in gaps:
-        (x0, y0), (x1, y1) = gap.start, gap.end
-        normal = np.array([y0 - y1, x1 - x0]) / gap.width
-        middle = 0.5 * np.array([x0 + x1, y0 + y1])
-        sides = []
-        for sign in (1.0, -1.0):
-            # Beside a line that lies close along a wall, a step may end in the wall.
-            points = [Point(*(middle + sign * step * normal)) for step in (0.01, 0.03, 0.06, 0.12)]
-            hits = [tree.query(point, predicate="intersects") for point in points]
-            sides.append(next((int(hit[0]) for hit in hits if len(hit)), -1))
-        found.append((sides[0], sides[1]))
-    return found
+def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> IntArray:
+    """Which part of a floor lies on either side of each gap, (G, 2); -1 for none."""
+    ends = np.array([(gap.start, gap.end) for gap in gaps]).reshape(-1, 2, 2)
+    aside = (ends[:, 1] - ends[:, 0])[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
+    places = shapely.points(ends.mean(axis=1)[None] + np.stack([aside, -aside]))
+    sides = np.full(places.shape, -1)
+    for side, row in zip(places, sides, strict=True):
+        place, part = shapely.STRtree(list(parts)).query(side, predicate="intersects")
+        row[place] = part
+    return sides.T
 
 
 def onto_faces(gap: Gap, floor: MultiPolygon) -> Gap:
@@ -242,20 +212,10 @@ def onto_faces(gap: Gap, floor: MultiPolygon) -> Gap:
     return replace(gap, start=ends[0], end=ends[1]) if ends[0] != ends[1] else gap
 
 
-@dataclass(frozen=True)
-class Explored:
-    """A floor without what was only partly seen."""
-
-    floor: MultiPolygon
-    division: Division
-    """A door to an unexplored part joins its room to -1."""
-    walled: tuple[float, ...]
-    """Share of each room's outline, without doors, that was seen as walls."""
-    unexplored: tuple[Polygon, ...]
-
-
-def explore(floor: MultiPolygon, division: Division, evidence: Evidence, sure: Collection[int]) -> Explored:
-    """Take rooms that were only partly seen from a floor.
+def explore(
+    floor: MultiPolygon, division: Division, evidence: Evidence, sure: Collection[int]
+) -> tuple[MultiPolygon, Division]:
+    """A floor and its rooms without those that were only partly seen; their doors join a room to -1.
 
     Without this rule room F1 of real maps falls by 0.008.
 
@@ -265,32 +225,30 @@ def explore(floor: MultiPolygon, division: Division, evidence: Evidence, sure: C
         evidence: The map.
         sure: Numbers of rooms that stay in any case.
     """
-    rooms = division.rooms
     near_doors = shapely.union_all([gap.line for gap in division.doors]).buffer(2.0 * STEP)
-    walled = [max(evidence.share_walled(room, near_doors), k in sure) for k, room in enumerate(rooms)]
-    kept = [k for k, share in enumerate(walled) if share >= OPEN_ROOM]
-    unexplored = tuple(room for room, share in zip(rooms, walled, strict=True) if share < OPEN_ROOM)
-    left_out = sum(float(room.area) for room in unexplored)
-    if not unexplored or left_out > MOST_UNEXPLORED * floor.area:
-        return Explored(floor, division, tuple(walled), ())
-    number = {old: new for new, old in enumerate(kept)}
+    number: dict[int, int] = {}
+    rooms, unexplored = list[Polygon](), list[Polygon]()
+    for k, room in enumerate(division.rooms):
+        if k in sure or evidence.share_walled(room, near_doors) >= OPEN_ROOM:
+            number[k] = len(rooms)
+            rooms.append(room)
+        else:
+            unexplored.append(room)
+    if not unexplored or sum(room.area for room in unexplored) > MOST_UNEXPLORED * floor.area:
+        return floor, division
     doors = [
         (gap, (number.get(a, -1), number.get(b, -1)))
         for gap, (a, b) in zip(division.doors, division.joins, strict=True)
         if a in number or b in number
     ]
-    explored = Division(
-        tuple(rooms[k] for k in kept),
-        tuple(gap for gap, _ in doors),
-        tuple(pair for _, pair in doors),
-    )
-    rest = floor.difference(shapely.union_all(list(unexplored)).buffer(1e-4)).simplify(2e-3)
+    rest = floor.difference(shapely.union_all(unexplored).buffer(1e-4)).simplify(2e-3)
     shown = MultiPolygon([part for part in polygon_parts(rest) if part.area > 1e-2])
-    return Explored(shown, explored, tuple(walled[k] for k in kept), unexplored)
+    gaps, pairs = tuple(gap for gap, _ in doors), tuple(pair for _, pair in doors)
+    return shown, Division(tuple(rooms), gaps, pairs, tuple(unexplored))
 
 
 def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
     """Walls without the faces that stand in the doors to unexplored parts."""
     doors = [gap.line for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
     shut = shapely.union_all(doors).buffer(ON_LINE)
-    return [piece for piece in pieces if not shut.covers(shapely.LineString([piece.start, piece.end]))]
+    return [piece for piece in pieces if not shut.covers(LineString(piece.places(np.array([0.0, 1.0]), 0.0)))]

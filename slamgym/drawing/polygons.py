@@ -46,13 +46,10 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     axes = main_axes(angle_deg)
     tolerance = max(TOLERANCE, 0.9 * frame.resolution)
     rings = list[Polygon]()
-    for outline in trace_outlines(picture, frame):
-        if outline.area >= SMALLEST_ROOM or outline.area <= -SMALLEST_HOLE:
-            edges = fit_edges(outline.points, axes, tolerance)
-            corners = ring_corners(simplified(edges), 4.0 * tolerance)
-            if len(corners) < 3:
-                corners = shapely.get_coordinates(Polygon(outline.points).simplify(tolerance))
-            rings.append(Polygon(corners))
+    for outline in trace_outlines(picture, frame, SMALLEST_ROOM, SMALLEST_HOLE):
+        edges = fit_edges(shapely.get_coordinates(outline)[:-1], axes, tolerance)
+        corners = ring_corners(simplified(edges), 4.0 * tolerance)
+        rings.append(Polygon(corners) if len(corners) >= 3 else Polygon(outline).simplify(tolerance))
     # What lies within an odd number of rings is floor: holes are none, and what stands in them is.
     return without_necks(shapely.make_valid(MultiPolygon(rings)))
 

@@ -1,7 +1,7 @@
 """A map in, a drawing out."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -28,9 +28,7 @@ from slamgym.drawing.evidence import (
 )
 from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
 from slamgym.drawing.openings import (
-    OPEN_ROOM,
     Division,
-    Explored,
     Gap,
     divide,
     explore,
@@ -95,10 +93,9 @@ def make_drawing(
         raise InputFileError(where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution")
     evidence = Evidence(grid)
     division = revised_division(floor, gaps, corrections)
-    explored = explore(floor, division, evidence, room_names(division.rooms, corrections))
-    floor, division = explored.floor, explored.division
+    floor, division = explore(floor, division, evidence, room_names(division.rooms, corrections))
     walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
-    rooms = _rooms(explored, grid, room_names(explored.division.rooms, corrections))
+    rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
     kept = {
@@ -118,7 +115,7 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        unexplored=explored.unexplored,
+        unexplored=division.unexplored,
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
@@ -159,15 +156,14 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     return OccupancyGrid(np.ascontiguousarray(cells), GridFrame(cell, x, y, *cells.shape))
 
 
-def _rooms(explored: Explored, grid: OccupancyGrid, names: Mapping[int, str]) -> tuple[DrawnRoom, ...]:
+def _rooms(
+    polygons: Sequence[Polygon], grid: OccupancyGrid, names: Mapping[int, str]
+) -> tuple[DrawnRoom, ...]:
     rooms = []
-    for number, (polygon, walled) in enumerate(zip(explored.division.rooms, explored.walled, strict=True), 1):
-        seen = share_known(polygon, grid)
-        observed = seen >= SEEN_SHARE and walled >= OPEN_ROOM
-        layer: Layer = "SEEN" if observed else "INFERRED"
-        rooms.append(
-            DrawnRoom(f"R{number:02d}", polygon, seen, layer, names.get(number - 1, f"R{number:02d}"))
-        )
+    for number, polygon in enumerate(polygons):
+        name, seen = f"R{number + 1:02d}", share_known(polygon, grid)
+        layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
+        rooms.append(DrawnRoom(name, polygon, seen, layer, names.get(number, name)))
     return tuple(rooms)
 
 
@@ -182,7 +178,7 @@ def _doors(
         is_seen = share_seen_open(np.array([gap.start, gap.end]), grid) >= SEEN_SHARE and min(pair) >= 0
         sure = 1.0 / (1.0 + math.exp(-gap.log_odds))
         layer: Layer = "SEEN" if is_seen else "INFERRED"
-        names = tuple(rooms[k].id for k in pair if k >= 0)
+        names = tuple(rooms[k].id for k in sorted(pair) if k >= 0)
         kind = gap.kind or ("door" if gap.width <= DRAWN_DOORS[1] else "opening")
         depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
         doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))

@@ -1,16 +1,19 @@
-"""Walls from the faces that bound the floor: two faces that stand back to back are one wall."""
+"""Walls from the faces that bound the floor: two faces that stand back to back are one wall.
+
+Points are complex numbers, x + iy, in metres.
+"""
 
 import itertools
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
-import shapely
 from shapely import MultiPolygon, Polygon
 
-from slamgym.cad.polygons import oriented_rings
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.drawing.free_space import FreeSpace
 from slamgym.drawing.settings import OUTER_THICKNESS, THICKEST_WALL
 
 ANTIPARALLEL = math.cos(math.radians(8.0))
@@ -25,8 +28,8 @@ SAME_THICKNESS = 0.04
 class WallPiece:
     """A straight wall: a stretch of one face, and how far behind it the other lies."""
 
-    start: tuple[float, float]
-    end: tuple[float, float]
+    start: complex
+    end: complex
     """Ends of the face, the floor on the left [m]."""
     thickness: float
     known: bool
@@ -38,47 +41,38 @@ class WallPiece:
     @property
     def length(self) -> float:
         """[m]."""
-        return math.hypot(self.end[0] - self.start[0], self.end[1] - self.start[1])
+        return abs(self.end - self.start)
 
-    def _vectors(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        start, end = np.array(self.start), np.array(self.end)
-        direction = (end - start) / self.length
-        behind = np.array([direction[1], -direction[0]])
-        return start, end, direction, behind
+    def places(self, shares: FloatArray, depth: float) -> FloatArray:
+        """Points (N, 2) at shares (N,) of its length, so far behind its face [m]."""
+        along = self.end - self.start
+        points = self.start + along * (shares - 1j * depth / self.length)
+        return np.column_stack([points.real, points.imag])
 
     @property
-    def centre_line(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Its ends, corners left out [m]."""
-        start, end, _, behind = self._vectors()
-        first, last = start + 0.5 * self.thickness * behind, end + 0.5 * self.thickness * behind
-        return (float(first[0]), float(first[1])), (float(last[0]), float(last[1]))
+    def centre_line(self) -> FloatArray:
+        """Its ends, corners left out, (2, 2) [m]."""
+        return self.places(np.array([0.0, 1.0]), 0.5 * self.thickness)
 
     @property
     def body(self) -> Polygon:
         """A rectangle, corners included."""
-        start, end, direction, behind = self._vectors()
-        start, end = start - self.before * direction, end + self.after * direction
-        return Polygon([start, start + self.thickness * behind, end + self.thickness * behind, end])
+        shares = np.array([-self.before, self.length + self.after]) / self.length
+        face, other = self.places(shares, 0.0), self.places(shares, self.thickness)
+        return Polygon([face[0], *other, face[1]])
 
 
-@dataclass(frozen=True)
-class Face:
-    """A straight edge of the floor."""
+class _Stretch(NamedTuple):
+    """A part of a face, and what is behind it."""
 
-    start: FloatArray
-    end: FloatArray
-    convex: tuple[bool, bool]
-    """For each end, True if the room has a corner there, seen from inside."""
+    low: float  # along the face [m]
+    high: float
+    thickness: float
+    known: bool  # False if there is no other face
 
-    @property
-    def length(self) -> float:
-        """[m]."""
-        return float(np.hypot(*(self.end - self.start)))
-
-    @property
-    def is_wall_end(self) -> bool:
-        """True for a short face between two corners that reach into the floor."""
-        return SHORTEST <= self.length <= THICKEST_WALL and not any(self.convex)
+    def continues(self, other: "_Stretch") -> bool:
+        """True if both are of one wall."""
+        return self.known == other.known and abs(self.thickness - other.thickness) <= SAME_THICKNESS
 
 
 def find_walls(floor: MultiPolygon) -> list[WallPiece]:
@@ -91,149 +85,76 @@ def find_walls(floor: MultiPolygon) -> list[WallPiece]:
         Every stretch of every face belongs to one wall; the longest faces come first. Jambs of doors belong to the
         walls that end there.
     """
-    faces = faces_of(floor)
-    order = sorted(range(len(faces)), key=lambda index: (-round(faces[index].length, 4), index))
-    taken: list[list[tuple[float, float]]] = [[] for _ in faces]
-    starts = np.array([face.start for face in faces]).reshape(-1, 2)
-    ends = np.array([face.end for face in faces]).reshape(-1, 2)
-    lines: Any = shapely.linestrings(np.stack([starts, ends], axis=1))
-    pairs = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=THICKEST_WALL)
-    near = np.split(pairs[1], np.searchsorted(pairs[0], np.arange(1, len(faces))))
-    found: list[tuple[int, WallPiece]] = []
-    for index in order:
-        face = faces[index]
-        if face.length < SHORTEST:
+    space = FreeSpace(floor)
+    start, direction = space.start @ (1.0, 1j), space.direction @ (1.0, 1j)
+    lengths, is_convex = space.length.tolist(), space.turn > 0.0
+    taken: list[list[tuple[float, float]]] = [[] for _ in lengths]
+    near = space.edges_near_edges(THICKEST_WALL)
+    found = []
+    for face in sorted(range(len(lengths)), key=lambda index: (-round(lengths[index], 4), index)):
+        length, convex = lengths[face], (is_convex[face], is_convex[space.after[face]])
+        if length < SHORTEST:
             continue
-        pieces = _behind(index, np.sort(near[index]), starts, ends)
-        direction = (face.end - face.start) / face.length
-        for low, high, other, thickness in _free_stretches(face, pieces, taken[index]):
-            if high - low < SHORTEST:
+        behind = list(_behind(face, near[face], start, direction, space.length))
+        for part in _stretches(length, [stretch for _, stretch in behind], taken[face]):
+            at_ends = part.low < 1e-6, part.high > length - 1e-6
+            # A short face between two corners that reach into the floor is the end of a wall.
+            is_jamb = all(at_ends) and length <= THICKEST_WALL and not (any(convex) or part.known)
+            if part.high - part.low < SHORTEST or is_jamb:
                 continue
-            if other < 0 and _is_jamb(face, low, high):
-                continue
-            first, last = face.start + low * direction, face.start + high * direction
-            piece = WallPiece(_pair(first), _pair(last), thickness, other >= 0)
-            found.append((index, _with_corners(piece, face, low, high)))
-            for opposite, a, b in _on_opposite(starts, ends, pieces, first, last):
-                taken[opposite].append((a, b))
-    return [piece for _, piece in found]
-
-
-def _pair(point: FloatArray) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
-
-
-def faces_of(floor: MultiPolygon) -> list[Face]:
-    """All edges of a floor, the floor on their left."""
-    faces = []
-    for ring in oriented_rings(floor):
-        points = shapely.get_coordinates(ring)[:-1]
-        after = np.roll(points, -1, axis=0)
-        outgoing = after - points
-        incoming = np.roll(outgoing, 1, axis=0)
-        convex = incoming[:, 0] * outgoing[:, 1] - incoming[:, 1] * outgoing[:, 0] > 0.0
-        following = np.roll(convex, -1)
-        turns = zip(convex.tolist(), following.tolist(), strict=True)
-        faces += [Face(a, b, turn) for a, b, turn in zip(points, after, turns, strict=True)]
-    return faces
+            first, last = (complex(start[face] + place * direction[face]) for place in (part.low, part.high))
+            # Longer at the corners of its room, so that bodies meet.
+            corner = max(part.thickness, OUTER_THICKNESS)
+            before, after = (corner if at_ends[k] and convex[k] else 0.0 for k in (0, 1))
+            found.append(WallPiece(first, last, part.thickness, part.known, before, after))
+            for other, _ in behind:
+                places = (np.array([last, first]) - start[other]) * direction[other].conjugate()
+                low, high = np.clip(places.real, 0.0, lengths[other]).tolist()
+                if high - low > 1e-6:
+                    taken[other].append((low, high))
+    return found
 
 
 def _behind(
-    index: int, near: np.ndarray, starts: FloatArray, ends: FloatArray
-) -> list[tuple[float, float, int, float]]:
-    """Faces that stand back to back with one: from where to where along it, which, and how far behind [m].
+    face: int, near: IntArray, start: np.ndarray, direction: np.ndarray, length: FloatArray
+) -> Iterator[tuple[int, _Stretch]]:
+    """Faces that stand back to back with one, the nearest first.
 
     Args:
-        index: The face.
+        face: Its number.
         near: Numbers of the faces that are near enough.
-        starts: Start points of all faces, (N, 2).
-        ends: The same.
+        start: Start points of all faces, (N,).
+        direction: Their directions, (N,).
+        length: (N,) [m].
     """
-    start, vector = starts[index], ends[index] - starts[index]
-    length = float(np.hypot(*vector))
-    direction = vector / length
-    behind = np.array([direction[1], -direction[0]])
-    others = ends[near] - starts[near]
-    lengths = np.maximum(np.hypot(*others.T), 1e-12)
-    first, second = starts[near] - start, ends[near] - start
-    along = np.stack([first @ direction, second @ direction])
-    low, high = np.maximum(along.min(axis=0), 0.0), np.minimum(along.max(axis=0), length)
-    depth = 0.5 * (first @ behind + second @ behind)
-    good = (
-        ((others @ direction) / lengths < -ANTIPARALLEL)
-        & (high - low > SHORTEST)
-        & (depth > 0.005)
-        & (depth <= THICKEST_WALL)
-    )
-    chosen = np.flatnonzero(good)
-    chosen = chosen[np.argsort(depth[chosen], kind="stable")]
-    return [(float(low[k]), float(high[k]), int(near[k]), float(depth[k])) for k in chosen]
+    ends = np.stack([start[near], start[near] + length[near] * direction[near]])
+    places = (ends - start[face]) * direction[face].conjugate()
+    low, high = np.maximum(places.real.min(axis=0), 0.0), np.minimum(places.real.max(axis=0), length[face])
+    depth = -places.imag.mean(axis=0)
+    good = (direction[near] * direction[face].conjugate()).real < -ANTIPARALLEL
+    good &= (high - low > SHORTEST) & (depth > 0.005) & (depth <= THICKEST_WALL)
+    for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):
+        yield int(near[k]), _Stretch(float(low[k]), float(high[k]), float(depth[k]), True)
 
 
-def _free_stretches(
-    face: Face,
-    pieces: list[tuple[float, float, int, float]],
-    taken: list[tuple[float, float]],
-) -> list[tuple[float, float, int, float]]:
-    """Parts of a face that aren't part of a wall yet, cut where the face behind changes; -1 where there is none."""
-    marks = sorted(
-        {0.0, face.length, *(x for a, b, _, _ in pieces for x in (a, b)), *(x for ab in taken for x in ab)}
-    )
+def _stretches(
+    length: float, behind: Sequence[_Stretch], taken: Sequence[tuple[float, float]]
+) -> list[_Stretch]:
+    """Parts of a face that aren't part of a wall yet, cut where the face behind changes."""
+    marks = {0.0, length, *(mark for part in behind for mark in part[:2]), *itertools.chain(*taken)}
     cells = []
-    for low, high in itertools.pairwise(marks):
+    for low, high in itertools.pairwise(sorted(marks)):
         middle = 0.5 * (low + high)
-        if high - low < 1e-6 or any(a <= middle <= b for a, b in taken):
-            continue
-        behind = next(((k, depth) for a, b, k, depth in pieces if a <= middle <= b), (-1, OUTER_THICKNESS))
-        cells.append((low, high, behind[0], behind[1]))
-    merged: list[tuple[float, float, int, float]] = []
-    for index, (low, high, other, thickness) in enumerate(cells):
-        if merged and abs(merged[-1][1] - low) < 1e-6:
-            a, _, k, depth = merged[-1]
-            alike = (k < 0) == (other < 0) and abs(depth - thickness) <= SAME_THICKNESS
-            # Where a wall meets from behind, the two walls next to it continue as one.
-            bridge = (
-                other < 0 <= k
-                and high - low <= THICKEST_WALL
-                and index + 1 < len(cells)
-                and cells[index + 1][2] >= 0
-                and abs(cells[index + 1][3] - depth) <= SAME_THICKNESS
-            )
-            if alike or bridge:
-                merged[-1] = (a, high, k, depth)
-                continue
-        merged.append((low, high, other, thickness))
+        if high - low >= 1e-6 and not any(a <= middle <= b for a, b in taken):
+            over = (part._replace(low=low, high=high) for part in behind if part.low <= middle <= part.high)
+            cells.append(next(over, _Stretch(low, high, OUTER_THICKNESS, known=False)))
+    merged: list[_Stretch] = []
+    for cell, following in itertools.zip_longest(cells, cells[1:]):
+        last = merged[-1] if merged and abs(merged[-1].high - cell.low) < 1e-6 else None
+        # Where a wall meets from behind, the two walls next to it continue as one.
+        is_bridge = not cell.known and cell.high - cell.low <= THICKEST_WALL and following
+        if last and (last.continues(cell) or (is_bridge and last.continues(following))):
+            merged[-1] = last._replace(high=cell.high)
+        else:
+            merged.append(cell)
     return merged
-
-
-def _is_jamb(face: Face, low: float, high: float) -> bool:
-    """True if a stretch is the end of a wall: a whole short face between two corners that reach into the floor."""
-    return low < 1e-6 and high > face.length - 1e-6 and face.is_wall_end
-
-
-def _with_corners(piece: WallPiece, face: Face, low: float, high: float) -> WallPiece:
-    """Lengthen a wall's body at the corners of its room, so that bodies meet."""
-    most = OUTER_THICKNESS if not piece.known else max(piece.thickness, OUTER_THICKNESS)
-    before = most if low < 1e-6 and face.convex[0] else 0.0
-    after = most if high > face.length - 1e-6 and face.convex[1] else 0.0
-    return replace(piece, before=before, after=after)
-
-
-def _on_opposite(
-    starts: FloatArray,
-    ends: FloatArray,
-    pieces: list[tuple[float, float, int, float]],
-    first: FloatArray,
-    last: FloatArray,
-) -> list[tuple[int, float, float]]:
-    """Which stretches of the faces behind a wall belong to it."""
-    found = []
-    for _, _, k, _ in pieces:
-        vector = ends[k] - starts[k]
-        length = float(np.hypot(*vector))
-        direction = vector / length
-        a, b = float((last - starts[k]) @ direction), float((first - starts[k]) @ direction)
-        a, b = max(0.0, min(a, b)), min(length, max(a, b))
-        if b - a > 1e-6:
-            found.append((k, a, b))
-    return found

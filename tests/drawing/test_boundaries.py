@@ -6,7 +6,8 @@ import shapely
 from drawing.painted import DOOR, FLAT
 from shapely import affinity
 
-from slamgym.drawing.boundaries import FreeSpace, candidate_lines
+from slamgym.drawing.boundaries import candidate_lines
+from slamgym.drawing.free_space import FreeSpace
 
 
 def rounded(lines):

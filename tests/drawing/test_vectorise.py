@@ -165,7 +165,7 @@ def test_a_long_straight_wall_is_surer_than_the_outline_of_clutter():
 
 
 def test_a_wall_between_two_rooms_is_surer_than_one_with_nothing_known_behind():
-    wall = WallPiece((4.0, 3.0), (0.0, 3.0), 0.1, True)
+    wall = WallPiece(4 + 3j, 3j, 0.1, True)
     rooms = shapely.union_all([shapely.box(0, 0, 4, 3), shapely.box(0, 3.1, 4, 6)])
     between, outer = (
         confidences(wall_signs([wall], Evidence(painted(floor)[0])))[0]
@@ -177,8 +177,7 @@ def test_a_wall_between_two_rooms_is_surer_than_one_with_nothing_known_behind():
 def test_confidence_rises_with_the_evidence():
     evidence = Evidence(painted(shapely.box(0, 0, 12, 3))[0])
     lengths = [
-        wall_signs([WallPiece((length, 3.0), (0.0, 3.0), 0.1, False)], evidence)[0]
-        for length in (0.4, 1.0, 3.0, 9.0)
+        wall_signs([WallPiece(length + 3j, 3j, 0.1, False)], evidence)[0] for length in (0.4, 1.0, 3.0, 9.0)
     ]
     rising = confidences(np.array(lengths)).tolist()
     assert rising == sorted(rising)
@@ -258,13 +257,15 @@ def test_outlines_lie_between_cells_and_enclose_holes():
     image = np.zeros((20, 30), np.float32)
     image[5:15, 4:20] = 1.0
     image[8:12, 8:12] = 0.0
-    outer, hole = trace_outlines(image, GridFrame(0.1, 1.0, 2.0, 20, 30))
-    assert outer.points.min(axis=0) == pytest.approx([1.4, 2.5])
-    assert outer.points.max(axis=0) == pytest.approx([3.0, 3.5])
-    assert outer.area > 0.0 > hole.area
+    frame = GridFrame(0.1, 1.0, 2.0, 20, 30)
+    outer, hole = trace_outlines(image, frame, 0.0, 0.0)
+    assert outer.bounds == pytest.approx((1.4, 2.5, 3.0, 3.5))
+    assert outer.is_ccw
+    assert not hole.is_ccw
+    assert len(trace_outlines(image, frame, 0.0, 0.2)) == 1
     image[:, 19] = 0.25  # an edge on which the probability falls slowly lies nearer to the cells of 1
-    outer, _ = trace_outlines(replace_column(image), GridFrame(0.1, 1.0, 2.0, 20, 30))
-    assert outer.points.max(axis=0)[0] == pytest.approx(1.0 + 0.1 * (18.5 + 2.0 / 3.0))
+    outer, _ = trace_outlines(replace_column(image), frame, 0.0, 0.0)
+    assert outer.bounds[2] == pytest.approx(1.0 + 0.1 * (18.5 + 2.0 / 3.0))
 
 
 def replace_column(image):
