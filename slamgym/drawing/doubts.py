@@ -1,5 +1,7 @@
 """Points to check in a drawing: its scale, its direction, and how much of it was never seen."""
 
+from collections.abc import Iterator
+
 import numpy as np
 import shapely
 
@@ -18,64 +20,53 @@ MUCH_INFERRED = 0.5
 """Share of the walls' length."""
 
 
-def find_doubts(drawing: Drawing, direction: WallDirection | None) -> list[str]:
+def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[str]:
     """One sentence for each doubt.
 
     Args:
         drawing: What was drawn.
         direction: Direction of the walls, as it was found; None if it was given.
     """
-    doubts = []
-    scale = scale_doubt(drawing)
-    if scale:
-        doubts.append(scale)
+    clearance = widest_clearance(drawing.grid)
+    if drawing.area < SMALLEST_FLOOR:
+        yield f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"
+    elif not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
+        yield (
+            f"scale doubtful: a tenth of the floor is more than {clearance:.2f} m from all walls and furniture, in "
+            f"buildings that is {CLEARANCES[0]:g} to {CLEARANCES[1]:g} m; check the resolution"
+        )
     if direction is not None and direction.support <= 0.0:
-        doubts.append("direction doubtful: no long straight wall was found; give it with --angle")
+        yield "direction doubtful: no long straight wall was found; give it with --angle"
     elif direction is not None and direction.is_doubtful:
-        doubts.append(
+        yield (
             f"direction doubtful: walls run along {direction.angle_deg:.1f} and, nearly as many, along "
             f"{direction.rival_deg:.1f} degrees; choose with --angle"
         )
     unseen = sum(float(part.area) for part in drawing.inferred_floor)
     if unseen > MUCH_UNSEEN * drawing.area:
-        doubts.append(
-            f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
-        )
-    doubts += missing_walls(drawing)
-    lengths = [wall.length for wall in drawing.walls]
+        yield f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
+    yield from missing_walls(drawing)
+    length = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
-    if inferred > MUCH_INFERRED * sum(lengths):
-        doubts.append(f"{inferred / sum(lengths):.0%} of the walls' length is inferred: few walls were seen")
+    if inferred > MUCH_INFERRED * length:
+        yield f"{inferred / length:.0%} of the walls' length is inferred: few walls were seen"
     if len(drawing.floor.geoms) > 1:
-        doubts.append(f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins")
-    return doubts
+        yield f"the floor falls into {len(drawing.floor.geoms)} parts that no opening joins"
 
 
-def missing_walls(drawing: Drawing) -> list[str]:
+def missing_walls(drawing: Drawing) -> Iterator[str]:
     """A sentence for each wall that the map shows and the drawing doesn't."""
     from slamgym.drawing.comparison.extra_walls import extra_structures
     from slamgym.drawing.comparison.faces import map_evidence
 
     shapes = [drawing.floor.boundary, *(wall.polygon.boundary for wall in drawing.walls)]
     drawn = shapely.get_coordinates(shapely.segmentize(shapes, 0.05))
-    return [
-        f"a straight wall of {found.length:.1f} m isn't drawn: the map shows one from "
-        f"({found.line[0]:.1f}, {found.line[1]:.1f}) to ({found.line[2]:.1f}, {found.line[3]:.1f})"
-        for found in extra_structures(drawing.floor, map_evidence(drawing.grid), drawn)
-    ]
-
-
-def scale_doubt(drawing: Drawing) -> str | None:
-    """A sentence if the map's scale makes no sense: floor too small, narrow or wide."""
-    if drawing.area < SMALLEST_FLOOR:
-        return f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"
-    clearance = widest_clearance(drawing.grid)
-    if not CLEARANCES[0] <= clearance <= CLEARANCES[1]:
-        return (
-            f"scale doubtful: a tenth of the floor is more than {clearance:.2f} m from all walls and furniture, in "
-            f"buildings that is {CLEARANCES[0]:g} to {CLEARANCES[1]:g} m; check the resolution"
+    for found in extra_structures(drawing.floor, map_evidence(drawing.grid), drawn):
+        x0, y0, x1, y1 = found.line
+        yield (
+            f"a straight wall of {found.length:.1f} m isn't drawn: the map shows one from ({x0:.1f}, {y0:.1f}) to "
+            f"({x1:.1f}, {y1:.1f})"
         )
-    return None
 
 
 def widest_clearance(grid: OccupancyGrid) -> float:

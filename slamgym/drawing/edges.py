@@ -6,12 +6,11 @@ its left; its line is the points p with Re(conj(i d) p) = c for its direction d,
 
 import cmath
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import cv2
 import numpy as np
+from scipy.spatial import KDTree
 
 from slamgym.core.types import FloatArray
 
@@ -51,18 +50,12 @@ class Edge:
         return abs(self.end - self.start)
 
 
-def main_axes(angle_deg: float) -> list[complex]:
-    """The axis of the main direction, and its normal."""
-    axis = cmath.rect(1.0, math.radians(angle_deg))
-    return [axis, 1j * axis]
-
-
-def fit_edges(points: FloatArray, axes: Sequence[complex], tolerance: float) -> list[Edge]:
+def fit_edges(points: FloatArray, axis: complex, tolerance: float) -> list[Edge]:
     """Split a closed outline into straight edges.
 
     Args:
         points: (N, 2), what is free on the left [m].
-        axes: The main axes.
+        axis: The main direction.
         tolerance: How far the outline may stray from an edge [m].
 
     Returns:
@@ -72,17 +65,14 @@ def fit_edges(points: FloatArray, axes: Sequence[complex], tolerance: float) -> 
     corners = cv2.approxPolyDP(rounded[:, None, :], tolerance, True)[:, 0, :]
     if len(corners) < 3:
         return []
-    places: dict[Any, int] = {}
-    for index, point in enumerate(map(tuple, rounded.tolist())):
-        places.setdefault(point, index)
-    at = sorted({places[corner] for corner in map(tuple, corners.tolist())})
+    at = np.unique(KDTree(rounded).query(corners)[1]).tolist()
     line = points[:, 0] + 1j * points[:, 1]
     ring = np.concatenate([line, line])
     ends = [*at[1:], at[0] + len(line)]
-    return [_fitted(ring[a : b + 1], axes) for a, b in zip(at, ends, strict=True)]
+    return [_fitted(ring[a : b + 1], axis) for a, b in zip(at, ends, strict=True)]
 
 
-def _fitted(run: np.ndarray, axes: Sequence[complex]) -> Edge:
+def _fitted(run: np.ndarray, axis: complex) -> Edge:
     """The line that fits a stretch of an outline best, turned to an axis if it lies along it."""
     start, end = complex(run[0]), complex(run[-1])
     chord = end - start
@@ -93,24 +83,22 @@ def _fitted(run: np.ndarray, axes: Sequence[complex]) -> Edge:
         if abs(spread) > 0.0:
             fitted = cmath.exp(0.5j * cmath.phase(spread))
             direction = fitted if (fitted * direction.conjugate()).real > 0.0 else -fitted
-    axis, turned = snapped(direction, abs(chord), axes)
+    along, turned = _snapped(direction, abs(chord), axis)
     if len(run) <= FEW_FACE_POINTS:
         # Rounded corners keep only the middle of a short face, such as the end of a thin wall.
         third = (len(run) - 1) // 2
         middle = complex(run[third : len(run) - third].mean())
-    return Edge(turned, offset_of(turned, middle), axis, start, end)
+    return Edge(turned, offset_of(turned, middle), along, start, end)
 
 
-def snapped(direction: complex, length: float, axes: Sequence[complex]) -> tuple[int, complex]:
-    """The axis that an edge of this direction and length runs along, and its direction then."""
-    best, turned, least = FREE_AXIS, direction, math.inf
-    for index, axis in enumerate(axes):
-        cosine = (direction * axis.conjugate()).real
-        along = axis if cosine > 0.0 else -axis
-        angle = abs(cmath.phase(direction * along.conjugate()))
-        if angle < min(least, math.radians(40.0)) and 0.5 * length * math.tan(angle) <= SNAP:
-            best, turned, least = index, along, angle
-    return best, turned
+def _snapped(direction: complex, length: float, axis: complex) -> tuple[int, complex]:
+    """Which axis an edge of this direction and length runs along, and its direction then."""
+    turn = cmath.phase(direction * axis.conjugate()) / (0.5 * math.pi)
+    quarters = round(turn)
+    angle = 0.5 * math.pi * abs(turn - quarters)
+    if angle < math.radians(40.0) and 0.5 * length * math.tan(angle) <= SNAP:
+        return quarters % 2, axis * 1j**quarters
+    return FREE_AXIS, direction
 
 
 def offset_of(direction: complex, point: complex) -> float:

@@ -103,11 +103,10 @@ def read_corrections(path: Path | str) -> Corrections:
     Raises:
         InputFileError: If it isn't one.
     """
-    document = read_json(path, "save it with the report of a drawing, NAME.html")
+    remedy = "save it with the report of a drawing, NAME.html"
+    document = read_json(path, remedy)
     if not isinstance(document, dict):
-        raise InputFileError(
-            path, "is no file of corrections; save it with the report of a drawing, NAME.html"
-        )
+        raise InputFileError(path, f"is no file of corrections; {remedy}")
     return replace(known_fields(Corrections, document, path), where=str(path))
 
 

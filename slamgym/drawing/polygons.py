@@ -1,6 +1,7 @@
 """From outlines to valid polygons with straight edges: the floor."""
 
 import cmath
+import math
 
 import numpy as np
 import shapely
@@ -16,7 +17,6 @@ from slamgym.drawing.edges import (
     Edge,
     crossing,
     fit_edges,
-    main_axes,
     projected,
     simplified,
 )
@@ -43,13 +43,12 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     Returns:
         Valid; empty if nothing is large enough.
     """
-    axes = main_axes(angle_deg)
+    axis = cmath.rect(1.0, math.radians(angle_deg))
     tolerance = max(TOLERANCE, 0.9 * frame.resolution)
     rings = list[Polygon]()
     for outline in trace_outlines(picture, frame, SMALLEST_ROOM, SMALLEST_HOLE):
-        edges = fit_edges(shapely.get_coordinates(outline)[:-1], axes, tolerance)
-        corners = ring_corners(simplified(edges), 4.0 * tolerance)
-        rings.append(Polygon(corners) if len(corners) >= 3 else Polygon(outline).simplify(tolerance))
+        edges = simplified(fit_edges(shapely.get_coordinates(outline)[:-1], axis, tolerance))
+        rings.append(Polygon(ring_corners(edges, 4.0 * tolerance)) if edges else Polygon(outline))
     # What lies within an odd number of rings is floor: holes are none, and what stands in them is.
     return without_necks(shapely.make_valid(MultiPolygon(rings)))
 
@@ -62,29 +61,21 @@ def ring_corners(ring: list[Edge], most: float) -> FloatArray:
         most: Farthest that a corner may lie from the outline's own [m].
 
     Returns:
-        (N, 2) [m].
+        (N, 2), where two edges meet in one corner it comes twice [m].
     """
     edges = list(ring)
-    for _ in range(len(ring)):
+    while True:
         corners = _corners(edges, most)
         turned = [
-            index
-            for index, (edge, (start, end)) in enumerate(zip(edges, corners, strict=True))
+            edge
+            for edge, (start, end) in zip(edges, corners, strict=True)
             if ((end - start) * edge.direction.conjugate()).real < -1e-9
         ]
         if not turned or len(edges) <= 4:
-            break
+            points = np.array(corners).ravel()
+            return np.column_stack([points.real, points.imag])
         # An edge that its neighbours have eaten up runs backwards: it goes, the shortest first.
-        gone = min(turned, key=lambda index: edges[index].length)
-        del edges[gone]
-    points: list[complex] = []
-    for start, end in _corners(edges, most):
-        for point in (start, end):
-            if not points or abs(point - points[-1]) > 1e-6:
-                points.append(point)
-    while len(points) > 1 and abs(points[0] - points[-1]) <= 1e-6:
-        points.pop()
-    return np.array([(point.real, point.imag) for point in points], dtype=np.float64).reshape(-1, 2)
+        edges.remove(min(turned, key=lambda edge: edge.length))
 
 
 def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:

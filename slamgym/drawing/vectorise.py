@@ -12,8 +12,9 @@ from shapely.geometry.base import BaseGeometry
 
 import slamgym
 from slamgym.core.errors import InputFileError
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.text import printable
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
@@ -120,8 +121,7 @@ def make_drawing(
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
-    doubts = find_doubts(drawing, direction if angle_deg is None else None)
-    return replace(drawing, doubts=tuple(doubts))
+    return replace(drawing, doubts=tuple(find_doubts(drawing, direction if angle_deg is None else None)))
 
 
 def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tuple[MultiPolygon, list[Gap]]:
@@ -189,8 +189,7 @@ def _dimensions(
     floor: MultiPolygon, rooms: tuple[DrawnRoom, ...], doors: tuple[DrawnDoor, ...], angle_deg: float
 ) -> list[Dimension]:
     """Clear width and depth of each room through its middle, and both lengths of the building."""
-    radians = np.radians(angle_deg)
-    axes = [np.array([np.cos(radians), np.sin(radians)]), np.array([-np.sin(radians), np.cos(radians)])]
+    axes = unit_vectors(np.radians([angle_deg, angle_deg + 90.0]))
     shut = shapely.union_all([LineString([door.start, door.end]).buffer(0.02) for door in doors])
     found = []
     for room in rooms:
@@ -200,30 +199,23 @@ def _dimensions(
         for axis in axes:
             line = _clear_line(room.polygon, circle[0], axis, shut)
             if line is not None:
-                found.append(Dimension(*line, room.id))
+                found.append(Dimension(*line.coords, room.id))
     spans = [shapely.get_coordinates(floor) @ axis for axis in axes]
     for k, axis in enumerate(axes):
         aside = (spans[1 - k].min() - 0.8) * axes[1 - k]
-        start, end = spans[k].min() * axis + aside, spans[k].max() * axis + aside
-        found.append(Dimension(_pair(start), _pair(end), "building"))
+        start, end = (tuple((place * axis + aside).tolist()) for place in (spans[k].min(), spans[k].max()))
+        found.append(Dimension(start, end, "building"))
     return found
 
 
-def _pair(point: np.ndarray) -> tuple[float, float]:
-    return float(point[0]), float(point[1])
-
-
-def _clear_line(
-    room: Polygon, middle: np.ndarray, axis: np.ndarray, shut: BaseGeometry
-) -> tuple[tuple[float, float], tuple[float, float]] | None:
+def _clear_line(room: Polygon, middle: FloatArray, axis: FloatArray, shut: BaseGeometry) -> LineString | None:
     """A line from wall to wall near a point that avoids doors: their lines lie in the middle of walls."""
     across = np.array([-axis[1], axis[0]])
     for aside in BESIDE_DOORS:
         place = middle + aside * across
         far = LineString([place - 500.0 * axis, place + 500.0 * axis])
-        here = shapely.Point(place)
         for piece in shapely.get_parts(far.intersection(room)):
-            ends = shapely.get_coordinates(piece)
-            if piece.length > 0.3 and piece.distance(here) < 1e-6 and not shut.intersects(piece.boundary):
-                return _pair(ends[0]), _pair(ends[-1])
+            is_here = piece.length > 0.3 and piece.distance(shapely.Point(place)) < 1e-6
+            if is_here and not shut.intersects(piece.boundary):
+                return LineString(piece)
     return None

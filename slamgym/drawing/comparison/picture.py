@@ -74,14 +74,11 @@ def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
         draw_text(picture, f"{change.what}: not explored", int(x) - 60, int(y), 0.5, colour)
         return
     unit = (line[2:] - line[:2]) / max(float(np.hypot(*(line[2:] - line[:2]))), 1e-9)
-    moved = line
-    if change.offset is not None and change.kind in ("wall_moved", "wall_covered"):
-        # The built wall as the map shows it: with the map's own distortion.
-        moved = line + np.tile((change.raw_offset or change.offset) * np.array([-unit[1], unit[0]]), 2)
-    elif change.offset is not None and change.kind == "door_moved":
-        moved = line + np.tile(change.offset * unit, 2)
-    if moved is not line:
-        _line(picture, line, frame, colour, 1)
+    # What was built as the map shows it: with the map's own distortion.
+    offset, aside = change.raw_offset or 0.0, np.array([-unit[1], unit[0]])
+    shift = {"wall_moved": offset * aside, "wall_covered": offset * aside, "door_moved": offset * unit}
+    moved = line + np.tile(shift.get(change.kind, 0.0 * unit), 2)
+    _line(picture, line, frame, colour, 1)
     _line(picture, moved, frame, colour, 5)
     text = "" if change.offset is None else f"{100.0 * change.offset:+.0f} cm"
     middle = frame_pixels((0.5 * (moved[:2] + moved[2:]))[None], frame, 1.0)[0]

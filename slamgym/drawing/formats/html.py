@@ -10,19 +10,17 @@ from urllib.parse import quote
 import slamgym
 from slamgym.core.progress import counted
 from slamgym.core.text import markup
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnRoom
+from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.json import drawing_facts
 from slamgym.drawing.formats.look import DRAWING_STYLE, format_part
 from slamgym.drawing.formats.svg import Sheet, shape_layers, size_layer
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
-PAGE = (180.0, 160.0)
-"""Width and height that a figure may take of a page [mm]."""
+PAGE = (0.18, 0.16)
+"""Width and height that a figure may take of a page [m]."""
 PAPER_SCALES = (20, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 5000, 10_000, 50_000)
 """Drawn 1 to one of these."""
-SURE = 0.7
-"""Walls below this confidence are named as a doubt."""
 INDEX = Path("index.html")
 """Page of a folder of reports."""
 
@@ -61,9 +59,8 @@ def checks(drawing: Drawing) -> list[str]:
     found = [sentence(doubt) for doubt in drawing.doubts]
     unseen = [room for room in drawing.rooms if room.share_seen < SEEN_SHARE]
     if unseen:
-        names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen[:8])
-        more = f" and {len(unseen) - 8} more" if len(unseen) > 8 else ""
-        found.append(f"Rooms of which the robot saw less than half: {names}{more}.")
+        names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen)
+        found.append(f"Rooms of which the robot saw less than half: {names}.")
     if drawing.unexplored:
         area = sum(float(part.area) for part in drawing.unexplored)
         found.append(
@@ -73,10 +70,6 @@ def checks(drawing: Drawing) -> list[str]:
     closed = [f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"]
     if closed:
         found.append(f"Doors that were hardly seen open, or lead to unexplored parts: {', '.join(closed)}.")
-    unsure = sum(wall.length for wall in drawing.walls if wall.confidence < SURE)
-    total = sum(wall.length for wall in drawing.walls)
-    if unsure > 0.25 * total:
-        found.append(f"{unsure / total:.0%} of the walls' length is less than {SURE:.0%} sure.")
     return found
 
 
@@ -127,9 +120,21 @@ def _svg(
     drawing: Drawing, bounds: Sequence[tuple[float, float, float, float]], label: str, with_map: bool = False
 ) -> str:
     """A figure of some bounds, to a round scale on paper."""
-    sheet = _sheet(bounds)
+    low_x, low_y, high_x, high_y = zip(*bounds, strict=True)
+    box = min(low_x), min(low_y), max(high_x), max(high_y)
+    sheets = [Sheet.of(box, scale) for scale in PAPER_SCALES]
+    # The largest that fits on a page.
+    sheet = next(
+        (s for s in sheets if s.width <= PAGE[0] * s.scale and s.height <= PAGE[1] * s.scale), sheets[-1]
+    )
     shapes = [part for layer in shape_layers(drawing, sheet).values() for part in layer]
-    ground = [_map_picture(drawing, sheet), '<g class="over">'] if with_map else ["<g>"]
+    left, bottom, right, top = drawing.grid.frame.bounds
+    x, y = sheet.place((left, top)).split(",")
+    picture = (
+        f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
+        f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'
+    )
+    ground = [picture, '<g class="over">'] if with_map else ["<g>"]
     words = [*size_layer(drawing, sheet), "</g>", *sheet.legend(), *sheet.scale_bar(" on A4"), "</svg>"]
     head = (
         f'<svg role="img" aria-label="{label}" style="--paper: {1000 * sheet.width / sheet.scale:.1f}mm" '
@@ -139,51 +144,27 @@ def _svg(
     return "\n".join([head, *ground, *shapes, *words])
 
 
-def _map_picture(drawing: Drawing, sheet: Sheet) -> str:
-    left, bottom, right, top = drawing.grid.frame.bounds
-    x, y = sheet.place((left, top)).split(",")
-    return (
-        f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
-        f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'
-    )
-
-
-def _sheet(bounds: Sequence[tuple[float, float, float, float]]) -> Sheet:
-    """A sheet for all of some boxes (min x, min y, max x, max y), to the largest scale that fits on a page."""
-    low_x, low_y, high_x, high_y = zip(*bounds, strict=True)
-    for scale in PAPER_SCALES:
-        sheet = Sheet.of((min(low_x), min(low_y), max(high_x), max(high_y)), scale)
-        if 1000 * sheet.width <= PAGE[0] * scale and 1000 * sheet.height <= PAGE[1] * scale:
-            break
-    return sheet
-
-
 def _rooms_table(drawing: Drawing) -> str:
+    rows = []
+    for room in drawing.rooms:
+        sizes = [f"{line.length:.2f} m" for line in drawing.dimensions if line.of == room.id]
+        doors = ", ".join(f"D{k}" for k, door in enumerate(drawing.doors, 1) if room.id in door.rooms)
+        width, depth = (*sizes, "", "")[:2]
+        rows.append((room.name, f"{room.area:.2f} m²", width, depth, f"{room.share_seen:.0%}", doors))
     headings = ["room", "area", "width", "depth", "seen", "doors"]
-    rows = [_room_row(room, drawing) for room in drawing.rooms]
     return make_table(headings, rows, [room.layer for room in drawing.rooms])
-
-
-def _room_row(room: DrawnRoom, drawing: Drawing) -> tuple[str, ...]:
-    sizes = [f"{line.length:.2f} m" for line in drawing.dimensions if line.of == room.id][:2]
-    doors = [f"D{number}" for number, door in enumerate(drawing.doors, 1) if room.id in door.rooms]
-    sizes += [""] * (2 - len(sizes))
-    return room.name, f"{room.area:.2f} m²", *sizes, f"{room.share_seen:.0%}", ", ".join(doors)
 
 
 def _doors_table(drawing: Drawing) -> str:
     if not drawing.doors:
         return paragraph("No door was found.")
-    names = {room.id: room.name for room in drawing.rooms}
-    rows = [_door_row(number, door, names) for number, door in enumerate(drawing.doors, 1)]
+    names, rows = {room.id: room.name for room in drawing.rooms}, []
+    for number, door in enumerate(drawing.doors, 1):
+        joins = " and ".join(names[room] for room in door.rooms)
+        sizes = f"{door.width:.2f} m", f"{100 * door.depth:.0f} cm"
+        rows.append((f"D{number}", door.kind, *sizes, joins, f"{door.confidence:.0%}"))
     headings = ["door", "kind", "clear width", "in a wall of", "joins", "seen open"]
     return make_table(headings, rows, [door.layer for door in drawing.doors])
-
-
-def _door_row(number: int, door: DrawnDoor, names: dict[str, str]) -> tuple[str, ...]:
-    joins = " and ".join(names[room] for room in door.rooms)
-    sizes = f"{door.width:.2f} m", f"{100 * door.depth:.0f} cm"
-    return f"D{number}", door.kind, *sizes, joins, f"{door.confidence:.0%}"
 
 
 def format_index(

@@ -4,7 +4,6 @@ Straight walls run through their doors: an opening voids the wall and the door f
 walls and rooms are 2.5 m high, doors 2.1 m, slabs 0.2 m, and the storey's description says so.
 """
 
-import math
 import uuid
 from collections.abc import Sequence
 from typing import Any
@@ -180,12 +179,9 @@ def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
 
 def _placement(start: DrawnPoint, end: DrawnPoint) -> FloatArray:
     """The matrix (4, 4) of a frame at the start whose x axis points to the end."""
-    length = max(math.hypot(end[0] - start[0], end[1] - start[1]), 1e-9)
-    cos, sin = (end[0] - start[0]) / length, (end[1] - start[1]) / length
-    matrix = np.eye(4)
-    matrix[:2, :2] = [[cos, -sin], [sin, cos]]
-    matrix[:2, 3] = start
-    return matrix
+    from ifcopenshell.util.placement import a2p
+
+    return np.asarray(a2p((*start, 0.0), (0.0, 0.0, 1.0), (end[0] - start[0], end[1] - start[1], 0.0)))
 
 
 def _local(polygon: Polygon, matrix: FloatArray) -> Polygon:

@@ -42,7 +42,12 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
 
             write_picture(path, draw_picture(drawing))
         elif name == "yaml":
-            _write_ros_map(path.with_suffix(""), drawing)
+            from slamgym.interop.ros_map import write_ros_map
+
+            if stem.is_dir():
+                reason = "is a folder, into which the ROS map would be written; name another --out"
+                raise InputFileError(stem, reason)
+            write_ros_map(stem, drawing_map(drawing))
         else:
             # What a format needs is imported for it alone.
             module = import_module(f"slamgym.drawing.formats.{'json' if name == 'geojson' else name}")
@@ -59,11 +64,3 @@ def drawing_map(drawing: Drawing) -> OccupancyGrid:
     cell = drawing.grid.frame.resolution
     frame = GridFrame.covering(drawing.floor.bounds, cell, margin=WALL)
     return OccupancyGrid(map_values(filled(drawing.floor, frame), cell, UNKNOWN, WALL), frame)
-
-
-def _write_ros_map(stem: Path, drawing: Drawing) -> None:
-    from slamgym.interop.ros_map import write_ros_map
-
-    if stem.is_dir():
-        raise InputFileError(stem, "is a folder, into which the ROS map would be written; name another --out")
-    write_ros_map(stem, drawing_map(drawing))
