@@ -123,7 +123,7 @@ def _rivals(lines: FloatArray) -> IntArray:
     near = shapely.STRtree(middle).query(middle, predicate="dwithin", distance=ONE_PASSAGE * WIDEST)
     narrow = np.maximum(DRAWN_DOORS[0], width[near].min(axis=0))
     near = near[:, shapely.distance(*middle[near]) < ONE_PASSAGE * narrow]
-    shapes = shapely.linestrings(lines)
+    shapes = np.asarray(shapely.linestrings(lines))
     both = np.hstack([near, shapely.STRtree(shapes).query(shapes, predicate="crosses")])
     return both[:, both[0] < both[1]]
 
@@ -164,7 +164,8 @@ def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
         pairs = np.sort(room[pairs], axis=1)
         is_apart = pairs[:, 0] != pairs[:, 1]
         code, number = np.unique(pairs[is_apart] @ (count, 1), return_inverse=True)
-        pairs, odds = np.stack(np.divmod(code, count), axis=1), np.bincount(number, odds[is_apart])
+        pairs = np.stack(np.divmod(code, count), axis=1)
+        odds = np.bincount(number, odds[is_apart]).astype(np.float64)
         # What is too small for a room is a niche, whatever stands before it.
         is_room = area[pairs].min(axis=1) >= SMALLEST_ROOM
         next_one = np.lexsort((odds, is_room))[:1]

@@ -191,7 +191,7 @@ def _dimensions(
     """Clear width and depth of each room through its middle, and both lengths of the building."""
     axes = unit_vectors(np.radians([angle_deg, angle_deg + 90.0]))
     shut = shapely.union_all([LineString([door.start, door.end]).buffer(0.02) for door in doors])
-    found = []
+    found = list[tuple[LineString, str]]()
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:
             continue
@@ -199,13 +199,13 @@ def _dimensions(
         for axis in axes:
             line = _clear_line(room.polygon, circle[0], axis, shut)
             if line is not None:
-                found.append(Dimension(*line.coords, room.id))
+                found.append((line, room.id))
     spans = [shapely.get_coordinates(floor) @ axis for axis in axes]
     for k, axis in enumerate(axes):
         aside = (spans[1 - k].min() - 0.8) * axes[1 - k]
-        start, end = (tuple((place * axis + aside).tolist()) for place in (spans[k].min(), spans[k].max()))
-        found.append(Dimension(start, end, "building"))
-    return found
+        ends = [place * axis + aside for place in (spans[k].min(), spans[k].max())]
+        found.append((LineString(ends), "building"))
+    return [Dimension((x0, y0), (x1, y1), of) for line, of in found for (x0, y0), (x1, y1) in [line.coords]]
 
 
 def _clear_line(room: Polygon, middle: FloatArray, axis: FloatArray, shut: BaseGeometry) -> LineString | None:
