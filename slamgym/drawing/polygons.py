@@ -49,37 +49,21 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     for outline in trace_outlines(picture, frame, SMALLEST_ROOM, SMALLEST_HOLE):
         edges = simplified(fit_edges(shapely.get_coordinates(outline)[:-1], axis, tolerance))
         rings.append(Polygon(ring_corners(edges, 4.0 * tolerance)) if edges else Polygon(outline))
-    # What lies within an odd number of rings is floor: holes are none, and what stands in them is.
+    # What lies within an odd number of rings is floor: holes are none, and what stands in them is. Where an edge runs
+    # backwards, because its neighbours have eaten it up, nothing is left.
     return without_necks(shapely.make_valid(MultiPolygon(rings)))
 
 
-def ring_corners(ring: list[Edge], most: float) -> FloatArray:
+def ring_corners(edges: list[Edge], most: float) -> FloatArray:
     """The corners of a closed ring of edges: where they cross, if that is near to where they meet.
 
     Args:
-        ring: The edges in their order.
+        edges: In their order.
         most: Farthest that a corner may lie from the outline's own [m].
 
     Returns:
-        (N, 2), where two edges meet in one corner it comes twice [m].
+        (N, 2), one that two edges share twice [m].
     """
-    edges = list(ring)
-    while True:
-        corners = _corners(edges, most)
-        turned = [
-            edge
-            for edge, (start, end) in zip(edges, corners, strict=True)
-            if ((end - start) * edge.direction.conjugate()).real < -1e-9
-        ]
-        if not turned or len(edges) <= 4:
-            points = np.array(corners).ravel()
-            return np.column_stack([points.real, points.imag])
-        # An edge that its neighbours have eaten up runs backwards: it goes, the shortest first.
-        edges.remove(min(turned, key=lambda edge: edge.length))
-
-
-def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
-    """Where each edge begins and ends."""
     ends = []
     for edge, following in zip(edges, [*edges[1:], *edges[:1]], strict=True):
         place = 0.5 * (edge.end + following.start)
@@ -93,7 +77,8 @@ def _corners(edges: list[Edge], most: float) -> list[tuple[complex, complex]]:
             ends.append((middle, middle))
         else:
             ends.append((projected(edge, edge.end), projected(following, following.start)))
-    return [(ends[index - 1][1], ends[index][0]) for index in range(len(edges))]
+    points = np.array(ends).ravel()
+    return np.column_stack([points.real, points.imag])
 
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
