@@ -55,7 +55,6 @@ class Viewpoints:
     Attributes:
         places: The lattice, shape (P, 2) [m].
         cells: The floor cells that stand for all, flat indices, shape (C,).
-        cell_area: Floor that each of them stands for [m2].
         views: Which cells are seen all round from each place, shape (P, C).
         paths: Lengths of paths in the building.
         lengths: Of the paths between the places, shape (P, P) [m].
@@ -76,7 +75,6 @@ class Viewpoints:
         kept = np.zeros_like(floor)
         kept[::_EVERY, ::_EVERY] = floor[::_EVERY, ::_EVERY]
         self.cells: IntArray = np.flatnonzero(kept)
-        self.cell_area = (_EVERY * frame.resolution) ** 2
         segments = segments.view()
         segments.flags.writeable = False
         in_sight = [_in_sight(x, y, floor, frame, segments, max_range) for x, y in self.places.tolist()]

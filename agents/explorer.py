@@ -17,7 +17,8 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 
 Rule = Callable[[ExplorationLoop], FloatArray | Float32Array]
-"""Scores the candidates of a loop, shape (N,); the robot drives to the one with the highest score.
+"""Scores the candidates of a loop, shape (N,); the robot drives to the one with the highest score, and is done when all
+are -inf.
 
 Those that come with the package are frozen dataclasses of their settings: what they print identifies them.
 """
@@ -64,7 +65,11 @@ class FrontierPilot(Pilot):
         is_due = loop.observe(observation)
         while is_due:
             self.decisions += 1
-            is_due = not loop.choose(int(np.argmax(self._rule(loop)))) and bool(loop.candidates)
+            scores = self._rule(loop)
+            if scores.max() == -np.inf:
+                loop.finish()
+                break
+            is_due = not loop.choose(int(np.argmax(scores))) and bool(loop.candidates)
         self.finished = loop.finished
         return loop.command()
 

@@ -1,8 +1,7 @@
 """The oracle: what one who knows the floor plan would need at least, for each share of the floor.
 
-No robot can explore like this: it is a bound that says how much is left to gain, and the building that it knows
-serves an expert to imitate (:mod:`slamgym.agents.rl.imitation`). It is made from an environment, never by a name and
-a context, so that no explorer gets the truth unasked.
+No robot can explore like this: it is a bound that says how much is left to gain. It is made from an environment, never
+by a name and a context, so that no explorer gets the truth unasked.
 """
 
 import math
@@ -14,63 +13,42 @@ import cv2
 import numpy as np
 
 from slamgym.agents.coverage_tour import TourSearch, Viewpoints
-from slamgym.core.types import OCCUPIED, UNKNOWN, BoolArray, FloatArray, OccupancyGrid, Pose2D
+from slamgym.core.types import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from slamgym.envs import ExploreEnv
-from slamgym.envs.coverage import Coverage, ReachableFloor
+from slamgym.envs.coverage import ReachableFloor
 from slamgym.planning import CostmapConfig, crop_known, make_costmap, reachable_space
 from slamgym.planning.frontiers import Point
 from slamgym.sim import Clutter
 
 
-class TrueBuilding:
-    """The building of an environment's running episode, and what has truly been seen of it. Privileged.
-
-    Convention: points are in the world frame.
+def true_viewpoints(env: ExploreEnv, resolution: float = 0.05) -> Viewpoints:
+    """Places in the building of a running episode, in the world frame. Privileged.
 
     Args:
         env: After its reset.
         resolution: Cells of the drawing on which tours are planned [m].
-
-    Attributes:
-        viewpoints: Places in it, and the paths between them.
-        start: Pose at which the robot began: the origin of the map frame.
     """
-
-    def __init__(self, env: ExploreEnv, resolution: float = 0.05) -> None:
-        plan, clutter, robot = env.plan, env.clutter, env.config.robot
-        self.start = env.start
-        self._coverage: Coverage = env.coverage
-        offset = self.start.x, self.start.y
-        frame = replace(env.config.observation, map_resolution=resolution).frame()
-        drawn = plan.raster(resolution, frame=frame, offset=offset, outside=UNKNOWN)
-        known = crop_known(_with_furniture(drawn, clutter, offset), Pose2D(0.0, 0.0, 0.0))
-        frame = known.frame._replace(
-            origin_x=known.frame.origin_x + offset[0], origin_y=known.frame.origin_y + offset[1]
-        )
-        radius = robot.radius
-        config_of_body = CostmapConfig(inscribed_radius=radius, inflation_radius=radius)
-        costmap = make_costmap(OccupancyGrid(known.cells, frame), config_of_body)
-        space = reachable_space(costmap, self.start)
-        assert space is not None, "the robot stands in the building"
-        floor = ReachableFloor(plan, robot.radius, clutter.passages)
-        self.viewpoints = Viewpoints(
-            costmap,
-            space,
-            floor.mask(self.start.x, self.start.y),
-            floor.frame,
-            np.vstack([plan.segments(), clutter.segments()]),
-            env.config.usable_range,
-        )
-
-    @property
-    def unseen(self) -> BoolArray:
-        """Which cells of the viewpoints can be seen but truly have not been, shape (C,)."""
-        seen = self._coverage.seen[::-1].reshape(-1)[self.viewpoints.cells]
-        return self.viewpoints.views.any(axis=0) & ~seen
-
-    def to_world(self, point: Sequence[float] | FloatArray) -> Point:
-        """A point of the map frame in the world frame [m]."""
-        return float(point[0]) + self.start.x, float(point[1]) + self.start.y
+    plan, clutter, robot, start = env.plan, env.clutter, env.config.robot, env.start
+    offset = start.x, start.y
+    frame = replace(env.config.observation, map_resolution=resolution).frame()
+    drawn = plan.raster(resolution, frame=frame, offset=offset, outside=UNKNOWN)
+    known = crop_known(_with_furniture(drawn, clutter, offset), Pose2D(0.0, 0.0, 0.0))
+    frame = known.frame._replace(
+        origin_x=known.frame.origin_x + offset[0], origin_y=known.frame.origin_y + offset[1]
+    )
+    config_of_body = CostmapConfig(inscribed_radius=robot.radius, inflation_radius=robot.radius)
+    costmap = make_costmap(OccupancyGrid(known.cells, frame), config_of_body)
+    space = reachable_space(costmap, start)
+    assert space is not None, "the robot stands in the building"
+    floor = ReachableFloor(plan, robot.radius, clutter.passages)
+    return Viewpoints(
+        costmap,
+        space,
+        floor.mask(start.x, start.y),
+        floor.frame,
+        np.vstack([plan.segments(), clutter.segments()]),
+        env.config.usable_range,
+    )
 
 
 class Bound(NamedTuple):
@@ -99,7 +77,7 @@ def bound_exploration(
     Returns:
         One for each share, in the same order; a larger share never takes less.
     """
-    viewpoints = TrueBuilding(env, env.config.observation.map_resolution).viewpoints
+    viewpoints = true_viewpoints(env, env.config.observation.map_resolution)
     start = (env.start.x, env.start.y)
     seen_first = viewpoints.views[viewpoints.nearest(start)]
     search = TourSearch(viewpoints, start, ~seen_first, np.random.default_rng(seed))

@@ -1,4 +1,4 @@
-"""Weights of policies on disk, and the explorer ``rl``: safetensors files with their configuration in the header.
+"""Weights of policies on disk, safetensors files with their configuration in the header, and the explorer ``rl:FILE``.
 
 Reading one executes nothing. The header names what the network takes in and its sizes, so that weights of another
 observation space are refused with one sentence.
@@ -34,8 +34,6 @@ from slamgym.envs.frontier_features import (
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 
-PRETRAINED = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
-"""The policy that comes with the package."""
 _SPACE = {
     "env": "slamgym/ExploreFrontiers-v1",  # the first id with these observations
     "feature_version": FEATURE_VERSION,
@@ -65,7 +63,7 @@ class LearnedExplorer(BatchedExplorer):
 
     Args:
         context: What the environment says about the robot and its map.
-        policy: Weights, as ``slamgym agents train`` writes them; by default those that come with the package.
+        policy: Weights, as ``slamgym agents train frontiers`` writes them.
         config: How frontiers are offered and driven to.
 
     Raises:
@@ -75,7 +73,7 @@ class LearnedExplorer(BatchedExplorer):
     def __init__(
         self,
         context: ExplorerContext,
-        policy: Path | str = PRETRAINED,
+        policy: Path | str,
         config: ExplorationLoopConfig | None = None,
     ) -> None:
         self.config = loop = config or ExplorationLoopConfig()
@@ -115,7 +113,7 @@ def write_weights(path: Path, weights: Mapping[str, Float32Array], description: 
     write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
 
 
-def read_policy(path: Path | str = PRETRAINED) -> PolicyFile:
+def read_policy(path: Path | str) -> PolicyFile:
     """Read a frontier policy and check that it fits this version's observations.
 
     Raises:

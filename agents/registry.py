@@ -2,10 +2,9 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
-from slamgym.agents.pretrained_policy import PRETRAINED, LearnedExplorer
+from slamgym.agents.pretrained_policy import LearnedExplorer
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
@@ -15,6 +14,7 @@ from slamgym.agents.rules import (
     Nearest,
     NextBestView,
 )
+from slamgym.agents.selective_tour import SelectiveTour
 from slamgym.agents.teleop import Teleop
 from slamgym.agents.wheels import WheelsExplorer
 from slamgym.core.config import suggest
@@ -51,7 +51,7 @@ OWN_END = ("explore_lite", "wheels", "random", "teleop")
 
 EXPLORERS: Mapping[str, Make] = {
     **CLASSICAL,
-    "rl": lambda context, seed, promise: _learned(context, promise),  # noqa: ARG005 - the best score is taken
+    "rl": lambda context, seed, promise: SelectiveTour(context, ExplorationLoopConfig(promise=promise)),  # noqa: ARG005
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends
     "teleop": lambda context, seed, promise: Teleop(context, seed),  # noqa: ARG005 - a person ends it
@@ -87,7 +87,7 @@ def make_explorer(
         promise = None
     kind, _, path = base.partition(":")
     if path and kind == "rl":
-        return _learned(context, promise, path)
+        return LearnedExplorer(context, path, ExplorationLoopConfig(promise=promise))
     if path and kind == "wheels":
         return WheelsExplorer(context, path)
     if is_own_explorer(base):
@@ -111,9 +111,3 @@ def _own(spec: str, context: ExplorerContext, seed: int, promise: Promise | None
                 f"the explorer {spec!r} makes a {type(explorer).__name__}, which has no {name!r}"
             )
     return explorer
-
-
-def _learned(
-    context: ExplorerContext, promise: Promise | None, policy: Path | str = PRETRAINED
-) -> LearnedExplorer:
-    return LearnedExplorer(context, policy, ExplorationLoopConfig(promise=promise))

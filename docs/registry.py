@@ -47,7 +47,6 @@ TERMS = [
     Term("floor share", "share of a cell that is floor: grey values place walls within cells", "slamgym.cad.floorplan:floor_share"),
     Term("frontier", "border between reachable known space and unknown space (Yamauchi 1997)", "slamgym.planning.frontiers:find_frontiers"),
     Term("frontier candidate", "part of a frontier with a path to it, offered as a choice", "slamgym.planning.frontier_candidates:FrontierCandidate"),
-    Term("hindsight cost", "length of the tour through everything left to see, hidden floor included, that starts with a frontier", "slamgym.agents.hindsight:HindsightCosts"),
     Term("hit-count map", "counts, per cell, the beams that ended in it and crossed it; the published map", "slamgym.slam.hit_counts:HitCountMap"),
     Term("map frame", "frame of the robot's belief: origin at the start, axes parallel to the world's", "slamgym.core.types:GridFrame"),
     Term("map pair", "a CAD map (A) and a SLAM map (B) of the same building in one frame", "slamgym.dataset.record:MapPair"),

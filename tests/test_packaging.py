@@ -24,7 +24,7 @@ DATA = (
     "agents/bench/v1/NOTICE.md",
     "agents/bench/v1/manifest.json",
     "agents/bench/v1/plans.tar.xz",
-    "agents/pretrained/frontier_policy.safetensors",
+    "agents/pretrained/hidden_floor.safetensors",
     "agents/rl/hyperparams/ppo.yml",
     "cad/bundled/home_000000.json",
     "dataset/curate/pretrained/completeness.json",

@@ -1,3 +1,3 @@
-"""Learning to explore: environments, policies, imitation, training, reward shaping."""
+"""Learning to explore: environments, policies, training, reward shaping."""
 
 __all__: list[str] = []

@@ -84,9 +84,6 @@ class PolicyLearner(ABC, Generic[ConfigT]):
     def export(self, model: PPO, path: Path) -> None:
         """Write the policy's weights without value and optimiser, as explorers read them."""
 
-    def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
-        """Prepare a fresh run before it learns from rewards."""
-
     def ppo(self, policy: Any, envs: Any, **changes: Any) -> PPO:
         """Proximal policy optimisation with the settings of the run."""
         settings: dict[str, Any] = {**to_dict(self.config.ppo), **FIXED_PPO, **changes}
@@ -121,8 +118,6 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
         # Not the plans and the noise of the beginning once more.
         model.set_random_seed(config.seed + model.num_timesteps)
         say(f"going on at {unit} {model.num_timesteps}")
-    else:
-        learner.prepare(model, plans, out)
     log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
     (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
     model.set_logger(configure(str(log), ["csv", "tensorboard"]))

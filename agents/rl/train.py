@@ -1,4 +1,4 @@
-"""Train a policy that chooses frontiers: its environments, its network, imitation before rewards, and validation."""
+"""Train a policy that chooses frontiers: its environments, its network, and validation."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -6,17 +6,15 @@ from typing import Any, ClassVar
 
 import gymnasium as gym
 import numpy as np
-import torch
 from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from slamgym import __version__
-from slamgym.agents.pretrained_policy import PRETRAINED, read_policy, write_policy
+from slamgym.agents.pretrained_policy import write_policy
 from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
-from slamgym.agents.rl.imitation import imitate
 from slamgym.agents.rl.policy import FrontierPolicy
-from slamgym.agents.rl.run import PolicyLearner, learn_policy, save_checkpoint
+from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
@@ -56,14 +54,6 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
         return self.ppo(FrontierPolicy, envs, gamma=1.0)
 
-    def prepare(self, model: PPO, plans: Sequence[FloorPlan], out: Path) -> None:
-        """Take over earlier weights, and imitate."""
-        if self.config.start_from:
-            _begin_with(self.config.start_from, model)
-        if self.config.imitation.decisions:
-            imitate(model, self.config, plans)
-            save_checkpoint(out, model)
-
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans, empty and furnished ones in turns where the run has both.
 
@@ -91,15 +81,3 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
         about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(self.config)}
         write_policy(path, weights, about)
-
-
-def _begin_with(start_from: str, model: PPO) -> None:
-    """Replace the weights of a fresh frontier policy by those of an earlier run.
-
-    Raises:
-        InputFileError: If the file is no frontier policy of this version.
-    """
-    found = read_policy(PRETRAINED if start_from == "pretrained" else start_from)
-    network: Any = model.policy.features_extractor.network
-    weights = {name: torch.from_numpy(value.copy()) for name, value in found.weights.items()}
-    network.load_state_dict(weights)

@@ -40,6 +40,13 @@ WHEELS_GOAL = 0.98
 WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.0, collision=2.0, completion=0.0)
 """A point for each new hundredth of the floor, two off for each control step in contact."""
 
+DROPPED: dict[str, Any] = {
+    "network": {"prior_feature": "tour_detour", "prior_weight": -5.0},
+    "imitation": {"decisions": 0, "rounds": 1},
+    "start_from": "",
+}
+"""Settings of earlier versions."""
+
 
 class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
     """Proximal policy optimisation (Schulman et al. 2017)."""
@@ -56,15 +63,6 @@ class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
     """Weight of the entropy."""
 
 
-class ImitationConfig(Settings, section="imitation", dropped={"epochs": 12}):
-    """Learning from one who knows the plan, before the learning from rewards."""
-
-    decisions: CountOrZero = 0
-    """So many decisions, with what each candidate costs in hindsight, are learned from; 0 for none."""
-    rounds: Count = 1
-    """In how many rounds; after each the policy is fitted to all, and drives in the next."""
-
-
 class RunConfig(Settings):
     """Settings of every training run."""
 
@@ -76,7 +74,7 @@ class RunConfig(Settings):
     largest_area: Positive = AREA[1]
     """Larger plans than this are not learned on [m2]."""
     steps: CountOrZero = 100_000
-    """Decisions of all environments together that are learned from by rewards; 0 for imitation alone."""
+    """Decisions of all environments together that are learned from."""
     seed: int = 0
     """Seed of everything random."""
     num_envs: Count = 8
@@ -91,7 +89,7 @@ class RunConfig(Settings):
     """Plans of an evaluation."""
 
 
-class TrainConfig(RunConfig, dropped={"network": {"prior_feature": "tour_detour", "prior_weight": -5.0}}):
+class TrainConfig(RunConfig, dropped=DROPPED):
     """A training run on ``slamgym/ExploreFrontiers-v2``."""
 
     furnished: Share = 0.0
@@ -109,11 +107,6 @@ class TrainConfig(RunConfig, dropped={"network": {"prior_feature": "tour_detour"
     goes by the time until done."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
-    start_from: str = ""
-    """Weights to begin with: ``pretrained``, or a file that an earlier run wrote; by default those of an untrained
-    network."""
-    imitation: ImitationConfig = field(default_factory=ImitationConfig)
-    """Imitation before the learning from rewards."""
 
     def _check(self) -> None:
         if self.promise is not None:

@@ -21,13 +21,10 @@ import numpy as np
 import shapely
 
 from slamgym.agents.plan_splits import draw_plans
-from slamgym.agents.pretrained_policy import read_policy
-from slamgym.agents.scoring import FrontierScorer
+from slamgym.agents.rules import FrontierTour
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.envs import BatchExploreEnv, ExploreEnv, ExploreFrontiersEnv
 from slamgym.envs.batch import threads
-from slamgym.envs.frontier_features import FrontierFeatures
-from slamgym.planning.exploration_loop import ExplorationLoop
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
@@ -290,7 +287,6 @@ def measure_decisions(name: str) -> None:
     """Explore four validation plans of a source in each mode."""
     cv2.setNumThreads(1)
     plans = draw_plans([name], "validation", 4)
-    scorer = read_policy().scorer()
     rows = []
     for mode, settings in DECISION_MODES.items():
         env = ExploreFrontiersEnv(plans, time_limit=600.0, **settings)
@@ -300,11 +296,13 @@ def measure_decisions(name: str) -> None:
         clocks: list[float] = []
         for seed, plan in enumerate(plans):
             begin = time.process_time()
-            observation, _ = env.reset(seed=seed, options={"plan": plan})
+            env.reset(seed=seed, options={"plan": plan})
             over = False
             while not over:
-                clocks.append(cost_of_choosing(env.loop, scorer))
-                observation, _, terminated, truncated, info = env.step(choice(scorer, observation))
+                begin_choice = time.process_time()
+                action = int(np.argmax(FrontierTour()(env.loop))) if env.loop.candidates else 0
+                clocks.append(time.process_time() - begin_choice)
+                _, _, terminated, truncated, info = env.step(action)
                 over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
             spent += time.process_time() - begin
         spent -= sum(clocks)
@@ -326,19 +324,6 @@ def measure_decisions(name: str) -> None:
     ]
     times = [column for column in columns[1:] if column != "s of robot time each"]
     print_and_save("simulation/decision_rate", "Decisions on four validation plans", rows, columns, times)
-
-
-def choice(scorer: FrontierScorer, observation: dict[str, Any]) -> int:
-    """The candidate with the highest score; 0 where there is none."""
-    return int(scorer.scores(observation).argmax()) if observation["mask"].any() else 0
-
-
-def cost_of_choosing(loop: ExplorationLoop, scorer: FrontierScorer) -> float:
-    """CPU time of features and network for the loop's candidates [s]."""
-    begin = time.process_time()
-    observation = FrontierFeatures(loop.config.max_candidates).observe(loop)
-    choice(scorer, observation)
-    return time.process_time() - begin
 
 
 if __name__ == "__main__":

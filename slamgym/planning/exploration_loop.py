@@ -81,6 +81,7 @@ class ExplorationLoop:
     Attributes:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
+        wanted: The frontiers that are to be visited sooner or later, the candidates' among them.
         finished: Nothing that the robot can get to is left to explore, or the promise is kept.
         target: The frontier that the robot drives to, None if there is none.
     """
@@ -100,7 +101,7 @@ class ExplorationLoop:
         """Begin without anything that is noted by its place on the map."""
         self.navigator = Navigator(self.context, self.config.navigator)
         self.candidates: list[FrontierCandidate] = []
-        self._wanted: list[Frontier] = []  # to be visited sooner or later
+        self.wanted: list[Frontier] = []  # to be visited sooner or later
         self.target: FrontierCandidate | None = None
         self._choice = choice
         self._progress = TargetProgress()
@@ -299,7 +300,7 @@ class ExplorationLoop:
         self._choice.is_new_map = self._choice.is_stale = False
         self._choice.is_open = True
         self._has_tried_all = self.round == len(RELAXED_FOOTPRINTS)
-        self.candidates, self.num_frontiers, self._wanted = [], 0, []
+        self.candidates, self.num_frontiers, self.wanted = [], 0, []
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is not None and space is not None and self._growth.futile < _FUTILE_GOALS:
             last = self.config.last_frontier_size if self.round else math.inf
@@ -308,7 +309,7 @@ class ExplorationLoop:
             found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
             ahead = [one for one in found if not self._blacklist.holds(one[0].centroid)]
             # The next round offers again what was given up in the first.
-            self._wanted = [frontier for frontier, _ in (ahead if self.round else found)]
+            self.wanted = [frontier for frontier, _ in (ahead if self.round else found)]
             # A robot that sees no wall soon doesn't know where it is: in halls, such places come last.
             if self.known_area > _HOME:
                 ahead = [one for one in ahead if costmap.distance[one[1]] < np.inf] or ahead
@@ -318,10 +319,14 @@ class ExplorationLoop:
             self.target = None
             self.navigator.cancel()
             self._recover()
-        if self.config.promise is not None and not self.finished:
-            self.finished = is_kept(self.config.promise, self.ways_on(), self.known_area)
-            if self.finished:
-                self._blacklist.clear()  # so nothing is left to try again
+        promise = None if self.finished else self.config.promise
+        if promise is not None and is_kept(promise, self.ways_on(), self.known_area):
+            self.finish()
+
+    def finish(self) -> None:
+        """End the exploration: what is left isn't worth a visit."""
+        self.finished = True
+        self._blacklist.clear()  # so nothing is left to try again
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
@@ -340,7 +345,7 @@ class ExplorationLoop:
             return None
         if not (self.candidates or self._has_tried_all) or self._recovery.has_open_space(self.known_map()):
             return None
-        return [one for one in self._wanted if fits_through(costmap, one, radius)]
+        return [one for one in self.wanted if fits_through(costmap, one, radius)]
 
     def _drop_target(self) -> None:
         assert self.target is not None

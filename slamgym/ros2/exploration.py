@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.agents.explorer import FrontierExplorer, FrontierPilot
-from slamgym.agents.pretrained_policy import LearnedExplorer
+from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
 from slamgym.agents.registry import make_explorer
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted
@@ -277,7 +276,7 @@ class Exploration:
 def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:
     """The pilot of an explorer of a name."""
     explorer = make_explorer(name, context)
-    pilot = explorer.begin(0) if isinstance(explorer, FrontierExplorer | LearnedExplorer) else None
+    pilot = explorer.begin(0) if isinstance(explorer, BatchedExplorer) else None
     if not isinstance(pilot, FrontierPilot):
         raise ConfigError(
             f"the explorer {name} doesn't choose frontiers; take one that does, such as tour or rl"

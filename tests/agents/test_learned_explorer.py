@@ -1,4 +1,4 @@
-"""The trained explorer in the environment of the classical ones, and the decision environment beside it."""
+"""Policies that were trained in the decision environment, in the environment of the classical explorers."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from slamgym.agents.pretrained_policy import PRETRAINED, LearnedExplorer, read_policy
+from slamgym.agents.pretrained_policy import LearnedExplorer, read_policy, weight_shapes, write_policy
 from slamgym.agents.registry import make_explorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
@@ -20,6 +20,15 @@ SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 def plan():
     left, right = shapely.box(0.0, 0.0, 5.0, 5.0), shapely.box(5.1, 0.0, 10.0, 5.0)
     return FloorPlan("two-rooms", shapely.union_all([left, right, shapely.box(4.9, 2.0, 5.2, 3.0)]))
+
+
+@pytest.fixture
+def policy(tmp_path):
+    """The file of a policy with small random weights, so that its choices are no rule's."""
+    rng, path = np.random.default_rng(0), tmp_path / "policy.safetensors"
+    weights = {name: 0.1 * rng.standard_normal(shape) for name, shape in weight_shapes().items()}
+    write_policy(path, {name: value.astype(np.float32) for name, value in weights.items()}, {})
+    return path
 
 
 def explorer_env(plan):
@@ -46,10 +55,10 @@ def test_it_explores_the_building_and_knows_when_it_is_done(plan):
     assert explorer.decisions > 3
 
 
-def test_it_does_what_the_policy_does_in_the_decision_environment(plan):
+def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy):
     """The same network over the same driver: the robot ends at the same place after the same time."""
     decisions = ExploreFrontiersEnv(plan, **SMALL)
-    scorer = read_policy().scorer()
+    scorer = read_policy(policy).scorer()
     observation, _ = decisions.reset(seed=4)
     over = False
     while not over:
@@ -57,7 +66,7 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan):
         observation, _, terminated, truncated, info = decisions.step(int(scorer.scores(observation).argmax()))
         over = terminated or truncated
     env = explorer_env(plan)
-    explorer = LearnedExplorer(env.explorer_context())
+    explorer = LearnedExplorer(env.explorer_context(), policy)
     observation, _ = env.reset(seed=4)
     while True:
         action, _ = explorer.predict(observation)
@@ -68,21 +77,16 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan):
     np.testing.assert_allclose(env.simulation.true_pose, info["true_pose"], atol=1e-6)
 
 
-def test_weights_of_ones_own_are_named_by_their_file(plan, tmp_path):
+def test_weights_of_ones_own_are_named_by_their_file(plan, policy, tmp_path):
     context = explorer_env(plan).explorer_context()
-    assert isinstance(make_explorer(f"rl:{PRETRAINED}", context), LearnedExplorer)
+    assert isinstance(make_explorer(f"rl:{policy}", context), LearnedExplorer)
     with pytest.raises(InputFileError, match="nowhere"):
         make_explorer(f"rl:{tmp_path / 'nowhere.safetensors'}", context)
 
 
-def test_the_pretrained_weights_are_small():
-    assert PRETRAINED.stat().st_size < 5_000_000
-    assert (PRETRAINED.parent / "README.md").is_file()
-
-
 def test_exploring_needs_no_torch():
     code = (
-        "import sys; from slamgym.agents.pretrained_policy import read_policy; import slamgym.agents.registry; "
-        "read_policy().scorer(); sys.exit('torch' in sys.modules)"
+        "import sys; from slamgym.agents.hidden_floor import HiddenFloor; import slamgym.agents.registry; "
+        "HiddenFloor.read(); sys.exit('torch' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

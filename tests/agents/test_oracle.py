@@ -3,7 +3,7 @@ import shapely
 
 from slamgym.agents.coverage_tour import TourSearch
 from slamgym.agents.evaluation.trial import Task, TrialConfig, bound_trial, run_trial
-from slamgym.agents.oracle import TrueBuilding, bound_exploration
+from slamgym.agents.oracle import bound_exploration, true_viewpoints
 from slamgym.cad import FloorPlan
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.slam import SlamConfig
@@ -27,7 +27,7 @@ def entered(plan, start):
 
 def search(plan, start):
     """Viewpoints in a building, and a search for tours that see it."""
-    viewpoints = TrueBuilding(entered(plan, start)).viewpoints
+    viewpoints = true_viewpoints(entered(plan, start))
     wanted = np.ones(len(viewpoints.cells), dtype=bool)
     return viewpoints, TourSearch(viewpoints, start[:2], wanted, np.random.default_rng(3))
 

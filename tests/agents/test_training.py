@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from slamgym.agents.plan_splits import draw_plans, split_of
-from slamgym.agents.rl.train_config import ImitationConfig, PPOConfig, TrainConfig
+from slamgym.agents.rl.train_config import PPOConfig, TrainConfig
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.errors import ConfigError, InputFileError
 
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
-from slamgym.agents.pretrained_policy import PRETRAINED, read_policy  # noqa: E402
-from slamgym.agents.rl.environments import make_env  # noqa: E402
-from slamgym.agents.rl.imitation import EXPERTS  # noqa: E402
+from slamgym.agents.pretrained_policy import read_policy  # noqa: E402
 from slamgym.agents.rl.run import PPO, read_validation  # noqa: E402
 from slamgym.agents.rl.train import train  # noqa: E402
 
@@ -58,34 +56,8 @@ def test_senseless_runs_are_refused(changes):
         from_dict(TrainConfig, to_dict(TINY) | changes)
 
 
-def test_experts_choose_candidates_that_are_there():
-    env = make_env(TINY, draw_plans(["procedural:0"], "train", 1))
-    observation, _ = env.reset(seed=0)
-    answers = [expert(env) for expert in EXPERTS.values()]
-    for _ in range(4):
-        for answer in answers:
-            assert observation["mask"][answer(observation)]
-        observation, _, terminated, truncated, _ = env.step(0)
-        if terminated or truncated:
-            break
-
-
-@pytest.fixture
-def one_epoch(monkeypatch):
-    monkeypatch.setattr("slamgym.agents.rl.imitation._EPOCHS", 1)
-
-
-def test_imitation_alone_writes_a_policy(tmp_path, one_epoch):
-    alone = dataclasses.replace(TINY, steps=0, imitation=ImitationConfig(decisions=12, rounds=2))
-    assert train(alone, tmp_path).num_timesteps == 0
-    learned = read_policy(tmp_path / "policy.safetensors").weights["score_out.weight"]
-    assert learned.any()  # an untrained one has none
-
-
-def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, one_epoch):
-    half = dataclasses.replace(
-        TINY, imitation=ImitationConfig(decisions=12), evaluate_every=100, evaluate_plans=1
-    )
+def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
+    half = dataclasses.replace(TINY, evaluate_every=100, evaluate_plans=1)
     model = train(half, tmp_path)
     assert model.num_timesteps == 24
     for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
@@ -102,18 +74,6 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, one_epoch):
     (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
     with pytest.raises(InputFileError, match="checkpoint"):
         train(half, tmp_path)
-
-
-def test_a_run_can_begin_with_other_weights(tmp_path):
-    slow = dataclasses.replace(TINY, steps=12, ppo=dataclasses.replace(TINY.ppo, learning_rate=1e-12))
-    train(dataclasses.replace(slow, start_from="pretrained"), tmp_path / "run")
-    learned, pretrained = (
-        read_policy(p).weights for p in (tmp_path / "run" / "policy.safetensors", PRETRAINED)
-    )
-    for name, value in pretrained.items():
-        np.testing.assert_allclose(learned[name], value, atol=1e-6)
-    with pytest.raises(InputFileError, match="can't be read"):
-        train(dataclasses.replace(slow, start_from="nowhere.safetensors"), tmp_path / "nowhere")
 
 
 def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeypatch):

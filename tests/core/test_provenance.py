@@ -7,7 +7,7 @@ import sys
 import pytest
 from source_tree import FOLDERS
 
-from slamgym.agents.pretrained_policy import PRETRAINED, read_policy
+from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor
 from slamgym.cad import open_plans
 from slamgym.cad.sources import BUNDLED
 from slamgym.core import provenance
@@ -16,7 +16,7 @@ from slamgym.core.provenance import check_origin, current_checksums, read_checks
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 
 SHIPPED = {
-    "policy": (PRETRAINED, lambda: read_policy(PRETRAINED)),
+    "policy": (HIDDEN_FLOOR, HiddenFloor.read),
     "completeness": (PRETRAINED_MODEL, CompletenessModel.read),
     "plan": (BUNDLED / "home_000000.json", lambda: open_plans("bundled").load("home_000000")),
 }
@@ -34,7 +34,7 @@ def test_everything_that_is_loaded_from_the_package_is_listed():
         for path in folder.rglob("*")
         if path.suffix in suffixes
     }
-    assert {"agents/pretrained/frontier_policy.safetensors", "gan/pretrained/model32.safetensors"} <= found
+    assert {"agents/pretrained/hidden_floor.safetensors", "gan/pretrained/model32.safetensors"} <= found
     assert found <= read_checksums().keys()
 
 
@@ -64,7 +64,7 @@ def test_translators_are_compared_too(monkeypatch):
 
 def test_a_policy_is_read_without_torch():
     code = (
-        "import sys; from slamgym.agents.pretrained_policy import read_policy; read_policy(); "
+        "import sys; from slamgym.agents.hidden_floor import HiddenFloor; HiddenFloor.read(); "
         "assert 'safetensors' in sys.modules and not {'torch', 'cv2'} & sys.modules.keys()"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

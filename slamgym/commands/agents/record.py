@@ -38,8 +38,6 @@ class RecordArguments(Arguments):
     """Floor plans, as `slamgym generate` takes them."""
     episodes: Count = 20
     """Explorations."""
-    expert: Literal["gain_per_metre", "oracle"] = "gain_per_metre"
-    """Who chooses: ``gain_per_metre``, the next best view; ``oracle``, who knows the building."""
     random_share: Share = 0.1
     """So many choices are drawn at random instead, so that the data hold other choices, too."""
     localization: Literal["slam", "ground_truth"] = "slam"
@@ -78,7 +76,7 @@ def main(arguments: RecordArguments) -> None:
                     dataset_id=arguments.minari,
                     buffer=episodes,
                     env=env,
-                    algorithm_name=f"{arguments.expert}, {100 * arguments.random_share:g} % at random",
+                    algorithm_name=f"next_best_view, {100 * arguments.random_share:g} % at random",
                     description=f"{counted(arguments.episodes, 'exploration')} of {arguments.plans}",
                     data_format="arrow",
                 )
@@ -96,17 +94,18 @@ def _record_episode(
     import numpy as np
     from minari.data_collector import EpisodeBuffer
 
-    from slamgym.agents.rl.imitation import EXPERTS
+    from slamgym.agents.rules import NextBestView
 
     seed = arguments.seed + number
     observation, _ = env.reset(seed=seed)
-    answer = EXPERTS[arguments.expert](env.unwrapped)
+    rule = NextBestView()
     observations = [observation]
     steps: list[tuple[int, float, bool, bool]] = []
     while not steps or not any(steps[-1][2:]):
         at_random = rng.random() < arguments.random_share
         offered = (observation["mask"] > 0.5).nonzero()[0]
-        action = int(rng.choice(offered)) if at_random and len(offered) else answer(observation)
+        best = int(np.argmax(rule(env.unwrapped.loop))) if len(offered) else 0
+        action = int(rng.choice(offered)) if at_random and len(offered) else best
         observation, reward, terminated, truncated, _ = env.step(action)
         observations.append(observation)
         steps.append((action, float(reward), terminated, truncated))

@@ -1,0 +1,208 @@
+"""Floor that frontiers hide, predicted from the map and from what the scans met there.
+
+Many frontiers hide nothing: patches of wall that return no beam, slivers behind posts, noise. A small network tells
+them from doors by figures of the frontier and of the unknown behind it, and by what became of the beams that were sent
+there: lost without return, passed beyond it, or met something there, and from how near.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.agents.pretrained_policy import read_weights
+from slamgym.core.errors import InputFileError
+from slamgym.core.jit import kernel
+from slamgym.core.portable import exp, product
+from slamgym.core.types import Float32Array, FloatArray, Pose2D
+from slamgym.envs.frontier_features import expected_unseen_share
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION, Costmap
+from slamgym.planning.exploration_loop import ExplorationLoop
+from slamgym.planning.frontier_candidates import unknown_regions
+from slamgym.planning.frontiers import Frontier, expected_gain
+
+HIDDEN_FLOOR = Path(__file__).parent / "pretrained" / "hidden_floor.safetensors"
+"""The network that comes with the package."""
+AREAS = (0.1, 0.3, 1.0, 3.0)
+"""The network says how probable it is that a frontier hides at least so much floor [m2]."""
+FRONTIER_FIGURES = (
+    "size", "extent", "room", "known_area", "time", "round", "unknown_near", "unknown_far", "unknown_outside",
+    "unknown_enclosed", "unknown_free_border", "unknown_wall_border", "unknown_frontiers", "gain", "clearance",
+    "distance", "looks", "nearest_look", "lost", "nearest_lost", "lost_near_by", "passed", "passed_by", "met",
+    "nearest_met", "unseen_share", "lost_square",
+)  # fmt: skip
+"""Figures of a frontier. A look is a beam towards it: lost without return, passed beyond it, or met something there."""
+
+FLOOR_LAYERS = {"first": (len(FRONTIER_FIGURES), 64), "second": (64, 32), "out": (32, len(AREAS))}
+"""Layers of the network: inputs and outputs."""
+DESCRIPTION = ({"env": "hidden floor", "figures": list(FRONTIER_FIGURES)}, {"areas": list(AREAS)})
+"""What the weights take in, and what they say."""
+
+_MOVED, _TURNED = 0.2, 0.3  # a scan is kept if the robot did so much since the last one [m, rad]
+_POINTS = 6  # of a frontier that beams are compared with
+_BESIDE = 0.2  # what a beam meets so near to a frontier is there [m]
+_NEAR_BY = 1.2  # [m]
+_RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-2, -2)])
+
+
+class Looks:
+    """Scans of one exploration, and where they were taken.
+
+    Args:
+        context: Of the robot.
+    """
+
+    def __init__(self, context: ExplorerContext) -> None:
+        laser = context.geometry
+        self._laser = np.array([*laser.mount, laser.angle_min, laser.angle_increment, laser.range_max])
+        self._poses: list[Pose2D] = []
+        self._scans: list[Float32Array] = []
+
+    def note(self, pose: Pose2D, scan: Float32Array) -> bool:
+        """Keep a scan, unless it was taken where the last one was; returns whether it is kept."""
+        if self._poses:
+            last = self._poses[-1]
+            turned = abs(math.remainder(pose.theta - last.theta, 2.0 * math.pi))
+            if math.dist(pose[:2], last[:2]) < _MOVED and turned < _TURNED:
+                return False
+        self._poses.append(pose)
+        self._scans.append(np.array(scan, np.float32))
+        return True
+
+    def figures(self, frontiers: Sequence[FloatArray], outward: FloatArray) -> FloatArray:
+        """What became of the beams towards frontiers.
+
+        Args:
+            frontiers: Points of each, shapes (M, 2) [m].
+            outward: Direction from the known to the unknown at each, shape (N, 2).
+
+        Returns:
+            Shape (N, 10), in the order of :data:`FRONTIER_FIGURES` from ``looks`` on, without ``unseen_share``.
+        """
+        poses, scans = np.array(self._poses), np.array(self._scans)
+        chosen = [one[np.linspace(0, len(one) - 1, min(_POINTS, len(one))).astype(int)] for one in frontiers]
+        pairs = zip(chosen, outward, strict=True)
+        return np.array([_tally(poses, scans, points, towards, self._laser) for points, towards in pairs])
+
+
+@kernel
+def _tally(
+    poses: FloatArray, scans: Float32Array, points: FloatArray, outward: FloatArray, laser: FloatArray
+) -> FloatArray:
+    """Count the beams of scans (T, beams) from poses (T, 3) towards points (N, 2), by what became of them."""
+    x, y, turn, first, step, longest = laser
+    looks, lost, near_by, passed, met = 0, 0, 0, 0, 0
+    nearest, nearest_lost, nearest_met, beyond, square = longest, longest, longest, 0.0, 0.0
+    for t in range(len(poses)):
+        cos, sin = math.cos(poses[t, 2]), math.sin(poses[t, 2])
+        for p in range(len(points)):
+            dx = points[p, 0] - (poses[t, 0] + cos * x - sin * y)
+            dy = points[p, 1] - (poses[t, 1] + sin * x + cos * y)
+            away = math.sqrt(dx * dx + dy * dy)
+            angle = math.atan2(dy, dx) - poses[t, 2] - turn - first
+            angle -= 2.0 * math.pi * math.floor((angle + 0.5 * step) / (2.0 * math.pi))
+            index = math.floor(angle / step + 0.5)
+            if away >= longest - 0.05 or index >= scans.shape[1]:
+                continue
+            read = scans[t, index]
+            if read < away - _BESIDE:
+                continue
+            looks += 1
+            nearest = min(nearest, away)
+            if read >= 0.999 * longest:
+                lost += 1
+                near_by += away < _NEAR_BY
+                nearest_lost = min(nearest_lost, away)
+                square = max(square, abs(dx * outward[0] + dy * outward[1]) / max(away, 1e-3))
+            if read <= away + _BESIDE:  # also where the scanner's range ends
+                met += 1
+                nearest_met = min(nearest_met, away)
+            elif read < 0.999 * longest:
+                passed += 1
+                beyond = max(beyond, read - away)
+    counts = [math.log1p(one / len(points)) / 3.0 for one in (looks, lost, passed, met)]
+    near = math.log1p(near_by / len(points)) / 2.0
+    at, lost_at, met_at = nearest / longest, nearest_lost / longest, nearest_met / longest
+    return np.array(
+        [counts[0], at, counts[1], lost_at, near, counts[2], beyond / longest, counts[3], met_at, square]
+    )
+
+
+def describe_frontiers(loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]) -> Float32Array:
+    """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
+    costmap = loop.navigator.costmap
+    assert costmap is not None
+    size, frame = costmap.frame.resolution, costmap.frame
+    _, cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
+    places = [frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
+    outward = np.array([outward_of(costmap, one) for one in frontiers])
+    beams = looks.figures(places, outward)
+    unseen, rows = expected_unseen_share(loop), []
+    for k, (one, region) in enumerate(zip(frontiers, regions, strict=True)):
+        extent = float(np.hypot(*np.ptp(places[k], axis=0)))
+        clearance = float(costmap.distance[tuple(one.cells.T)].max())
+        gain = expected_gain(costmap, one.middle, loop.context.geometry.range_max)
+        rows.append([
+            one.size * size / 3.0, extent / 3.0, min(0.5 * one.size, clearance) * size, loop.known_area / 100.0,
+            loop.time / 600.0, loop.round, region.near * cell**2 / 5.0, region.far * cell**2 / 20.0, region.outside,
+            region.is_enclosed, region.free * cell / 5.0, region.occupied * cell / 10.0, region.frontiers / 4.0,
+            gain / 15.0, min(clearance * size, 3.0) / 1.5, min(one.min_distance, 10.0) / 10.0, *beams[k, :9], unseen,
+            beams[k, 9],
+        ])  # fmt: skip
+    return np.array(rows, np.float32)
+
+
+def outward_of(costmap: Costmap, frontier: Frontier) -> FloatArray:
+    """Unit vector from the known to the unknown at a frontier, shape (2,)."""
+    around = frontier.cells[:, None] + _RING
+    row, col = (np.clip(around[..., k], 0, costmap.costs.shape[k] - 1) for k in range(2))
+    costs = costmap.costs[row, col]
+    weights = (costs == NO_INFORMATION).sum(axis=0) - 1.0 * (costs < LETHAL_COST).sum(axis=0)
+    x, y = float((weights * _RING[:, 1]).sum()), -float((weights * _RING[:, 0]).sum())
+    length = math.hypot(x, y)
+    return np.array([x / length, y / length]) if length > 0.0 else np.array([1.0, 0.0])
+
+
+@dataclass(frozen=True)
+class HiddenFloor:
+    """The network, without torch."""
+
+    weights: Mapping[str, Float32Array]
+    """Arrays of the layers (:data:`FLOOR_LAYERS`)."""
+    risk: float
+    """Share of what a promise risks that what is passed over may take, calibrated on other plans."""
+
+    @staticmethod
+    def read(path: Path | str = HIDDEN_FLOOR) -> "HiddenFloor":
+        """Read a file.
+
+        Raises:
+            InputFileError: If it is missing, damaged, or made for other figures.
+        """
+        shapes: dict[str, tuple[int, ...]] = {}
+        for name, (inputs, outputs) in FLOOR_LAYERS.items():
+            shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+        weights, about = read_weights(Path(path), "predictor of hidden floor", DESCRIPTION, shapes)
+        risk = about.get("risk") if isinstance(about, dict) else None
+        if not isinstance(risk, float) or not 0.0 < risk <= 1.0:
+            raise InputFileError(Path(path), "doesn't say what share of a risk it may take; train it again")
+        return HiddenFloor(weights, risk)
+
+    def chances(
+        self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier], area: float
+    ) -> FloatArray:
+        """Probability that each of some frontiers, at least one, hides at least an area [m2], shape (N,)."""
+        values = describe_frontiers(loop, looks, frontiers)
+        for name in ("first", "second"):
+            values = np.maximum(self._linear(name, values), np.float32(0.0))
+        chances = 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
+        logs = [math.log(one) for one in AREAS]
+        at = float(np.interp(math.log(max(area, AREAS[0])), logs, range(len(AREAS))))
+        low = min(int(at), len(AREAS) - 2)
+        return (low + 1 - at) * chances[:, low] + (at - low) * chances[:, low + 1]
+
+    def _linear(self, name: str, values: Float32Array) -> Float32Array:
+        return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]

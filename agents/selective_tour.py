@@ -1,0 +1,107 @@
+"""The explorer ``rl``: the shortest tour through the frontiers that are worth a visit, as learned from floor plans.
+
+Many frontiers hide nothing, and a promise leaves some floor unseen anyway. So those are passed over that hide least, as
+long as the probabilities that one hides half of what may be left add up to no more than a share of what the promise
+risks (a union bound). The others are visited as ``tour`` does. When none is left the exploration is done, if it has
+given the promise for which the share was calibrated; else what was passed over comes last. Where people walk about, a
+door may be hidden by one of them for a while: once a scan has met somebody, all is visited.
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
+from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor, Looks
+from slamgym.agents.pretrained_policy import fingerprint_of
+from slamgym.core.config import config_hash
+from slamgym.core.geometry import transform_points
+from slamgym.core.types import FREE, Float32Array, FloatArray, Observation, Pose2D, Twist2D
+from slamgym.envs.frontier_features import candidate_tour_lengths
+from slamgym.planning.context import ExplorerContext
+from slamgym.planning.costmap import cells_inside, unmapped_points
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.open_tour import open_tour
+from slamgym.planning.promise import LARGEST_CALIBRATED, Promise
+
+CALIBRATED = Promise()
+"""What is promised by those who stop so."""
+_ALL_ROUND = 0.5  # [m]
+
+
+class SelectivePilot(FrontierPilot):
+    """Drives one robot.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        config: How frontiers are offered and driven to, and what is promised.
+        network: Says what frontiers hide.
+    """
+
+    def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor) -> None:
+        super().__init__(context, config, self._scores)
+        self._network, self._looks = network, Looks(context)
+        self._promise = config.promise or CALIBRATED
+        self._may_stop = config.promise == CALIBRATED
+        self._has_met_someone = False
+
+    def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Pilot.act`."""
+        is_new = self._looks.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
+        command = super().act(observation)
+        if is_new and not self._has_met_someone:
+            self._has_met_someone = self._meets_someone(observation["scan"])
+        return command
+
+    def _meets_someone(self, scan: Float32Array) -> bool:
+        """True if a scan meets something where the map is free all round: it wasn't there before."""
+        grid, follower = self.loop.known_map(), self.loop.navigator.follower
+        points = unmapped_points(grid, transform_points(self.loop.pose, follower.points(scan)), _ALL_ROUND)
+        row, col, _ = cells_inside(grid.frame, points)
+        # Legs of chairs, which maps lose, return fewer beams.
+        return int(np.count_nonzero(grid.cells[row, col] == FREE)) >= 8
+
+    def _scores(self, loop: ExplorationLoop) -> FloatArray:
+        """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
+        worth = self._worth_a_visit(loop)
+        ways_on = loop.ways_on() if self._may_stop and loop.known_area <= LARGEST_CALIBRATED else None
+        scores: FloatArray = np.full(len(loop.candidates), -np.inf)
+        if ways_on is not None and not any(id(one) in worth for one in ways_on):
+            return scores
+        wanted = np.array([id(one.frontier) in worth for one in loop.candidates])
+        kept = np.flatnonzero(wanted | ~wanted.any())
+        stops = np.append(0, 1 + kept)
+        scores[kept] = -np.argsort(open_tour(candidate_tour_lengths(loop)[np.ix_(stops, stops)]))
+        return scores
+
+    def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
+        """Identities of the frontiers that are worth a visit."""
+        promise, frontiers = self._promise, loop.wanted
+        if self._has_met_someone:
+            return set(map(id, frontiers))
+        left = promise.left or (1.0 - (promise.seen or 0.0)) * loop.known_area
+        chances = self._network.chances(loop, self._looks, frontiers, 0.5 * left)
+        order = np.argsort(chances, kind="stable")
+        most = self._network.risk * (1.0 - promise.confidence)
+        return {id(frontiers[index]) for index in order[np.cumsum(chances[order]) > most].tolist()}
+
+
+class SelectiveTour(BatchedExplorer):
+    """Chooses frontiers by what a network says that they hide; without torch.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        config: How frontiers are offered and driven to, and what is promised.
+        network: Weights; by default those that come with the package.
+    """
+
+    def __init__(
+        self,
+        context: ExplorerContext,
+        config: ExplorationLoopConfig | None = None,
+        network: Path | str = HIDDEN_FLOOR,
+    ) -> None:
+        self.config = loop = config or ExplorationLoopConfig()
+        read = HiddenFloor.read(network)
+        name = f"{fingerprint_of(read.weights)}-{read.risk:g}-{config_hash(loop)}"
+        super().__init__(context, name, lambda _: SelectivePilot(context, loop, read))
