@@ -4,7 +4,7 @@ Many frontiers hide nothing, and a promise leaves some floor unseen anyway. So t
 long as the probabilities that one hides half of what may be left add up to no more than a share of what the promise
 risks (a union bound). The others are visited as ``tour`` does. When none is left the exploration is done, if it has
 given the promise for which the share was calibrated; else what was passed over comes last. Where people walk about, a
-door may be hidden by one of them for a while: once a scan has met somebody, all is visited.
+door may be hidden by one of them for a while: once a scan has met somebody, all is visited, as in large buildings.
 """
 
 from pathlib import Path
@@ -77,7 +77,7 @@ class SelectivePilot(FrontierPilot):
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""
         promise, frontiers = self._promise, loop.wanted
-        if self._has_met_someone:
+        if self._has_met_someone or loop.known_area > LARGEST_CALIBRATED:
             return set(map(id, frontiers))
         left = promise.left or (1.0 - (promise.seen or 0.0)) * loop.known_area
         chances = self._network.chances(loop, self._looks, frontiers, 0.5 * left)
