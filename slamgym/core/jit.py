@@ -83,7 +83,7 @@ def _prepared(dispatcher: Any) -> Any:
     cache that can't be read counts as none: numba unpickles it before it compares the source's stamp, and that of a
     former version may name classes that are gone.
     """
-    from numba.core.types import unliteral
+    from numba.core.types.misc import unliteral
 
     find, load = dispatcher.get_call_template, dispatcher._cache._cache_file._load_index
 
