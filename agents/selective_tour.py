@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
-from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor, Looks
+from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor
 from slamgym.agents.pretrained_policy import fingerprint_of
 from slamgym.core.config import config_hash
 from slamgym.core.geometry import transform_points
@@ -21,6 +21,7 @@ from slamgym.envs.frontier_features import candidate_tour_lengths
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import cells_inside, unmapped_points
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.looks import Looks
 from slamgym.planning.open_tour import open_tour
 from slamgym.planning.promise import LARGEST_CALIBRATED, Promise
 

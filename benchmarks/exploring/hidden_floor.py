@@ -30,7 +30,6 @@ from slamgym.agents.hidden_floor import (
     DESCRIPTION,
     FLOOR_LAYERS,
     HIDDEN_FLOOR,
-    Looks,
     describe_frontiers,
 )
 from slamgym.agents.plan_splits import draw_plans
@@ -47,6 +46,7 @@ from slamgym.envs.coverage import CELL
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
 from slamgym.envs.frontier_features import candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.looks import Looks
 from slamgym.planning.open_tour import open_tour
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig

@@ -38,7 +38,9 @@ from slamgym.envs.explore_env import ExploreEnv
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
+from slamgym.planning.costmap import unmapped_points
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
+from slamgym.planning.looks import Looks
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
 from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
@@ -149,7 +151,12 @@ def _decide() -> None:
     """Choose among frontiers."""
     env = ExploreFrontiersEnv(_two_rooms(), localization="ground_truth", observation={"map_size": 10.0})
     env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
-    product(np.ones((1, 1), np.float32), np.ones((1, 1)))  # as the networks of explorers do
+    # As the networks of explorers do.
+    product(np.ones((1, 1), np.float32), np.ones((1, 1)))
+    unmapped_points(env.loop.known_map(), np.zeros((1, 2)), 0.1)
+    looks = Looks(env.loop.context)
+    looks.note(Pose2D(0.0, 0.0, 0.0), np.ones(_LASER.num_beams, np.float32))
+    looks.figures([np.ones((1, 2))], np.ones((1, 2)))
     env.step(0)
 
 

@@ -12,7 +12,6 @@ from slamgym.agents.hidden_floor import (
     FRONTIER_FIGURES,
     HIDDEN_FLOOR,
     HiddenFloor,
-    Looks,
 )
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.registry import make_explorer
@@ -23,6 +22,7 @@ from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
+from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise
 
 
