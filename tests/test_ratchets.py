@@ -28,7 +28,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2486, 0, 211, 59, 0),
     "core": (1722, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22946),
+    "docs": (0, 0, 0, 0, 22944),
     "docs/drawing": (0, 0, 0, 0, 3950),
     "docs/notes": (0, 0, 0, 0, 3716),
     "docs/tutorials": (0, 0, 0, 0, 433),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31941, 245, 241, 1359, 33348)
+TOTAL = (31941, 245, 241, 1359, 33346)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
