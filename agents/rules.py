@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.core.types import FloatArray
+from slamgym.core.types import BoolArray, FloatArray
 from slamgym.envs.frontier_features import TURN_WEIGHT, candidate_places, candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import expected_gain, view_gain
@@ -123,7 +123,20 @@ class FrontierTour:
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
-        return -np.argsort(open_tour(candidate_tour_lengths(loop, self.turn_weight))).astype(np.float64)
+        return tour_scores(loop, np.ones(len(loop.candidates), np.bool_), self.turn_weight)
+
+
+def tour_scores(loop: ExplorationLoop, wanted: BoolArray, turn_weight: float = TURN_WEIGHT) -> FloatArray:
+    """Ranks in the shortest open tour through the wanted candidates, or through all if none is wanted.
+
+    Returns:
+        Negative, the first 0, and -inf for candidates that are left out, shape (N,).
+    """
+    stops = np.flatnonzero(np.append(True, wanted | ~wanted.any()))
+    lengths = candidate_tour_lengths(loop, turn_weight)[np.ix_(stops, stops)]
+    scores: FloatArray = np.full(len(wanted), -np.inf)
+    scores[stops[1:] - 1] = -np.argsort(open_tour(lengths))
+    return scores
 
 
 def path_lengths(loop: ExplorationLoop) -> FloatArray:

@@ -14,15 +14,14 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
 from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor
 from slamgym.agents.pretrained_policy import fingerprint_of
+from slamgym.agents.rules import tour_scores
 from slamgym.core.config import config_hash
 from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, Float32Array, FloatArray, Observation, Pose2D, Twist2D
-from slamgym.envs.frontier_features import candidate_tour_lengths
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import cells_inside, unmapped_points
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
-from slamgym.planning.open_tour import open_tour
 from slamgym.planning.promise import LARGEST_CALIBRATED, Promise
 
 CALIBRATED = Promise()
@@ -66,14 +65,9 @@ class SelectivePilot(FrontierPilot):
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         worth = self._worth_a_visit(loop)
         ways_on = loop.ways_on() if self._may_stop and loop.known_area <= LARGEST_CALIBRATED else None
-        scores: FloatArray = np.full(len(loop.candidates), -np.inf)
         if ways_on is not None and not any(id(one) in worth for one in ways_on):
-            return scores
-        wanted = np.array([id(one.frontier) in worth for one in loop.candidates])
-        kept = np.flatnonzero(wanted | ~wanted.any())
-        stops = np.append(0, 1 + kept)
-        scores[kept] = -np.argsort(open_tour(candidate_tour_lengths(loop)[np.ix_(stops, stops)]))
-        return scores
+            return np.full(len(loop.candidates), -np.inf)
+        return tour_scores(loop, np.array([id(one.frontier) in worth for one in loop.candidates]))
 
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""

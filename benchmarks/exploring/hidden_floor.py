@@ -35,6 +35,7 @@ from slamgym.agents.hidden_floor import (
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.rl.train_config import FURNISHED
+from slamgym.agents.rules import tour_scores
 from slamgym.agents.selective_tour import SelectiveTour
 from slamgym.cad import FloorPlan
 from slamgym.core.jit import kernel
@@ -44,10 +45,8 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.config import resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
-from slamgym.envs.frontier_features import candidate_tour_lengths
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
-from slamgym.planning.open_tour import open_tour
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig
 
@@ -145,19 +144,15 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
                 found.append((describe_frontiers(loop, looks, loop.wanted), areas.astype(np.float32)))
             hides = dict(zip(map(id, loop.wanted), areas, strict=True))
             kept = np.array([hides[id(one.frontier)] >= least for one in loop.candidates])
-            index = int(rng.integers(len(kept))) if rng.random() < at_random else first_of_tour(loop, kept)
+            index = (
+                int(rng.integers(len(kept)))
+                if rng.random() < at_random
+                else int(tour_scores(loop, kept).argmax())
+            )
             is_due = not loop.choose(index) and bool(loop.candidates)
         observation, _, _, truncated, _ = env.step(context.to_action(loop.command()))
     figures, areas = (np.concatenate(part) for part in zip(*found, strict=True))
     return {"figures": figures, "areas": areas}
-
-
-def first_of_tour(loop: ExplorationLoop, kept: BoolArray) -> int:
-    """The candidate that the shortest tour through those that are kept begins with, or through all if none is."""
-    chosen = np.flatnonzero(kept | ~kept.any())
-    stops = np.append(0, 1 + chosen)
-    order = open_tour(candidate_tour_lengths(loop)[np.ix_(stops, stops)])
-    return int(chosen[order[0] - 1])
 
 
 def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:

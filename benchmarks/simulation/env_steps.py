@@ -2,8 +2,8 @@
 
 Times are CPU seconds of this process, all its threads together. ``--batch`` measures a batch of environments and a
 single one, in turns, so that both see the same load of the machine; what threads gain where each has a core follows
-from the CPU time of each. ``--decisions`` measures the level of decisions
-instead: decisions per CPU second, and what a decision of the pretrained policy costs.
+from the CPU time of each. ``--decisions`` measures the level of decisions instead: decisions per CPU second, and what a
+decision of ``tour`` costs.
 
     python benchmarks/simulation/env_steps.py [--batch | --decisions] [--plans procedural]
 """
