@@ -61,10 +61,10 @@ def drive():
     return Log("drive", records, GEOMETRY), Trajectory(stamps, np.array(truth))
 
 
-def run(log, **settings):
+def run(log, on_scan=None, **settings):
     usual = {"max_usable_range": 8.0, "temporal_update": None, "linear_update": 0.2, "angular_update": 0.15}
     config = SlamConfig(**{**usual, **settings})
-    return replay(log, config, np.random.default_rng(0))
+    return replay(log, config, np.random.default_rng(0), on_scan)
 
 
 @pytest.fixture(scope="module")
@@ -100,6 +100,13 @@ def test_equal_logs_give_equal_maps(drive):
     a, b = run(short, mode="pose_graph"), run(short, mode="pose_graph")
     assert (a.trajectory.poses == b.trajectory.poses).all()
     assert (a.grid.cells == b.grid.cells).all()
+
+
+def test_who_looks_at_the_map_meanwhile_changes_nothing(drive, closed):
+    looked = run(drive[0], on_scan=lambda _, mapper, __: mapper.occupancy_grid(), mode="pose_graph")
+    assert looked.extra["loop_closures"] > 0  # so that scans were moved after they had been drawn
+    assert (looked.trajectory.poses == closed.trajectory.poses).all()
+    assert (looked.grid.cells == closed.grid.cells).all()
 
 
 def test_a_mapper_tells_its_path_its_uncertainty_and_its_memory(drive):

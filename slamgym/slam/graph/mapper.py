@@ -67,8 +67,8 @@ OPTIMISE_INTERVAL, OPTIMISE_SHARE = 10, 0.005
 """The graph is optimised after so many nodes, or such a share of all: the time for a scan stays bounded."""
 STALE_METRES = 0.004
 """A submap is drawn again once one of its scans has moved so far [m], half a radian counting as a metre."""
-REDRAWN_METRES = 0.005
-"""The same for the map."""
+DRAWN_LATTICE = np.array([0.004, 0.004, 0.002])
+"""Steps in which poses are drawn into the map [m, m, rad]: what moves less isn't drawn again."""
 
 
 class PoseGraphMapper(Mapper):
@@ -322,11 +322,14 @@ class PoseGraphMapper(Mapper):
 
     def _draw_path(self) -> None:
         """Draw the scans that are new, and again those that have moved."""
-        poses, drawn, ranges = self._graph.poses, len(self._drawn_poses), self._scans["ranges"]
-        away = np.abs(poses[:drawn] - self._drawn_poses)
-        moved = np.flatnonzero((away * (1.0, 1.0, 2.0)).sum(axis=1) > REDRAWN_METRES)
+        poses, drawn, ranges = drawn_poses(self._graph.poses), len(self._drawn_poses), self._scans["ranges"]
+        moved = np.flatnonzero((poses[:drawn] != self._drawn_poses).any(axis=1))
         self._map.draw(self._drawn_poses[moved], ranges[moved], sign=-1)
         again = np.concatenate([moved, np.arange(drawn, len(poses))])
         self._map.draw(poses[again], ranges[again])
-        self._drawn_poses = np.concatenate([self._drawn_poses, poses[drawn:]])
-        self._drawn_poses[moved] = poses[moved]
+        self._drawn_poses = poses
+
+
+def drawn_poses(poses: FloatArray) -> FloatArray:
+    """Poses, shape (N, 3), on a lattice: the map follows from the path, however often it was drawn before."""
+    return np.round(poses / DRAWN_LATTICE) * DRAWN_LATTICE
