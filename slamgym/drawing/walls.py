@@ -75,11 +75,12 @@ class _Stretch(NamedTuple):
         return self.known == other.known and abs(self.thickness - other.thickness) <= SAME_THICKNESS
 
 
-def find_walls(floor: MultiPolygon) -> list[WallPiece]:
+def find_walls(floor: Polygon | MultiPolygon, whole: bool = True) -> list[WallPiece]:
     """The walls round a floor and between its parts.
 
     Args:
         floor: With straight edges [m].
+        whole: Whether walls continue where others meet them, and jambs are none; without it they are cut there.
 
     Returns:
         Every stretch of every face belongs to one wall; the longest faces come first. Jambs of doors belong to the
@@ -96,10 +97,10 @@ def find_walls(floor: MultiPolygon) -> list[WallPiece]:
         if length < SHORTEST:
             continue
         behind = list(_behind(face, near[face], start, direction, space.length))
-        for part in _stretches(length, [stretch for _, stretch in behind], taken[face]):
+        for part in _stretches(length, [stretch for _, stretch in behind], taken[face], whole):
             at_ends = part.low < 1e-6, part.high > length - 1e-6
             # A short face between two corners that reach into the floor is the end of a wall.
-            is_jamb = all(at_ends) and length <= THICKEST_WALL and not (any(convex) or part.known)
+            is_jamb = whole and all(at_ends) and length <= THICKEST_WALL and not (any(convex) or part.known)
             if part.high - part.low < SHORTEST or is_jamb:
                 continue
             first, last = (complex(start[face] + place * direction[face]) for place in (part.low, part.high))
@@ -138,7 +139,7 @@ def _behind(
 
 
 def _stretches(
-    length: float, behind: Sequence[_Stretch], taken: Sequence[tuple[float, float]]
+    length: float, behind: Sequence[_Stretch], taken: Sequence[tuple[float, float]], whole: bool
 ) -> list[_Stretch]:
     """Parts of a face that aren't part of a wall yet, cut where the face behind changes."""
     marks = {0.0, length, *(mark for part in behind for mark in part[:2]), *itertools.chain(*taken)}
@@ -152,7 +153,7 @@ def _stretches(
     for cell, following in itertools.zip_longest(cells, cells[1:]):
         last = merged[-1] if merged and abs(merged[-1].high - cell.low) < 1e-6 else None
         # Where a wall meets from behind, the two walls next to it continue as one.
-        is_bridge = not cell.known and cell.high - cell.low <= THICKEST_WALL and following
+        is_bridge = whole and not cell.known and cell.high - cell.low <= THICKEST_WALL and following
         if last and (last.continues(cell) or (is_bridge and last.continues(following))):
             merged[-1] = last._replace(high=cell.high)
         else:
