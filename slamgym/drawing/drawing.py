@@ -57,7 +57,7 @@ class DrawnDoor:
     depth: float
     """Thickness of the wall that it is in [m]."""
     rooms: tuple[str, ...]
-    """Ids of the rooms that it joins; one alone where what lies beyond was only glimpsed."""
+    """Ids of the two rooms that it joins."""
     walls: tuple[int, ...]
     """Numbers of the walls at its jambs."""
     confidence: float
@@ -120,8 +120,6 @@ class Drawing:
     walls: tuple[DrawnWall, ...] = ()
     doors: tuple[DrawnDoor, ...] = ()
     rooms: tuple[DrawnRoom, ...] = ()
-    unexplored: tuple[Polygon, ...] = ()
-    """Parts that were only glimpsed, by rays through a door, a window or a pane."""
     inferred_floor: tuple[Polygon, ...] = ()
     """Floor that the robot never observed."""
     dimensions: tuple[Dimension, ...] = ()

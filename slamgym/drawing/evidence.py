@@ -10,7 +10,6 @@ import cv2
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
-from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
@@ -43,22 +42,14 @@ class Evidence:
         self.grid = grid
         self._to_wall = distance_to(grid.cells == OCCUPIED) * grid.frame.resolution
 
-    def is_near_wall(self, points: FloatArray, within: float = SEEN_WITHIN) -> BoolArray:
-        """True for points (N, 2) [m] with an occupied cell within a distance [m]."""
-        return values_at(self._to_wall, self.grid.frame, points, math.inf) <= within
+    def is_near_wall(self, points: FloatArray) -> BoolArray:
+        """True for points (N, 2) [m] with an occupied cell within :data:`SEEN_WITHIN`."""
+        return values_at(self._to_wall, self.grid.frame, points, math.inf) <= SEEN_WITHIN
 
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall, a step apart, with an occupied cell near either face."""
         depths = (0.0, piece.thickness) if piece.known else (0.0,)
         return np.any([self.is_near_wall(piece.places(_shares(piece), depth)) for depth in depths], axis=0)
-
-    def share_walled(self, room: Polygon, near_doors: BaseGeometry) -> float:
-        """Share of a room's outline, doors and what is near them left out, along which the map has occupied cells."""
-        outline = room.boundary.difference(near_doors)
-        if outline.is_empty:
-            return 0.0
-        points = shapely.get_coordinates(shapely.segmentize(outline, STEP))
-        return float(self.is_near_wall(points, SEEN_WITHIN + STEP).mean())
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""

@@ -5,13 +5,10 @@ then joined as long as that lowers the energy, the sum of the log odds of the bo
 edge contraction for the multicut of a graph (Keuper et al., *Efficient decomposition of image and mesh graphs by lifted
 multicuts*, 2015). All boundaries between two rooms count together, so two rooms that three doubtful lines part are
 joined, and loops are closed or open as a whole.
-
-Rooms that were only partly seen, by rays through a door, a window or a pane, end where the rays end, not at walls. They
-are neither rooms nor floor whose size is known: a drawing shows them as unexplored, behind their doors.
 """
 
 import math
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -29,9 +26,7 @@ from slamgym.drawing.boundaries import (
     first_of,
     line_widths,
 )
-from slamgym.drawing.evidence import STEP, Evidence
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
-from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.layers import MapLayers
 
 INTO_WALLS = 0.02
@@ -42,13 +37,8 @@ ONE_PASSAGE = 0.35
 """Two lines whose middles are nearer than this share of the narrower one's width lie across one passage."""
 FITTED = 0.5
 """The jambs of a drawn door lie at most so far from those that were seen [m]."""
-OPEN_ROOM = 0.5
-"""A room was partly seen if less than this share of its outline, doors left out, was seen as walls."""
-MOST_UNEXPLORED = 0.25
-"""Where more of the floor would go, the map just shows few walls."""
-ON_LINE = 0.06
-"""Faces so near to the line of a door to an unexplored part are no walls: none was seen there [m]. Corners so near to
-its end are jambs."""
+AT_JAMB = 0.06
+"""Corners so near to the end of a door's line are jambs [m]."""
 
 
 @dataclass(frozen=True)
@@ -85,8 +75,7 @@ class Division:
     rooms: tuple[Polygon, ...]
     doors: tuple[Gap, ...]
     joins: tuple[tuple[int, int], ...]
-    """The two rooms of each door, by their numbers; -1 for a part that wasn't explored."""
-    unexplored: tuple[Polygon, ...] = ()
+    """The two rooms of each door, by their numbers."""
 
 
 def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
@@ -206,50 +195,8 @@ def onto_faces(gap: Gap, floor: MultiPolygon) -> Gap:
     ends, corners = [], shapely.extract_unique_points(floor)
     for point in (gap.start, gap.end):
         line = shapely.shortest_line(corners, Point(point))
-        if line.length > ON_LINE:
+        if line.length > AT_JAMB:
             line = shapely.shortest_line(floor.boundary, Point(point))
         x, y = line.coords[0] if line.length <= FITTED else point
         ends.append((float(x), float(y)))
     return replace(gap, start=ends[0], end=ends[1]) if ends[0] != ends[1] else gap
-
-
-def explore(
-    floor: MultiPolygon, division: Division, evidence: Evidence, sure: Collection[int]
-) -> tuple[MultiPolygon, Division]:
-    """A floor and its rooms without those that were only partly seen; their doors join a room to -1.
-
-    Without this rule room F1 of real maps falls by 0.008.
-
-    Args:
-        floor: With straight edges [m].
-        division: Its rooms.
-        evidence: The map.
-        sure: Numbers of rooms that stay in any case.
-    """
-    near_doors = shapely.union_all([gap.line for gap in division.doors]).buffer(2.0 * STEP)
-    number: dict[int, int] = {}
-    rooms, unexplored = list[Polygon](), list[Polygon]()
-    for k, room in enumerate(division.rooms):
-        if k in sure or evidence.share_walled(room, near_doors) >= OPEN_ROOM:
-            number[k] = len(rooms)
-            rooms.append(room)
-        else:
-            unexplored.append(room)
-    if not unexplored or sum(room.area for room in unexplored) > MOST_UNEXPLORED * floor.area:
-        return floor, division
-    doors = [
-        (gap, (number.get(a, -1), number.get(b, -1)))
-        for gap, (a, b) in zip(division.doors, division.joins, strict=True)
-        if a in number or b in number
-    ]
-    rest = floor.difference(shapely.union_all(unexplored).buffer(1e-4)).simplify(2e-3)
-    shown = MultiPolygon([part for part in polygon_parts(rest) if part.area > 1e-2])
-    gaps, pairs = tuple(gap for gap, _ in doors), tuple(pair for _, pair in doors)
-    return shown, Division(tuple(rooms), gaps, pairs, tuple(unexplored))
-
-
-def without_walls_in_doors(pieces: list[WallPiece], division: Division) -> list[WallPiece]:
-    """Walls without the faces that stand in the doors to unexplored parts."""
-    doors = [gap.line for gap, pair in zip(division.doors, division.joins, strict=True) if min(pair) < 0]
-    shut = shapely.union_all(doors).buffer(ON_LINE)
-    return [piece for piece in pieces if not shut.covers(LineString(piece.places(np.array([0.0, 1.0]), 0.0)))]

@@ -8,7 +8,7 @@ DRAWN_DOORS = (0.55, 1.6)
 """Narrowest and widest gap in a wall that is a door [m]. Doors of homes end at 1.35 m and open passages begin at
 1.85 m (:data:`slamgym.metrics.rooms.WIDEST_DOORWAY`)."""
 SMALLEST_ROOM = 1.0
-"""Smaller floors, parts of floors and unexplored parts aren't drawn by themselves [m2]."""
+"""Smaller floors and parts of floors aren't drawn by themselves [m2]."""
 NARROWEST_CUT = 0.1
 """Least width of what parts two rooms [m]."""
 THICKEST_WALL = 0.5

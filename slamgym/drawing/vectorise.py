@@ -32,10 +32,8 @@ from slamgym.drawing.openings import (
     Division,
     Gap,
     divide,
-    explore,
     likely_gaps,
     onto_faces,
-    without_walls_in_doors,
 )
 from slamgym.drawing.polygons import SMALLEST_HOLE, straightened
 from slamgym.drawing.revise import revised_division, revised_floor, room_names
@@ -94,8 +92,7 @@ def make_drawing(
         raise InputFileError(where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution")
     evidence = Evidence(grid)
     division = revised_division(floor, gaps, corrections)
-    floor, division = explore(floor, division, evidence, room_names(division.rooms, corrections))
-    walls = judged_walls(without_walls_in_doors(find_walls(floor), division), evidence)
+    walls = judged_walls(find_walls(floor), evidence)
     rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
@@ -116,7 +113,6 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        unexplored=division.unexplored,
         inferred_floor=inferred,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
@@ -175,10 +171,10 @@ def _doors(
     for gap, pair in zip(division.doors, division.joins, strict=True):
         ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
         beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
-        is_seen = share_seen_open(np.array([gap.start, gap.end]), grid) >= SEEN_SHARE and min(pair) >= 0
+        is_seen = share_seen_open(np.array([gap.start, gap.end]), grid) >= SEEN_SHARE
         sure = 1.0 / (1.0 + math.exp(-gap.log_odds))
         layer: Layer = "SEEN" if is_seen else "INFERRED"
-        names = tuple(rooms[k].id for k in sorted(pair) if k >= 0)
+        names = tuple(rooms[k].id for k in sorted(pair))
         kind = gap.kind or ("door" if gap.width <= DRAWN_DOORS[1] else "opening")
         depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
         doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))

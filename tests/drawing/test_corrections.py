@@ -1,4 +1,4 @@
-"""The map overrules a model, and rooms that were only partly seen are unexplored."""
+"""The map overrules a model."""
 
 from dataclasses import dataclass
 
@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 import shapely
 from drawing.painted import Painted, painted, shares
-from shapely import Polygon, affinity
+from shapely import affinity
 
-from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid
+from slamgym.core.types import OccupancyGrid
 from slamgym.drawing import make_drawing
-from slamgym.drawing.evidence import filled
 from slamgym.metrics.layers import MapLayers
 
 HALL = shapely.box(0, 0, 8, 5)
@@ -72,42 +71,6 @@ def test_an_island_that_nobody_looked_into_is_furniture():
     drawing = make_drawing(grid, model=Unsure(Painted(HALL), island, 0.98))
     assert len(drawing.rooms) == 1
     assert drawing.area == pytest.approx(HALL.area, abs=0.5)
-
-
-@pytest.mark.parametrize("turn", [0.0, 20.0])
-def test_what_was_only_partly_seen_through_a_door_is_unexplored(turn):
-    """A fan of rays behind a door ends at nothing: no room, no walls, but a door that leads there."""
-    door = shapely.box(8.0, 2.0, 8.1, 2.9)
-    fan = Polygon([(8.1, 2.0), (11.0, 0.9), (11.0, 4.0), (8.1, 2.9)])
-    floor = shapely.union_all([HALL, door, fan])
-    grid, _, _ = painted(floor, turn_deg=turn)
-    turned, beyond = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (floor, fan))
-    near = filled(beyond.buffer(0.15), grid.frame) & ~filled(
-        affinity.rotate(HALL.buffer(0.12), turn, origin=(0, 0)), grid.frame
-    )
-    cells = np.where(near & (grid.cells != FREE), np.uint8(UNKNOWN), grid.cells)  # its echoes are taken away
-    drawing = make_drawing(OccupancyGrid(cells, grid.frame), model=Painted(turned))
-    (room,) = drawing.rooms
-    assert room.area == pytest.approx(HALL.area, abs=0.7)
-    (way,) = drawing.doors
-    assert way.rooms == (room.id,)
-    assert way.width == pytest.approx(0.9, abs=0.1)
-    assert sum(part.intersection(beyond).area for part in drawing.unexplored) > 0.8 * fan.area
-    assert drawing.area == pytest.approx(HALL.area, abs=0.7)
-    assert all(wall.polygon.intersection(beyond.buffer(-0.3)).area < 1e-3 for wall in drawing.walls)
-
-
-def test_a_map_that_shows_few_walls_is_drawn_all_the_same():
-    """Where most rooms end at nothing that is how the robot maps, not what it glimpsed."""
-    floor = shapely.union_all(
-        [shapely.box(0, 0, 4, 4), shapely.box(4.1, 0, 8, 4), shapely.box(4.0, 1.5, 4.1, 2.4)]
-    )
-    grid, _, _ = painted(floor)
-    few = grid.cells.copy()
-    few[:, 20:][few[:, 20:] != FREE] = UNKNOWN
-    drawing = make_drawing(OccupancyGrid(few, grid.frame), model=Painted(floor))
-    assert drawing.area == pytest.approx(floor.area, abs=0.7)
-    assert not drawing.unexplored
 
 
 def test_a_corridor_that_a_pilaster_narrows_has_no_door_there():

@@ -4,13 +4,12 @@ import itertools
 import json
 
 import pytest
-import shapely
 from browser import needs_browser, run_in_page
 from drawing.painted import FLAT, painted
 
 from slamgym.commands.cli import main
 from slamgym.core.errors import InputFileError
-from slamgym.core.types import OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
+from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing import make_drawing
 from slamgym.drawing.edits import Correction, Corrections, map_digest, read_corrections
 from slamgym.drawing.formats.html import format_html
@@ -88,22 +87,6 @@ def test_a_room_gets_its_name_in_every_format(tmp_path):
     assert [room.id for room in drawing.rooms] == ["R01", "R02"]
     assert "Küche and R02" in format_html(drawing)
     assert {room.category for room in drawing.as_plan().rooms} == {"Küche", "Room"}
-
-
-def test_a_room_with_a_name_is_no_unexplored_part():
-    closet = shapely.union_all([FLAT, shapely.box(7.3, 1.0, 7.4, 1.8), shapely.box(7.4, 0.5, 9.4, 2.5)])
-    grid, _, model = painted(closet)
-    cells = grid.cells.copy()
-    right = cells[:, grid.frame.to_cell(7.7, 1.0)[1] :]
-    right[right == OCCUPIED] = UNKNOWN
-    grid = OccupancyGrid(cells, grid.frame)
-    plain = make_drawing(grid, "flat", model)
-    assert [round(part.area) for part in plain.unexplored] == [4]
-    name = Correction("name_room", at=(8.5, 1.5), name="Glass house")
-    corrections = Corrections((name,), {"sha256": map_digest(plain.grid)})
-    drawing = make_drawing(grid, "flat", model, corrections=corrections)
-    assert drawing.unexplored == ()
-    assert [room.name for room in drawing.rooms][-1] == "Glass house"
 
 
 def test_any_order_gives_the_same_drawing():

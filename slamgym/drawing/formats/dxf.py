@@ -2,7 +2,7 @@
 
 Layers are named as the US National CAD Standard has them: A-WALL (outlines of walls; A-WALL-INFR of those without
 evidence; A-WALL-PATT, their filling), A-DOOR and A-DOOR-OPNG (a block for each door and opening), A-AREA (outlines of
-rooms; A-AREA-IDEN, their names and areas), A-FLOR-UNEX (unexplored), A-FLOR-INFR (floor never observed), A-ANNO-DIMS
+rooms; A-AREA-IDEN, their names and areas), A-FLOR-INFR (floor never observed), A-ANNO-DIMS
 (dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes).
 """
 
@@ -21,7 +21,7 @@ from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
 from slamgym.drawing.polygons import CORNER_GRID
 
 LAYER_LOOKS = {
-    "V-SURV": (30, 9), "A-AREA": (8, 9), "A-AREA-IDEN": (7, 18), "A-FLOR-UNEX": (2, 18), "A-FLOR-INFR": (151, 9),
+    "V-SURV": (30, 9), "A-AREA": (8, 9), "A-AREA-IDEN": (7, 18), "A-FLOR-INFR": (151, 9),
     "A-WALL": (7, 35), "A-WALL-INFR": (8, 25), "A-WALL-PATT": (9, 9), "A-DOOR": (5, 25), "A-DOOR-OPNG": (150, 18),
     "A-ANNO-DIMS": (1, 13), "A-ANNO-TTLB": (7, 25),
 }  # fmt: skip
@@ -54,7 +54,7 @@ def _add_tables(document: Any, letters: float) -> None:
     """Layers, styles for letters of a height [m], and a block each for doors and openings 1 m wide."""
     document.linetypes.add("DASHED", [0.3, 0.2, -0.1])
     for name, (colour, weight) in LAYER_LOOKS.items():
-        linetype = "DASHED" if name.endswith(("-INFR", "-OPNG", "-UNEX")) else "CONTINUOUS"
+        linetype = "DASHED" if name.endswith(("-INFR", "-OPNG")) else "CONTINUOUS"
         document.layers.add(name, color=colour, lineweight=weight, linetype=linetype)
     document.styles.add("PLAN", font="arial.ttf")
     look = {
@@ -78,7 +78,6 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     _add_hatch(space, polygon_parts(seen), "A-WALL-PATT", "SOLID")
     _add_outlines(space, echo_outlines(drawing.grid), "V-SURV")
     _add_outlines(space, [room.polygon for room in drawing.rooms], "A-AREA")
-    _add_outlines(space, drawing.unexplored, "A-FLOR-UNEX")
     _add_outlines(space, polygon_parts(inferred), "A-WALL-INFR")
     _add_outlines(space, polygon_parts(seen), "A-WALL")
     for door in drawing.doors:

@@ -61,15 +61,9 @@ def checks(drawing: Drawing) -> list[str]:
     if unseen:
         names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen)
         found.append(f"Rooms of which the robot saw less than half: {names}.")
-    if drawing.unexplored:
-        area = sum(float(part.area) for part in drawing.unexplored)
-        found.append(
-            f"{counted(len(drawing.unexplored), 'part').capitalize()} inside of the building or behind its doors, "
-            f"{area:.1f} m² together, weren't explored or only partly seen: rooms may be missing there."
-        )
     closed = [f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"]
     if closed:
-        found.append(f"Doors that were hardly seen open, or lead to unexplored parts: {', '.join(closed)}.")
+        found.append(f"Doors that were hardly seen open: {', '.join(closed)}.")
     return found
 
 

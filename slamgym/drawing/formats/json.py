@@ -4,9 +4,8 @@ HouseExpo's JSON is readable as a plan again, so that a drawing can be explored:
 ``room_category`` and ``room_polygons`` are those of :mod:`slamgym.cad.houseexpo` (y down, the largest part of the
 floor); ``drawing`` holds everything else in the MAP's frame (metres, y up).
 
-GeoJSON has one feature for each wall, door, opening, window, room and unexplored part. RFC 7946 wants degrees of
-longitude and latitude; a building's map has none, so the coordinates are local metres, which the member
-``coordinates`` of the collection says.
+GeoJSON has one feature for each wall, door, opening, window and room. RFC 7946 wants degrees of longitude and latitude;
+a building's map has none, so the coordinates are local metres, which the member ``coordinates`` of the collection says.
 """
 
 import json
@@ -52,7 +51,6 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "doors": [_facts(door) for door in drawing.doors],
         "windows": [],  # which a laser doesn't know
         "rooms": [{**_facts(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
-        "unexplored": [_rings(part) for part in drawing.unexplored],
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
         "dimensions": [_facts(line) for line in drawing.dimensions],
         "doubts": list(drawing.doubts),
@@ -83,8 +81,6 @@ def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for door in drawing.doors:
         geometry = {"type": "LineString", "coordinates": _plain((door.start, door.end))}
         yield {"type": "Feature", "geometry": geometry, "properties": _facts(door)}
-    for part in drawing.unexplored:
-        yield _area(part, {"kind": "unexplored", "layer": "INFERRED"})
     for part in drawing.inferred_floor:
         yield _area(part, {"kind": "unseen_floor", "layer": "INFERRED"})
 

@@ -17,14 +17,13 @@ DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "wall": (WALL_TINT, "wall, seen"),
     "inferred": ((173, 181, 189), "wall, inferred"),
     "unseen": (UNSEEN_TINT, "floor never observed"),
-    "unexplored": ((255, 236, 179), "unexplored, or partly seen"),
     "door": (TRUE_COLOUR, "door"),
     "opening": ((112, 72, 232), "opening"),
     "dimension": (BELIEVED_COLOUR, "length [m]"),
     "echo": ((232, 89, 12), "occupied in the map"),
 }
 """Colours, and what they mean."""
-LEGEND_COLUMNS = 2
+LEGEND_ROWS = (len(DRAWN_COLOURS) + 1) // 2
 
 
 def format_part(name: str, /, **values: str) -> str:

@@ -20,7 +20,7 @@ from slamgym.core.types import (
     Pose2D,
 )
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor
-from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_COLUMNS, place_labels
+from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_ROWS, place_labels
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -72,7 +72,6 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
         cv2.polylines(page, [ends], False, colour, width, cv2.LINE_AA, SHIFT)
 
     tints = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
-    _fill(page, drawing.unexplored, tints["unexplored"], to_page)
     _fill(page, drawing.floor.geoms, WHITE, to_page)
     _fill(page, drawing.inferred_floor, tints["unseen"], to_page)
     for wall in drawing.walls:
@@ -132,10 +131,10 @@ def _fill(
 
 
 def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:
-    below = 20 * len(DRAWN_COLOURS) // LEGEND_COLUMNS
+    below = 20 * LEGEND_ROWS
     strip = blank((CAPTION_PX + below, width), PAPER)
     for number, (colour, words) in enumerate(DRAWN_COLOURS.values()):
-        row, column = divmod(number, LEGEND_COLUMNS)
+        column, row = divmod(number, LEGEND_ROWS)
         left, bottom = 16 + column * 240, 22 + 20 * row
         cv2.rectangle(strip, (left, bottom - 9), (left + 12, bottom), colour, cv2.FILLED)
         draw_text(strip, words, left + 18, bottom, _TEXT_SIZE)

@@ -16,7 +16,7 @@ from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.look import (
     DRAWING_STYLE,
     DRAWN_COLOURS,
-    LEGEND_COLUMNS,
+    LEGEND_ROWS,
     DrawnLabel,
     format_part,
     place_labels,
@@ -47,7 +47,7 @@ class Sheet(NamedTuple):
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for legend and scale bar."""
         min_x, min_y, max_x, max_y = bounds
         width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
-        strip = (6e-3 + 1.6e-3 * len(DRAWN_COLOURS) / LEGEND_COLUMNS) * LETTERS * scale
+        strip = (6e-3 + 1.6e-3 * LEGEND_ROWS) * LETTERS * scale
         return cls(min_x - SHEET_MARGIN, max_y + SHEET_MARGIN, width, height + strip, scale)
 
     @property
@@ -92,9 +92,9 @@ class Sheet(NamedTuple):
         """Colours and what they mean, above the scale bar."""
         size, parts = self.letters, []
         for number, (colour, words) in enumerate(DRAWN_COLOURS.values()):
-            row, column = divmod(number, LEGEND_COLUMNS)
+            column, row = divmod(number, LEGEND_ROWS)
             x = size * (1.0 + 17.0 * column)
-            y = 1000.0 * self.height - size * (4.2 + 1.6 * (len(DRAWN_COLOURS) / LEGEND_COLUMNS - 1 - row))
+            y = 1000.0 * self.height - size * (4.2 + 1.6 * (LEGEND_ROWS - 1 - row))
             data = f"M{x:.0f} {y - 0.8 * size:.0f}h{1.2 * size:.0f}v{0.9 * size:.0f}h{-1.2 * size:.0f}z"
             parts += [f'<path d="{data}" fill="rgb{colour}"/>', self.start(words, x + 1.6 * size, y)]
         return parts
@@ -146,7 +146,6 @@ def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
         for room in drawing.rooms
     ]
     return {
-        "UNEXPLORED": [sheet.path(part, "unexplored") for part in drawing.unexplored],
         "ROOMS": [*(sheet.path(part, "room") for part in drawing.floor.geoms), *rooms],
         "INFERRED": [sheet.path(part, "floor-inferred") for part in drawing.inferred_floor],
         "WALLS": walls,
