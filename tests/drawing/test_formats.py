@@ -112,7 +112,7 @@ def test_svg_is_true_to_scale(drawing, files):
     assert view[2] / width == pytest.approx(100.0, rel=1e-3)  # 1:100
     name = "{http://www.w3.org/2000/svg}"
     (layer,) = [group for group in root.iter(f"{name}g") if group.get("id") == "DOORS"]
-    ends = [tuple(map(float, part[1:].split(","))) for part in layer[0].get("d").split()]
+    ends = [tuple(map(float, part.strip("M").split(","))) for part in layer[0].get("d").split()]
     assert np.hypot(*np.subtract(*ends)) == pytest.approx(1000.0 * drawing.doors[0].width, abs=0.3)
     (bar,) = [group for group in root.iter(f"{name}g") if group.get("id") == "SCALE"]
     length = float(bar[0].get("d").split("h")[1].split("v")[0])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import LineString, affinity
+from shapely import LineString, Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
@@ -42,6 +42,32 @@ _STEPS = {
     "number": [(share, 0.0, left) for left in (1.0, -1.0, 1.7, -1.7) for share in (0.0, 0.25, -0.25)],
 }
 """Places of labels from the middle of their lines: along it in its lengths and in the label's, then to its left."""
+
+
+class DrawnShape(NamedTuple):
+    """A part of a drawing as pictures show it."""
+
+    layer: str
+    kind: str
+    """Its CSS class, and its name in :data:`DRAWN_COLOURS`; what has none there is white."""
+    shape: Polygon | LineString
+    title: str = ""
+
+
+def drawn_shapes(drawing: Drawing) -> Iterator[DrawnShape]:
+    """All that is drawn, from the lowest up."""
+    yield from (DrawnShape("ROOMS", "room", part) for part in drawing.floor.geoms)
+    for room in drawing.rooms:
+        kind = "room" if room.layer == "SEEN" else "room INFERRED"
+        yield DrawnShape("ROOMS", kind, room.polygon, f"{room.name}: {room.area:.2f} m2")
+    yield from (DrawnShape("INFERRED", "unseen", part) for part in drawing.inferred_floor)
+    for number, wall in enumerate(drawing.walls, 1):
+        sizes = f"{wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}"
+        kind = "wall" if wall.layer == "SEEN" else "inferred"
+        yield DrawnShape("WALLS", kind, wall.polygon, f"W{number}: {sizes}")
+    for number, door in enumerate(drawing.doors, 1):
+        title = f"D{number}: {door.kind}, {door.width:.3f} m"
+        yield DrawnShape("DOORS", door.kind, LineString([door.start, door.end]), title)
 
 
 class DrawnLabel(NamedTuple):

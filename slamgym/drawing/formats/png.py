@@ -1,26 +1,15 @@
 """A picture of the drawing over the map that it was made from."""
 
-from collections.abc import Callable, Iterable
-
 import cv2
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import LineString, Polygon
 
-from slamgym.core.geometry import transform_points
 from slamgym.core.progress import counted
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    ByteArray,
-    FloatArray,
-    GridFrame,
-    OccupancyGrid,
-    Pose2D,
-)
-from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor
-from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_ROWS, place_labels
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
+from slamgym.drawing.drawing import Drawing
+from slamgym.drawing.evidence import values_at
+from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_ROWS, drawn_shapes, place_labels
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -60,32 +49,35 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     min_x, min_y, max_x, max_y = drawing.bounds
     metres_per_px = (max(max_x - min_x, max_y - min_y) + 2 * PICTURE_MARGIN) / side_px
     frame = GridFrame.covering(drawing.bounds, metres_per_px, PICTURE_MARGIN)
-    cells = cells_in(drawing.grid, frame)
+    rows, cols = np.indices(frame.shape)
+    places = frame.to_points(rows.ravel(), cols.ravel())
+    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN).reshape(frame.shape)
     page = blank(frame.shape, UNKNOWN_TINT)
     page[cells == FREE] = PAPER
 
     def to_page(points: FloatArray) -> np.ndarray:
         return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
 
-    def draw_line(line: DrawnDoor | Dimension, colour: Colour, width: int) -> None:
-        ends = to_page(np.array([line.start, line.end]))
+    def draw_line(line: LineString, colour: Colour, width: int) -> None:
+        ends = to_page(shapely.get_coordinates(line))
         cv2.polylines(page, [ends], False, colour, width, cv2.LINE_AA, SHIFT)
 
     tints = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
-    _fill(page, drawing.floor.geoms, WHITE, to_page)
-    _fill(page, drawing.inferred_floor, tints["unseen"], to_page)
-    for wall in drawing.walls:
-        _fill(page, [wall.polygon], tints["wall" if wall.layer == "SEEN" else "inferred"], to_page)
-    page[cells == OCCUPIED] = (0.45 * page[cells == OCCUPIED] + 0.55 * np.array(tints["echo"])).astype(
-        np.uint8
-    )
-    for door in drawing.doors:
-        draw_line(door, tints[door.kind], 3)
+    shapes = list(drawn_shapes(drawing))
+    for _, kind, shape, _ in shapes:
+        if isinstance(shape, Polygon):
+            rings = [to_page(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shape)]
+            cv2.fillPoly(page, rings, tints.get(kind, WHITE), cv2.LINE_AA, SHIFT)
+    echoes = cells == OCCUPIED
+    page[echoes] = (0.45 * page[echoes] + 0.55 * np.array(tints["echo"])).astype(np.uint8)
+    for _, kind, shape, _ in shapes:
+        if isinstance(shape, LineString):
+            draw_line(shape, tints[kind], 3)
     colours = {"name": INK, "number": tints["door"], "size": tints["dimension"]}
     height_px, letter_px = 22.5 * _TEXT_SIZE, 0.01 * text_width("R01 12.3 m" * 10, _TEXT_SIZE)
     labels, lines = place_labels(drawing, letter_px * metres_per_px, height_px * metres_per_px, turned=False)
     for line in lines:
-        draw_line(line, tints["dimension"], 1)
+        draw_line(LineString([line.start, line.end]), tints["dimension"], 1)
     texts = []
     for label in labels:
         words = label.words.replace("²", "2")  # which fonts of OpenCV 4 lack
@@ -99,35 +91,6 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     for text in texts:
         draw_text(page, *text)
     return np.vstack([page, _footer(drawing, page.shape[1], metres_per_px)])
-
-
-def cells_in(
-    grid: OccupancyGrid, frame: GridFrame, pose: Pose2D = Pose2D(0.0, 0.0, 0.0), scale: float = 1.0
-) -> ByteArray:
-    """A map's cells under the pixels of a frame, unknown beyond the map.
-
-    Args:
-        grid: The map.
-        frame: The pixels.
-        pose: Pose of the map in the coordinates of the frame.
-        scale: Factor of the map's lengths.
-    """
-    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
-    x, y = grid.frame.to_point(corners[:, 1], corners[:, 0])
-    target = frame_pixels(transform_points(pose, scale * np.stack([x, y], axis=1)), frame, 1.0) - 0.5
-    matrix = cv2.getAffineTransform(corners.astype(np.float32), target.astype(np.float32))
-    size = (frame.width_px, frame.height_px)
-    found = cv2.warpAffine(grid.cells, matrix, size, flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
-    return np.asarray(found, np.uint8)
-
-
-def _fill(
-    page: ByteArray, shapes: Iterable[Polygon], colour: Colour, to_page: Callable[[FloatArray], np.ndarray]
-) -> None:
-    for shape in shapes:
-        rings = [to_page(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shape)]
-        if rings:
-            cv2.fillPoly(page, rings, colour, cv2.LINE_AA, SHIFT)
 
 
 def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:

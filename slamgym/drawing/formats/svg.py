@@ -3,12 +3,11 @@
 The figures of the report (:mod:`slamgym.drawing.formats.html`) are drawn by the same :class:`Sheet`, to other scales.
 """
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import Polygon
+from shapely import LineString, MultiLineString, Polygon
 
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnPoint
@@ -18,6 +17,7 @@ from slamgym.drawing.formats.look import (
     DRAWN_COLOURS,
     LEGEND_ROWS,
     DrawnLabel,
+    drawn_shapes,
     format_part,
     place_labels,
 )
@@ -69,11 +69,13 @@ class Sheet(NamedTuple):
             f"{markup(label.words)}</text>"
         )
 
-    def path(self, shape: Polygon, kind: str, title: str = "") -> str:
-        """Outline and holes of a shape as one path of a class, with a title that shows where the pointer rests."""
+    def path(self, shape: Polygon | LineString | MultiLineString, kind: str, title: str = "") -> str:
+        """A shape, with its holes, as one path of a class, with a title that shows where the pointer rests."""
+        is_area = isinstance(shape, Polygon)
+        lines = shapely.get_rings(shape).tolist() if is_area else shapely.get_parts(shape).tolist()
         data = " ".join(
-            "M" + " ".join(self.place((x, y)) for x, y in shapely.get_coordinates(ring)[:-1].tolist()) + "z"
-            for ring in shapely.get_rings(shape)
+            "M" + " ".join(map(self.place, line.coords[:-1] if is_area else line.coords)) + "z" * is_area
+            for line in lines
         )
         name = f"<title>{markup(title)}</title>" if title else ""
         return f'<path class="{markup(kind)}" fill-rule="evenodd" d="{data}">{name}</path>'
@@ -126,31 +128,12 @@ def format_svg(drawing: Drawing) -> str:
     )
 
 
-def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, Sequence[str]]:
+def shape_layers(drawing: Drawing, sheet: Sheet) -> dict[str, list[str]]:
     """The drawn shapes, by layers from the lowest up."""
-    walls = [
-        sheet.path(
-            wall.polygon,
-            f"wall {wall.layer}",
-            f"W{number}: {wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}",
-        )
-        for number, wall in enumerate(drawing.walls, 1)
-    ]
-    doors = [
-        f'<path class="{door.kind}" d="M{sheet.place(door.start)} L{sheet.place(door.end)}">'
-        f"<title>D{number}: {door.kind}, {door.width:.3f} m</title></path>"
-        for number, door in enumerate(drawing.doors, 1)
-    ]
-    rooms = [
-        sheet.path(room.polygon, f"room {room.layer}", f"{room.name}: {room.area:.2f} m2")
-        for room in drawing.rooms
-    ]
-    return {
-        "ROOMS": [*(sheet.path(part, "room") for part in drawing.floor.geoms), *rooms],
-        "INFERRED": [sheet.path(part, "floor-inferred") for part in drawing.inferred_floor],
-        "WALLS": walls,
-        "DOORS": doors,
-    }
+    layers: dict[str, list[str]] = {}
+    for layer, kind, shape, title in drawn_shapes(drawing):
+        layers.setdefault(layer, []).append(sheet.path(shape, kind, title))
+    return layers
 
 
 def size_layer(drawing: Drawing, sheet: Sheet) -> list[str]:
@@ -162,6 +145,5 @@ def size_layer(drawing: Drawing, sheet: Sheet) -> list[str]:
         unit = (end - start) / line.length
         slant = 0.35e-3 * sheet.letters * np.array([unit[0] - unit[1], unit[0] + unit[1]])
         strokes = [(start, end), (start - slant, start + slant), (end - slant, end + slant)]
-        data = " ".join(f"M{sheet.place(tuple(a))} L{sheet.place(tuple(b))}" for a, b in strokes)
-        parts.append(f'<path class="dimension" d="{data}"/>')
+        parts.append(sheet.path(MultiLineString(strokes), "dimension"))
     return parts + [sheet.text(label) for label in labels]
