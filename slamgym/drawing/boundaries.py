@@ -60,21 +60,6 @@ def candidate_lines(space: FreeSpace) -> FloatArray:
     return found[np.argsort(line_widths(found), kind="stable")]
 
 
-def first_of(count: int, first: IntArray, second: IntArray) -> BoolArray:
-    """Which of things in order of merit stay if of each pair only one may.
-
-    Args:
-        count: Number of things, the best first.
-        first: Numbers of the better ones of the pairs.
-        second: Numbers of the others.
-    """
-    stays = np.ones(count, np.bool_)
-    for better, other in sorted(zip(first.tolist(), second.tolist(), strict=True)):
-        if stays[better]:
-            stays[other] = False
-    return stays
-
-
 def line_widths(lines: FloatArray) -> FloatArray:
     """Widths of lines (N, 2, 2), from end to end."""
     return np.asarray(np.hypot(*(lines[:, 1] - lines[:, 0]).T))

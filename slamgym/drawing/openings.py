@@ -23,7 +23,6 @@ from slamgym.drawing.boundaries import (
     WIDEST,
     boundary_log_odds,
     candidates,
-    first_of,
     line_widths,
 )
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
@@ -99,7 +98,9 @@ def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: 
     order = np.argsort(-odds, kind="stable")
     order = order[odds[order] >= LEAST_LOG_ODDS]
     lines, odds = lines[order], odds[order]
-    stays = first_of(len(lines), *_rivals(lines))
+    stays = np.ones(len(lines), np.bool_)
+    for likelier, other in sorted(_rivals(lines).T.tolist()):
+        stays[other] &= not stays[likelier]
     return [
         Gap((x0, y0), (x1, y1), value)
         for ((x0, y0), (x1, y1)), value in zip(lines[stays].tolist(), odds[stays].tolist(), strict=True)

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiPolygon, Polygon
+from shapely import MultiPolygon, Polygon
 
-from slamgym.cad.polygons import largest_part, polygon_parts
+from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint
 from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
+from slamgym.drawing.formats.look import LETTER_WIDTH, place_labels
 from slamgym.drawing.polygons import CORNER_GRID
 
 LAYER_LOOKS = {
@@ -85,21 +86,9 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     for line in drawing.dimensions:
         look = {"dimstyle": "METRES", "dxfattribs": {"layer": "A-ANNO-DIMS"}}
         space.add_aligned_dim(line.start, line.end, 0.0, **look).render()
-    _add_names(space, drawing, letters)
-
-
-def _add_names(space: Any, drawing: Drawing, letters: float) -> None:
-    """Ids and areas of rooms, where dimension lines and doors leave most place."""
-    turn = np.radians(drawing.angle_deg)
-    up = 0.75 * letters * np.array([-np.sin(turn), np.cos(turn)])
-    swings = [LineString([d.start, d.end]).buffer(d.width, cap_style="flat") for d in drawing.doors]
-    for room in drawing.rooms:
-        lines = [LineString([d.start, d.end]).buffer(letters) for d in drawing.dimensions if d.of == room.id]
-        free = largest_part(room.polygon.difference(shapely.union_all([*swings, *lines])))
-        circle = shapely.maximum_inscribed_circle(free if free.area else room.polygon, tolerance=0.1)
-        place = shapely.get_coordinates(circle)[0]
-        for words, at in ((room.name, place + up), (f"{room.area:.2f} m²", place - up)):
-            add_text(space, words, at, letters, "A-AREA-IDEN", "MIDDLE_CENTER", drawing.angle_deg)
+    for label in place_labels(drawing, LETTER_WIDTH * letters, letters)[0]:
+        if label.kind == "name":
+            add_text(space, label.words, label.at, letters, "A-AREA-IDEN", "MIDDLE_CENTER")
 
 
 def _rings(shape: Polygon) -> list[list[list[float]]]:

@@ -80,11 +80,9 @@ def add_sheet(document: Any, drawing: Drawing, paper: Paper, middle: FloatArray)
         add_text(layout, words, corner + np.array([x, y]) / metre, letters / metre, "A-ANNO-TTLB")
 
 
-def add_text(
-    space: Any, words: str, at: Any, height: float, layer: str, align: str = "LEFT", turn: float = 0.0
-) -> None:
-    """A line of text at a point; ``turn`` in degrees, counter-clockwise."""
+def add_text(space: Any, words: str, at: Any, height: float, layer: str, align: str = "LEFT") -> None:
+    """A line of text at a point."""
     from ezdxf.enums import TextEntityAlignment
 
-    text = space.add_text(words, height=height, rotation=turn, dxfattribs={"style": "PLAN", "layer": layer})
+    text = space.add_text(words, height=height, dxfattribs={"style": "PLAN", "layer": layer})
     text.set_placement(tuple(at), align=TextEntityAlignment[align])

@@ -24,6 +24,8 @@ DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
 }
 """Colours, and what they mean."""
 LEGEND_ROWS = (len(DRAWN_COLOURS) + 1) // 2
+LETTER_WIDTH = 0.56
+"""Width of a letter in heights."""
 
 
 def format_part(name: str, /, **values: str) -> str:

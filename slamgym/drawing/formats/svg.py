@@ -16,6 +16,7 @@ from slamgym.drawing.formats.look import (
     DRAWING_STYLE,
     DRAWN_COLOURS,
     LEGEND_ROWS,
+    LETTER_WIDTH,
     DrawnLabel,
     drawn_shapes,
     format_part,
@@ -29,8 +30,6 @@ SHEET_MARGIN = 1.0
 """Round the drawing [m]."""
 LETTERS = 1.8
 """Height of letters on paper [mm]."""
-LETTER_WIDTH = 0.56
-"""Width of a letter in heights."""
 
 
 class Sheet(NamedTuple):
