@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from shapely import MultiPolygon
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.drawing.evidence import values_at
 from slamgym.drawing.free_space import FreeSpace, cross
 from slamgym.metrics.layers import MapLayers
@@ -55,18 +55,8 @@ def candidates(
 
 
 def candidate_lines(space: FreeSpace) -> FloatArray:
-    """Lines across the free space that may be boundaries, (N, 2, 2) [m], the shortest first, some of them twice."""
-    found = _opposite(space, np.flatnonzero(space.is_wall_corner))
-    return found[np.argsort(line_widths(found), kind="stable")]
-
-
-def line_widths(lines: FloatArray) -> FloatArray:
-    """Widths of lines (N, 2, 2), from end to end."""
-    return np.asarray(np.hypot(*(lines[:, 1] - lines[:, 0]).T))
-
-
-def _opposite(space: FreeSpace, corners: IntArray) -> FloatArray:
-    """The shortest lines from corners to edges and corners that stand opposite, (N, 2, 2)."""
+    """The shortest lines from corners of walls to what stands opposite, (N, 2, 2) [m], some of them twice."""
+    corners = np.flatnonzero(space.is_wall_corner)
     of, edge = space.edges_near(space.start[corners], WIDEST)
     corner = corners[of]
     place, along = space.start[corner], space.along[edge]
@@ -92,7 +82,13 @@ def _opposite(space: FreeSpace, corners: IntArray) -> FloatArray:
         if len(some) < MOST_OPPOSITE and (ways[some] @ ways[index] < APART).all():
             some.append(index)
     chosen = np.array([index for some in kept.values() for index in some], np.int64)
+    chosen = chosen[np.argsort(width[chosen], kind="stable")]
     return np.stack([place[chosen], end[good][chosen]], axis=1)
+
+
+def line_widths(lines: FloatArray) -> FloatArray:
+    """Widths of lines (N, 2, 2), from end to end."""
+    return np.asarray(np.hypot(*(lines[:, 1] - lines[:, 0]).T))
 
 
 def boundary_signs(

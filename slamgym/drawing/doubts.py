@@ -56,13 +56,13 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
 
 def missing_walls(drawing: Drawing) -> Iterator[str]:
     """A sentence for each wall that the map shows and the drawing doesn't."""
-    from slamgym.drawing.comparison.extra_walls import extra_structures
+    from slamgym.drawing.comparison.extra_walls import extra_walls
     from slamgym.drawing.comparison.faces import map_evidence
 
     shapes = [drawing.floor.boundary, *(wall.polygon.boundary for wall in drawing.walls)]
     drawn = shapely.get_coordinates(shapely.segmentize(shapes, 0.05))
-    for found in extra_structures(drawing.floor, map_evidence(drawing.grid), drawn):
-        x0, y0, x1, y1 = found.line
+    for found in extra_walls(drawing.floor, map_evidence(drawing.grid), drawn):
+        (x0, y0), (x1, y1) = found.coords
         yield (
             f"a straight wall of {found.length:.1f} m isn't drawn: the map shows one from ({x0:.1f}, {y0:.1f}) to "
             f"({x1:.1f}, {y1:.1f})"

@@ -8,7 +8,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
-from slamgym.drawing.comparison.extra_walls import extra_structures
+from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence
 from slamgym.drawing.comparison.plan_walls import plan_walls
 from slamgym.drawing.comparison.records import Change, ChangeKind, Line, PlanComparison, WallReport
@@ -116,8 +116,9 @@ def _extra_walls(
     jambs = np.array([end for door in plan.doors for end in (door.start, door.end)]).reshape(-1, 2)
     shifts = measured.drift, measured.drift + [report.offset or 0.0 for report in reports]
     places = [walls.points + (shift[:, None] * walls.normals)[walls.wall] for shift in shifts]
-    for structure in extra_structures(plan.free_space, evidence, np.vstack([*places, jambs])):
-        yield Change("wall_extra", f"wall of {structure.length:.1f} m", structure.line, structure.length)
+    for line in extra_walls(plan.free_space, evidence, np.vstack([*places, jambs])):
+        (xa, ya), (xb, yb) = line.coords
+        yield Change("wall_extra", f"wall of {line.length:.1f} m", (xa, ya, xb, yb), line.length)
 
 
 def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[Change]:

@@ -4,18 +4,15 @@ A wall is thin and seen from both sides. What is seen from one side alone, with 
 cupboard or a sofa.
 """
 
-import math
-from typing import NamedTuple
-
 import cv2
 import numpy as np
 import shapely
 from scipy.spatial import KDTree
+from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
-from slamgym.drawing.comparison.records import Line
 
 EXPLAINED = 0.15
 """Points of the map that are so near to a wall of the plan, or to where it has moved, belong to it [m]."""
@@ -33,15 +30,8 @@ SEEN_ALONG = 0.6
 """Share of its length along which a structure is seen from a side that counts as seen."""
 
 
-class Structure(NamedTuple):
-    """A straight row of occupied cells."""
-
-    line: Line
-    length: float  # [m]
-
-
-def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray) -> list[Structure]:
-    """The walls that a plan or a drawing doesn't have.
+def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray) -> list[LineString]:
+    """The walls that a plan or a drawing doesn't have, the longest first.
 
     Args:
         floor: Its floor; what lies outside isn't looked at.
@@ -58,31 +48,24 @@ def extra_structures(floor: BaseGeometry, evidence: MapEvidence, explained_by: F
     rows = cv2.HoughLinesP(
         image, 1.0, np.pi / TURNS, VOTES, minLineLength=SHORTEST_EXTRA / cell, maxLineGap=GAP / cell
     )
-    found = []
-    for x0, y0, x1, y1 in rows.reshape(-1, 4).tolist() if rows is not None else []:
-        start, end = evidence.on_plan(frame.to_points(np.array([y0, y1]), np.array([x0, x1]))).tolist()
-        structure = Structure((*start, *end), math.dist(start, end))
-        if _is_seen_from_both_sides(structure, evidence):
-            found.append(structure)
-    return _without_doubles(found)
+    ends = (rows if rows is not None else np.empty(0)).reshape(-1, 2, 2)
+    lines = [LineString(evidence.on_plan(frame.to_points(pair[:, 1], pair[:, 0]))) for pair in ends]
+    kept: list[LineString] = []
+    for line in sorted(lines, key=lambda line: -line.length):
+        # The two faces of one wall count once.
+        is_double = any(
+            line.intersection(other.buffer(THICKEST)).length > 0.7 * line.length for other in kept
+        )
+        if not is_double and _is_seen_from_both_sides(line, evidence):
+            kept.append(line)
+    return kept
 
 
-def _is_seen_from_both_sides(found: Structure, evidence: MapEvidence) -> bool:
+def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     """True if there is free space within the thickness of a wall on either side of most of it."""
-    start, end = np.array(found.line[:2]), np.array(found.line[2:])
-    normal = np.array([start[1] - end[1], end[0] - start[0]]) / found.length
-    points = start + np.linspace(0.05, 0.95, max(5, round(found.length / 0.05)))[:, None] * (end - start)
+    start, end = np.array(line.coords)
+    normal = np.array([start[1] - end[1], end[0] - start[0]]) / line.length
+    points = start + np.linspace(0.05, 0.95, max(5, round(line.length / 0.05)))[:, None] * (end - start)
     depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
     sides = (points[:, None] + depths, points[:, None] - depths)
     return all((evidence.values(side) == FREE).any(axis=1).mean() >= SEEN_ALONG for side in sides)
-
-
-def _without_doubles(found: list[Structure]) -> list[Structure]:
-    """The two faces of one wall count once, by the longer."""
-    kept: list[Structure] = []
-    for structure in sorted(found, key=lambda entry: -entry.length):
-        line = shapely.LineString(np.reshape(structure.line, (2, 2)))
-        near = [shapely.LineString(np.reshape(other.line, (2, 2))).buffer(THICKEST) for other in kept]
-        if not any(line.intersection(area).length > 0.7 * line.length for area in near):
-            kept.append(structure)
-    return kept

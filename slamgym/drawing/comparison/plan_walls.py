@@ -60,8 +60,8 @@ def plan_walls(plan: FloorPlan) -> PlanWalls:
         lines.append(piece.places(np.array([0.0, 1.0]), 0.5 * depth).ravel())
         for face, behind in ((1.0, 0.0), (-1.0, depth))[: 1 + piece.known]:
             points.append(piece.places((np.arange(count) + 0.5) / count, behind))
-            wall += [number] * count
-            side += [face] * count
+            wall.extend([number] * count)
+            side.extend([face] * count)
     ends = np.array(lines)
     x, y = (ends[:, 2:] - ends[:, :2]).T
     lengths = np.hypot(x, y)
