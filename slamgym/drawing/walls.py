@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from shapely import MultiPolygon, Polygon
+from shapely import Polygon
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.drawing.free_space import FreeSpace
@@ -75,7 +76,7 @@ class _Stretch(NamedTuple):
         return self.known == other.known and abs(self.thickness - other.thickness) <= SAME_THICKNESS
 
 
-def find_walls(floor: Polygon | MultiPolygon, whole: bool = True) -> list[WallPiece]:
+def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
     """The walls round a floor and between its parts.
 
     Args:
