@@ -28,11 +28,11 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2486, 0, 211, 59, 0),
     "core": (1722, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22947),
-    "docs/drawing": (0, 0, 0, 0, 3950),
-    "docs/notes": (0, 0, 0, 0, 3713),
+    "docs": (0, 0, 0, 0, 22948),
+    "docs/drawing": (0, 0, 0, 0, 3901),
+    "docs/notes": (0, 0, 0, 0, 3674),
     "docs/tutorials": (0, 0, 0, 0, 433),
-    "drawing": (2639, 3, 0, 146, 0),
+    "drawing": (2505, 3, 0, 140, 0),
     "envs": (2503, 33, 0, 51, 0),
     "gan": (2146, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31942, 245, 241, 1359, 33323)
+TOTAL = (31808, 245, 241, 1353, 33259)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
