@@ -26,13 +26,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "agents": (2488, 44, 0, 101, 0),
     "cad": (2116, 3, 0, 103, 0),
     "commands": (2486, 0, 211, 59, 0),
-    "core": (1722, 0, 0, 72, 0),
+    "core": (1720, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 22945),
     "docs/drawing": (0, 0, 0, 0, 3901),
     "docs/notes": (0, 0, 0, 0, 3674),
     "docs/tutorials": (0, 0, 0, 0, 433),
-    "drawing": (2505, 3, 0, 140, 0),
+    "drawing": (2504, 3, 0, 140, 0),
     "envs": (2503, 33, 0, 51, 0),
     "gan": (2146, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
@@ -41,13 +41,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "planning": (2052, 19, 0, 84, 0),
     "ros2": (1513, 0, 30, 40, 0),
     "sim": (2234, 45, 0, 156, 0),
-    "slam": (3327, 29, 0, 197, 0),
+    "slam": (3326, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (784, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31808, 245, 241, 1353, 33256)
+TOTAL = (31804, 245, 241, 1353, 33256)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -139,10 +139,8 @@ class GridFrame(NamedTuple):
         return x, y
 
     def to_points(self, row: Any, col: Any) -> FloatArray:
-        """Convert arrays of cells, each of shape (N,), to the points of their centres, shape (N, 2) [m]."""
-        points = np.empty((len(row), 2))
-        points[:, 0], points[:, 1] = self.to_point(row, col)
-        return points
+        """Convert arrays of cells, of any shape (...), to the points of their centres, shape (..., 2) [m]."""
+        return np.stack(self.to_point(row, col), axis=-1)
 
     @staticmethod
     def covering(

@@ -51,13 +51,13 @@ def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatA
     ends = (rows if rows is not None else np.empty(0)).reshape(-1, 2, 2)
     lines = [LineString(evidence.on_plan(frame.to_points(pair[:, 1], pair[:, 0]))) for pair in ends]
     kept: list[LineString] = []
+    near: list[BaseGeometry] = []
     for line in sorted(lines, key=lambda line: -line.length):
         # The two faces of one wall count once.
-        is_double = any(
-            line.intersection(other.buffer(THICKEST)).length > 0.7 * line.length for other in kept
-        )
+        is_double = any(line.intersection(area).length > 0.7 * line.length for area in near)
         if not is_double and _is_seen_from_both_sides(line, evidence):
             kept.append(line)
+            near.append(line.buffer(THICKEST))
     return kept
 
 

@@ -5,7 +5,7 @@ import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, OccupancyGrid
-from slamgym.drawing.comparison.faces import map_evidence
+from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.records import Change, PlanComparison
 from slamgym.viz.canvas import (
     FAINT,
@@ -47,9 +47,9 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
     tints = np.full((256, 3), OUTLINE, np.uint8)
     tints[FREE], tints[OCCUPIED] = WHITE, FAINT
-    over = map_evidence(grid).moved(comparison.registration.plan_from_map, comparison.registration.scale)
-    rows, cols = np.indices(frame.shape)
-    picture: ByteArray = tints[over.values(frame.to_points(rows.ravel(), cols.ravel())).reshape(frame.shape)]
+    registration, no_faces = comparison.registration, np.empty((0, 2))  # cells alone are asked for
+    over = MapEvidence(grid, no_faces, no_faces, registration.plan_from_map, registration.scale)
+    picture: ByteArray = tints[over.values(frame.to_points(*np.indices(frame.shape)))]
     if comparison.is_confident:
         for wall in comparison.walls:
             colour = FAINT if wall.state == "not_seen" else SURE_COLOUR

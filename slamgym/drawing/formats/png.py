@@ -49,9 +49,8 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     min_x, min_y, max_x, max_y = drawing.bounds
     metres_per_px = (max(max_x - min_x, max_y - min_y) + 2 * PICTURE_MARGIN) / side_px
     frame = GridFrame.covering(drawing.bounds, metres_per_px, PICTURE_MARGIN)
-    rows, cols = np.indices(frame.shape)
-    places = frame.to_points(rows.ravel(), cols.ravel())
-    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN).reshape(frame.shape)
+    places = frame.to_points(*np.indices(frame.shape))
+    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
     page = blank(frame.shape, UNKNOWN_TINT)
     page[cells == FREE] = PAPER
 

@@ -322,14 +322,11 @@ class PoseGraphMapper(Mapper):
 
     def _draw_path(self) -> None:
         """Draw the scans that are new, and again those that have moved."""
-        poses, drawn, ranges = drawn_poses(self._graph.poses), len(self._drawn_poses), self._scans["ranges"]
+        # On a lattice, so that the map follows from the path, however often it was drawn before.
+        poses = np.round(self._graph.poses / DRAWN_LATTICE) * DRAWN_LATTICE
+        drawn, ranges = len(self._drawn_poses), self._scans["ranges"]
         moved = np.flatnonzero((poses[:drawn] != self._drawn_poses).any(axis=1))
         self._map.draw(self._drawn_poses[moved], ranges[moved], sign=-1)
         again = np.concatenate([moved, np.arange(drawn, len(poses))])
         self._map.draw(poses[again], ranges[again])
         self._drawn_poses = poses
-
-
-def drawn_poses(poses: FloatArray) -> FloatArray:
-    """Poses, shape (N, 3), on a lattice: the map follows from the path, however often it was drawn before."""
-    return np.round(poses / DRAWN_LATTICE) * DRAWN_LATTICE
