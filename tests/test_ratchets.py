@@ -28,7 +28,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2486, 0, 211, 59, 0),
     "core": (1720, 0, 0, 72, 0),
     "dataset": (2695, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22945),
+    "docs": (0, 0, 0, 0, 22500),
     "docs/drawing": (0, 0, 0, 0, 3901),
     "docs/notes": (0, 0, 0, 0, 3674),
     "docs/tutorials": (0, 0, 0, 0, 433),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31804, 245, 241, 1353, 33256)
+TOTAL = (31804, 245, 241, 1353, 32811)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

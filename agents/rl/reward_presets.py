@@ -54,7 +54,7 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)
-    """Names of presets (docs/learning.md), or ``own``."""
+    """Names of :data:`REWARD_PRESETS`, or ``own``."""
     seeds: Count = 3
     """Runs of each preset."""
     test_plans: Count = 40

@@ -44,7 +44,7 @@ CANDIDATE_FEATURES: tuple[str, ...] = (
     "unknown_frontiers", "clearance", "doorway", "exposure", "nearest_other", "mean_other", "is_target",
     "path_detour", "expected", "tour", "tour_detour",
 )  # fmt: skip
-"""Features of each candidate; docs/learning.md explains them."""
+"""Features of each candidate, as :func:`_measure` scales them."""
 
 GLOBAL_FEATURES: tuple[str, ...] = (
     "time", "known_area", "growth", "time_since_growth", "last_duration", "frontiers", "frontier_length",
