@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.errors import ActionError, ConfigError
-from slamgym.core.types import Observation
+from slamgym.core.types import BoolArray, Observation
 from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
 from slamgym.envs.frontier_features import FrontierFeatures
@@ -36,7 +36,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ## Action Space
 
     ``Discrete(K)``, K = 16 by default: the candidate of that row. The observation's ``"mask"`` says which rows hold
-    one; the action of any other row chooses the first candidate.
+    one, and :meth:`action_masks`; the action of any other row chooses the first candidate.
 
     ## Observation Space
 
@@ -140,31 +140,31 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         inner, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
         self._features = FrontierFeatures(self.loop_config.max_candidates)
-        self._is_over = False
         is_due = self._loop.observe(inner)
-        _, is_truncated, info = self._drive(is_due, info)
-        self._is_over = is_truncated or self._loop.finished or bool(info.get("is_success"))
+        _, self._truncated, info = self._drive(is_due, info)
         return self._observe(info, duration=0.0)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive to a frontier until the next decision; see :class:`gymnasium.Env`."""
-        loop = self.loop
-        begin, info = loop.time, dict(self._info)
-        info["reward_terms"] = {}
-        reward, truncated = 0.0, False
-        if not self._is_over and loop.candidates:
+        loop, reward = self.loop, 0.0
+        begin, info = loop.time, {**self._info, "reward_terms": {}}
+        if loop.candidates and not (self._truncated or self._is_complete(info)):
             index = self._row(action)
-            index = index if index < len(loop.candidates) else 0
-            chosen = loop.choose(index)
-            reward, truncated, info = self._drive(not chosen and bool(loop.candidates), info)
-        terminated = (loop.finished or bool(info.get("is_success"))) and not (truncated and not loop.finished)
-        if terminated or truncated:
-            self._is_over = True
-            if "map_error" not in info:
-                info["map_error"] = self.inner.map_error()
-            info["is_success"] = terminated
+            chosen = loop.choose(index if index < len(loop.candidates) else 0)
+            reward, self._truncated, info = self._drive(not chosen and bool(loop.candidates), info)
+        terminated = self._is_complete(info)
+        if terminated or self._truncated:
+            info |= {"is_success": terminated, "map_error": self.inner.map_error()}
         observation, info = self._observe(info, loop.time - begin)
-        return observation, reward, terminated, truncated and not terminated, info
+        return observation, reward, terminated, self._truncated and not terminated, info
+
+    def action_masks(self) -> BoolArray:
+        """Mask of the actions that choose a candidate, shape (K,), as ``MaskablePPO`` of sb3-contrib asks for it."""
+        return np.arange(self.loop_config.max_candidates) < len(self.loop.candidates)
+
+    def _is_complete(self, info: Mapping[str, Any]) -> bool:
+        """True if the robot has tried all that it can reach, or has seen enough."""
+        return self.loop.finished or bool(info.get("is_success"))
 
     def _row(self, action: Any) -> int:
         """The candidate's row that an action names.

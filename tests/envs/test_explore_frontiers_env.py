@@ -76,6 +76,17 @@ def test_masked_rows_are_empty(env):
         assert not observation["crops"][count:].any()
 
 
+def test_the_mask_of_actions_is_that_of_the_observation(env):
+    seen = []
+
+    def choose(observation, env):
+        seen.append((observation["mask"], env.action_masks()))
+        return 0
+
+    play(env, choose)
+    assert all(observed.shape == mask.shape and (observed == mask).all() for observed, mask in seen)
+
+
 def test_candidates_come_with_the_shortest_path_first(env):
     column = CANDIDATE_FEATURES.index("path_cost")
     for observation, _, _ in play(env)[0]:
@@ -171,6 +182,8 @@ def test_the_time_limit_truncates(two_room_plan):
     steps, terminated = play(env)
     assert not terminated
     assert steps[-1][2]["time"] == pytest.approx(8.0)
+    # Who goes on regardless is told again, rather than left to step forever.
+    assert env.step(0)[1:4] == (0.0, False, True)
 
 
 def test_fewer_candidates_can_be_asked_for(two_room_plan):
