@@ -7,7 +7,6 @@ observation space are refused with one sentence.
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -46,18 +45,6 @@ _NETWORK = {"width": WIDTH, "crop": CROP_UNITS, "heads": HEADS, "foresight": Fal
 """Description of the network in files."""
 
 
-@dataclass(frozen=True)
-class PolicyFile:
-    """Weights of a frontier policy and what they are for."""
-
-    weights: Mapping[str, Float32Array]
-    about: Mapping[str, Any]  # how they were trained
-
-    def scorer(self) -> FrontierScorer:
-        """The network, ready to choose."""
-        return FrontierScorer(self.weights)
-
-
 class LearnedExplorer(BatchedExplorer):
     """Chooses frontiers by a trained network, on the loop and the features that it learned with; without torch.
 
@@ -77,14 +64,14 @@ class LearnedExplorer(BatchedExplorer):
         config: ExplorationLoopConfig | None = None,
     ) -> None:
         self.config = loop = config or ExplorationLoopConfig()
-        file = read_policy(policy)
-        scorer = file.scorer()
+        weights, _ = read_policy(policy)
+        scorer = FrontierScorer(weights)
 
         def begin(_: int) -> Pilot:
             features = FrontierFeatures(loop.max_candidates)
             return FrontierPilot(context, loop, lambda now: scorer.scores(features.observe(now)))
 
-        super().__init__(context, f"{fingerprint_of(file.weights)}-{config_hash(loop)}", begin)
+        super().__init__(context, f"{fingerprint_of(weights)}-{config_hash(loop)}", begin)
 
 
 def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
@@ -113,13 +100,13 @@ def write_weights(path: Path, weights: Mapping[str, Float32Array], description: 
     write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
 
 
-def read_policy(path: Path | str) -> PolicyFile:
-    """Read a frontier policy and check that it fits this version's observations.
+def read_policy(path: Path | str) -> tuple[dict[str, Float32Array], dict[str, Any]]:
+    """The weights of a frontier policy, which must fit this version's observations, and how they were trained.
 
     Raises:
         InputFileError: If the file is missing, damaged, or made for another observation space.
     """
-    return PolicyFile(*read_weights(Path(path), "frontier policy", (_SPACE, _NETWORK), weight_shapes()))
+    return read_weights(Path(path), "frontier policy", (_SPACE, _NETWORK), weight_shapes())
 
 
 def read_weights(

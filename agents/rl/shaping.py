@@ -42,22 +42,8 @@ Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 
 
-@dataclass(frozen=True)
-class Column:
-    """A field of the outcomes in the report."""
-
-    field: str
-    heading: str
-    digits: int
-    ratio: bool = False
-    """True if its mean is set against the reference's, too."""
-
-
-REPORT: tuple[Column, ...] = (
-    Column("coverage", "coverage", 3, ratio=True),
-    Column("contacts", "contacts in 5 min", 1),
-    Column("path", "path [m]", 1),
-)
+REPORT = {"coverage": ("coverage", 3), "contacts": ("contacts in 5 min", 1), "path": ("path [m]", 1)}
+"""Heading and digits of the fields of the outcomes in the report; the first is set against the reference's, too."""
 
 
 @dataclass(frozen=True)
@@ -157,16 +143,20 @@ def table(runs: Sequence[ShapingRun]) -> str:
     for run in runs:
         by_name.setdefault(run.preset, []).append(run)
     base = by_name.get(BASE, next(iter(by_name.values())))
-    compared = [column for column in REPORT if column.ratio]
-    headings = ["preset", "seeds", *(column.heading for column in REPORT)]
-    headings += [f"{column.heading.partition(' [')[0]} / {base[0].preset}" for column in compared]
+    first, (heading, _) = next(iter(REPORT.items()))
+    headings = [
+        "preset",
+        "seeds",
+        *(column for column, _ in REPORT.values()),
+        f"{heading} / {base[0].preset}",
+    ]
     rows = []
     for name, own in by_name.items():
-        cells = [_cell(crossed_mean(_outcomes(own, c.field)), c.digits, len(own)) for c in REPORT]
-        for c in compared:
-            ratio = crossed_ratio(_outcomes(own, c.field), _outcomes(base, c.field))
-            cells.append(_cell(ratio, 2, min(len(own), len(base))))
-        rows.append([name, str(len(own)), *cells])
+        cells = [
+            _cell(crossed_mean(_outcomes(own, f)), digits, len(own)) for f, (_, digits) in REPORT.items()
+        ]
+        ratio = crossed_ratio(_outcomes(own, first), _outcomes(base, first))
+        rows.append([name, str(len(own)), *cells, _cell(ratio, 2, min(len(own), len(base)))])
     text = markdown(headings, rows)
     if any(len(own) < 2 for own in by_name.values()):
         text += "\nNo interval where there is one seed: it would not show how much trainings differ.\n"

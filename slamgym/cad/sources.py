@@ -215,7 +215,7 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
         if path.suffix or "/" in spec:
             _existing(spec)
         names = suggest(spec, ["bundled", "procedural"])
-        raise ConfigError(f"there are no plans called {spec!r}; give a path or a known name: {names}")
+        raise ConfigError(f"there are no plans called {spec!r}; give a path or a name; {names}")
     if path.name.endswith((".tar.gz", ".tgz", ".tar")):
         return archived_plans(path, wanted)
     if path.suffix == ".json":

@@ -9,6 +9,7 @@ import shapely
 
 from slamgym.agents.pretrained_policy import LearnedExplorer, read_policy, weight_shapes, write_policy
 from slamgym.agents.registry import make_explorer
+from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
 from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
@@ -58,7 +59,7 @@ def test_it_explores_the_building_and_knows_when_it_is_done(plan):
 def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy):
     """The same network over the same driver: the robot ends at the same place after the same time."""
     decisions = ExploreFrontiersEnv(plan, **SMALL)
-    scorer = read_policy(policy).scorer()
+    scorer = FrontierScorer(read_policy(policy)[0])
     observation, _ = decisions.reset(seed=4)
     over = False
     while not over:

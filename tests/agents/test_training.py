@@ -63,10 +63,10 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
     for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
         assert (tmp_path / name).is_file(), name
     assert list(tmp_path.glob("log/*/events.out.tfevents.*"))
-    weights = read_policy(tmp_path / "policy.safetensors").weights
+    weights, _ = read_policy(tmp_path / "policy.safetensors")
     again = train(half, tmp_path)  # nothing is left to do, and nothing is lost
     assert again.num_timesteps == 24
-    for name, value in read_policy(tmp_path / "policy.safetensors").weights.items():
+    for name, value in read_policy(tmp_path / "policy.safetensors")[0].items():
         np.testing.assert_array_equal(value, weights[name])
     assert again.policy.optimizer.state_dict()["state"]
     with pytest.raises(ConfigError, match="holds a run with seed = 0"):
