@@ -115,7 +115,6 @@ def main(args: Args) -> list[float]:
     envs = gym.make_vec(
         "slamgym/Explore-v2",
         num_envs=args.num_envs,
-        vectorization_mode="vector_entry_point",
         plans=args.plans,
         localization="ground_truth",
         observation={"preset": "compact", "map": "global"},

@@ -29,15 +29,14 @@ RENDER_MODES = ("rgb_array", "human")
 
 
 class ExploreEnv(gym.Env[Any, Any]):
-    """A TurtleBot3-class robot explores an unknown building and maps it with a particle filter.
+    """A TurtleBot3-class robot explores an unknown building and maps it with SLAM.
 
     ## Description
 
     A differential-drive robot with a 2D laser scanner is put down somewhere in a floor plan. It drives, its
-    scanner and its wheel odometry measure with noise, and a Rao-Blackwellised particle filter (as GMapping)
+    scanner and its wheel odometry measure with noise, and a pose graph, or a particle filter (as GMapping),
     makes a map of it all. The task is to see the whole building: quickly, without collisions, and with a good
-    map. Robot, scanner and SLAM have the values of a TurtleBot3 Waffle Pi and its launch files; a step lasts
-    one scan, 0.2 s.
+    map. Robot and scanner have the values of a TurtleBot3 Waffle Pi; a step lasts one scan, 0.2 s.
 
     Observations hold what the robot believes and measures, never the truth. Rewards and ``info`` do hold the
     truth (coverage, pose error): they are a privileged training signal.
@@ -121,7 +120,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         reward_terms: More terms of the reward: name to (weight, function).
         **settings: Fields of :class:`~slamgym.envs.config.ExploreConfig` by name, on top of ``config``: parts
             as dataclasses or as mappings of what differs, ``lidar`` and ``odometry`` also as the name of an
-            error level, and ``localization`` (``"rbpf"``, ``"pose_graph"``, ``"dead_reckoning"``,
+            error level, and ``localization`` (``"pose_graph"``, the default, ``"rbpf"``, ``"dead_reckoning"``,
             ``"map"``, ``"ground_truth"``).
 
     Raises:

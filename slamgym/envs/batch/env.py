@@ -34,7 +34,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     """Many of :class:`~slamgym.envs.ExploreEnv` in one process, each step computed by kernels over all of them.
 
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
-    environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64, vectorization_mode="vector_entry_point")`` makes it.
+    environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64)`` makes it.
 
     Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map, a log
     of every scan, and rendering; each is refused with one sentence. ``info`` has no ``map_error`` at the end of an
