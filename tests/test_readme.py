@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from slamgym.cad import open_plans
 from slamgym.commands import cli
 
 ROOT = Path(__file__).parents[1]
@@ -78,6 +79,13 @@ def test_commands_exist_and_know_their_options(help_of, page, command):
     assert "usage: slamgym" in help_text
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
         assert re.search(rf"{option}(?![\w-])", help_text), f"{page}: {command}: {option} is unknown"
+
+
+def test_floor_plans_named_in_commands_exist():
+    named = {plans for _, command in slamgym_commands() for plans in re.findall(r"--plans (\S+)", command)}
+    for name in {part.partition("=")[0] for plans in named for part in plans.split(",")}:
+        if not name.isdigit() and "." not in name:  # neither a number of them nor a file
+            assert open_plans(name).ids
 
 
 def test_make_targets_named_in_the_readme_exist():
