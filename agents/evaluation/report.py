@@ -22,6 +22,7 @@ from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text
 from slamgym.core.files import replace_file, storage_errors
 from slamgym.core.intervals import Interval, mean_band
+from slamgym.core.progress import counted
 from slamgym.core.text import markdown
 from slamgym.viz.plots import Curve, plot_curves
 
@@ -156,15 +157,14 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
 
 def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> str:
     lines = [
-        f"{summary.plans} plans (split {config.split or 'all'}, filter {config.plans_filter}), each explored "
-        f"{config.repetitions} time(s) by every explorer; SLAM {config.trial.env.slam.mode}."
+        f"{counted(summary.plans, 'plan')} (split {config.split or 'all'}, filter {config.plans_filter}), each "
+        f"explored {counted(config.repetitions, 'time')} by every explorer; SLAM {config.trial.env.slam.mode}."
     ]
     if evaluation.skipped:
-        lines.append(f"{len(evaluation.skipped)} plan(s) were skipped: the robot can't explore them.")
+        lines.append(f"Skipped: {counted(len(evaluation.skipped), 'plan')} that the robot can't explore.")
     for name, count in Counter(trial.explorer for trial in evaluation.failed).items():
-        lines.append(
-            f"{count} exploration(s) of `{name}` crashed, hung or failed and are left out for all explorers."
-        )
+        failed = counted(count, "exploration")
+        lines.append(f"Left out for all explorers: {failed} of `{name}` that crashed, hung or failed.")
     return "\n".join(lines) + "\n\n"
 
 

@@ -146,9 +146,7 @@ def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monk
     again = run(source(), config(), tmp_path)
     assert (again.trials, again.failed, again.fresh) == (found.trials, found.failed, 0)
     report = write_report(tmp_path, again, config(), "nearest")
-    assert (
-        "1 exploration(s) of `nearest` crashed, hung or failed and are left out for all explorers." in report
-    )
+    assert "Left out for all explorers: 1 exploration of `nearest` that crashed, hung or failed." in report
     assert json.loads((tmp_path / "results.json").read_text())["summary"]["plans"] == 2
 
 
