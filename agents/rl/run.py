@@ -219,6 +219,8 @@ class _Keep(BaseCallback):
         figures = self._learner.validate(self._out / POLICY, self._plans)
         for name, value in figures.items():
             self.logger.record(f"validation/{name}", value)
+        shown = ", ".join(f"{name} {value:.3g}" for name, value in figures.items())
+        say(f"validation at {self._learner.unit} {model.num_timesteps}: {shown}")
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
         _append(self._out / VALIDATION, row)
         if figures["score"] < min((one.get("score", math.inf) for one in self._rows), default=math.inf):

@@ -56,10 +56,11 @@ def test_senseless_runs_are_refused(changes):
         from_dict(TrainConfig, to_dict(TINY) | changes)
 
 
-def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path):
+def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, capsys):
     half = dataclasses.replace(TINY, evaluate_every=100, evaluate_plans=1)
     model = train(half, tmp_path)
     assert model.num_timesteps == 24
+    assert "validation at step 24: time_95 " in capsys.readouterr().err
     for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
         assert (tmp_path / name).is_file(), name
     assert list(tmp_path.glob("log/*/events.out.tfevents.*"))
