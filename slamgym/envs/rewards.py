@@ -167,14 +167,16 @@ class Reward:
         needs_map_error: True if a term looks at the map's error.
 
     Raises:
-        ConfigError: If a term of the user's own has a name that is taken, or isn't (number, function); in a call, if
-            it fails or gives no finite number.
+        ConfigError: If terms of the user's own are no mapping, or one has a name that is taken or isn't (number,
+            function); in a call, if it fails or gives no finite number.
     """
 
     def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
         functions = FUNCTIONS | {"shaping": partial(potential_shaping, discount=config.discount)}
         terms = {name: (getattr(config, name), function) for name, function in functions.items()}
         self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
+        if not isinstance(extra or {}, Mapping):
+            raise ConfigError(f"reward_terms must be a mapping of names to (weight, function), not {extra!r}")
         for name, entry in (extra or {}).items():
             weight, function = _own_term(name, entry, functions)
             self.terms[name] = weight, partial(_own_value, name, function)

@@ -147,6 +147,11 @@ def test_an_own_term_that_fails_is_named_in_one_sentence(term, complaint):
         reward.of_many(StepRecord(**(many | {"map_error": np.full(2, math.nan)})))
 
 
+def test_own_terms_without_names_are_refused_in_one_sentence():
+    with pytest.raises(ConfigError, match=r"reward_terms must be a mapping of names"):
+        Reward(RewardConfig(), [(1.0, lambda step: step.distance)])
+
+
 @pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
 def test_over_an_episode_the_gains_add_up(flat: FloorPlan, mode: str):
     env = ExploreEnv(
