@@ -63,12 +63,14 @@ def test_figures_are_true_to_scale_on_paper(drawing, page):
     for root in figures:
         paper = float(re.search(r"--paper: ([0-9.]+)mm", root.get("style"))[1])
         width, height = (float(value) for value in root.get("viewBox").split()[2:])
-        scale = int(re.search(r"1:(\d+) on A4", root.findall("text")[-1].text)[1])
+        texts = root.findall(".//text")
+        scale = int(re.search(r"1:(\d+) on A4", texts[-1].text)[1])
         assert width / paper == pytest.approx(scale, rel=2e-3)
         assert paper <= 180.0
         assert height / scale <= 160.0
-        bar = re.search(r"h([0-9.]+)v-", root.find("path[@class='bar']").get("d"))[1]
-        assert f"{float(bar) / 1000:g} m " in root.findall("text")[-1].text
+        _, left, right, _ = root.find(".//path[@class='bar']").get("d").split()
+        bar = float(right.split(",")[0]) - float(left.split(",")[0])
+        assert f"{bar / 1000:g} m " in texts[-1].text
     shown = {text.text for text in figures[0].iter("text")}
     assert {f"{line.length:.2f}" for line in drawing.dimensions if line.of == "building"} <= shown
 

@@ -18,7 +18,7 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint
 from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
-from slamgym.drawing.formats.look import LETTER_WIDTH, place_labels
+from slamgym.drawing.formats.look import place_labels
 from slamgym.drawing.polygons import CORNER_GRID
 
 LAYER_LOOKS = {
@@ -86,7 +86,7 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     for line in drawing.dimensions:
         look = {"dimstyle": "METRES", "dxfattribs": {"layer": "A-ANNO-DIMS"}}
         space.add_aligned_dim(line.start, line.end, 0.0, **look).render()
-    for label in place_labels(drawing, LETTER_WIDTH * letters, letters)[0]:
+    for label in place_labels(drawing, letters)[0]:
         if label.kind == "name":
             add_text(space, label.words, label.at, letters, "A-AREA-IDEN", "MIDDLE_CENTER")
 

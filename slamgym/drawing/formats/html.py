@@ -1,5 +1,6 @@
 """The report of a drawing as a page, and the index of several reports: what to check comes first."""
 
+import itertools
 import json
 import os
 from collections.abc import Iterator, Sequence
@@ -7,13 +8,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import shapely
+
 import slamgym
 from slamgym.core.progress import counted
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.json import drawing_facts
-from slamgym.drawing.formats.look import DRAWING_STYLE, format_part
-from slamgym.drawing.formats.svg import Sheet, shape_layers, size_layer
+from slamgym.drawing.formats.look import DRAWING_STYLE, Sheet, drawn_scene, format_part
+from slamgym.drawing.formats.svg import LETTERS, drawn_layers, place
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
@@ -40,10 +43,8 @@ def format_html(drawing: Drawing) -> str:
         angle=f"{drawing.angle_deg:.1f}",
         doubts=doubts_part(checks(drawing)),
         figures=figures_part(key_figures(drawing)),
-        dimensioned=_svg(drawing, [drawing.bounds], "the drawing with dimensions"),
-        over=_svg(
-            drawing, [drawing.grid.frame.bounds, drawing.bounds], "the drawing over its map", with_map=True
-        ),
+        dimensioned=_svg(drawing, "the drawing with dimensions"),
+        over=_svg(drawing, "the drawing over its map", with_map=True),
         data=facts,
         script=format_part("report.js"),
         rooms=_rooms_table(drawing),
@@ -110,32 +111,28 @@ def sentence(text: str) -> str:
     return f"{text[:1].upper()}{text[1:]}{'' if text.endswith('.') else '.'}"
 
 
-def _svg(
-    drawing: Drawing, bounds: Sequence[tuple[float, float, float, float]], label: str, with_map: bool = False
-) -> str:
-    """A figure of some bounds, to a round scale on paper."""
-    low_x, low_y, high_x, high_y = zip(*bounds, strict=True)
-    box = min(low_x), min(low_y), max(high_x), max(high_y)
-    sheets = [Sheet.of(box, scale) for scale in PAPER_SCALES]
-    # The largest that fits on a page.
-    sheet = next(
-        (s for s in sheets if s.width <= PAGE[0] * s.scale and s.height <= PAGE[1] * s.scale), sheets[-1]
-    )
-    shapes = [part for layer in shape_layers(drawing, sheet).values() for part in layer]
+def _svg(drawing: Drawing, label: str, with_map: bool = False) -> str:
+    """A figure of what is drawn, or of the whole map too, to the largest round scale that fits on a page."""
     left, bottom, right, top = drawing.grid.frame.bounds
-    x, y = sheet.place((left, top)).split(",")
+    shown = [drawing.bounds, (left, bottom, right, top)][: 1 + with_map]
+    box = shapely.total_bounds([shapely.box(*bounds) for bounds in shown]).tolist()
+    for scale in PAPER_SCALES:
+        sheet = Sheet.of(box, 1e-3 * LETTERS * scale)
+        if sheet.width <= PAGE[0] * scale and sheet.height <= PAGE[1] * scale:
+            break
+    x, y = place((left, top), sheet).split(",")
     picture = (
         f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
         f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'
     )
     ground = [picture, '<g class="over">'] if with_map else ["<g>"]
-    words = [*size_layer(drawing, sheet), "</g>", *sheet.legend(), *sheet.scale_bar(" on A4"), "</svg>"]
+    layers = drawn_layers(*drawn_scene(drawing, sheet, f" · 1:{scale} on A4"), sheet).values()
     head = (
-        f'<svg role="img" aria-label="{label}" style="--paper: {1000 * sheet.width / sheet.scale:.1f}mm" '
+        f'<svg role="img" aria-label="{label}" style="--paper: {1000 * sheet.width / scale:.1f}mm" '
         f'viewBox="0 0 {1000 * sheet.width:.0f} {1000 * sheet.height:.0f}" '
         f'data-left="{sheet.left}" data-top="{sheet.top}">'
     )
-    return "\n".join([head, *ground, *shapes, *words])
+    return "\n".join([head, *ground, *itertools.chain(*layers), "</g></svg>"])
 
 
 def _rooms_table(drawing: Drawing) -> str:

@@ -1,17 +1,24 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon, affinity
+from shapely import LineString, MultiLineString, Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
-from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNSEEN_TINT, WALL_TINT, Colour
+from slamgym.viz.canvas import (
+    BELIEVED_COLOUR,
+    TRUE_COLOUR,
+    UNSEEN_TINT,
+    WALL_TINT,
+    Colour,
+    round_length,
+)
 
 DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "wall": (WALL_TINT, "wall, seen"),
@@ -23,9 +30,13 @@ DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "echo": ((232, 89, 12), "occupied in the map"),
 }
 """Colours, and what they mean."""
+LINES = ("door", "opening", "dimension")
+"""What is drawn as lines; the rest are areas."""
 LEGEND_ROWS = (len(DRAWN_COLOURS) + 1) // 2
-LETTER_WIDTH = 0.56
-"""Width of a letter in heights."""
+LETTER_WIDTH, KEY_HEIGHT = 0.56, 6.0 + 1.6 * LEGEND_ROWS
+"""Width of a letter, and height of the strip with the key, in heights of letters."""
+SHEET_MARGIN = 1.0
+"""Round the drawing [m]."""
 
 
 def format_part(name: str, /, **values: str) -> str:
@@ -52,7 +63,7 @@ class DrawnShape(NamedTuple):
     layer: str
     kind: str
     """Its CSS class, and its name in :data:`DRAWN_COLOURS`; what has none there is white."""
-    shape: Polygon | LineString
+    shape: Polygon | LineString | MultiLineString
     title: str = ""
 
 
@@ -77,31 +88,80 @@ class DrawnLabel(NamedTuple):
 
     words: str
     kind: str
-    """``name`` of a room, ``number`` of a door or ``size``."""
-    line: Dimension
-    """That it belongs to."""
-    at: DrawnPoint = (0.0, 0.0)
+    """``name`` of a room, ``number`` of a door, ``size``; ``start`` and ``doubts`` begin at their point."""
+    at: DrawnPoint
     turn: float = 0.0
     """Counter-clockwise [deg]."""
 
-    def tries(self, width: float, height: float, turned: bool) -> Iterator["DrawnLabel"]:
-        """The label at its places, best first."""
-        (x0, y0), (x1, y1) = self.line.start, self.line.end
-        cos, sin = (x1 - x0) / self.line.length, (y1 - y0) / self.line.length
-        turn = (float(np.degrees(np.arctan2(sin, cos))) + 89.9) % 180.0 - 89.9
-        for share, along, left in _STEPS[self.kind]:
-            far, up = share * self.line.length + along * (len(self.words) + 0.5) * width, left * height
-            at = 0.5 * (x0 + x1) + far * cos - up * sin, 0.5 * (y0 + y1) + far * sin + up * cos
-            yield self._replace(at=at, turn=turn if turned and self.kind == "size" else 0.0)
-
-    def box(self, width: float, height: float) -> BaseGeometry:
-        """The rectangle that it takes, with letters of a width and height [m]."""
-        x, y = 0.5 * width * len(self.words), 0.65 * height
+    def box(self, letters: float) -> BaseGeometry:
+        """The rectangle that it takes, with letters of a height [m]."""
+        x, y = 0.5 * LETTER_WIDTH * letters * len(self.words), 0.65 * letters
         return affinity.translate(affinity.rotate(shapely.box(-x, -y, x, y), self.turn, (0, 0)), *self.at)
 
 
+class Sheet(NamedTuple):
+    """The part of the map's frame that a picture of the drawing shows."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+    letters: float
+    """Height of letters; all of this in metres of the building."""
+
+    @classmethod
+    def of(cls, bounds: Sequence[float], letters: float) -> "Sheet":
+        """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for its key."""
+        min_x, min_y, max_x, max_y = bounds
+        width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
+        return cls(min_x - SHEET_MARGIN, max_y + SHEET_MARGIN, width, height + KEY_HEIGHT * letters, letters)
+
+    def key(self, words: str, doubts: Sequence[str] = ()) -> tuple[list[DrawnShape], list[DrawnLabel]]:
+        """What the colours mean, a bar of a round length with words behind it, and the doubts: shapes and labels."""
+        size, bottom = self.letters, self.top - self.height
+        shapes, labels = [], []
+        for number, (kind, (_, meaning)) in enumerate(DRAWN_COLOURS.items()):
+            column, row = divmod(number, LEGEND_ROWS)
+            x, y = self.left + size * (1.0 + 17.0 * column), bottom + size * (4.1 + 1.6 * (LEGEND_ROWS - row))
+            line = LineString([(x, y), (x + 1.2 * size, y)])
+            shape = line if kind in LINES else line.buffer(0.45 * size, cap_style="flat")
+            shapes.append(DrawnShape("KEY", kind, shape))
+            labels.append(DrawnLabel(meaning, "start", (x + 1.6 * size, y)))
+        x, y, bar = self.left + size, bottom + 2.5 * size, round_length(0.25 * self.width)
+        ticks = LineString([(x, y + 0.5 * size), (x, y), (x + bar, y), (x + bar, y + 0.5 * size)])
+        shapes.append(DrawnShape("SCALE", "bar", ticks))
+        labels.append(DrawnLabel(f"{bar:g} m{words}", "start", (x + bar + 0.5 * size, y + 0.35 * size)))
+        if doubts:
+            labels.append(DrawnLabel("; ".join(doubts), "doubts", (x, bottom + size)))
+        return shapes, labels
+
+
+def drawn_scene(
+    drawing: Drawing, sheet: Sheet, words: str, doubts: Sequence[str] = (), turned: bool = True
+) -> tuple[list[DrawnShape], list[DrawnLabel]]:
+    """All that a sheet shows: shapes from the lowest up, and labels.
+
+    Args:
+        drawing: The drawing.
+        sheet: Where it lies.
+        words: Behind the scale bar.
+        doubts: Below it.
+        turned: If figures lie along their lines.
+    """
+    labels, lines = place_labels(drawing, sheet.letters, turned)
+    shapes = list(drawn_shapes(drawing))
+    for line in lines:
+        start, end = np.array(line.start), np.array(line.end)
+        unit = (end - start) / line.length
+        slant = 0.35 * sheet.letters * np.array([unit[0] - unit[1], unit[0] + unit[1]])
+        strokes = [(start, end), (start - slant, start + slant), (end - slant, end + slant)]
+        shapes.append(DrawnShape("DIMENSIONS", "dimension", MultiLineString(strokes)))
+    key, texts = sheet.key(words, doubts)
+    return [*shapes, *key], [*labels, *texts]
+
+
 def place_labels(
-    drawing: Drawing, width: float, height: float, turned: bool = True
+    drawing: Drawing, letters: float, turned: bool = True
 ) -> tuple[list[DrawnLabel], list[Dimension]]:
     """Find places for the names of rooms, the figures of dimension lines and the numbers of doors.
 
@@ -110,38 +170,53 @@ def place_labels(
 
     Args:
         drawing: The drawing.
-        width: Of a letter [m].
-        height: The same.
+        letters: Their height [m].
         turned: If figures lie along their lines.
 
     Returns:
         The labels, and the dimension lines that are shown.
     """
+    width = LETTER_WIDTH * letters
     lines = [line for line in drawing.dimensions if width * len(f"{line.length:.2f}") <= 0.8 * line.length]
     strokes = shapely.union_all([LineString([line.start, line.end]) for line in lines])
-    inside = drawing.floor.difference(strokes.buffer(0.1 * height))
+    inside = drawing.floor.difference(strokes.buffer(0.1 * letters))
     doors = [Dimension(door.start, door.end, f"D{number}") for number, door in enumerate(drawing.doors, 1)]
-    labels: list[DrawnLabel] = []
-    taken: list[BaseGeometry] = []
-    for label in [
+    labels, shown, taken = list[DrawnLabel](), list[Dimension](), list[BaseGeometry]()
+
+    def covered(label: DrawnLabel) -> tuple[bool, bool]:
+        """Whether it covers lines or walls, and whether walls."""
+        box = label.box(letters)
+        return not inside.covers(box), not drawing.floor.covers(box)
+
+    for words, kind, line in [
         *(_name(room, width) for room in drawing.rooms),
-        *(DrawnLabel(f"{line.length:.2f}", "size", line) for line in lines),
-        *(DrawnLabel(line.of, "number", line) for line in doors),
+        *((f"{line.length:.2f}", "size", line) for line in lines),
+        *((line.of, "number", line) for line in doors),
     ]:
-        places = [(one, one.box(width, height)) for one in label.tries(width, height, turned)]
-        free = [(one, box) for one, box in places if not shapely.intersects(taken, box).any()]
+        tried = _tries(words, kind, line, letters, turned)
+        free = [label for label in tried if not shapely.intersects(taken, label.box(letters)).any()]
         if free:
-            best = min(
-                free, key=lambda place: (not inside.covers(place[1]), not drawing.floor.covers(place[1]))
-            )
-            labels.append(best[0])
-            taken.append(best[1])
-    return labels, [label.line for label in labels if label.kind == "size"]
+            labels.append(min(free, key=covered))
+            taken.append(labels[-1].box(letters))
+            shown += [line] * (kind == "size")
+    return labels, shown
 
 
-def _name(room: DrawnRoom, width: float) -> DrawnLabel:
+def _tries(words: str, kind: str, line: Dimension, letters: float, turned: bool) -> Iterator[DrawnLabel]:
+    """A label of a line at its places, best first."""
+    (x0, y0), (x1, y1) = line.start, line.end
+    cos, sin = (x1 - x0) / line.length, (y1 - y0) / line.length
+    turn = (float(np.degrees(np.arctan2(sin, cos))) + 89.9) % 180.0 - 89.9
+    for share, along, left in _STEPS[kind]:
+        far = share * line.length + along * (len(words) + 0.5) * LETTER_WIDTH * letters
+        up = left * letters
+        at = 0.5 * (x0 + x1) + far * cos - up * sin, 0.5 * (y0 + y1) + far * sin + up * cos
+        yield DrawnLabel(words, kind, at, turn if turned and kind == "size" else 0.0)
+
+
+def _name(room: DrawnRoom, width: float) -> tuple[str, str, Dimension]:
     """Name and area of a room, around the middle in which its dimension lines cross; the name alone in a small room."""
     (x, y), (x1, y1) = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1))
     words = f"{room.name} {room.area:.1f} m²"
     fits = width * len(words) <= 2.0 * float(np.hypot(x1 - x, y1 - y))
-    return DrawnLabel(words if fits else room.name, "name", Dimension((x - 0.5, y), (x + 0.5, y), room.id))
+    return words if fits else room.name, "name", Dimension((x - 0.5, y), (x + 0.5, y), room.id)

@@ -1,15 +1,17 @@
 """A picture of the drawing over the map that it was made from."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 import shapely
-from shapely import LineString, Polygon
+from shapely import Polygon
 
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import values_at
-from slamgym.drawing.formats.look import DRAWN_COLOURS, LEGEND_ROWS, drawn_shapes, place_labels
+from slamgym.drawing.formats.look import DRAWN_COLOURS, KEY_HEIGHT, DrawnLabel, Sheet, drawn_scene
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -17,9 +19,7 @@ from slamgym.viz.canvas import (
     SHIFT,
     UNKNOWN_TINT,
     WHITE,
-    Colour,
     blank,
-    draw_scale_bar,
     draw_text,
     fitting_size,
     fixed_point,
@@ -29,11 +29,10 @@ from slamgym.viz.canvas import (
 
 SIDE_PX = 1600
 """Longer side of the drawing."""
-PICTURE_MARGIN = 1.2
-"""Round what is drawn [m]."""
-CAPTION_PX = 64
-
-_TEXT_SIZE = 0.4
+_TEXT_SIZE, _LETTER_PX = 0.4, 11.0
+"""OpenCV's size of the text, and how high its letters are."""
+_WIDTHS = {"dimension": 1, "bar": 2}
+"""Of lines [px]; others are three wide."""
 
 
 def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
@@ -41,28 +40,27 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
 
     Args:
         drawing: What to draw.
-        side_px: Longer side.
+        side_px: Longer side, without the legend.
 
     Returns:
         RGB, shape (rows, cols, 3).
     """
-    min_x, min_y, max_x, max_y = drawing.bounds
-    metres_per_px = (max(max_x - min_x, max_y - min_y) + 2 * PICTURE_MARGIN) / side_px
-    frame = GridFrame.covering(drawing.bounds, metres_per_px, PICTURE_MARGIN)
+    metres_per_px = max(Sheet.of(drawing.bounds, 0.0)[2:4]) / side_px
+    sheet = Sheet.of(drawing.bounds, _LETTER_PX * metres_per_px)
+    bottom, right = sheet.top - sheet.height, sheet.left + sheet.width
+    frame = GridFrame.covering((sheet.left, bottom, right, sheet.top), metres_per_px)
     places = frame.to_points(*np.indices(frame.shape))
     cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
+    cells[-round(KEY_HEIGHT * _LETTER_PX) :] = FREE
     page = blank(frame.shape, UNKNOWN_TINT)
     page[cells == FREE] = PAPER
 
     def to_page(points: FloatArray) -> np.ndarray:
         return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
 
-    def draw_line(line: LineString, colour: Colour, width: int) -> None:
-        ends = to_page(shapely.get_coordinates(line))
-        cv2.polylines(page, [ends], False, colour, width, cv2.LINE_AA, SHIFT)
-
     tints = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
-    shapes = list(drawn_shapes(drawing))
+    words = f" - {drawing.name} - {counted(len(drawing.rooms), 'room')} - {drawing.area:.1f} m2"
+    shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts, turned=False)
     for _, kind, shape, _ in shapes:
         if isinstance(shape, Polygon):
             rings = [to_page(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shape)]
@@ -70,40 +68,33 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     echoes = cells == OCCUPIED
     page[echoes] = (0.45 * page[echoes] + 0.55 * np.array(tints["echo"])).astype(np.uint8)
     for _, kind, shape, _ in shapes:
-        if isinstance(shape, LineString):
-            draw_line(shape, tints[kind], 3)
-    colours = {"name": INK, "number": tints["door"], "size": tints["dimension"]}
-    height_px, letter_px = 22.5 * _TEXT_SIZE, 0.01 * text_width("R01 12.3 m" * 10, _TEXT_SIZE)
-    labels, lines = place_labels(drawing, letter_px * metres_per_px, height_px * metres_per_px, turned=False)
-    for line in lines:
-        draw_line(LineString([line.start, line.end]), tints["dimension"], 1)
+        if not isinstance(shape, Polygon):
+            lines = [to_page(shapely.get_coordinates(line)) for line in shapely.get_parts(shape)]
+            cv2.polylines(page, lines, False, tints.get(kind, INK), _WIDTHS.get(kind, 3), cv2.LINE_AA, SHIFT)
+    return _written(
+        page, [(label, *(to_page(np.array([label.at]))[0] >> SHIFT).tolist()) for label in labels]
+    )
+
+
+def _written(page: ByteArray, labels: Sequence[tuple[DrawnLabel, int, int]]) -> ByteArray:
+    """A page with labels at columns and rows, each with a halo."""
+    colours = {
+        "number": DRAWN_COLOURS["door"][0],
+        "size": DRAWN_COLOURS["dimension"][0],
+        "doubts": BELIEVED_COLOUR,
+    }
     texts = []
-    for label in labels:
-        words = label.words.replace("²", "2")  # which fonts of OpenCV 4 lack
-        col, row = (to_page(np.array([label.at]))[0] >> SHIFT).tolist()
-        left, baseline = col - text_width(words, _TEXT_SIZE) // 2, row + round(0.5 * height_px)
-        texts.append((words, left, baseline, _TEXT_SIZE, colours[label.kind]))
+    for label, col, row in labels:
+        words, size = label.words.replace("²", "2"), _TEXT_SIZE  # which fonts of OpenCV 4 lack
+        if label.kind in ("start", "doubts"):
+            size = fitting_size(words, size, page.shape[1] - col)
+        else:
+            col -= text_width(words, size) // 2
+        texts.append((words, col, row + round(0.4 * _LETTER_PX), size, colours.get(label.kind, INK)))
     halo = np.zeros_like(page)
     for text in texts:
         draw_text(halo, *text[:4], WHITE)
     page = np.maximum(page, cv2.dilate(halo, np.ones((3, 3), np.uint8)))
     for text in texts:
         draw_text(page, *text)
-    return np.vstack([page, _footer(drawing, page.shape[1], metres_per_px)])
-
-
-def _footer(drawing: Drawing, width: int, metres_per_px: float) -> ByteArray:
-    below = 20 * LEGEND_ROWS
-    strip = blank((CAPTION_PX + below, width), PAPER)
-    for number, (colour, words) in enumerate(DRAWN_COLOURS.values()):
-        column, row = divmod(number, LEGEND_ROWS)
-        left, bottom = 16 + column * 240, 22 + 20 * row
-        cv2.rectangle(strip, (left, bottom - 9), (left + 12, bottom), colour, cv2.FILLED)
-        draw_text(strip, words, left + 18, bottom, _TEXT_SIZE)
-    right = draw_scale_bar(strip, (16, 22 + below), metres_per_px, 0.25 * width)
-    caption = f"{drawing.name}   {counted(len(drawing.rooms), 'room')}   {drawing.area:.1f} m2"
-    draw_text(strip, caption, right + 24, 27 + below, fitting_size(caption, 0.5, width - right - 40))
-    if drawing.doubts:
-        doubts = "; ".join(drawing.doubts)
-        draw_text(strip, doubts, 16, 52 + below, fitting_size(doubts, 0.45, width - 32), BELIEVED_COLOUR)
-    return strip
+    return page
