@@ -19,8 +19,7 @@ from typing import Any
 import numpy as np
 import shapely
 import tyro
-from changed_buildings import Change as TrueChange
-from changed_buildings import change_building
+from changed_buildings import Change, change_building
 
 from slamgym.cad import FloorPlan, check_plan, open_plans, read_houseexpo, write_houseexpo
 from slamgym.commands.cli import main as slamgym
@@ -29,7 +28,7 @@ from slamgym.core.intervals import wilson_interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing import ComparisonConfig
-from slamgym.drawing.comparison import Change, compare_with_plan
+from slamgym.drawing.comparison import Finding, compare_with_plan
 from slamgym.interop import read_map
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -64,7 +63,7 @@ class Case:
 
     plan: FloorPlan
     grid: OccupancyGrid
-    truth: list[TrueChange]
+    truth: list[Change]
 
 
 def usable(source: Any, ids: list[str], areas: tuple[float, float]) -> Iterator[FloorPlan]:
@@ -129,21 +128,21 @@ def explored(arguments: Arguments) -> list[Case]:
         plan_file = arguments.work / "plans" / f"{record['plan_id']}.json"
         rows = json.loads(plan_file.with_suffix(".changes").read_text())
         truth = [
-            TrueChange(r["kind"], tuple(r["line"]), r["offset"], shapely.from_wkt(r["touched"])) for r in rows
+            Change(r["kind"], tuple(r["line"]), r["offset"], shapely.from_wkt(r["touched"])) for r in rows
         ]
         # Plans that can't be explored are made up for by second maps of others.
         cases.setdefault(record["plan_id"], Case(read_houseexpo(plan_file), grid, truth))
     return list(cases.values())
 
 
-def is_at(found: Change, truth: TrueChange) -> bool:
+def is_at(found: Finding, truth: Change) -> bool:
     """True if a reported change lies where a true one is."""
     line, true_line = (shapely.LineString(np.reshape(entry.line, (2, 2))) for entry in (found, truth))
     shared = true_line.buffer(SAME_PLACE).intersection(line).length
     return bool(shared >= SHARE * min(line.length, true_line.length))
 
 
-def finds(found: Change, truth: TrueChange) -> bool:
+def finds(found: Finding, truth: Change) -> bool:
     """True if a reported change is a true one, of the same kind."""
     kinds = {"wall_missing": {"wall_missing", "opening_new"}}.get(truth.kind, {truth.kind})
     if found.kind not in kinds or not is_at(found, truth):
@@ -153,7 +152,7 @@ def finds(found: Change, truth: TrueChange) -> bool:
     return True
 
 
-def offset_error(found: Change, truth: TrueChange) -> float:
+def offset_error(found: Finding, truth: Change) -> float:
     """Error of a moved wall's offset [m]; both lines may run either way."""
     assert found.offset is not None
     first, second = (np.array(entry.line[2:]) - np.array(entry.line[:2]) for entry in (found, truth))
@@ -161,7 +160,7 @@ def offset_error(found: Change, truth: TrueChange) -> float:
     return abs(sign * found.offset - truth.offset)
 
 
-def is_false(found: Change, truth: list[TrueChange]) -> bool:
+def is_false(found: Finding, truth: list[Change]) -> bool:
     """True if nothing has changed where a change is reported."""
     if found.kind == "room_unexplored":
         return False
@@ -169,7 +168,7 @@ def is_false(found: Change, truth: list[TrueChange]) -> bool:
     return not any(line.distance(change.touched) < FOLLOWS for change in truth)
 
 
-def kept(found: tuple[Change, ...], moved: float, sure: float) -> list[Change]:
+def kept(found: tuple[Finding, ...], moved: float, sure: float) -> list[Finding]:
     """Changes that remain with stricter thresholds for moved walls."""
     return [
         c for c in found
@@ -216,10 +215,7 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
     sizes = [("wall_moved", low, high) for low, high in BINS]
     for kind, low, high in [
         *sizes,
-        *(
-            (k, 0.0, 9.0)
-            for k in ("wall_covered", "wall_missing", "wall_extra", "door_moved", "door_blocked")
-        ),
+        *((k, 0.0, 9.0) for k in ("wall_missing", "wall_extra", "door_moved", "door_blocked")),
     ]:
         truths = [
             (t, run) for run, truth in runs for t in truth if t.kind == kind and low <= abs(t.offset) < high
@@ -275,16 +271,15 @@ def house_of_turtlebot3(folder: Path, work: Path) -> list[dict[str, str]]:
     for run in sorted((folder / "runs").iterdir()):
         found = compare_with_plan(drawn, read_map(run / "slam.yaml").grid)
         kinds = [change.kind for change in found.changes]
-        states = [wall.state for wall in found.walls]
         rows.append(
             {
                 "map": run.name,
                 "registered": str(found.is_confident),
                 "walls in view that are there": f"{found.registration.explained:.2f}",
-                "walls present": str(states.count("present")),
+                "walls present": str(sum(wall.kind == "wall_present" for wall in found.walls)),
                 **{
                     kind: str(kinds.count(kind))
-                    for kind in ("wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new")
+                    for kind in ("wall_moved", "wall_missing", "wall_extra", "opening_new")
                 },
             }
         )

@@ -22,8 +22,6 @@ SEEN_SHARE = 0.5
 class ComparisonConfig(Settings, section="comparison"):
     """Rules for a change; chosen on half of the plans of ``benchmarks/plan_comparison/plan_comparison.py``."""
 
-    scale: bool = False
-    """Fit the map's scale, too (within 10 %); without it, a scale other than 1 is a doubt."""
     moved: Positive = 0.06
     """A wall that is farther from its place than this, after the map's own distortion, has moved [m]."""
     sure: Positive = 2.5

@@ -16,7 +16,7 @@ from slamgym.drawing.settings import ComparisonConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.drawing.comparison.records import Change, PlanComparison
+    from slamgym.drawing.comparison.records import Finding, PlanComparison
 
 EXIT_DIFFERENT = 1
 """Plan and map are of different buildings, it seems."""
@@ -97,15 +97,12 @@ def _report(found: PlanComparison, folder: Path) -> None:
         tell(f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes")
         rows = [_row(change) for change in found.changes]
         if rows:
-            show_table(
-                ("change", "at x, y [m]", "length [m]", "by [cm]", "+-", "with drift", "of, note"), rows
-            )
+            show_table(("change", "at x, y [m]", "length [m]", "by [cm]", "+-", "with drift", "of"), rows)
     tell(f"{folder / 'comparison.html'}")
 
 
-def _row(change: Change) -> list[str]:
+def _row(change: Finding) -> list[str]:
     x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
     lengths = change.offset, change.error, change.raw_offset
     moved = ["" if length is None else f"{100.0 * length:.0f}" for length in lengths]
-    note = f"{change.what}; {change.note}" if change.note else change.what
-    return [change.kind.replace("_", " "), f"{x:.1f}, {y:.1f}", f"{change.length:.2f}", *moved, note]
+    return [change.kind.replace("_", " "), f"{x:.1f}, {y:.1f}", f"{change.length:.2f}", *moved, change.what]

@@ -1,12 +1,11 @@
 from .compare import compare_with_plan
 from .picture import draw_comparison
-from .records import Change, PlanComparison, WallReport, write_comparison
+from .records import Finding, PlanComparison, write_comparison
 from .registration import Registration, register
 
 __all__ = [
-    "Change",
+    "Finding",
     "PlanComparison",
-    "WallReport",
     "Registration",
     "compare_with_plan",
     "draw_comparison",

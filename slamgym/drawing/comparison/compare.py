@@ -4,25 +4,20 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 import shapely
-from shapely.geometry.base import BaseGeometry
 
-from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence
 from slamgym.drawing.comparison.plan_walls import plan_walls
-from slamgym.drawing.comparison.records import Change, ChangeKind, Line, PlanComparison, WallReport
+from slamgym.drawing.comparison.records import Finding, FindingKind, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import ComparisonConfig
 
-CHANGED: dict[str, ChangeKind] = {
-    "moved": "wall_moved",
-    "covered": "wall_covered",
-    "missing": "wall_missing",
-}
-"""States of walls that are changes."""
+CHANGED = ("wall_moved", "wall_missing", "room_unexplored")
+"""What of the findings about walls and rooms is a change."""
 SHORTEST_CHANGED = 0.5
 """Changes of shorter walls and shorter gaps in a wall aren't reported [m]."""
 EXPLORED = 0.3
@@ -47,7 +42,7 @@ def compare_with_plan(
 
     Args:
         plan: As planned.
-        grid: As built. Where it lies is not known; its scale is, unless ``config.scale``.
+        grid: As built. Where it lies is not known; its scale is.
         config: The settings.
         map_name: For the report.
         doubts: What is already doubtful about plan and map, for the report.
@@ -58,47 +53,41 @@ def compare_with_plan(
     config = config or ComparisonConfig()
     walls = plan_walls(plan)
     evidence = map_evidence(grid)
-    found = register(plan, walls, evidence, config.scale)
+    found = register(plan, walls, evidence)
     doubts = (*doubts, *found.doubts)
     if not found.is_same_building:
         return PlanComparison(plan.where, map_name, found, (), (), (), doubts)
-    evidence = evidence.moved(found.plan_from_map, found.scale)
+    evidence = evidence.moved(found.plan_from_map)
     measured = measure_walls(walls, evidence)
-    reports = [judge_wall(measured, wall, config) for wall in range(len(walls.lengths))]
-    rooms = tuple(
-        (room.category, _seen_share(room.polygon.intersection(plan.free_space), evidence))
-        for room in plan.rooms
-    )
+    judged = [judge_wall(measured, wall, config) for wall in range(len(walls.lengths))]
+    rooms = [_judge_room(room, plan, evidence) for room in plan.rooms]
+    long_walls = (wall for wall in judged if wall.length >= SHORTEST_CHANGED)
     changes = [
-        *_wall_changes(reports),
-        *_new_openings(plan, measured, reports),
-        *_extra_walls(plan, evidence, measured, reports),
+        *sorted((wall for wall in long_walls if wall.kind in CHANGED), key=lambda wall: -wall.length),
+        *_new_openings(plan, measured, judged),
+        *_extra_walls(plan, evidence, measured, judged),
         *_door_changes(plan, measured, evidence),
-        *_unexplored(plan, rooms),
+        *(room for room in rooms if room.kind in CHANGED),
     ]
-    return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(reports), rooms, doubts)
+    return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(judged), tuple(rooms), doubts)
 
 
-def _wall_changes(reports: Sequence[WallReport]) -> Iterator[Change]:
-    """Walls that have moved, are missing or covered, the longest first."""
-    for wall in sorted(reports, key=lambda report: -report.length):
-        if wall.state in CHANGED and wall.length >= SHORTEST_CHANGED:
-            moved = wall.offset, wall.error, wall.raw_offset
-            kind, what = CHANGED[wall.state], f"wall of {wall.length:.1f} m"
-            yield Change(kind, what, wall.line, wall.length, *moved, wall.note)
+def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> Finding:
+    """A finding about a straight line."""
+    (xa, ya), (xb, yb) = line.coords
+    return Finding(kind, f"{noun} of {line.length:.1f} m", (xa, ya, xb, yb))
 
 
-def _new_openings(plan: FloorPlan, measured: Survey, reports: Sequence[WallReport]) -> Iterator[Change]:
+def _new_openings(plan: FloorPlan, measured: Survey, judged: Sequence[Finding]) -> Iterator[Finding]:
     """Gaps in walls that are there otherwise, away from the plan's doors."""
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors])
-    for number, wall in enumerate(reports):
-        if wall.length < SHORTEST_CHANGED or wall.state not in ("present", "covered", "unclear"):
+    for number, wall in enumerate(judged):
+        if wall.length < SHORTEST_CHANGED or wall.kind not in ("wall_present", "wall_unclear"):
             continue
         for ends in open_runs(measured, number, SHORTEST_CHANGED):
             line = shapely.LineString(_along(wall.line, np.array(ends)))
             if not line.distance(doors) < 1.5:  # else that door has moved, or is wider; nan without any
-                (xa, ya), (xb, yb) = line.coords
-                yield Change("opening_new", f"opening of {line.length:.1f} m", (xa, ya, xb, yb), line.length)
+                yield _straight("opening_new", "opening", line)
 
 
 def _along(line: Line, places: FloatArray) -> FloatArray:
@@ -108,20 +97,19 @@ def _along(line: Line, places: FloatArray) -> FloatArray:
 
 
 def _extra_walls(
-    plan: FloorPlan, evidence: MapEvidence, measured: Survey, reports: Sequence[WallReport]
-) -> Iterator[Change]:
+    plan: FloorPlan, evidence: MapEvidence, measured: Survey, judged: Sequence[Finding]
+) -> Iterator[Finding]:
     """Straight structures that the plan doesn't have."""
     walls = measured.plan
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
     jambs = np.array([end for door in plan.doors for end in (door.start, door.end)]).reshape(-1, 2)
-    shifts = measured.drift, measured.drift + [report.offset or 0.0 for report in reports]
+    shifts = measured.drift, measured.drift + [wall.offset or 0.0 for wall in judged]
     places = [walls.points + (shift[:, None] * walls.normals)[walls.wall] for shift in shifts]
     for line in extra_walls(plan.free_space, evidence, np.vstack([*places, jambs])):
-        (xa, ya), (xb, yb) = line.coords
-        yield Change("wall_extra", f"wall of {line.length:.1f} m", (xa, ya, xb, yb), line.length)
+        yield _straight("wall_extra", "wall", line)
 
 
-def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[Change]:
+def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[Finding]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
         line: Line = (*door.start, *door.end)
@@ -140,15 +128,15 @@ def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> I
         name = f"door {number}, {door.width:.2f} m"
         if gap is None:
             if (inside < 0).mean() > 0.6:
-                yield Change("door_blocked", name, line, door.width)
+                yield Finding("door_blocked", name, line)
             continue
         if gap[0] <= along[0] or gap[1] >= along[-1]:
             continue  # the wall itself is gone there, which is another change
         offset, wider = 0.5 * (gap[0] + gap[1] - door.width), gap[1] - gap[0] - door.width
         if abs(offset) > MOVED and min(abs(gap[0]), abs(gap[1] - door.width)) > 0.5 * MOVED:
-            yield Change("door_moved", name, line, door.width, offset, 2 * _STEP, offset)
+            yield Finding("door_moved", name, line, offset, 2 * _STEP, offset)
         elif abs(wider) > OTHER_WIDTH:
-            yield Change("door_width", name, line, door.width, wider, 2 * _STEP, wider)
+            yield Finding("door_width", name, line, wider, 2 * _STEP, wider)
 
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
@@ -158,18 +146,13 @@ def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float,
     return max(runs, key=lambda run: min(run[1], width) - max(run[0], 0.0), default=None)
 
 
-def _seen_share(floor: BaseGeometry, evidence: MapEvidence) -> float:
-    """The share of a floor that the map shows as free."""
+def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> Finding:
+    """Whether the map shows enough of a room as free."""
     frame = evidence.grid.frame
-    shape = shapely.transform(floor, evidence.on_map)
-    if shape.area < frame.resolution**2:
-        return 1.0
+    shape = shapely.transform(room.polygon.intersection(plan.free_space), evidence.on_map)
     free = (evidence.grid.cells == FREE) & filled(shape, frame)
-    return min(float(free.sum() * frame.resolution**2 / shape.area), 1.0)
-
-
-def _unexplored(plan: FloorPlan, rooms: tuple[tuple[str, float], ...]) -> Iterator[Change]:
-    for room, (name, seen) in zip(plan.rooms, rooms, strict=True):
-        if seen < EXPLORED:
-            x, y = room.polygon.representative_point().coords[0]
-            yield Change("room_unexplored", name, (x, y, x, y), 0.0, note=f"{seen:.0%} of it seen")
+    cell = frame.resolution**2
+    seen = min(float(free.sum() * cell / shape.area), 1.0) if shape.area > cell else 1.0
+    x, y = room.polygon.representative_point().coords[0]
+    kind: FindingKind = "room_unexplored" if seen < EXPLORED else "room_explored"
+    return Finding(kind, room.category, (x, y, x, y), seen=seen)

@@ -11,6 +11,7 @@ from scipy.spatial import KDTree
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.core.geometry import transform_points
 from slamgym.core.types import FREE, FloatArray
 from slamgym.drawing.comparison.faces import MapEvidence
 
@@ -43,21 +44,20 @@ def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatA
         inside &= KDTree(explained_by).query(evidence.points)[0] > EXPLAINED
     frame = evidence.grid.frame
     image = np.zeros(frame.shape, np.uint8)
-    image[frame.to_cell(*evidence.grid_points[inside].T)] = 255
-    cell = evidence.scale * frame.resolution
-    rows = cv2.HoughLinesP(
-        image, 1.0, np.pi / TURNS, VOTES, minLineLength=SHORTEST_EXTRA / cell, maxLineGap=GAP / cell
-    )
-    ends = (rows if rows is not None else np.empty(0)).reshape(-1, 2, 2)
-    lines = [LineString(evidence.on_plan(frame.to_points(pair[:, 1], pair[:, 0]))) for pair in ends]
+    image[frame.to_cell(*evidence.on_map(evidence.points[inside]).T)] = 255
+    shortest, gap = SHORTEST_EXTRA / frame.resolution, GAP / frame.resolution
+    rows = cv2.HoughLinesP(image, 1.0, np.pi / TURNS, VOTES, minLineLength=shortest, maxLineGap=gap)
+    cols, at_rows = (rows if rows is not None else np.empty(0)).reshape(-1, 2).T
+    places = transform_points(evidence.plan_from_map, frame.to_points(at_rows, cols))
+    lines = shapely.linestrings(places.reshape(-1, 2, 2)).tolist()
     kept: list[LineString] = []
-    near: list[BaseGeometry] = []
     for line in sorted(lines, key=lambda line: -line.length):
         # The two faces of one wall count once.
-        is_double = any(line.intersection(area).length > 0.7 * line.length for area in near)
+        is_double = any(
+            line.intersection(other.buffer(THICKEST)).length > 0.7 * line.length for other in kept
+        )
         if not is_double and _is_seen_from_both_sides(line, evidence):
             kept.append(line)
-            near.append(line.buffer(THICKEST))
     return kept
 
 

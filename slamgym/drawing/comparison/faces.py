@@ -1,12 +1,11 @@
 """The faces of walls that a map shows: points on what is occupied, with normals to the side they were seen from."""
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from slamgym.core.geometry import inverse, transform_points
+from slamgym.core.geometry import compose, inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, IntArray, OccupancyGrid, Pose2D
 from slamgym.drawing.evidence import values_at
 
@@ -20,35 +19,24 @@ BEFORE = np.array([0.1, 0.2, 0.3])
 
 @dataclass(frozen=True)
 class MapEvidence:
-    """A map, laid over a plan."""
+    """A map, laid over a plan, and points on the faces of its walls."""
 
     grid: OccupancyGrid
-    grid_points: FloatArray  # (N, 2) on the faces of walls, in the map's own frame [m]
-    grid_normals: FloatArray  # (N, 2) towards the free space
+    points: FloatArray  # (N, 2) in the plan's frame [m]
+    normals: FloatArray  # (N, 2) towards the free space
     plan_from_map: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    scale: float = 1.0
 
-    @cached_property
-    def points(self) -> FloatArray:
-        """The points in the plan's frame, (N, 2) [m]."""
-        return self.on_plan(self.grid_points)
-
-    @cached_property
-    def normals(self) -> FloatArray:
-        """Their normals, (N, 2)."""
-        return transform_points(Pose2D(0.0, 0.0, self.plan_from_map.theta), self.grid_normals)
-
-    def moved(self, plan_from_map: Pose2D, scale: float = 1.0) -> "MapEvidence":
-        """The same map laid over the plan in another way."""
-        return replace(self, plan_from_map=plan_from_map, scale=scale)
-
-    def on_plan(self, points: FloatArray) -> FloatArray:
-        """Points of the map's own frame in the plan's, (N, 2) [m]."""
-        return transform_points(self.plan_from_map, self.scale * points)
+    def moved(self, by: Pose2D) -> "MapEvidence":
+        """The same map, moved over the plan."""
+        points, normals = (
+            transform_points(by, self.points),
+            transform_points(Pose2D(0.0, 0.0, by.theta), self.normals),
+        )
+        return MapEvidence(self.grid, points, normals, compose(by, self.plan_from_map))
 
     def on_map(self, points: FloatArray) -> FloatArray:
         """Points of the plan's frame in the map's own, (N, 2) [m]."""
-        return transform_points(inverse(self.plan_from_map), points) / self.scale
+        return transform_points(inverse(self.plan_from_map), points)
 
     def values(self, points: FloatArray) -> ByteArray:
         """The map's cells at points of the plan's frame, any shape (..., 2); unknown beyond the map."""

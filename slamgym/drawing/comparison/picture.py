@@ -6,12 +6,13 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.comparison.faces import MapEvidence
-from slamgym.drawing.comparison.records import Change, PlanComparison
+from slamgym.drawing.comparison.records import Finding, PlanComparison
 from slamgym.viz.canvas import (
     FAINT,
     OUTLINE,
     SHIFT,
     SURE_COLOUR,
+    TRUE_COLOUR,
     WHITE,
     Colour,
     draw_scale_bar,
@@ -26,11 +27,11 @@ MARGIN = 0.7
 """Round plan and map [m]."""
 COLOURS: dict[str, tuple[Colour, str]] = {
     "wall_moved": ((240, 140, 0), "wall moved (thin: planned, thick: built)"),
-    "wall_covered": ((252, 196, 25), "covered by furniture, or moved"),
     "wall_missing": ((224, 49, 49), "wall missing"),
     "wall_extra": ((156, 54, 181), "wall not in the plan"),
     "opening_new": ((230, 73, 128), "opening not in the plan"),
-    "door_moved": ((25, 113, 194), "door moved, or of another width"),
+    "door_moved": (TRUE_COLOUR, "door moved"),
+    "door_width": (TRUE_COLOUR, "door of another width"),
     "door_blocked": ((12, 53, 120), "door blocked"),
     "room_unexplored": (FAINT, "room not yet explored"),
 }
@@ -47,13 +48,13 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
     tints = np.full((256, 3), OUTLINE, np.uint8)
     tints[FREE], tints[OCCUPIED] = WHITE, FAINT
-    registration, no_faces = comparison.registration, np.empty((0, 2))  # cells alone are asked for
-    over = MapEvidence(grid, no_faces, no_faces, registration.plan_from_map, registration.scale)
+    no_faces = np.empty((0, 2))  # cells alone are asked for
+    over = MapEvidence(grid, no_faces, no_faces, comparison.registration.plan_from_map)
     picture: ByteArray = tints[over.values(frame.to_points(*np.indices(frame.shape)))]
     if comparison.is_confident:
         for wall in comparison.walls:
-            colour = FAINT if wall.state == "not_seen" else SURE_COLOUR
-            if wall.state != "moved":
+            colour = SURE_COLOUR if wall.kind == "wall_present" else FAINT
+            if wall.kind != "wall_moved":
                 _line(picture, np.array(wall.line), frame, colour, 2)
         for change in comparison.changes:
             _draw_change(picture, change, frame)
@@ -66,10 +67,8 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     return picture
 
 
-def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
-    kind = "door_moved" if change.kind == "door_width" else change.kind
-    colour = COLOURS[kind][0]
-    line = np.array(change.line)
+def _draw_change(picture: ByteArray, change: Finding, frame: GridFrame) -> None:
+    colour, line = COLOURS[change.kind][0], np.array(change.line)
     if change.kind == "room_unexplored":
         x, y = frame_pixels(line[None, :2], frame, 1.0)[0].astype(int)
         draw_text(picture, f"{change.what}: not explored", int(x) - 60, int(y), 0.5, colour)
@@ -77,7 +76,7 @@ def _draw_change(picture: ByteArray, change: Change, frame: GridFrame) -> None:
     unit = (line[2:] - line[:2]) / max(float(np.hypot(*(line[2:] - line[:2]))), 1e-9)
     # What was built as the map shows it: with the map's own distortion.
     offset, aside = change.raw_offset or 0.0, np.array([-unit[1], unit[0]])
-    shift = {"wall_moved": offset * aside, "wall_covered": offset * aside, "door_moved": offset * unit}
+    shift = {"wall_moved": offset * aside, "door_moved": offset * unit}
     moved = line + np.tile(shift.get(change.kind, 0.0 * unit), 2)
     _line(picture, line, frame, colour, 1)
     _line(picture, moved, frame, colour, 5)

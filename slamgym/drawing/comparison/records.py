@@ -2,6 +2,8 @@
 
 import csv
 import io
+import math
+from collections import Counter
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -10,29 +12,26 @@ from slamgym.core.documents import json_text
 from slamgym.core.files import write_text
 from slamgym.drawing.comparison.registration import Registration
 
-ChangeKind = Literal[
-    "wall_moved", "wall_covered", "wall_missing", "wall_extra", "opening_new",
-    "door_moved", "door_blocked", "door_width", "room_unexplored",
+FindingKind = Literal[
+    "wall_present", "wall_moved", "wall_missing", "wall_unclear", "wall_not_seen", "wall_extra", "opening_new",
+    "door_moved", "door_blocked", "door_width", "room_explored", "room_unexplored",
 ]  # fmt: skip
-WallState = Literal["present", "moved", "covered", "missing", "unclear", "not_seen"]
 Line = tuple[float, float, float, float]
 
 COLUMNS = (
-    "kind", "what", "x0_m", "y0_m", "x1_m", "y1_m", "length_m", "offset_cm", "error_cm", "raw_offset_cm", "note",
+    "kind", "what", "x0_m", "y0_m", "x1_m", "y1_m", "length_m", "offset_cm", "error_cm", "raw_offset_cm",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
-class Change:
-    """One difference between plan and map, in the plan's frame."""
+class Finding:
+    """What was found out about a wall, door or room, in the plan's frame."""
 
-    kind: ChangeKind
+    kind: FindingKind
     what: str
-    """Subject of the change: a room's name, or which wall or door."""
+    """A room's name, or which wall or door."""
     line: Line
-    """The wall or door as planned; the extra wall as found; a room's middle twice [m]."""
-    length: float
-    """[m]"""
+    """The middle line of a wall, or a door, as planned; an extra wall as found; a room's middle twice [m]."""
     offset: float | None = None
     """Distance it moved: a wall to its left (seen from its first end), a door along its line; or how much wider it is
     [m]. Without the map's own distortion."""
@@ -40,27 +39,13 @@ class Change:
     """Standard error of the offset [m]."""
     raw_offset: float | None = None
     """The offset with the map's distortion [m]."""
-    note: str = ""
+    seen: float | None = None
+    """Share of a wall that is in view from the side that shows more, or of a room's floor that is free."""
 
-
-@dataclass(frozen=True)
-class WallReport:
-    """One straight wall of the plan."""
-
-    line: Line
-    """Its middle line [m]."""
-    length: float
-    """[m]"""
-    state: WallState
-    seen: float
-    """Share of it that is in view from the side that shows more."""
-    offset: float | None = None
-    """To the left of its line, without the map's distortion [m]."""
-    error: float | None = None
-    raw_offset: float | None = None
-    distortion: float | None = None
-    """Distance by which the map's distortion moves it to the left [m]."""
-    note: str = ""
+    @property
+    def length(self) -> float:
+        """Length of the line [m]."""
+        return math.dist(self.line[:2], self.line[2:])
 
 
 @dataclass(frozen=True)
@@ -70,10 +55,10 @@ class PlanComparison:
     plan: str
     map: str
     registration: Registration
-    changes: tuple[Change, ...]
-    walls: tuple[WallReport, ...]
-    rooms: tuple[tuple[str, float], ...]
-    """Names, and which share of each the robot has seen."""
+    changes: tuple[Finding, ...]
+    walls: tuple[Finding, ...]
+    """All of the plan, changed or not."""
+    rooms: tuple[Finding, ...]
     doubts: tuple[str, ...]
 
     @property
@@ -83,38 +68,24 @@ class PlanComparison:
 
     def document(self) -> dict[str, Any]:
         """The JSON form."""
-        pose = self.registration.plan_from_map
-        states = [wall.state for wall in self.walls]
-        return {
-            "plan": self.plan,
-            "map": self.map,
-            "confident": self.is_confident,
-            "doubts": list(self.doubts),
-            "registration": {
-                **{k: v for k, v in asdict(self.registration).items() if k != "plan_from_map"},
-                "plan_from_map": {"x_m": pose.x, "y_m": pose.y, "theta_rad": pose.theta},
-            },
-            "walls_by_state": {state: states.count(state) for state in sorted(set(states))},
-            "changes": [asdict(change) for change in self.changes],
-            "walls": [asdict(wall) for wall in self.walls],
-            "rooms": [{"name": name, "seen": share} for name, share in self.rooms],
+        x, y, theta = self.registration.plan_from_map
+        plain = asdict(self)
+        plain["registration"] |= {
+            "score": self.registration.score,
+            "plan_from_map": {"x_m": x, "y_m": y, "theta_rad": theta},
         }
+        by_kind = Counter(wall.kind for wall in self.walls)
+        return {**plain, "confident": self.is_confident, "walls_by_kind": by_kind}
 
     def table(self) -> list[list[str]]:
         """A row a change: :data:`COLUMNS`, as text."""
-        return [
-            [
-                change.kind,
-                change.what,
-                *(f"{value:.2f}" for value in (*change.line, change.length)),
-                *(
-                    "" if value is None else f"{100.0 * value:.1f}"
-                    for value in (change.offset, change.error, change.raw_offset)
-                ),
-                change.note,
-            ]
-            for change in self.changes
-        ]
+        rows = []
+        for change in self.changes:
+            places = [f"{value:.2f}" for value in (*change.line, change.length)]
+            moved = [change.offset, change.error, change.raw_offset]
+            by = ["" if value is None else f"{100.0 * value:.1f}" for value in moved]
+            rows.append([change.kind, change.what, *places, *by])
+        return rows
 
 
 def write_comparison(folder: Path, comparison: PlanComparison) -> None:

@@ -50,14 +50,14 @@ def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGri
 
 
 def _figures(found: PlanComparison) -> list[tuple[str, str]]:
-    states = [wall.state for wall in found.walls]
+    kinds = [wall.kind for wall in found.walls]
     pose = found.registration.plan_from_map
     shown = [(f"{found.registration.explained:.0%}", "of the walls in view are there")]
     if found.is_confident:
         shown += [
             (str(len(found.changes)), "changes"),
-            (f"{states.count('present')} of {len(states)}", "walls at their place"),
-            (str(states.count("not_seen")), "walls not seen"),
+            (f"{kinds.count('wall_present')} of {len(kinds)}", "walls at their place"),
+            (str(kinds.count("wall_not_seen")), "walls not seen"),
         ]
     turn = np.degrees(pose.theta)
     return [*shown, (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at")]
@@ -70,11 +70,11 @@ def verdict(found: PlanComparison) -> str:
 
 def _legend(found: PlanComparison) -> str:
     """The colours that the picture uses, and what they mean."""
-    kinds = {"door_moved" if change.kind == "door_width" else change.kind for change in found.changes}
+    kinds = {change.kind for change in found.changes}
     used = [COLOURS[kind] for kind in COLOURS if kind in kinds]
     entries = "".join(
         f'<li><span class="key line" style="color: rgb{colour}"></span>{markup(text)}</li>'
-        for colour, text in [(SURE_COLOUR, "wall as planned"), (FAINT, "not seen"), *used]
+        for colour, text in [(SURE_COLOUR, "wall as planned"), (FAINT, "not seen, or unclear"), *used]
     )
     return f'<ul class="legend">{entries}</ul>'
 
@@ -96,4 +96,4 @@ def _changes_part(found: PlanComparison) -> Iterator[str]:
 def _rooms_part(found: PlanComparison) -> Iterator[str]:
     if found.rooms and found.is_confident:
         yield "<h2>Rooms of the plan</h2>"
-        yield make_table(["room", "seen"], [(name, f"{share:.0%}") for name, share in found.rooms])
+        yield make_table(["room", "seen"], [(room.what, f"{room.seen:.0%}") for room in found.rooms])

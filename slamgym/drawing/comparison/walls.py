@@ -1,4 +1,4 @@
-"""State of each of the plan's walls: present, moved, missing, covered, or not seen.
+"""What has become of each of the plan's walls: present, moved, missing, unclear, or not seen.
 
 Every few centimetres along its faces, the map's nearest face that was seen from the same side is looked for. Where a
 wall stands is what most of these points agree on.
@@ -14,7 +14,7 @@ from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Drift, Offsets
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.plan_walls import FACE_STEP, PlanWalls
-from slamgym.drawing.comparison.records import Line, WallReport, WallState
+from slamgym.drawing.comparison.records import Finding, FindingKind, Line
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -52,11 +52,6 @@ class Survey:
     in_view: BoolArray  # (S,)
     is_open: BoolArray  # (S,) free on both sides of the face
 
-    @property
-    def corrected(self) -> FloatArray:
-        """Offsets without the distortion, (S,) [m]."""
-        return self.offsets - self.drift[self.plan.wall]
-
     def drift_at(self, place: FloatArray) -> FloatArray:
         """The map's shift at a place (2,), (2,) [m]."""
         return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0] if self.field else np.zeros(2)
@@ -78,33 +73,34 @@ def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
     return Survey(plan, offsets, drift, deviation, field, in_view, is_open)
 
 
-def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> WallReport:
+def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> Finding:
     """Report on a wall, from all points of its faces."""
     plan = found.plan
     line: Line = tuple(plan.lines[wall].tolist())
-    length, drift = float(plan.lengths[wall]), float(found.drift[wall])
+    what, drift = f"wall of {plan.lengths[wall]:.1f} m", float(found.drift[wall])
     own = np.flatnonzero(plan.wall == wall)
     view = own[found.in_view[own]]
-    seen = max(found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own]))
+    share = max(found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own]))
+    seen = float(share)
     if seen < LEAST_SEEN or len(view) < 3:
-        return WallReport(line, length, "not_seen", float(seen))
-    values, sides = found.corrected[view], plan.side[view]
+        return Finding("wall_not_seen", what, line, seen=seen)
+    values, sides = found.offsets[view] - drift, plan.side[view]
     near = np.abs(values) <= NEAR
     centre = _commonest(values)
     place = _around(values, sides, centre)
     if place.support < MOST and near.mean() < SOME and found.is_open[view].mean() >= MOST:
-        return WallReport(line, length, "missing", float(seen))
+        return Finding("wall_missing", what, line, seen=seen)
     if near.mean() >= SOME and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
         place = _around(values, sides, float(np.median(values[near])))
     if place.support < SOME:
-        return WallReport(line, length, "unclear", float(seen))
+        return Finding("wall_unclear", what, line, seen=seen)
     offset, error = place.offset, float(np.hypot(place.error, found.deviation[wall]))
-    is_moved = place.support >= MOST and abs(offset) > max(config.moved, config.sure * error)
-    is_covered = len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
-    state: WallState = "present" if not is_moved else "covered" if is_covered else "moved"
-    note = f"measured on {'one face' if len(place.sides) == 1 else 'both faces'}" if is_moved else ""
-    return WallReport(line, length, state, float(seen), offset, error, offset + drift, drift, note)
+    if place.support < MOST or abs(offset) <= max(config.moved, config.sure * error):
+        return Finding("wall_present", what, line, offset, error, offset + drift, seen)
+    may_be_furniture = len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
+    kind: FindingKind = "wall_unclear" if may_be_furniture else "wall_moved"
+    return Finding(kind, what, line, offset, error, offset + drift, seen)
 
 
 def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, float]]:

@@ -13,7 +13,9 @@ from collections.abc import Iterator
 from typing import Any
 
 import shapely
-from shapely import Polygon
+from shapely import LineString, Polygon
+from shapely.geometry import mapping
+from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
@@ -49,7 +51,6 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "area_m2": round(drawing.area, 3),
         "walls": [{**_facts(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
         "doors": [_facts(door) for door in drawing.doors],
-        "windows": [],  # which a laser doesn't know
         "rooms": [{**_facts(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
         "dimensions": [_facts(line) for line in drawing.dimensions],
@@ -75,18 +76,17 @@ def format_geojson(drawing: Drawing) -> str:
 
 def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for room in drawing.rooms:
-        yield _area(room.polygon, {"kind": "room", **_facts(room)})
+        yield _feature(room.polygon, {"kind": "room", **_facts(room)})
     for wall in drawing.walls:
-        yield _area(wall.polygon, {"kind": "wall", **_facts(wall)})
+        yield _feature(wall.polygon, {"kind": "wall", **_facts(wall)})
     for door in drawing.doors:
-        geometry = {"type": "LineString", "coordinates": _plain((door.start, door.end))}
-        yield {"type": "Feature", "geometry": geometry, "properties": _facts(door)}
+        yield _feature(LineString([door.start, door.end]), _facts(door))
     for part in drawing.inferred_floor:
-        yield _area(part, {"kind": "unseen_floor", "layer": "INFERRED"})
+        yield _feature(part, {"kind": "unseen_floor", "layer": "INFERRED"})
 
 
-def _area(polygon: Polygon, properties: dict[str, Any]) -> dict[str, Any]:
-    geometry = {"type": "Polygon", "coordinates": _rings(polygon)}
+def _feature(shape: BaseGeometry, properties: dict[str, Any]) -> dict[str, Any]:
+    geometry = mapping(shapely.transform(shape, lambda points: points.round(4)))
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
