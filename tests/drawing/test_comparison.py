@@ -12,7 +12,7 @@ from slamgym.cad import Door, FloorPlan, Room
 from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.drawing.comparison import compare_with_plan, draw_comparison
-from slamgym.drawing.comparison.distortion import Drift, Offsets
+from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import map_evidence
 from slamgym.drawing.comparison.plan_walls import plan_walls
 from slamgym.drawing.comparison.report import verdict
@@ -272,7 +272,7 @@ def test_drift_is_predicted_from_other_walls():
     field = np.stack([0.1 * np.sin(places[:, 1] / 4), 0.05 * np.cos(places[:, 0] / 5)], axis=1)
     values = (field * normals).sum(axis=1) + rng.normal(0, 0.01, 80)
     values[7] += 0.4
-    drift = Drift.of(Offsets(places, normals, values, np.full(80, 0.015)), np.eye(80, dtype=bool))
+    drift = Drift(places, normals, values, np.full(80, 0.015), np.eye(80, dtype=bool))
     error = drift.expected - (field * normals).sum(axis=1)
     assert np.sqrt((error**2).mean()) < 0.025
     assert np.abs(error / drift.deviation).mean() < 1.3

@@ -26,6 +26,9 @@ SIZE = 1400
 MARGIN = 0.7
 """Round plan and map [m]."""
 COLOURS: dict[str, tuple[Colour, str]] = {
+    "wall_present": (SURE_COLOUR, "wall as planned"),
+    "wall_not_seen": (FAINT, "wall not seen"),
+    "wall_unclear": (FAINT, "wall hidden, or unclear"),
     "wall_moved": ((240, 140, 0), "wall moved (thin: planned, thick: built)"),
     "wall_missing": ((224, 49, 49), "wall missing"),
     "wall_extra": ((156, 54, 181), "wall not in the plan"),
@@ -53,9 +56,8 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     picture: ByteArray = tints[over.values(frame.to_points(*np.indices(frame.shape)))]
     if comparison.is_confident:
         for wall in comparison.walls:
-            colour = SURE_COLOUR if wall.kind == "wall_present" else FAINT
             if wall.kind != "wall_moved":
-                _line(picture, np.array(wall.line), frame, colour, 2)
+                _line(picture, np.array(wall.line), frame, COLOURS[wall.kind][0], 2)
         for change in comparison.changes:
             _draw_change(picture, change, frame)
     else:

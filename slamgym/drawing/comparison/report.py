@@ -17,7 +17,6 @@ from slamgym.drawing.formats.html import (
     provenance_part,
     sentence,
 )
-from slamgym.viz.canvas import FAINT, SURE_COLOUR
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 
@@ -70,12 +69,11 @@ def verdict(found: PlanComparison) -> str:
 
 def _legend(found: PlanComparison) -> str:
     """The colours that the picture uses, and what they mean."""
-    kinds = {change.kind for change in found.changes}
-    used = [COLOURS[kind] for kind in COLOURS if kind in kinds]
+    kinds = {finding.kind for finding in (*found.walls, *found.changes)}
     entries = "".join(
         f'<li><span class="key line" style="color: rgb{colour}"></span>{markup(text)}</li>'
-        for colour, text in [(SURE_COLOUR, "wall as planned"), (FAINT, "not seen, or unclear"), *used]
-    )
+        for kind, (colour, text) in COLOURS.items() if kind in kinds
+    )  # fmt: skip
     return f'<ul class="legend">{entries}</ul>'
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.drawing.comparison.distortion import Drift, Offsets
+from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import MapEvidence
 from slamgym.drawing.comparison.plan_walls import FACE_STEP, PlanWalls
 from slamgym.drawing.comparison.records import Finding, FindingKind, Line
@@ -34,8 +34,6 @@ CORRELATED = 0.25
 """Offsets of points nearer to each other than this say the same [m]."""
 ONE_SIDED = 0.2
 """A face with a smaller share of a wall's points doesn't count."""
-UNKNOWN_DRIFT = 0.1
-"""Standard error of the distortion where too few walls are seen [m]."""
 FURNITURE = (0.15, 0.8)
 """A face so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 
@@ -48,13 +46,13 @@ class Survey:
     offsets: FloatArray  # (S,) along the walls' normals [m]; nan where the map has no such face nearby
     drift: FloatArray  # (W,) offset by the map's distortion [m]
     deviation: FloatArray  # (W,) standard error of that [m]
-    field: Drift | None  # None where too few walls are seen
+    field: Drift
     in_view: BoolArray  # (S,)
     is_open: BoolArray  # (S,) free on both sides of the face
 
     def drift_at(self, place: FloatArray) -> FloatArray:
         """The map's shift at a place (2,), (2,) [m]."""
-        return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0] if self.field else np.zeros(2)
+        return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0]
 
 
 def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
@@ -138,7 +136,7 @@ def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -
     return found
 
 
-def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, FloatArray, Drift | None]:
+def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, FloatArray, Drift]:
     """The distortion along the normals of all walls, from the other walls around, its standard error, and its field."""
     count = len(plan.lengths)
     values, noise = np.zeros(count), np.full(count, np.inf)
@@ -147,10 +145,8 @@ def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, Float
         place = _around(offsets[own], plan.side[own], _commonest(offsets[own]))
         values[wall], noise[wall] = place.offset, place.error
     seen = np.flatnonzero(np.isfinite(noise))
-    if len(seen) < 4:
-        return np.zeros(count), np.full(count, UNKNOWN_DRIFT), None
     in_line = np.array([plan.in_line(wall)[seen] for wall in seen.tolist()])
-    field = Drift.of(Offsets(plan.middles[seen], plan.normals[seen], values[seen], noise[seen]), in_line)
+    field = Drift(plan.middles[seen], plan.normals[seen], values[seen], noise[seen], in_line)
     drift, deviation = field.predict(plan.middles, plan.normals)
     drift[seen], deviation[seen] = field.expected, field.deviation
     return drift, deviation, field
