@@ -272,7 +272,7 @@ def test_drift_is_predicted_from_other_walls():
     field = np.stack([0.1 * np.sin(places[:, 1] / 4), 0.05 * np.cos(places[:, 0] / 5)], axis=1)
     values = (field * normals).sum(axis=1) + rng.normal(0, 0.01, 80)
     values[7] += 0.4
-    drift = Drift(places, normals, values, np.full(80, 0.015), np.eye(80, dtype=bool))
+    drift = Drift(places, normals, values, np.full(80, 0.015))
     error = drift.expected - (field * normals).sum(axis=1)
     assert np.sqrt((error**2).mean()) < 0.025
     assert np.abs(error / drift.deviation).mean() < 1.3

@@ -10,13 +10,13 @@ little for the others in turn. Both the offset and the drift are reported.
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from slamgym.core.types import BoolArray, FloatArray
+from slamgym.core.types import FloatArray
 
 LEAST_DRIFT = 0.01
 """Smallest standard deviation of the drift [m]; else it is that of the offsets, by their median."""
 REACH = 4.0
 """Distance over which the drift changes [m]."""
-ROUNDS = 6
+ROUNDS = 2
 _OUTLIER = 2.0
 """A wall this many standard errors off what the others say counts half [1]."""
 
@@ -25,12 +25,7 @@ class Drift:
     """The field that walls M have measured."""
 
     def __init__(
-        self,
-        places: FloatArray,
-        normals: FloatArray,
-        values: FloatArray,
-        noise: FloatArray,
-        in_line: BoolArray,
+        self, places: FloatArray, normals: FloatArray, values: FloatArray, noise: FloatArray
     ) -> None:
         """Fit the field.
 
@@ -39,25 +34,18 @@ class Drift:
             normals: Theirs, (M, 2).
             values: Their offsets along the normals, (M,) [m].
             noise: Standard errors of the offsets, (M,) [m].
-            in_line: Which walls don't predict each other, (M, M): they are one.
         """
         self._places, self._normals = places, normals
         self._size = max(LEAST_DRIFT, 1.4826 * float(np.median(np.abs(values))))
         field, variance, weight = self._covariance(places, normals), noise**2, np.ones(len(noise))
-        blocks = [np.flatnonzero(row) for row in in_line]
         for _ in range(ROUNDS):
             self._inverse = np.linalg.inv(field + np.diag(variance / weight))
             self._pulled = self._inverse @ values
-            residual, spread = np.empty(len(noise)), np.empty(len(noise))
-            for i, block in enumerate(blocks):
-                # Prediction of a block from all others (equation 5.12, for blocks).
-                own = np.linalg.inv(self._inverse[np.ix_(block, block)])
-                at = int(np.flatnonzero(block == i)[0])
-                residual[i] = own[at] @ self._pulled[block]
-                spread[i] = max(own[at, at] - variance[i] / weight[i], 1e-6)
+            own = 1.0 / np.diag(self._inverse)  # each predicted from all others (equation 5.12)
+            residual, spread = own * self._pulled, np.maximum(own - variance / weight, 1e-6)
             weight = 1.0 / np.square(1.0 + residual**2 / (_OUTLIER**2 * (spread + variance)))
         self.expected = values - residual
-        """At each wall, from those that aren't in line with it, (M,) [m]."""
+        """At each wall, from the others, (M,) [m]."""
         self.deviation = np.sqrt(spread)
         """Standard error of that, (M,) [m]."""
 

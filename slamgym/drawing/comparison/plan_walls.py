@@ -5,17 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.types import BoolArray, FloatArray, IntArray
-from slamgym.drawing.settings import THICKEST_WALL
-from slamgym.drawing.walls import ANTIPARALLEL, find_walls
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.drawing.walls import find_walls
 
 FACE_STEP = 0.05
 """Distance of the points on a face [m]."""
-_SIMPLIFY = 0.01
+_SIMPLIFY = 0.002
 """Corners that stray less than this from a straight face are none [m]."""
-NEXT_PIECE = 1.5
-"""Walls on one line with a gap of less than this, a door's, are one [m]: else the two parts of a wall that has moved
-vouch for each other, and in a flat of two rooms the outer walls are reported instead."""
 
 
 @dataclass(frozen=True)
@@ -41,13 +37,6 @@ class PlanWalls:
     def middles(self) -> FloatArray:
         """The middles of the walls, (W, 2) [m]."""
         return 0.5 * (self.lines[:, :2] + self.lines[:, 2:])
-
-    def in_line(self, wall: int) -> BoolArray:
-        """The walls on one line with a wall, also beyond doors, as a mask (W,)."""
-        normal, away = self.normals[wall], self.middles - self.middles[wall]
-        gap = np.abs(away @ [normal[1], -normal[0]]) - 0.5 * (self.lengths + self.lengths[wall])
-        parallel = np.abs(self.normals @ normal) > ANTIPARALLEL
-        return parallel & (np.abs(away @ normal) < THICKEST_WALL) & (gap < NEXT_PIECE)
 
 
 def plan_walls(plan: FloorPlan) -> PlanWalls:

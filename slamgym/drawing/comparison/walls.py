@@ -32,8 +32,6 @@ MOST, SOME = 0.5, 0.25
 """Shares of what is in view."""
 CORRELATED = 0.25
 """Offsets of points nearer to each other than this say the same [m]."""
-ONE_SIDED = 0.2
-"""A face with a smaller share of a wall's points doesn't count."""
 FURNITURE = (0.15, 0.8)
 """A face so far before the place of a wall whose other side isn't seen may be furniture [m]."""
 
@@ -56,12 +54,9 @@ class Survey:
 
 
 def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
-    """Measure all walls; in the second round the map's distortion is known from the first."""
-    drift = np.zeros(len(plan.lengths))
+    """Measure all walls: once as the map shows them, for its distortion, and then without that."""
     pairs = _pairs(plan, evidence)
-    for _ in range(2):
-        offsets = _nearest_offsets(pairs, drift[plan.wall])
-        drift, deviation, field = _distortion(plan, offsets)
+    drift, deviation, field = _distortion(plan, _nearest_offsets(pairs, np.zeros(len(plan.points))))
     offsets = _nearest_offsets(pairs, drift[plan.wall])
     normals = plan.point_normals
     places = plan.points + (plan.side * drift[plan.wall])[:, None] * normals
@@ -145,8 +140,7 @@ def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, Float
         place = _around(offsets[own], plan.side[own], _commonest(offsets[own]))
         values[wall], noise[wall] = place.offset, place.error
     seen = np.flatnonzero(np.isfinite(noise))
-    in_line = np.array([plan.in_line(wall)[seen] for wall in seen.tolist()])
-    field = Drift(plan.middles[seen], plan.normals[seen], values[seen], noise[seen], in_line)
+    field = Drift(plan.middles[seen], plan.normals[seen], values[seen], noise[seen])
     drift, deviation = field.predict(plan.middles, plan.normals)
     drift[seen], deviation[seen] = field.expected, field.deviation
     return drift, deviation, field
@@ -179,7 +173,7 @@ def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:
     close = np.abs(values - centre) <= NEAR  # false for nan
     if not close.any():
         return _Place(centre, np.inf, 0.0, [])
-    seen = [side for side in (1.0, -1.0) if (sides[close] == side).mean() > ONE_SIDED]
+    seen = [side for side in (1.0, -1.0) if (sides[close] == side).any()]
     offset = float(np.mean([np.median(values[close & (sides == side)]) for side in seen]))
     scatter = 1.4826 * np.median(np.abs(values[close] - offset))
     independent = max(1.0, close.sum() * FACE_STEP / CORRELATED)
