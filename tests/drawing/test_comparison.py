@@ -13,8 +13,7 @@ from slamgym.core.geometry import inverse, transform_points
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.drawing.comparison import compare_with_plan, draw_comparison
 from slamgym.drawing.comparison.distortion import Drift
-from slamgym.drawing.comparison.faces import map_evidence
-from slamgym.drawing.comparison.plan_walls import plan_walls
+from slamgym.drawing.comparison.faces import map_evidence, plan_walls
 from slamgym.drawing.comparison.report import verdict
 
 T = 0.12

@@ -8,8 +8,7 @@ import shapely
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
-from slamgym.drawing.comparison.faces import MapEvidence, map_evidence
-from slamgym.drawing.comparison.plan_walls import plan_walls
+from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
 from slamgym.drawing.comparison.records import Finding, FindingKind, Line, PlanComparison
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of

@@ -40,8 +40,7 @@ def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatA
         explained_by: (N, 2) points of its walls where the map is expected to show them [m].
     """
     inside = shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), evidence.points)
-    if len(explained_by):
-        inside &= KDTree(explained_by).query(evidence.points)[0] > EXPLAINED
+    inside &= KDTree(explained_by).query(evidence.points)[0] > EXPLAINED
     frame = evidence.grid.frame
     image = np.zeros(frame.shape, np.uint8)
     image[frame.to_cell(*evidence.on_map(evidence.points[inside]).T)] = 255

@@ -18,8 +18,7 @@ from scipy.spatial import KDTree
 from slamgym.cad.floorplan import FloorPlan, fill_segments
 from slamgym.core.geometry import compose, transform_points, wrap_angle
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, Pose2D
-from slamgym.drawing.comparison.faces import MapEvidence
-from slamgym.drawing.comparison.plan_walls import PlanWalls
+from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.metrics.maps import distance_to
 
 ANGLES = 120

@@ -40,8 +40,7 @@ def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGri
         figures_part(_figures(found)),
         figure(picture, f"{words}The map is grey: white is free, unknown is darker."),
         _legend(found),
-        *_changes_part(found),
-        *_rooms_part(found),
+        *_tables(found),
         "<h2>How it was made</h2>",
         *provenance_part({"command": command, "slamgym": slamgym.__version__}),
     ]
@@ -77,7 +76,7 @@ def _legend(found: PlanComparison) -> str:
     return f'<ul class="legend">{entries}</ul>'
 
 
-def _changes_part(found: PlanComparison) -> Iterator[str]:
+def _tables(found: PlanComparison) -> Iterator[str]:
     yield "<h2>Changes</h2>"
     if not found.is_confident:
         yield paragraph("None is reported, because plan and map don't seem to be of one building.")
@@ -89,9 +88,6 @@ def _changes_part(found: PlanComparison) -> Iterator[str]:
             "with its standard error; the raw offset is what the map shows."
         )
         yield make_table([name.replace("_", " ") for name in COLUMNS], found.table())
-
-
-def _rooms_part(found: PlanComparison) -> Iterator[str]:
-    if found.rooms and found.is_confident:
+    if found.rooms:
         yield "<h2>Rooms of the plan</h2>"
         yield make_table(["room", "seen"], [(room.what, f"{room.seen:.0%}") for room in found.rooms])

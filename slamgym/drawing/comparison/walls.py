@@ -12,8 +12,7 @@ from scipy.spatial import KDTree
 
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Drift
-from slamgym.drawing.comparison.faces import MapEvidence
-from slamgym.drawing.comparison.plan_walls import FACE_STEP, PlanWalls
+from slamgym.drawing.comparison.faces import FACE_STEP, MapEvidence, PlanWalls
 from slamgym.drawing.comparison.records import Finding, FindingKind, Line
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.settings import ComparisonConfig
@@ -158,14 +157,10 @@ def _commonest(values: FloatArray) -> float:
 class _Place(NamedTuple):
     """Where a wall stands."""
 
-    offset: float
-    """[m]"""
-    error: float
-    """Standard error of the offset [m]: neighbours are correlated, and all are rounded to cells."""
-    support: float
-    """Share of the points that say so."""
-    sides: list[float]
-    """Of the wall's faces, 1 and -1, those that do."""
+    offset: float  # [m]
+    error: float  # its standard error [m]: neighbours are correlated, and all are rounded to cells
+    support: float  # share of the points that say so
+    sides: list[float]  # of the wall's faces, 1 and -1, those that do
 
 
 def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:

@@ -58,18 +58,17 @@ def straight_walls(
 
 def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
     """A wall on the line of its longest piece, which is the first."""
-    start = np.array(pieces[0].start)
-    along = (pieces[0].end - start) / pieces[0].length
+    longest = pieces[0]
+    start = np.array(longest.start)
+    along = (longest.end - start) / longest.length
 
     def stretch(shapes: list[BaseGeometry]) -> list[DrawnPoint]:
         places = (shapely.get_coordinates(shapes) - start) @ along
-        return [
-            (float(x), float(y)) for x, y in (start + end * along for end in (places.min(), places.max()))
-        ]
+        return [(float(x), float(y)) for x, y in start + np.outer([places.min(), places.max()], along)]
 
     low, high = stretch([LineString([piece.start, piece.end]) for piece in pieces])
     axis = LineString(stretch([piece.polygon for piece in pieces]))
-    body = axis.buffer(0.5 * pieces[0].thickness, cap_style="flat")
-    seen = sum(piece.share_seen * piece.length for piece in pieces) / sum(piece.length for piece in pieces)
+    body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
+    seen = np.average([piece.share_seen for piece in pieces], weights=[piece.length for piece in pieces])
     layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
-    return replace(pieces[0], polygon=body, start=low, end=high, share_seen=seen, layer=layer)
+    return replace(longest, polygon=body, start=low, end=high, share_seen=float(seen), layer=layer)
