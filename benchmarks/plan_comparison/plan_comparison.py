@@ -28,7 +28,7 @@ from slamgym.core.intervals import wilson_interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.drawing import ComparisonConfig
-from slamgym.drawing.comparison import Finding, compare_with_plan
+from slamgym.drawing.comparison import PlanFinding, compare_with_plan
 from slamgym.interop import read_map
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -135,14 +135,14 @@ def explored(arguments: Arguments) -> list[Case]:
     return list(cases.values())
 
 
-def is_at(found: Finding, truth: Change) -> bool:
+def is_at(found: PlanFinding, truth: Change) -> bool:
     """True if a reported change lies where a true one is."""
     line, true_line = (shapely.LineString(np.reshape(entry.line, (2, 2))) for entry in (found, truth))
     shared = true_line.buffer(SAME_PLACE).intersection(line).length
     return bool(shared >= SHARE * min(line.length, true_line.length))
 
 
-def finds(found: Finding, truth: Change) -> bool:
+def finds(found: PlanFinding, truth: Change) -> bool:
     """True if a reported change is a true one, of the same kind."""
     kinds = {"wall_missing": {"wall_missing", "opening_new"}}.get(truth.kind, {truth.kind})
     if found.kind not in kinds or not is_at(found, truth):
@@ -152,7 +152,7 @@ def finds(found: Finding, truth: Change) -> bool:
     return True
 
 
-def offset_error(found: Finding, truth: Change) -> float:
+def offset_error(found: PlanFinding, truth: Change) -> float:
     """Error of a moved wall's offset [m]; both lines may run either way."""
     assert found.offset is not None
     first, second = (np.array(entry.line[2:]) - np.array(entry.line[:2]) for entry in (found, truth))
@@ -160,7 +160,7 @@ def offset_error(found: Finding, truth: Change) -> float:
     return abs(sign * found.offset - truth.offset)
 
 
-def is_false(found: Finding, truth: list[Change]) -> bool:
+def is_false(found: PlanFinding, truth: list[Change]) -> bool:
     """True if nothing has changed where a change is reported."""
     if found.kind == "room_unexplored":
         return False
@@ -168,7 +168,7 @@ def is_false(found: Finding, truth: list[Change]) -> bool:
     return not any(line.distance(change.touched) < FOLLOWS for change in truth)
 
 
-def kept(found: tuple[Finding, ...], moved: float, sure: float) -> list[Finding]:
+def kept(found: tuple[PlanFinding, ...], moved: float, sure: float) -> list[PlanFinding]:
     """Changes that remain with stricter thresholds for moved walls."""
     return [
         c for c in found

@@ -16,7 +16,7 @@ from slamgym.drawing.settings import ComparisonConfig
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
-    from slamgym.drawing.comparison.records import Finding, PlanComparison
+    from slamgym.drawing.comparison.records import PlanComparison, PlanFinding
 
 EXIT_DIFFERENT = 1
 """Plan and map are of different buildings, it seems."""
@@ -101,7 +101,7 @@ def _report(found: PlanComparison, folder: Path) -> None:
     tell(f"{folder / 'comparison.html'}")
 
 
-def _row(change: Finding) -> list[str]:
+def _row(change: PlanFinding) -> list[str]:
     x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
     lengths = change.offset, change.error, change.raw_offset
     moved = ["" if length is None else f"{100.0 * length:.0f}" for length in lengths]

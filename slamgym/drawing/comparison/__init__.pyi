@@ -1,10 +1,10 @@
 from .compare import compare_with_plan
 from .picture import draw_comparison
-from .records import Finding, PlanComparison, write_comparison
+from .records import PlanComparison, PlanFinding, write_comparison
 from .registration import Registration, register
 
 __all__ = [
-    "Finding",
+    "PlanFinding",
     "PlanComparison",
     "Registration",
     "compare_with_plan",

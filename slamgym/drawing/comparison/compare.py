@@ -9,7 +9,7 @@ from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
-from slamgym.drawing.comparison.records import Finding, FindingKind, Line, PlanComparison
+from slamgym.drawing.comparison.records import FindingKind, Line, PlanComparison, PlanFinding
 from slamgym.drawing.comparison.registration import register
 from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of
 from slamgym.drawing.evidence import filled
@@ -71,13 +71,13 @@ def compare_with_plan(
     return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(judged), tuple(rooms), doubts)
 
 
-def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> Finding:
+def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> PlanFinding:
     """A finding about a straight line."""
     (xa, ya), (xb, yb) = line.coords
-    return Finding(kind, f"{noun} of {line.length:.1f} m", (xa, ya, xb, yb))
+    return PlanFinding(kind, f"{noun} of {line.length:.1f} m", (xa, ya, xb, yb))
 
 
-def _new_openings(plan: FloorPlan, measured: Survey, judged: Sequence[Finding]) -> Iterator[Finding]:
+def _new_openings(plan: FloorPlan, measured: Survey, judged: Sequence[PlanFinding]) -> Iterator[PlanFinding]:
     """Gaps in walls that are there otherwise, away from the plan's doors."""
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors])
     for number, wall in enumerate(judged):
@@ -96,8 +96,8 @@ def _along(line: Line, places: FloatArray) -> FloatArray:
 
 
 def _extra_walls(
-    plan: FloorPlan, evidence: MapEvidence, measured: Survey, judged: Sequence[Finding]
-) -> Iterator[Finding]:
+    plan: FloorPlan, evidence: MapEvidence, measured: Survey, judged: Sequence[PlanFinding]
+) -> Iterator[PlanFinding]:
     """Straight structures that the plan doesn't have."""
     walls = measured.plan
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
@@ -108,7 +108,7 @@ def _extra_walls(
         yield _straight("wall_extra", "wall", line)
 
 
-def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[Finding]:
+def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[PlanFinding]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
         line: Line = (*door.start, *door.end)
@@ -127,15 +127,15 @@ def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> I
         name = f"door {number}, {door.width:.2f} m"
         if gap is None:
             if (inside < 0).mean() > 0.6:
-                yield Finding("door_blocked", name, line)
+                yield PlanFinding("door_blocked", name, line)
             continue
         if gap[0] <= along[0] or gap[1] >= along[-1]:
             continue  # the wall itself is gone there, which is another change
         offset, wider = 0.5 * (gap[0] + gap[1] - door.width), gap[1] - gap[0] - door.width
         if abs(offset) > MOVED and min(abs(gap[0]), abs(gap[1] - door.width)) > 0.5 * MOVED:
-            yield Finding("door_moved", name, line, offset, 2 * _STEP, offset)
+            yield PlanFinding("door_moved", name, line, offset, 2 * _STEP, offset)
         elif abs(wider) > OTHER_WIDTH:
-            yield Finding("door_width", name, line, wider, 2 * _STEP, wider)
+            yield PlanFinding("door_width", name, line, wider, 2 * _STEP, wider)
 
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
@@ -145,7 +145,7 @@ def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float,
     return max(runs, key=lambda run: min(run[1], width) - max(run[0], 0.0), default=None)
 
 
-def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> Finding:
+def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> PlanFinding:
     """Whether the map shows enough of a room as free."""
     frame = evidence.grid.frame
     shape = shapely.transform(room.polygon.intersection(plan.free_space), evidence.on_map)
@@ -154,4 +154,4 @@ def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> Finding:
     seen = min(float(free.sum() * cell / shape.area), 1.0) if shape.area > cell else 1.0
     x, y = room.polygon.representative_point().coords[0]
     kind: FindingKind = "room_unexplored" if seen < EXPLORED else "room_explored"
-    return Finding(kind, room.category, (x, y, x, y), seen=seen)
+    return PlanFinding(kind, room.category, (x, y, x, y), seen=seen)

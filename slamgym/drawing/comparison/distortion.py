@@ -14,7 +14,7 @@ from slamgym.core.types import FloatArray
 
 LEAST_DRIFT = 0.01
 """Smallest standard deviation of the drift [m]; else it is that of the offsets, by their median."""
-REACH = 4.0
+DRIFT_REACH = 4.0
 """Distance over which the drift changes [m]."""
 ROUNDS = 2
 _OUTLIER = 2.0
@@ -57,5 +57,5 @@ class Drift:
 
     def _covariance(self, places: FloatArray, normals: FloatArray) -> FloatArray:
         """Covariance with the offsets, (Q, M); smooth at short distances (Matern 3/2)."""
-        away = cdist(places, self._places) * np.sqrt(3.0) / REACH
+        away = cdist(places, self._places) * np.sqrt(3.0) / DRIFT_REACH
         return self._size**2 * (1.0 + away) * np.exp(-away) * (normals @ self._normals.T)

@@ -48,7 +48,7 @@ def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatA
     rows = cv2.HoughLinesP(image, 1.0, np.pi / TURNS, VOTES, minLineLength=shortest, maxLineGap=gap)
     cols, at_rows = (rows if rows is not None else np.empty(0)).reshape(-1, 2).T
     places = transform_points(evidence.plan_from_map, frame.to_points(at_rows, cols))
-    lines = shapely.linestrings(places.reshape(-1, 2, 2)).tolist()
+    lines = map(LineString, places.reshape(-1, 2, 2))
     kept: list[LineString] = []
     for line in sorted(lines, key=lambda line: -line.length):
         # The two faces of one wall count once.

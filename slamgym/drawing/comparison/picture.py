@@ -6,7 +6,7 @@ import numpy as np
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.comparison.faces import MapEvidence
-from slamgym.drawing.comparison.records import Finding, PlanComparison
+from slamgym.drawing.comparison.records import PlanComparison, PlanFinding
 from slamgym.viz.canvas import (
     FAINT,
     OUTLINE,
@@ -69,7 +69,7 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     return picture
 
 
-def _draw_change(picture: ByteArray, change: Finding, frame: GridFrame) -> None:
+def _draw_change(picture: ByteArray, change: PlanFinding, frame: GridFrame) -> None:
     colour, line = COLOURS[change.kind][0], np.array(change.line)
     if change.kind == "room_unexplored":
         x, y = frame_pixels(line[None, :2], frame, 1.0)[0].astype(int)

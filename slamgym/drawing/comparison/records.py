@@ -24,7 +24,7 @@ COLUMNS = (
 
 
 @dataclass(frozen=True)
-class Finding:
+class PlanFinding:
     """What was found out about a wall, door or room, in the plan's frame."""
 
     kind: FindingKind
@@ -55,10 +55,10 @@ class PlanComparison:
     plan: str
     map: str
     registration: Registration
-    changes: tuple[Finding, ...]
-    walls: tuple[Finding, ...]
+    changes: tuple[PlanFinding, ...]
+    walls: tuple[PlanFinding, ...]
     """All of the plan, changed or not."""
-    rooms: tuple[Finding, ...]
+    rooms: tuple[PlanFinding, ...]
     doubts: tuple[str, ...]
 
     @property

@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import FACE_STEP, MapEvidence, PlanWalls
-from slamgym.drawing.comparison.records import Finding, FindingKind, Line
+from slamgym.drawing.comparison.records import FindingKind, Line, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED
 from slamgym.drawing.settings import ComparisonConfig
 
@@ -65,7 +65,7 @@ def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
     return Survey(plan, offsets, drift, deviation, field, in_view, is_open)
 
 
-def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> Finding:
+def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFinding:
     """Report on a wall, from all points of its faces."""
     plan = found.plan
     line: Line = tuple(plan.lines[wall].tolist())
@@ -75,24 +75,24 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> Finding:
     share = max(found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own]))
     seen = float(share)
     if seen < LEAST_SEEN or len(view) < 3:
-        return Finding("wall_not_seen", what, line, seen=seen)
+        return PlanFinding("wall_not_seen", what, line, seen=seen)
     values, sides = found.offsets[view] - drift, plan.side[view]
     near = np.abs(values) <= NEAR
     centre = _commonest(values)
     place = _around(values, sides, centre)
     if place.support < MOST and near.mean() < SOME and found.is_open[view].mean() >= MOST:
-        return Finding("wall_missing", what, line, seen=seen)
+        return PlanFinding("wall_missing", what, line, seen=seen)
     if near.mean() >= SOME and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
         place = _around(values, sides, float(np.median(values[near])))
     if place.support < SOME:
-        return Finding("wall_unclear", what, line, seen=seen)
+        return PlanFinding("wall_unclear", what, line, seen=seen)
     offset, error = place.offset, float(np.hypot(place.error, found.deviation[wall]))
     if place.support < MOST or abs(offset) <= max(config.moved, config.sure * error):
-        return Finding("wall_present", what, line, offset, error, offset + drift, seen)
+        return PlanFinding("wall_present", what, line, offset, error, offset + drift, seen)
     may_be_furniture = len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
     kind: FindingKind = "wall_unclear" if may_be_furniture else "wall_moved"
-    return Finding(kind, what, line, offset, error, offset + drift, seen)
+    return PlanFinding(kind, what, line, offset, error, offset + drift, seen)
 
 
 def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, float]]:

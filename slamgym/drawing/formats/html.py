@@ -16,7 +16,7 @@ from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.json import drawing_facts
 from slamgym.drawing.formats.look import DRAWING_STYLE, Sheet, drawn_scene, format_part
-from slamgym.drawing.formats.svg import LETTERS, drawn_layers, place
+from slamgym.drawing.formats.svg import LETTERS, drawn_layers, svg_point
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.viz.pages import bullets, inline_picture, make_page, make_table, paragraph
 
@@ -120,7 +120,7 @@ def _svg(drawing: Drawing, label: str, with_map: bool = False) -> str:
         sheet = Sheet.of(box, 1e-3 * LETTERS * scale)
         if sheet.width <= PAGE[0] * scale and sheet.height <= PAGE[1] * scale:
             break
-    x, y = place((left, top), sheet).split(",")
+    x, y = svg_point((left, top), sheet).split(",")
     picture = (
         f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
         f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'

@@ -55,14 +55,14 @@ def drawn_layers(
     return layers | {"LABELS": [_text(label, sheet) for label in labels]}
 
 
-def place(point: DrawnPoint, sheet: Sheet) -> str:
+def svg_point(point: DrawnPoint, sheet: Sheet) -> str:
     """A point of the map [m] as SVG has it."""
     return f"{1000 * (point[0] - sheet.left):.1f},{1000 * (sheet.top - point[1]):.1f}"
 
 
 def _text(label: DrawnLabel, sheet: Sheet) -> str:
     """A label with a halo."""
-    x, y = place(label.at, sheet).split(",")
+    x, y = svg_point(label.at, sheet).split(",")
     size = 1000 * sheet.letters
     turned = f' transform="rotate({-label.turn:.1f} {x} {y})"' if label.turn else ""
     return (
@@ -77,7 +77,7 @@ def _path(drawn: DrawnShape, sheet: Sheet) -> str:
     lines = (shapely.get_rings if is_area else shapely.get_parts)(drawn.shape).tolist()
     data = " ".join(
         "M"
-        + " ".join(place(point, sheet) for point in line.coords[: -1 if is_area else None])
+        + " ".join(svg_point(point, sheet) for point in line.coords[: -1 if is_area else None])
         + "z" * is_area
         for line in lines
     )
