@@ -12,7 +12,6 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.edges import (
-    FREE_AXIS,
     TOLERANCE,
     Edge,
     crossing,
@@ -70,13 +69,8 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
         corner = crossing(edge, following)
         if corner is not None and abs(corner - place) <= max(most, abs(edge.end - following.start)):
             ends.append((corner, corner))
-        elif edge.axis != FREE_AXIS and edge.axis == following.axis:
-            ends.append((projected(edge, place), projected(following, place)))
-        elif abs(cmath.phase(following.direction * edge.direction.conjugate())) < 0.5:
-            middle = 0.5 * (projected(edge, place) + projected(following, place))
-            ends.append((middle, middle))
         else:
-            ends.append((projected(edge, edge.end), projected(following, following.start)))
+            ends.append((projected(edge, place), projected(following, place)))
     points = np.array(ends).ravel()
     return np.column_stack([points.real, points.imag])
 
