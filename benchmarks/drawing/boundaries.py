@@ -153,7 +153,7 @@ def examples(name: str, grid: OccupancyGrid, truth: Truth, model: FloorModel) ->
     """The candidates of a map as the drawing finds them; nothing if it has none."""
     grid = known_part(grid)
     angle = find_wall_direction(grid.cells).angle_deg
-    layers = model.layers(grid, angle)
+    layers = model(grid, angle)
     seen, floor = seen_floor(grid, angle)
     if floor.is_empty:
         return

@@ -85,7 +85,7 @@ class ExactFloor:
 
     truth: MultiPolygon
 
-    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG002 - part of the protocol
+    def __call__(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG002 - part of the protocol
         """Shares of floor, and the plan's openings as doors."""
         lines = [gap.line.buffer(DOOR_DEPTH, cap_style="flat") for gap in true_gaps(self.truth)]
         return MapLayers.of_floor(

@@ -1,13 +1,12 @@
 from .comparison import PlanComparison, compare_with_plan
 from .drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from .edits import read_corrections
-from .floor import CleanedFloor, FloorModel, load_floor_model
+from .floor import FloorModel, load_floor_model
 from .formats.write import drawing_map, write_drawing
 from .settings import ComparisonConfig
 from .vectorise import make_drawing
 
 __all__ = [
-    "CleanedFloor",
     "ComparisonConfig",
     "Dimension",
     "Drawing",

@@ -5,7 +5,7 @@ translator decides how straight and how thick walls are, and what the floor unde
 """
 
 import math
-from typing import TYPE_CHECKING, Protocol
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -18,9 +18,6 @@ from slamgym.drawing.settings import SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
 from slamgym.metrics.layers import MapLayers, door_cells, without_rays
 from slamgym.metrics.maps import distance_to
-
-if TYPE_CHECKING:
-    from slamgym.gan.translation.translate import LearnedTranslator
 
 NO_MODEL = "none"
 """Name of the cleaning without a network."""
@@ -39,38 +36,10 @@ BESIDE_SEEN = 0.1
 """Cells so near to the free space hold echoes and the faces of walls: the model is right about them [m]."""
 
 
-class FloorModel(Protocol):
-    """Something that finds floor, walls and doors of a map."""
+FloorModel = Callable[[OccupancyGrid, float], MapLayers]
+"""Finds floor, walls and doors of a map whose main walls are turned by an angle against the x axis [deg].
 
-    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:
-        """The layers of a map, of its shape; the faces of walls lie where its free space is 0.5.
-
-        Args:
-            grid: The map.
-            angle_deg: Direction of its main walls, counter-clockwise from the x axis.
-        """
-        ...
-
-
-class CleanedFloor:
-    """The floor by classical cleaning, doors where the watershed of its distance to walls has them; needs no torch."""
-
-    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG002 - part of the protocol
-        """The layers of a map, all that isn't floor wall."""
-        clean = clean_map(grid.cells, grid.frame.resolution)
-        free = faces_within_cells(clean)
-        return MapLayers.of_floor(free, door_cells(clean, grid.frame.resolution))
-
-
-class TranslatedFloor:
-    """The floor by a trained translator."""
-
-    def __init__(self, translator: "LearnedTranslator") -> None:
-        self._translator = translator
-
-    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:
-        """The layers of a map, by the network."""
-        return self._translator.layers(grid.cells, grid.frame.resolution, angle_deg=angle_deg)
+Its layers have the map's shape; the faces of walls lie where its free space is 0.5."""
 
 
 def load_floor_model(name: str) -> FloorModel:
@@ -83,10 +52,20 @@ def load_floor_model(name: str) -> FloorModel:
         SlamgymError: If there is no such model.
     """
     if name == NO_MODEL:
-        return CleanedFloor()
+        return cleaned_floor
     from slamgym.gan.translation.translate import load_translator
 
-    return TranslatedFloor(load_translator(name, "slam2cad"))
+    translator = load_translator(name, "slam2cad")
+    return lambda grid, angle_deg: translator.layers(grid.cells, grid.frame.resolution, angle_deg)
+
+
+def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG001 - as any model
+    """The floor by classical cleaning, doors where the watershed of its distance to walls has them; needs no torch.
+
+    All that isn't floor is wall.
+    """
+    clean = clean_map(grid.cells, grid.frame.resolution)
+    return MapLayers.of_floor(faces_within_cells(clean), door_cells(clean, grid.frame.resolution))
 
 
 def faces_within_cells(free: BoolArray) -> Float32Array:
@@ -116,7 +95,7 @@ def seen_floor(grid: OccupancyGrid, angle_deg: float) -> tuple[BoolArray, MultiP
 
 
 def floor_of_rooms(
-    free: Float32Array, seen: BoolArray, echoes: BoolArray, rooms: IntArray, doors: BoolArray, cell: float
+    free: Float32Array, seen: BoolArray, echoes: BoolArray, rooms: IntArray, cell: float
 ) -> Float32Array:
     """The model's floor, corrected where the map shows more or less.
 
@@ -128,7 +107,6 @@ def floor_of_rooms(
         seen: Free space that was seen.
         echoes: Occupied cells.
         rooms: Numbers of the rooms in the free space, 0 elsewhere.
-        doors: Cells where two rooms may meet.
         cell: Resolution [m].
 
     Returns:
@@ -138,7 +116,7 @@ def floor_of_rooms(
     rejected, closed = _patches(without_rays(seen & (free < 0.5), cell), known)
     opened = cv2.dilate((closed >= CLOSED_SEEN)[rejected].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
-    floor = (free >= 0.5) & ~_thin_walls(seen, rooms, doors, cell)
+    floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
     floor &= ~_doubted(free, floor, seen, known, rooms, cell)
     return without(free, (free >= 0.5) & ~floor)
 
@@ -167,17 +145,15 @@ def _rooms_beside(labels: IntArray, rooms: IntArray, count: int) -> IntArray:
     return np.bincount(pairs // most, minlength=count)
 
 
-def _thin_walls(seen: BoolArray, rooms: IntArray, doors: BoolArray, cell: float) -> BoolArray:
-    """Thin things in the free space that part two rooms, or at which a door ends: walls, whatever the model says.
+def _thin_walls(seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
+    """Thin things in the free space that part two rooms: walls, whatever the model says.
 
     Without them room F1 of 30 maps of real robots is 0.81, with them 0.85.
     """
     half = 0.5 * THICKEST_WALL / cell
     thin = (distance_to(distance_to(seen) > half) > half) & ~seen
     count, labels = cv2.connectedComponents(thin.astype(np.uint8), connectivity=8)
-    near = _widened(labels, 2)
-    is_wall = _rooms_beside(near, rooms, count) > 1
-    is_wall[near[doors]] = True
+    is_wall = _rooms_beside(_widened(labels, 2), rooms, count) > 1
     is_wall[0] = False
     return is_wall[labels]
 

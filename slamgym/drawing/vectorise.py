@@ -45,8 +45,6 @@ SMALLEST_DIMENSIONED = 1.5
 """Rooms below this get no dimension lines [m2]."""
 BESIDE_DOORS = (0.0, 0.5, -0.5, 0.9, -0.9, 1.3, -1.3)
 """Distances of a room's dimension lines from its middle [m], in the order of trial."""
-BESIDE_BOUNDARY = 0.2
-"""Two rooms may touch so near to the line of a door [m]."""
 KNOWN_MARGIN = 1.0
 """Margin of unknown cells that is kept around the known part [m]."""
 
@@ -64,7 +62,7 @@ def make_drawing(
     Args:
         grid: The map: 0 occupied, 205 unknown, 254 free.
         name: Name of the drawing.
-        model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a translator.
+        model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a function that finds the layers.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.
         corrections: A person's last word.
@@ -97,7 +95,7 @@ def make_drawing(
     doors = _doors(division, rooms, walls, grid)
     inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
     kept = {
-        "model": model if isinstance(model, str) else type(model).__name__,
+        "model": model if isinstance(model, str) else getattr(model, "__name__", type(model).__name__),
         "corrections": [entry.as_dict() for entry in corrections.corrections],
         "slamgym": slamgym.__version__,
         **{
@@ -122,7 +120,7 @@ def make_drawing(
 
 def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tuple[MultiPolygon, list[Gap]]:
     """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
-    layers = model.layers(grid, angle_deg)
+    layers = model(grid, angle_deg)
     seen, space = seen_floor(grid, angle_deg)
     if space.is_empty:
         return space, []
@@ -131,11 +129,7 @@ def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tup
     rooms = np.zeros(seen.shape, np.int64)
     for number, room in enumerate(division.rooms, 1):
         rooms[filled(room, grid.frame)] = number
-    doors = filled(
-        shapely.union_all([gap.line.buffer(BESIDE_BOUNDARY, cap_style="flat") for gap in division.doors]),
-        grid.frame,
-    )
-    picture = floor_of_rooms(layers.free, seen, grid.cells == OCCUPIED, rooms, doors, grid.frame.resolution)
+    picture = floor_of_rooms(layers.free, seen, grid.cells == OCCUPIED, rooms, grid.frame.resolution)
     floor = straightened(picture, grid.frame, angle_deg)
     return floor, [] if floor.is_empty else [onto_faces(gap, floor) for gap in division.doors]
 

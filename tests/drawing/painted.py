@@ -26,7 +26,7 @@ class Painted:
     def __init__(self, floor, doors=None):
         self.floor, self.doors = floor, doors
 
-    def layers(self, grid, angle_deg):
+    def __call__(self, grid, angle_deg):
         free = shares(self.floor, grid.frame)
         if self.doors is None:
             return MapLayers.of_floor(free, door_cells(free >= 0.5, grid.frame.resolution))

@@ -34,8 +34,8 @@ class Unsure:
     part: shapely.Polygon
     sure: float
 
-    def layers(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:
-        layers = self.floor.layers(grid, angle_deg)
+    def __call__(self, grid: OccupancyGrid, angle_deg: float) -> MapLayers:
+        layers = self.floor(grid, angle_deg)
         free = np.where(shares(self.part, grid.frame) >= 0.5, np.float32(self.sure), layers.free)
         return MapLayers.of_floor(free, layers.door > 0.0)
 

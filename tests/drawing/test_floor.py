@@ -9,11 +9,10 @@ from slamgym.drawing.floor import floor_of_rooms, seen_space
 CELL = 0.05
 
 
-def drawn(free, rooms, doors=None, echoes=None):
+def drawn(free, rooms, echoes=None):
     """The cells that are floor by a model, where all rooms were seen."""
-    none = np.zeros(rooms.shape, np.bool_)
-    doors, echoes = (none if some is None else some for some in (doors, echoes))
-    return floor_of_rooms(free.astype(np.float32), rooms > 0, echoes, rooms, doors, CELL) >= 0.5
+    echoes = np.zeros(rooms.shape, np.bool_) if echoes is None else echoes
+    return floor_of_rooms(free.astype(np.float32), rooms > 0, echoes, rooms, CELL) >= 0.5
 
 
 def hall():
@@ -68,21 +67,16 @@ def test_rooms_that_the_map_parts_stay_parted_whatever_the_model_says():
 def test_rooms_meet_in_a_door_only():
     rooms = parted_hall()
     rooms[30:48, 48:50], rooms[30:48, 50:52] = 1, 2
-    doors = np.zeros(rooms.shape, np.bool_)
-    doors[30:48, 46:54] = True
-    floor = drawn(np.ones(rooms.shape), rooms, doors)
+    floor = drawn(np.ones(rooms.shape), rooms)
     assert floor[32:46, 44:56].all()
     assert (~floor[12:26, 44:56]).any(axis=1).all()
 
 
-@pytest.mark.parametrize("beside_door", [True, False])
-def test_a_thin_thing_in_a_room_is_a_wall_if_a_door_ends_there(beside_door):
+def test_a_thin_thing_in_one_room_is_no_wall_if_the_model_says_so():
     rooms = np.zeros((80, 100), np.int64)
     rooms[10:70, 10:90] = 1
     rooms[30:50, 48:51] = 0
-    doors = np.zeros(rooms.shape, np.bool_)
-    doors[50:69, 46:53] = beside_door
-    assert drawn(np.ones(rooms.shape), rooms, doors)[32:48, 49].any() != beside_door
+    assert drawn(np.ones(rooms.shape), rooms)[32:48, 49].all()
 
 
 @pytest.mark.parametrize(("free", "is_drawn"), [(0.7, False), (0.95, True)])
