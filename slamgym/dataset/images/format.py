@@ -20,7 +20,6 @@ of each side's ``metadata.jsonl``.
 """
 
 import json
-import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -229,22 +228,3 @@ def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
     )
     plans = {record.plan_id for record in records}
     return split, str(len(records)), str(len(plans)), f"{100.0 * coverage:.1f} %", f"{error:.3f} m"
-
-
-def pack_card(images_card: str, names: Sequence[str]) -> str:
-    """The card of the images with the shards in its head, and how to read them instead of the list of files.
-
-    Args:
-        images_card: The content of the images' ``README.md``.
-        names: Of the shards' files.
-    """
-    import yaml
-
-    _, head_text, body = images_card.split("---\n", 2)
-    head = yaml.safe_load(head_text)
-    splits = [split for split in SPLITS if any(name.startswith(f"{split}-") for name in names)]
-    files = [{"split": split, "path": f"parquet/{split}-*.parquet"} for split in splits]
-    head["configs"] = [{"config_name": "default", "data_files": files}]
-    reading = (_PARTS / "reading.md").read_text(encoding="utf-8")
-    body = re.sub(r"^## Files\n.*?^```.*?^```\n", "", body, flags=re.MULTILINE | re.DOTALL)
-    return f"---\n{yaml.safe_dump(head, sort_keys=False).strip()}\n---\n{body.rstrip()}\n\n{reading}"
