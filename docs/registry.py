@@ -75,7 +75,7 @@ MEASURES = [
     Measure("improvement", "MSE2 - MSE1: how much nearer the translated map lies to the CAD map than the SLAM map", "", "higher", "slamgym.metrics.improvement:improvement", "the paper's Fig. 6"),
     Measure("wall F1", "harmonic mean of the shares of the map's walls near a true wall and of the true walls near one of the map's", "", "higher", "slamgym.metrics.maps:wall_score"),
     Measure("boundary F1 at 5, 10 cm", "wall F1 of the boundaries of the free space", "", "higher", "slamgym.metrics.maps:boundary_score"),
-    Measure("chamfer, Hausdorff 95", "mean, and 95th percentile, of the distances between two sets of walls", "m", "lower", "slamgym.metrics.maps:boundary_distance"),
+    Measure("Hausdorff 95", "95th percentile of the distances between two sets of walls", "m", "lower", "slamgym.metrics.maps:boundary_distance"),
     Measure("intersection over union", "free in both / free in either", "", "higher", "slamgym.metrics.maps:intersection_over_union"),
     Measure("room F1", "F1 of the rooms that have a counterpart with an intersection over union above 0.5", "", "higher", "slamgym.metrics.rooms:room_score", "Zheng et al. 2020 (Structured3D)"),
     Measure("rigidly aligned error", "the mean squared error after the best rigid motion, which can't enlarge a drawing until it fits", "", "lower", "slamgym.metrics.alignment:aligned_error"),

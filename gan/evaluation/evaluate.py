@@ -178,7 +178,6 @@ def score_map(
     def wall_f1(mask: BoolArray, tolerance: float) -> float:
         return boundary_score(mask, truth, metres_per_px, tolerance).f1
 
-    distance = boundary_distance(placed, truth, metres_per_px)
     rooms = room_score(placed, truth, metres_per_px)
     shares = _placed(predicted, rigid.similarity).astype(np.float32)
     true_shares = (cad / np.float32(FREE)).astype(np.float32)
@@ -191,7 +190,7 @@ def score_map(
         "mse_grey": squared_error(_placed(predicted, found.similarity), _as_float(truth)),
         **{f"wall_f1_{round(100 * t)}cm": wall_f1(placed, t) for t in TOLERANCES},
         "free_iou": intersection_over_union(placed, truth),
-        "hausdorff_95": min(distance.hausdorff_95, farthest),
+        "hausdorff_95": min(boundary_distance(placed, truth, metres_per_px), farthest),
         "room_error": abs(rooms.count - rooms.true_count),
         "room_f1": rooms.f1,
         "mse_rigid": rigid.mse,

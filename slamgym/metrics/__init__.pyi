@@ -3,7 +3,6 @@ from .dimensions import Dimensions, measure_dimensions
 from .improvement import Improvement, improvement
 from .map_error import ObstacleDistance, wall_error, wall_faces
 from .maps import (
-    WallDistance,
     WallScore,
     boundary_distance,
     boundary_score,
@@ -42,7 +41,6 @@ __all__ = [
     "RelationError",
     "RoomScore",
     "Similarity",
-    "WallDistance",
     "WallScore",
     "absolute_trajectory_error",
     "align_se2",

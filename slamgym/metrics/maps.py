@@ -8,6 +8,7 @@ CAD drawing with solid walls, a SLAM map with one cell of wall and unknown space
 and a missing inner wall is a missing boundary, which the mean squared error of the free space hardly notices.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -56,16 +57,6 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
         precision=float((distance_to(true_walls)[walls] <= tolerance_px).mean()),
         recall=float((distance_to(walls)[true_walls] <= tolerance_px).mean()),
     )
-
-
-@dataclass(frozen=True)
-class WallDistance:
-    """Distances between two sets of walls [m]; infinite if one of them is empty and the other isn't."""
-
-    chamfer: float
-    """Mean distance to the nearest wall of the other map, averaged over both directions."""
-    hausdorff_95: float
-    """95th percentile of those distances, the larger of both directions."""
 
 
 def free_space(cells: ByteArray) -> FloatArray:
@@ -141,8 +132,10 @@ def boundary_score(
     return wall_score(free_boundary(free), free_boundary(true_free), tolerance_px)
 
 
-def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> WallDistance:
-    """Chamfer distance and 95 % Hausdorff distance of the walls.
+def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> float:
+    """95 % Hausdorff distance of the walls [m]: the 95th percentile of the distances to the other map's walls.
+
+    The larger of both directions; infinite if one of the maps has no walls and the other has.
 
     Args:
         free: Free cells of the map, shape (rows, cols).
@@ -155,13 +148,9 @@ def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: floa
     check_same_shape(free, true_free)
     walls, true_walls = free_boundary(free), free_boundary(true_free)
     if not walls.any() or not true_walls.any():
-        distance = 0.0 if walls.any() == true_walls.any() else float("inf")
-        return WallDistance(distance, distance)
+        return 0.0 if walls.any() == true_walls.any() else math.inf
     to_truth, to_map = distance_to(true_walls)[walls], distance_to(walls)[true_walls]
-    return WallDistance(
-        chamfer=metres_per_px * 0.5 * float(to_truth.mean() + to_map.mean()),
-        hausdorff_95=metres_per_px * float(max(np.percentile(to_truth, 95), np.percentile(to_map, 95))),
-    )
+    return metres_per_px * float(max(np.percentile(to_truth, 95), np.percentile(to_map, 95)))
 
 
 def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
