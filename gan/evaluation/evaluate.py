@@ -37,6 +37,7 @@ from slamgym.metrics import (
 )
 from slamgym.metrics.alignment import IDENTITY
 from slamgym.metrics.cleaning import clean_map
+from slamgym.metrics.maps import keep_thin_walls
 
 TOLERANCES = (0.1, 0.2)
 """Tolerances of the wall F1 [m]."""
@@ -145,8 +146,7 @@ def evaluate_method(
         seconds = time.process_time() - begun
         shape = pairs.slam[i].shape
         if probability.shape != shape:
-            wrong = f"an image of shape {probability.shape} for a map of shape {shape}"
-            raise ConfigError(f"{method.name} returned {wrong}")
+            raise ConfigError(f"{method.name} returned shape {probability.shape} for a map of shape {shape}")
         if not np.isfinite(probability).all():
             raise ConfigError(
                 f"{method.name} returned values that are not finite; its weights may be damaged"
@@ -179,7 +179,7 @@ def score_map(
         return boundary_score(mask, truth, metres_per_px, tolerance).f1
 
     rooms = room_score(placed, truth, metres_per_px)
-    shares = _placed(predicted, rigid.similarity).astype(np.float32)
+    shares = _placed(predicted, rigid.similarity)
     true_shares = (cad / np.float32(FREE)).astype(np.float32)
     dimensions = measure_dimensions(shares, true_shares, metres_per_px)
     openings = compare_openings(shares, true_shares, metres_per_px)
@@ -187,7 +187,7 @@ def score_map(
     farthest = metres_per_px * math.hypot(*truth.shape)
     measures = {
         "mse": found.mse,
-        "mse_grey": squared_error(_placed(predicted, found.similarity), _as_float(truth)),
+        "mse_grey": squared_error(apply_similarity(_as_float(predicted), found.similarity), _as_float(truth)),
         **{f"wall_f1_{round(100 * t)}cm": wall_f1(placed, t) for t in TOLERANCES},
         "free_iou": intersection_over_union(placed, truth),
         "hausdorff_95": min(boundary_distance(placed, truth, metres_per_px), farthest),
@@ -208,9 +208,13 @@ def _as_float(values: np.ndarray) -> FloatArray:
     return values.astype(np.float64)
 
 
-def _placed(values: BoolArray | Float32Array, similarity: Similarity) -> FloatArray:
-    """Values after a similarity; untouched by resampling if that does nothing."""
-    return _as_float(values) if similarity == IDENTITY else apply_similarity(_as_float(values), similarity)
+def _placed(values: BoolArray | Float32Array, similarity: Similarity) -> Float32Array:
+    """A drawing after a similarity, with the walls it had; untouched by resampling if that does nothing."""
+    drawing = np.asarray(values, dtype=np.float32)
+    if similarity == IDENTITY:
+        return drawing
+    moved = apply_similarity(_as_float(values), similarity).astype(np.float32)
+    return keep_thin_walls(moved, drawing, similarity.matrix(*values.shape))
 
 
 def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:

@@ -15,6 +15,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import largest_part, refuse_crowded
 from slamgym.core.errors import PlanError
+from slamgym.core.thin_walls import SHARE_STEPS, close_thin_walls
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -315,18 +316,10 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     return inside
 
 
-SHARE_STEPS = 5
-"""Shares of cells are counted on a raster so many times finer."""
-CLOSED_SHARE = 0.45
-"""Most floor that a cell shows through which a wall passes that is thinner than a cell: less than half, so it stays
-closed."""
-
-
 def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
     """Share of each cell that is floor; walls thinner than a cell stay closed.
 
-    Where a straight face passes through a cell, the share says where. Of two neighbouring cells that are floor by
-    their shares but have a wall between their centres, the one with less floor gets :data:`CLOSED_SHARE`.
+    Where a straight face passes through a cell, the share says where; see :mod:`slamgym.core.thin_walls`.
 
     Convention: as of :func:`fill_segments`.
 
@@ -343,22 +336,8 @@ def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
     fine = fill_segments(segments, fine_frame)
     share = fine.reshape(height, n, width, n).mean(axis=(1, 3), dtype=np.float32)
     for values, steps in ((share, fine), (share.T, fine.T)):  # views: both directions change the same shares
-        _close_thin_walls(values, steps)
+        close_thin_walls(values, steps[n // 2 :: n, n // 2 : -(n // 2)])
     return np.asarray(share, dtype=np.float32)
-
-
-def _close_thin_walls(share: Float32Array, fine: BoolArray) -> None:
-    """Close the cells along each row of ``share`` that a wall separates; changes it in place."""
-    n, middle = SHARE_STEPS, SHARE_STEPS // 2
-    line = fine[middle::n]  # through the centres
-    cols = share.shape[1]
-    wall_between = np.zeros((share.shape[0], cols - 1), np.bool_)
-    for step in range(n + 1):
-        wall_between |= ~line[:, middle + step :: n][:, : cols - 1]
-    left, right = share[:, :-1], share[:, 1:]
-    separated = wall_between & (left >= 0.5) & (right >= 0.5)
-    left[separated & (left <= right)] = CLOSED_SHARE
-    right[separated & (left > right)] = CLOSED_SHARE
 
 
 def map_values(inside: BoolArray, resolution: float, outside: int, wall_thickness: float) -> ByteArray:

@@ -14,7 +14,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray
+from slamgym.core.thin_walls import SHARE_STEPS, close_thin_walls
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
 
 MIN_OCCUPIED_SHARE = 0.3
 """A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
@@ -101,6 +102,23 @@ def resample_slam(
     # Nothing of it known: neither share may decide.
     result[(free == 0.0) & (occupied < min_occupied)] = UNKNOWN
     return np.where(occupied >= min_occupied, OCCUPIED, result).astype(np.uint8)
+
+
+def keep_thin_walls(share: Float32Array, drawing: Float32Array, matrix: FloatArray) -> Float32Array:
+    """Close the walls of a drawing that resampling has opened, since they are hardly thicker than a cell.
+
+    Args:
+        share: Share of floor of each cell after resampling, shape (rows, cols).
+        drawing: The same before that, any shape.
+        matrix: (2, 3), from (col, row) of the drawing to that of ``share``.
+    """
+    kept, finer = share.copy(), np.array([[SHARE_STEPS], [1.0]])
+    for values, image, motion in ((kept, drawing, matrix), (kept.T, drawing.T, matrix[::-1, [1, 0, 2]])):
+        # Cubic: linear interpolation would lift a wall of one cell to a half next to its middle.
+        size = (SHARE_STEPS * (values.shape[1] - 1) + 1, values.shape[0])
+        line = cv2.warpAffine(np.ascontiguousarray(image), finer * motion, size, flags=cv2.INTER_CUBIC)
+        close_thin_walls(values, line >= 0.5)
+    return kept
 
 
 def free_boundary(free: BoolArray) -> BoolArray:

@@ -6,7 +6,10 @@ import json
 import cv2
 import numpy as np
 import pytest
+from shapely import box, unary_union
+from shapely.affinity import rotate, translate
 
+from slamgym.cad.floorplan import floor_share
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
@@ -33,8 +36,9 @@ from slamgym.gan.translation.classical import outline_only
 from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
-from slamgym.metrics import label_rooms
+from slamgym.metrics import Similarity, apply_similarity, label_rooms
 from slamgym.metrics.cleaning import clean_map
+from slamgym.metrics.maps import keep_thin_walls
 from slamgym.viz.plots import plot_boxes
 from slamgym.viz.sheets import draw_agreement, draw_grid
 
@@ -128,6 +132,39 @@ def scored():
     """Six pairs and what the baselines make of them: measured once, for the tests that only read it."""
     pairs = make_pairs(6)
     return pairs, {method.name: evaluate_method(method, pairs) for method in baselines()}
+
+
+def thin(wall, turn=0.0, shift=(0.0, 0.0), hole=0.0):
+    """Shares of floor of two rooms with a door, and a hole, in a wall of this thickness [m], turned [deg] and moved."""
+    gaps = [box(-0.5, -2.0, 0.5, -1.0), box(-0.5, 1.0, 0.5, 1.0 + hole)]
+    rooms = [box(-4.1, -3.2, -wall / 2, 3.3), box(wall / 2, -3.2, 4.2, 3.3), *gaps]
+    moved = translate(rotate(unary_union(rooms), turn, origin=(0.0, 0.0)), *shift)
+    corners = np.array(moved.exterior.coords)
+    return floor_share(np.hstack([corners[:-1], corners[1:]]), GridFrame(0.1, -6.4, -6.4, SIZE, SIZE))
+
+
+class TestThinWalls:
+    """What the alignment resamples is neither opened nor moved by it."""
+
+    @pytest.mark.parametrize("wall", [0.07, 0.1, 0.13])
+    @pytest.mark.parametrize("motion", [(0.0, (0.05, 0.0)), (1.0, (0.03, 0.02)), (3.0, (-0.04, 0.05))])
+    def test_a_plan_that_is_drawn_elsewhere_has_no_wall_opened(self, wall, motion):
+        cad = np.rint(FREE * thin(wall)).astype(np.uint8)
+        found = score_map(thin(wall, *motion), cad, 0.1)
+        assert (found.openings.walls, found.openings.walls_opened, found.openings.doors_kept) == (1, 0, 1)
+        # A wall of a cell or so is known to a third of a cell.
+        assert abs(np.median(found.dimensions.room_width)) < 0.035
+        assert score_map(thin(wall, *motion, hole=0.7), cad, 0.1).openings.walls_opened == 1
+
+    def test_faces_of_thick_walls_stay_where_they_are(self):
+        drawing = np.zeros((SIZE, SIZE), np.float32)
+        drawing[20:60, 20:100] = drawing[66:100, 20:100] = 1.0
+        drawing = cv2.GaussianBlur(drawing, (0, 0), 0.7)
+        for angle, shift in ((0.0, 0.004), (0.02, 0.002), (-0.05, 0.001)):
+            motion = Similarity(shift, -shift, angle, 0.0)
+            moved = apply_similarity(drawing.astype(np.float64), motion).astype(np.float32)
+            kept = keep_thin_walls(moved, drawing, motion.matrix(SIZE, SIZE))
+            assert np.array_equal(kept, moved), angle
 
 
 class TestScores:
