@@ -29,7 +29,7 @@ from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.finishing import thinned_walls
 from slamgym.gan.weights import ModelCard, load_weights
 from slamgym.metrics.layers import MapLayers
-from slamgym.metrics.maps import resample_slam
+from slamgym.metrics.maps import keep_thin_walls, resample_slam
 from slamgym.metrics.wall_direction import (
     MAX_DRIFT_DEG,
     MIN_TURN_DEG,
@@ -241,10 +241,24 @@ class LearnedTranslator:
             return result
         shape = self._working_shape(part.shape, metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        for channel, drawn in enumerate(translate_tiled(resampled, size, empty, self._run)):
-            share = resample_probability(0.5 * (drawn + 1.0), part.shape)
-            result[channel, rows, cols] = 2.0 * share - 1.0
+        drawn = translate_tiled(resampled, size, empty, self._run)
+        for channel, image in enumerate(drawn):
+            result[channel, rows, cols] = 2.0 * resample_probability(0.5 * (image + 1.0), part.shape) - 1.0
+        if self.config.direction == "slam2cad" and max(shape) > max(part.shape):
+            self._close_walls(result[:, rows, cols], drawn)
         return result
+
+    def _close_walls(self, image: Float32Array, drawn: Float32Array) -> None:
+        """Close the walls that shrinking a drawing (C, h, w) to (C, H, W) has opened; their floor becomes wall."""
+        encoding = self.config.output_encoding
+        free = free_probability(image, encoding)
+        ratio = np.divide(image.shape[1:], drawn.shape[1:])[::-1]
+        matrix = np.column_stack([np.diag(ratio), 0.5 * ratio - 0.5])
+        opened = 2.0 * (free - keep_thin_walls(free, free_probability(drawn, encoding), matrix))
+        if encoding == "layers":
+            image[1] += opened
+            image = image[:1]
+        np.maximum(image - opened, -1.0, out=image)
 
     def _working_shape(self, shape: tuple[int, ...], metres_per_px: float | None) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""

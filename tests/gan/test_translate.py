@@ -361,3 +361,22 @@ def test_a_thin_wall_of_a_turned_map_stays_closed():
     floor = copying().translate(slam, 0.1) >= 0.5
     count, _ = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
     assert count == 3
+
+
+class Stripes(nn.Module):
+    """Draws floor with walls of one cell, whatever it sees."""
+
+    def forward(self, x, resolution=None, fade=1.0):
+        wall = torch.full_like(x[:, :1], -1.0)
+        wall[..., ::13] = 1.0
+        return GeneratorOutput(torch.cat([-wall, wall, -torch.ones_like(x)], dim=1))
+
+
+def test_walls_thinner_than_a_pixel_of_the_map_stay_closed():
+    config = dataclasses.replace(CONFIG, input_size=128, output_size=128, metres_per_px=(0.05, 0.05, 0.05))
+    translator = LearnedTranslator(Stripes(), config, ModelCard(), CPU)
+    # A wall covers a third of a pixel. The network's image is 120 cells wide, in the middle of a tile of 128.
+    layers = translator.layers(np.full((40, 40), FREE, np.uint8), 0.15)
+    count, _ = cv2.connectedComponents((layers.free >= 0.5).astype(np.uint8), connectivity=8)
+    assert count - 1 == len(range(13, 124, 13)) + 1
+    assert np.allclose(layers.floor + layers.wall + layers.door + layers.unseen, 1.0, atol=1e-5)
