@@ -24,19 +24,19 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1153),
     "agents": (2476, 44, 0, 101, 0),
-    "cad": (2116, 3, 0, 103, 0),
+    "cad": (2103, 3, 0, 101, 0),
     "commands": (2483, 0, 211, 59, 0),
-    "core": (1720, 0, 0, 72, 0),
-    "dataset": (2695, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22499),
+    "core": (1728, 0, 0, 74, 0),
+    "dataset": (2686, 19, 0, 76, 0),
+    "docs": (0, 0, 0, 0, 22497),
     "docs/drawing": (0, 0, 0, 0, 3895),
     "docs/notes": (0, 0, 0, 0, 3674),
     "docs/tutorials": (0, 0, 0, 0, 431),
     "drawing": (2363, 2, 0, 137, 0),
     "envs": (2501, 33, 0, 51, 0),
-    "gan": (2146, 33, 0, 74, 0),
+    "gan": (2160, 33, 0, 74, 0),
     "interop": (1209, 0, 0, 43, 0),
-    "metrics": (1146, 0, 0, 68, 0),
+    "metrics": (1145, 0, 0, 68, 0),
     "parametric": (863, 17, 0, 28, 0),
     "planning": (2052, 19, 0, 84, 0),
     "ros2": (1513, 0, 30, 40, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31646, 244, 241, 1350, 32802)
+TOTAL = (31645, 244, 241, 1350, 32800)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
