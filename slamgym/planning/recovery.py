@@ -2,15 +2,23 @@
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
 map draws too narrow, a look at rooms that the map has closed, and a step into open space that the map doesn't show.
+Where somebody walks about, the end takes more than one instant: ways on that nothing leads to are looked at again.
 """
 
 import math
 
 import numpy as np
 
-from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
-from slamgym.planning.costmap import Costmap
-from slamgym.planning.frontiers import Point, Reachable, closed_space
+from slamgym.core.types import FREE, OCCUPIED, Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
+from slamgym.planning.costmap import Costmap, make_costmap
+from slamgym.planning.frontiers import (
+    Point,
+    Reachable,
+    closed_space,
+    find_frontiers,
+    fits_through,
+    frontier_cells,
+)
 from slamgym.planning.navigator import Goal, Navigator
 from slamgym.planning.unmapped import find_open_space, is_unmapped
 
@@ -28,6 +36,10 @@ _VIEW_SPACING = 1.0
 """Smallest distance between two places to look at the same room from [m]."""
 _SAME_PLACE = 0.7
 """Places nearer to one another than this show the same of a closed room [m]."""
+_SPECK = 0.02
+"""Somebody's legs leave patches of no more than this [m2]: each is as wide as a fist."""
+_LOOKS_AGAIN = 3
+"""A way that somebody may block is looked at so often, a map apart: who walks is out of a door by then."""
 
 
 class RecoveryBehaviours:
@@ -46,6 +58,7 @@ class RecoveryBehaviours:
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
         self._entered: list[Point] = []
+        self._looked_again: list[Point] = []
 
     def start(self, navigator: Navigator) -> None:
         """Go on with a fresh navigation stack, as on a map that was corrected: what was tried counts as tried."""
@@ -87,6 +100,24 @@ class RecoveryBehaviours:
             return True
         return self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
 
+    def look_again(self, pose: Pose2D, time: float) -> bool:
+        """Go and look at the next way on that no path leads to, some times; False if all were looked at."""
+        costmap, space = self._navigator.costmap, self._navigator.reachable
+        if costmap is None or space is None:
+            return False
+        looked = self._looked_again
+        views = [
+            view
+            for view in closed_ways(costmap, space, pose, self._navigator.context.robot_radius)
+            if sum(math.dist(view[0], other) <= _SAME_PLACE for other in looked) < _LOOKS_AGAIN
+        ]
+        if not views:
+            return False
+        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
+        looked.append(place)
+        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
+        return True
+
     def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
         """Note the scan where a frontier was given up, reached or not: there may be open space."""
         points = find_open_space(pose, ranges, self._navigator.context.geometry)
@@ -125,6 +156,38 @@ class RecoveryBehaviours:
 def _is_new(place: Point, known: list[Point]) -> bool:
     """True if a place isn't the same as one of those known."""
     return all(math.dist(place, other) > _SAME_PLACE for other in known)
+
+
+def closed_ways(
+    costmap: Costmap, reachable: Reachable, pose: Pose2D, radius: float
+) -> list[tuple[Point, Point]]:
+    """Views of ways on that nothing but specks of the map closes, as legs leave them.
+
+    Args:
+        costmap: The costmap.
+        reachable: The robot's reachable space.
+        pose: The robot.
+        radius: The robot's [m].
+
+    Returns:
+        Where to stand, the place nearest to the way, and the middle of its frontier [m].
+    """
+    import cv2
+
+    frame = costmap.frame
+    occupied = (costmap.cells == OCCUPIED).view(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
+    specks = (stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK)[labels]
+    cells = np.where(specks & occupied.view(np.bool_), np.uint8(FREE), costmap.cells)
+    opened = make_costmap(OccupancyGrid(cells, frame), costmap.config)
+    known = frontier_cells(costmap.costs, reachable.mask)
+    places, views = reachable.centre_points(frame), []
+    for frontier in find_frontiers(opened, pose, 2.0 * radius):
+        hidden = np.count_nonzero(~known[tuple(frontier.cells.T)]) * frame.resolution
+        if hidden >= 2.0 * radius and fits_through(opened, frontier, radius):
+            x, y = places[np.argmin(np.hypot(*(places - frontier.middle).T))].tolist()
+            views.append(((x, y), frontier.middle))
+    return views
 
 
 def occluded_views(costmap: Costmap, reachable: Reachable) -> list[tuple[Point, Point]]:

@@ -29,6 +29,11 @@ _EMPTY = 0.97
 _UNMAPPED = 0.5
 """Share of the gap, up to the reach, that the map must not know."""
 
+_ALL_ROUND = 0.5
+"""Somebody who walks about is met where the map is free so far all round [m]."""
+_BEAMS_OF_SOMEONE = 8
+"""By at least so many beams: legs of chairs, which maps lose, return fewer."""
+
 
 class MapCorrections:
     """Things that the map doesn't show: obstacles for some seconds or for the rest of the exploration, and open space.
@@ -129,6 +134,12 @@ def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry)
     lengths = np.arange(0.0, _REACH, 0.02)
     points = lengths[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])
     return transform_points(compose(pose, geometry.mount), points.reshape(-1, 2))
+
+
+def meets_someone(points: FloatArray, grid: OccupancyGrid) -> bool:
+    """True if a scan's points (N, 2) [m] lie where a map is free all round: something wasn't there before."""
+    row, col, _ = cells_inside(grid.frame, unmapped_points(grid, points, _ALL_ROUND))
+    return bool(np.count_nonzero(grid.cells[row, col] == FREE) >= _BEAMS_OF_SOMEONE)
 
 
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:

@@ -132,6 +132,41 @@ def test_a_door_that_was_given_up_is_a_way_on_until_it_was_offered_again(loop):
     assert loop.ways_on() == []
 
 
+def corridor(blocked):
+    """The room, and a metre of a corridor behind its door, in which somebody may stand."""
+    grid = room(1.0)
+    x, y = FRAME.to_point(*np.indices(FRAME.shape))
+    grid.cells[(x > 2.9) & (x < 4.0) & (np.abs(y) < 0.5)] = FREE
+    grid.cells[(x > 2.9) & (x < 4.0) & (np.abs(np.abs(y) - 0.525) < 0.05)] = OCCUPIED
+    if blocked:
+        grid.cells[(np.abs(x - 3.025) < 0.03) & (np.abs(np.abs(y) - 0.2) < 0.1)] = OCCUPIED
+    return grid
+
+
+@pytest.mark.parametrize("leaves", [True, False])
+def test_somebody_in_the_only_door_is_given_time_to_leave_it(loop, leaves):
+    here, legs = Pose2D(2.85, 0.0, 0.0), np.zeros(180, np.float32)
+    legs[80:100] = 0.2
+    loop.has_met_someone = True
+    offered = []
+    for time in np.arange(60.0, 90.0, 0.2):
+        grid = corridor(blocked=time > 62.0 and not (leaves and time > 66.0))
+        loop.observe(
+            {
+                "map": grid.cells[np.newaxis],
+                "scan": legs,
+                "pose": np.array(here, np.float32),
+                "time": np.array([time], np.float32),
+            }
+        )
+        offered.append(len(loop.candidates))
+        loop.command()
+    assert offered[0] > 0
+    assert 0 in offered
+    assert loop.finished != leaves  # and if the door stays closed, that is believed in the end
+    assert (offered[-1] > 0) == leaves
+
+
 def test_a_promise_is_true_of_a_share_or_of_an_area():
     share, area = Promise.parse("98%:95%"), Promise.parse("2m2:90%")
     assert share.holds(0.98, 500.0)
