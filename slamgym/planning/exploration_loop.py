@@ -15,7 +15,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.config import Count, Positive, Settings, Within
-from slamgym.core.geometry import transform_points
 from slamgym.core.types import ByteArray, GridFrame, Observation, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
@@ -23,11 +22,9 @@ from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
 from slamgym.planning.frontiers import Frontier, fits_through
-from slamgym.planning.looks import Looks
 from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
-from slamgym.planning.unmapped import meets_someone
 
 _NEAR_BY = 1.0
 """Driving farther than this shows that the robot can drive [m]."""
@@ -85,8 +82,6 @@ class ExplorationLoop:
         candidates: What may be chosen now, the shortest path first; at most ``config.max_candidates``.
         num_frontiers: How many frontiers there were before the list was cut.
         wanted: The frontiers that are to be visited sooner or later, the candidates' among them.
-        looks: Scans that were taken.
-        has_met_someone: Whether one of them has met somebody who walks about.
         finished: Nothing that the robot can get to is left to explore, or the promise is kept.
         target: The frontier that the robot drives to, None if there is none.
     """
@@ -95,7 +90,6 @@ class ExplorationLoop:
         self.context = context
         self.config = config or ExplorationLoopConfig()
         self.num_frontiers = 0
-        self.looks, self.has_met_someone = Looks(context), False
         self.finished = False
         self._belief = _Belief(context.frame)
         self._growth = MapGrowth()
@@ -160,11 +154,6 @@ class ExplorationLoop:
             self._growth.grown_to = 0.0  # corrected maps may be smaller
         self._recovery.note_time(belief.time)
         self._take_map(observation["map"])
-        # A map that isn't corrected yet would show walls elsewhere.
-        is_settled = time >= self._choice.settles_at and not self.has_met_someone
-        if self.looks.note(pose, belief.scan) and is_settled:
-            points = transform_points(pose, self.navigator.follower.points(belief.scan))
-            self.has_met_someone = meets_someone(points, self.known_map())
         self._close_goal()
         if self._recovery.is_turning or self.finished:
             return False
@@ -210,7 +199,7 @@ class ExplorationLoop:
             self.navigator.cancel()
             self._growth.reached += self.round > 0  # before, it looked around
             self._choice.is_stale = True
-            if self.has_met_someone:
+            if self._recovery.is_looking:
                 self._choice.settles_at = self._next_map_at()
         return command
 
@@ -337,19 +326,17 @@ class ExplorationLoop:
             self.finish()
 
     def finish(self) -> None:
-        """End the exploration, as what is left isn't worth a visit, unless there is something to look at again."""
+        """End the exploration, as what is left isn't worth a visit, unless somebody may have closed a way on."""
         self.finished = not self.looks_again()
         if self.finished:
             self._blacklist.clear()  # so nothing is left to try again
 
     def looks_again(self) -> bool:
-        """Look where somebody may stand in the way, before the end; False if nobody was met, or that was done."""
-        is_looking = self.target is None and self.navigator.is_active
-        waits = is_looking or self.time < self._choice.settles_at
-        if not (self.has_met_someone and (waits or self._recovery.look_again(self.pose, self.time))):
-            return False
+        """True while the robot looks, before the end, at ways on that somebody may have closed."""
+        is_looking = self.target is None and self._recovery.is_looking
         self.candidates, self.target = [], None
-        return True
+        waits = is_looking and (self.navigator.is_active or self.time < self._choice.settles_at)
+        return waits or self._recovery.look_again(self.pose, self.time)
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""

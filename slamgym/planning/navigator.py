@@ -133,7 +133,7 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
         self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
-        self._corrections = MapCorrections(0.5 * context.frame.resolution)
+        self.corrections = MapCorrections(0.5 * context.frame.resolution)
         self._leg = _Leg(Pose2D(0.0, 0.0, 0.0), 0.0, Pose2D(0.0, 0.0, 0.0), 0.0)
 
     @property
@@ -159,7 +159,8 @@ class Navigator:
             time: Now [s].
         """
         self._published = grid
-        self._grid = crop_known(self._corrections.free(grid), pose)
+        self.corrections.note_map(grid)
+        self._grid = crop_known(self.corrections.free(grid), pose)
         self._rebuild(pose, time)
         if self.is_active and self.costmap is not None:
             ahead = self.follower.ahead
@@ -181,7 +182,7 @@ class Navigator:
 
     def enter_open_space(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
-        self._corrections.note_open_space(points)
+        self.corrections.note_open_space(points)
         if self._published is not None:
             self.update_map(self._published, pose, time)
 
@@ -196,13 +197,13 @@ class Navigator:
         if len(beyond) == 0:
             return
         along = beyond[0] / np.hypot(*beyond[0])
-        if self._corrections.note_impassable(pose[:2] + reach * along, along):
+        if self.corrections.note_impassable(pose[:2] + reach * along, along):
             self._rebuild(pose, time)
 
     def keep_obstacles(self, pose: Pose2D, time: float) -> None:
         """Keep the obstacles just around the robot, where it gave a goal up, even if map and scan show them no more."""
         if self.costmap is not None and self._grid is not None:
-            self._corrections.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
+            self.corrections.keep_around(pose, self.context.robot_radius, self.costmap, self._grid)
             self._rebuild(pose, time)
 
     def set_inscribed_radius(self, radius: float, pose: Pose2D, time: float) -> None:
@@ -313,14 +314,14 @@ class Navigator:
         if self._grid is None:
             return
         grid = clear_seen(self._grid, self._views, self.context.geometry) if self._views else self._grid
-        grid = free_body(self._corrections.mark(grid, time), pose, self.context.robot_radius)
+        grid = free_body(self.corrections.mark(grid, time), pose, self.context.robot_radius)
         self.costmap = make_costmap(grid, _inflation(self.inscribed_radius), self.costmap)
         self._searched_from = pose
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows near the robot for the costmap."""
         near = obstacles[(obstacles**2).sum(axis=1) < _SEEN_NEAR**2]
-        self._corrections.note_seen(transform_points(pose, near), pose, time)
+        self.corrections.note_seen(transform_points(pose, near), pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 

@@ -2,15 +2,15 @@
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
 map draws too narrow, a look at rooms that the map has closed, and a step into open space that the map doesn't show.
-Where somebody walks about, the end takes more than one instant: ways on that nothing leads to are looked at again.
+The end takes more than one instant: ways on that somebody may have closed are looked at again.
 """
 
 import math
 
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
-from slamgym.planning.costmap import Costmap, make_costmap
+from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
+from slamgym.planning.costmap import INSCRIBED_COST, Costmap, cells_inside, make_costmap
 from slamgym.planning.frontiers import (
     Point,
     Reachable,
@@ -19,7 +19,8 @@ from slamgym.planning.frontiers import (
     fits_through,
     frontier_cells,
 )
-from slamgym.planning.navigator import Goal, Navigator
+from slamgym.planning.grid_path import plan_path
+from slamgym.planning.navigator import PLAN_TOLERANCE, Goal, Navigator
 from slamgym.planning.unmapped import find_open_space, is_unmapped
 
 LOOK_AROUND_BEFORE = 30.0
@@ -36,8 +37,6 @@ _VIEW_SPACING = 1.0
 """Smallest distance between two places to look at the same room from [m]."""
 _SAME_PLACE = 0.7
 """Places nearer to one another than this show the same of a closed room [m]."""
-_SPECK = 0.02
-"""Somebody's legs leave patches of no more than this [m2]: each is as wide as a fist."""
 _LOOKS_AGAIN = 3
 """A way that somebody may block is looked at so often, a map apart: who walks is out of a door by then."""
 
@@ -48,17 +47,17 @@ class RecoveryBehaviours:
     Attributes:
         round: 0 at first; counts the relaxed footprints tried.
         is_turning: True while a look around is in progress.
+        is_looking: True while somebody may have closed a way on.
     """
 
     def __init__(self) -> None:
         self.round = 0
-        self.is_turning = False
+        self.is_turning = self.is_looking = False
         self._began_at = math.inf
         self._has_looked_around = False
         self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
         self._looked_from: list[Point] = []
         self._entered: list[Point] = []
-        self._looked_again: list[Point] = []
 
     def start(self, navigator: Navigator) -> None:
         """Go on with a fresh navigation stack, as on a map that was corrected: what was tried counts as tried."""
@@ -101,22 +100,17 @@ class RecoveryBehaviours:
         return self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
 
     def look_again(self, pose: Pose2D, time: float) -> bool:
-        """Go and look at the next way on that no path leads to, some times; False if all were looked at."""
-        costmap, space = self._navigator.costmap, self._navigator.reachable
-        if costmap is None or space is None:
-            return False
-        looked = self._looked_again
-        views = [
-            view
-            for view in closed_ways(costmap, space, pose, self._navigator.context.robot_radius)
-            if sum(math.dist(view[0], other) <= _SAME_PLACE for other in looked) < _LOOKS_AGAIN
-        ]
-        if not views:
-            return False
-        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
-        looked.append(place)
-        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
-        return True
+        """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
+        navigator = self._navigator
+        costmap, space, radius = navigator.costmap, navigator.reachable, navigator.context.robot_radius
+        self.is_looking = False
+        if costmap is not None and space is not None:
+            grid = navigator.corrections.without_specks(OccupancyGrid(costmap.cells, costmap.frame))
+            opened = make_costmap(grid, costmap.config, costmap)
+            self.is_looking = self._look(
+                closed_ways(costmap, space, opened, pose, radius), _LOOKS_AGAIN, pose, time
+            )
+        return self.is_looking
 
     def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
         """Note the scan where a frontier was given up, reached or not: there may be open space."""
@@ -144,10 +138,15 @@ class RecoveryBehaviours:
         costmap, space = self._navigator.costmap, self._navigator.reachable
         if costmap is None or space is None or len(self._looked_from) >= _CLOSED_ROOM_LOOKS:
             return False
-        views = [view for view in occluded_views(costmap, space) if _is_new(view[0], self._looked_from)]
-        if not views:
+        return self._look(occluded_views(costmap, space), 1, pose, time)
+
+    def _look(self, views: list[tuple[Point, Point]], times: int, pose: Pose2D, time: float) -> bool:
+        """Go and look at the nearest of those that weren't looked at so often; False if there is none."""
+        near = [[math.dist(place, other) <= _SAME_PLACE for other in self._looked_from] for place, _ in views]
+        left = [view for view, looks in zip(views, near, strict=True) if sum(looks) < times]
+        if not left:
             return False
-        place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
+        place, looked_at = min(left, key=lambda view: math.dist(view[0], pose[:2]))
         self._looked_from.append(place)
         self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
         return True
@@ -159,34 +158,30 @@ def _is_new(place: Point, known: list[Point]) -> bool:
 
 
 def closed_ways(
-    costmap: Costmap, reachable: Reachable, pose: Pose2D, radius: float
+    costmap: Costmap, reachable: Reachable, opened: Costmap, pose: Pose2D, radius: float
 ) -> list[tuple[Point, Point]]:
-    """Views of ways on that nothing but specks of the map closes, as legs leave them.
+    """Views of frontiers that the robot fits through and gets to on a map that is more open alone.
 
     Args:
         costmap: The costmap.
         reachable: The robot's reachable space.
+        opened: The other one, of the same frame.
         pose: The robot.
         radius: The robot's [m].
 
     Returns:
-        Where to stand, the place nearest to the way, and the middle of its frontier [m].
+        Where to stand, the last place on the way there, and the frontier's middle [m].
     """
-    import cv2
-
-    frame = costmap.frame
-    occupied = (costmap.cells == OCCUPIED).view(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-    specks = (stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK)[labels]
-    cells = np.where(specks & occupied.view(np.bool_), np.uint8(FREE), costmap.cells)
-    opened = make_costmap(OccupancyGrid(cells, frame), costmap.config)
-    known = frontier_cells(costmap.costs, reachable.mask)
-    places, views = reachable.centre_points(frame), []
+    known, views = frontier_cells(costmap.costs, reachable.mask), []
     for frontier in find_frontiers(opened, pose, 2.0 * radius):
-        hidden = np.count_nonzero(~known[tuple(frontier.cells.T)]) * frame.resolution
+        hidden = np.count_nonzero(~known[tuple(frontier.cells.T)]) * costmap.frame.resolution
         if hidden >= 2.0 * radius and fits_through(opened, frontier, radius):
-            x, y = places[np.argmin(np.hypot(*(places - frontier.middle).T))].tolist()
-            views.append(((x, y), frontier.middle))
+            path = plan_path(opened, pose, frontier.middle, PLAN_TOLERANCE)
+            if path is not None:
+                row, col, _ = cells_inside(costmap.frame, path)
+                closed_at = int(np.argmax(costmap.costs[row, col] >= INSCRIBED_COST))
+                x, y = path[max(0, closed_at - 1)].tolist()
+                views.append(((x, y), frontier.middle))
     return views
 
 

@@ -10,7 +10,18 @@ import math
 import numpy as np
 
 from slamgym.core.geometry import compose, transform_points
-from slamgym.core.types import FREE, UNKNOWN, Float32Array, FloatArray, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning.costmap import LETHAL_COST, Costmap, cells_inside, mark_obstacles, unmapped_points
 
 _MEMORY = 10.0
@@ -29,10 +40,8 @@ _EMPTY = 0.97
 _UNMAPPED = 0.5
 """Share of the gap, up to the reach, that the map must not know."""
 
-_ALL_ROUND = 0.5
-"""Somebody who walks about is met where the map is free so far all round [m]."""
-_BEAMS_OF_SOMEONE = 8
-"""By at least so many beams: legs of chairs, which maps lose, return fewer."""
+_SPECK = 0.02
+"""Somebody who walks leaves patches of no more than this in the map [m2]: legs are as wide as two or three cells."""
 
 
 class MapCorrections:
@@ -51,6 +60,7 @@ class MapCorrections:
         self._closing = np.zeros((0, 2))  # points across passages
         self._kept = np.zeros((0, 2))  # points
         self._open_space: list[FloatArray] = []  # points taken for free
+        self._was_free: tuple[BoolArray, GridFrame] | None = None  # in any map so far
 
     def note_seen(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows, points (N, 2), for a while."""
@@ -73,10 +83,35 @@ class MapCorrections:
         """Take what the map doesn't know at some points for free, shape (N, 2)."""
         self._open_space.append(points)
 
+    def note_map(self, grid: OccupancyGrid) -> None:
+        """Remember where a published map is free."""
+        is_free = grid.cells == FREE
+        if self._was_free is not None:
+            before, frame = self._was_free
+            if frame == grid.frame:
+                is_free |= before
+            else:
+                row, col, _ = cells_inside(grid.frame, frame.to_points(*np.nonzero(before)))
+                is_free[row, col] = True
+        self._was_free = is_free, grid.frame
+
+    def without_specks(self, grid: OccupancyGrid) -> OccupancyGrid:
+        """Copy a map without specks where an older one was free, which legs of somebody who walked there leave."""
+        import cv2
+
+        assert self._was_free is not None, "there was a map"
+        before, frame = self._was_free
+        occupied = (grid.cells == OCCUPIED).view(np.uint8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
+        small = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK
+        points = grid.frame.to_points(*np.nonzero(small[labels] & (grid.cells == OCCUPIED)))
+        row, col, inside = cells_inside(frame, points)
+        return free_at(points[inside][before[row, col]], grid, OCCUPIED)
+
     def free(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map with the open space entered, if there is some."""
         for points in self._open_space:
-            grid = free_unknown(points, grid)
+            grid = free_at(points, grid, UNKNOWN)
         return grid
 
     def keep_around(self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid) -> None:
@@ -136,21 +171,15 @@ def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry)
     return transform_points(compose(pose, geometry.mount), points.reshape(-1, 2))
 
 
-def meets_someone(points: FloatArray, grid: OccupancyGrid) -> bool:
-    """True if a scan's points (N, 2) [m] lie where a map is free all round: something wasn't there before."""
-    row, col, _ = cells_inside(grid.frame, unmapped_points(grid, points, _ALL_ROUND))
-    return bool(np.count_nonzero(grid.cells[row, col] == FREE) >= _BEAMS_OF_SOMEONE)
-
-
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
     """True if most of some open space, points (N, 2) [m], is unknown in a map."""
     row, col, _ = cells_inside(grid.frame, points)
     return bool(np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points))
 
 
-def free_unknown(points: FloatArray, grid: OccupancyGrid) -> OccupancyGrid:
-    """Copy a map with the unknown cells at some points (N, 2) [m] free."""
+def free_at(points: FloatArray, grid: OccupancyGrid, value: int) -> OccupancyGrid:
+    """Copy a map with those cells at some points (N, 2) [m] free that have a value."""
     row, col, _ = cells_inside(grid.frame, points)
     cells = grid.cells.copy()
-    cells[row, col] = np.where(cells[row, col] == UNKNOWN, np.uint8(FREE), cells[row, col])
+    cells[row, col] = np.where(cells[row, col] == value, np.uint8(FREE), cells[row, col])
     return OccupancyGrid(cells, grid.frame)

@@ -147,7 +147,6 @@ def corridor(blocked):
 def test_somebody_in_the_only_door_is_given_time_to_leave_it(loop, leaves):
     here, legs = Pose2D(2.85, 0.0, 0.0), np.zeros(180, np.float32)
     legs[80:100] = 0.2
-    loop.has_met_someone = True
     offered = []
     for time in np.arange(60.0, 90.0, 0.2):
         grid = corridor(blocked=time > 62.0 and not (leaves and time > 66.0))

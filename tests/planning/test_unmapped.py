@@ -6,7 +6,7 @@ import pytest
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.unmapped import find_open_space, free_unknown, is_unmapped
+from slamgym.planning.unmapped import find_open_space, free_at, is_unmapped
 
 FRAME = GridFrame(0.05, -6.0, -6.0, 240, 240)
 LASER = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)
@@ -61,7 +61,7 @@ def test_only_unknown_cells_become_free():
     grid = doorway()
     points = find_open_space(Pose2D(1.8, 0.0, 0.0), NOTHING, LASER)
     before = grid.cells.copy()
-    after = free_unknown(points, grid)
+    after = free_at(points, grid, UNKNOWN)
     np.testing.assert_array_equal(grid.cells, before)
     changed = after.cells != before
     assert changed.any()
@@ -69,7 +69,7 @@ def test_only_unknown_cells_become_free():
     assert (after.cells[changed] == FREE).all()
     beyond = points + np.array([0.6, 0.0])
     assert is_unmapped(beyond, grid)
-    assert not is_unmapped(beyond, free_unknown(beyond, grid))
+    assert not is_unmapped(beyond, free_at(beyond, grid, UNKNOWN))
 
 
 @pytest.mark.parametrize(("scan", "goes_out"), [(NOTHING, True), (WALL, False)])
