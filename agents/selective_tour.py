@@ -3,8 +3,8 @@
 Many frontiers hide nothing, and a promise leaves some floor unseen anyway. So those are passed over that hide least, as
 long as the probabilities that one hides half of what may be left add up to no more than a share of what the promise
 risks (a union bound). The others are visited as ``tour`` does. When none is left the exploration is done, if it has
-given the promise for which the share was calibrated; else what was passed over comes last. Where people walk about, a
-door may be hidden by one of them for a while: once a scan has met somebody, all is visited, as in large buildings.
+given the promise for which the share was calibrated; else what was passed over comes last. In large buildings all is
+visited.
 """
 
 from pathlib import Path
@@ -16,17 +16,14 @@ from slamgym.agents.hidden_floor import HIDDEN_FLOOR, HiddenFloor
 from slamgym.agents.pretrained_policy import fingerprint_of
 from slamgym.agents.rules import tour_scores
 from slamgym.core.config import config_hash
-from slamgym.core.geometry import transform_points
-from slamgym.core.types import FREE, Float32Array, FloatArray, Observation, Pose2D, Twist2D
+from slamgym.core.types import FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.costmap import cells_inside, unmapped_points
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
 from slamgym.planning.promise import LARGEST_CALIBRATED, Promise
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
-_ALL_ROUND = 0.5  # [m]
 
 
 class SelectivePilot(FrontierPilot):
@@ -43,23 +40,11 @@ class SelectivePilot(FrontierPilot):
         self._network, self._looks = network, Looks(context)
         self._promise = config.promise or CALIBRATED
         self._may_stop = config.promise == CALIBRATED
-        self._has_met_someone = False
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
-        is_new = self._looks.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
-        command = super().act(observation)
-        if is_new and not self._has_met_someone:
-            self._has_met_someone = self._meets_someone(observation["scan"])
-        return command
-
-    def _meets_someone(self, scan: Float32Array) -> bool:
-        """True if a scan meets something where the map is free all round: it wasn't there before."""
-        grid, follower = self.loop.known_map(), self.loop.navigator.follower
-        points = unmapped_points(grid, transform_points(self.loop.pose, follower.points(scan)), _ALL_ROUND)
-        row, col, _ = cells_inside(grid.frame, points)
-        # Legs of chairs, which maps lose, return fewer beams.
-        return int(np.count_nonzero(grid.cells[row, col] == FREE)) >= 8
+        self._looks.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
+        return super().act(observation)
 
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
@@ -72,7 +57,7 @@ class SelectivePilot(FrontierPilot):
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""
         promise, frontiers = self._promise, loop.wanted
-        if self._has_met_someone or loop.known_area > LARGEST_CALIBRATED:
+        if loop.known_area > LARGEST_CALIBRATED:
             return set(map(id, frontiers))
         left = promise.left or (1.0 - (promise.seen or 0.0)) * loop.known_area
         chances = self._network.chances(loop, self._looks, frontiers, 0.5 * left)

@@ -130,7 +130,8 @@ def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
 
     def recorded() -> None:
         offer()
-        if loop.ways_on() == [] and loop.known_area <= LARGEST_CALIBRATED:
+        is_over = not stops and loop.ways_on() == [] and loop.known_area <= LARGEST_CALIBRATED
+        if is_over and not loop.looks_again():
             stops.append((loop.time, env.coverage.share))
 
     with mock.patch.object(loop, "_offer", recorded):

@@ -334,9 +334,11 @@ class ExplorationLoop:
     def looks_again(self) -> bool:
         """True while the robot looks, before the end, at ways on that somebody may have closed."""
         is_looking = self.target is None and self._recovery.is_looking
-        self.candidates, self.target = [], None
         waits = is_looking and (self.navigator.is_active or self.time < self._choice.settles_at)
-        return waits or self._recovery.look_again(self.pose, self.time)
+        if not (waits or self._recovery.look_again(self.pose, self.time)):
+            return False
+        self.candidates, self.target = [], None
+        return True
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
