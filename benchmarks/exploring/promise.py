@@ -130,9 +130,13 @@ def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
 
     def recorded() -> None:
         offer()
-        is_over = not stops and loop.ways_on() == [] and loop.known_area <= LARGEST_CALIBRATED
-        if is_over and not loop.looks_again():
+        if stops or loop.finished or loop.ways_on() != [] or loop.known_area > LARGEST_CALIBRATED:
+            return
+        with mock.patch.object(loop._blacklist, "clear"):
+            loop.finish()
+        if loop.finished:
             stops.append((loop.time, env.coverage.share))
+        loop.finished = False
 
     with mock.patch.object(loop, "_offer", recorded):
         for _ in episode_steps(env, explorer, reset):

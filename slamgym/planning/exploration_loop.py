@@ -33,8 +33,6 @@ _STALL_TIME = 40.0
 changes its mind for ever would never arrive."""
 _FUTILE_GOALS = 12
 """So many frontiers in a row that added nothing to the map end the exploration: no map of a home needs as many."""
-
-
 _HOME = 100.0
 """Known floor of a usual home [m2]; more may be a hall."""
 
@@ -326,19 +324,14 @@ class ExplorationLoop:
             self.finish()
 
     def finish(self) -> None:
-        """End the exploration, as what is left isn't worth a visit, unless somebody may have closed a way on."""
-        self.finished = not self.looks_again()
+        """End the exploration, once ways that somebody may have closed were looked at: what is left is worth no visit."""
+        waits = self.navigator.is_active or self.time < self._choice.settles_at
+        is_looking = self.target is None and self._recovery.is_looking and waits
+        self.finished = not (is_looking or self._recovery.look_again(self.pose, self.time))
         if self.finished:
             self._blacklist.clear()  # so nothing is left to try again
-
-    def looks_again(self) -> bool:
-        """True while the robot looks, before the end, at ways on that somebody may have closed."""
-        is_looking = self.target is None and self._recovery.is_looking
-        waits = is_looking and (self.navigator.is_active or self.time < self._choice.settles_at)
-        if not (waits or self._recovery.look_again(self.pose, self.time)):
-            return False
-        self.candidates, self.target = [], None
-        return True
+        else:
+            self.candidates, self.target = [], None
 
     def known_map(self) -> OccupancyGrid:
         """The newest map, on the whole canvas."""
@@ -399,8 +392,7 @@ class ExplorationLoop:
         self._growth.futile = 0
         self._choice.is_stale = True
         rounds = self.round
-        tries = self._recovery.attempt(self.known_map(), self.pose, self.time)
-        self.finished = not (tries or self.looks_again())
+        self.finished = not self._recovery.attempt(self.known_map(), self.pose, self.time)
         if self.round > rounds == 0:
             # What was given up may have become possible: people walk on and maps get better.
             self._blacklist.clear()

@@ -1,8 +1,8 @@
 """Recovery behaviours of an exploration: what is tried before it ends because no frontier is left.
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
-map draws too narrow, a look at rooms that the map has closed, and a step into open space that the map doesn't show.
-The end takes more than one instant: ways on that somebody may have closed are looked at again.
+map draws too narrow, a look at rooms that the map has closed, a step into open space that the map doesn't show, and
+another look at ways that somebody may have closed.
 """
 
 import math
@@ -97,7 +97,8 @@ class RecoveryBehaviours:
             self.round += 1
             self._navigator.set_inscribed_radius(radius, pose, time)
             return True
-        return self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
+        goes_on = self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
+        return goes_on or self.look_again(pose, time)
 
     def look_again(self, pose: Pose2D, time: float) -> bool:
         """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
