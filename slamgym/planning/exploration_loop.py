@@ -324,7 +324,7 @@ class ExplorationLoop:
             self.finish()
 
     def finish(self) -> None:
-        """End the exploration, once ways that somebody may have closed were looked at: what is left is worth no visit."""
+        """End the exploration, as what is left is worth no visit; but first look at what somebody may have closed."""
         waits = self.navigator.is_active or self.time < self._choice.settles_at
         is_looking = self.target is None and self._recovery.is_looking and waits
         self.finished = not (is_looking or self._recovery.look_again(self.pose, self.time))
