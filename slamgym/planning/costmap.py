@@ -5,7 +5,6 @@ Costmaps for Context-Sensitive Navigation", IROS 2014; wiki.ros.org/costmap_2d, 
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Annotated
@@ -14,7 +13,7 @@ import numpy as np
 
 from slamgym.core.config import Positive, Settings, Within
 from slamgym.core.errors import ConfigError
-from slamgym.core.geometry import compose, paste
+from slamgym.core.geometry import paste
 from slamgym.core.jit import kernel
 from slamgym.core.portable import exp
 from slamgym.core.types import (
@@ -27,7 +26,6 @@ from slamgym.core.types import (
     FloatArray,
     GridFrame,
     IntArray,
-    LaserGeometry,
     OccupancyGrid,
     Pose2D,
 )
@@ -44,8 +42,6 @@ _COASTAL_COST = 252
 """Cost of cells out of sight of all obstacles: as much as those at the inscribed radius."""
 _APART = 0.15
 """Points nearer to a wall of the map than this are taken for that wall [m]: the pose errs by as much."""
-_KEPT = 0.3
-"""The last stretch of each beam clears nothing [m]: errors of the pose must not erase real walls."""
 FARTHEST_WALL = 3.0
 """Distances from obstacles are right up to here, or as far as obstacles cost something, if that is farther [m]."""
 
@@ -155,30 +151,6 @@ def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArr
     return row[inside], col[inside], inside
 
 
-def clear_seen(
-    grid: OccupancyGrid,
-    views: Sequence[tuple[Pose2D, Float32Array]],
-    geometry: LaserGeometry,
-    longest: float = 2.5,
-) -> OccupancyGrid:
-    """Copy a map with walls taken out that scans see through, as costmap_2d's raytracing does.
-
-    Args:
-        grid: The map.
-        views: The robot, in the frame of the map, and the scan from there, shape (num_beams,) [m].
-        geometry: The scanner.
-        longest: Beams are cut off here [m].
-    """
-    frame, cells, size = grid.frame, grid.cells.copy(), grid.frame.resolution
-    for pose, ranges in views:
-        sensor = compose(pose, geometry.mount)
-        col = (sensor.x - frame.origin_x) / size - 0.5
-        row = frame.height_px - 0.5 - (sensor.y - frame.origin_y) / size
-        beams = sensor.theta, geometry.angle_min, geometry.angle_increment
-        _clear_beams(cells, row, col, beams, ranges / np.float32(size), longest / size, _KEPT / size)
-    return OccupancyGrid(cells, frame)
-
-
 def make_costmap(
     grid: OccupancyGrid, config: CostmapConfig | None = None, before: Costmap | None = None
 ) -> Costmap:
@@ -276,44 +248,6 @@ def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px:
             unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
             if squared <= core_px**2 or (unknown and squared <= radius_px**2):
                 cells[r, c] = FREE
-
-
-@kernel
-def _clear_beams(
-    cells: ByteArray,
-    y: float,
-    x: float,
-    beams: tuple[float, float, float],
-    ranges: Float32Array,
-    longest: float,
-    margin: float,
-) -> None:
-    """Free the occupied cells that the beams of a scan passed, but for the last stretch of each beam.
-
-    Args:
-        cells: ROS map values, shape (H, W); changed in place.
-        y: Sensor [cells], row of cell centres.
-        x: Sensor [cells], column of cell centres.
-        beams: The sensor's heading, the direction of the first beam from there, and the angle from one beam to the
-            next [rad], counter-clockwise; rows grow downwards.
-        ranges: Shape (num_beams,) [cells].
-        longest: Beams are cut off here [cells].
-        margin: What is kept at the end of each beam [cells].
-    """
-    height, width = cells.shape
-    theta, angle_min, angle_increment = beams
-    for i in range(len(ranges)):
-        if not ranges[i] > 0.0:
-            continue
-        end = min(ranges[i], longest) - margin
-        angle = theta + angle_min + i * angle_increment
-        dx, dy = np.cos(angle), -np.sin(angle)
-        step = 0.0
-        while step < end:
-            row, col = int(np.floor(y + step * dy + 0.5)), int(np.floor(x + step * dx + 0.5))
-            if 0 <= row < height and 0 <= col < width and cells[row, col] == OCCUPIED:
-                cells[row, col] = FREE
-            step += 0.5
 
 
 @kernel

@@ -192,8 +192,6 @@ class ExplorationLoop:
             return STOP
         command = self.navigator.step(pose, scan, time)
         if self.target is None and self.navigator.status is GoalStatus.SUCCEEDED:
-            # The robot looks at a closed room: what the scan sees through is no wall.
-            self.navigator.trust_scan(pose, scan, time)
             self.navigator.cancel()
             self._growth.reached += self.round > 0  # before, it looked around
             self._choice.is_stale = True
@@ -388,7 +386,7 @@ class ExplorationLoop:
     def _recover(self) -> None:
         """Begin the recovery behaviour that is next, or end."""
         if self.navigator.is_active or self.time < self._choice.settles_at:
-            return  # driving to a closed room, or the map doesn't show yet what the last goal brought
+            return  # looking again, or the map doesn't show yet what the last goal brought
         self._growth.futile = 0
         self._choice.is_stale = True
         rounds = self.round

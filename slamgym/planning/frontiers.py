@@ -26,7 +26,6 @@ _BODY_SIDE = 0.3
 centre can be."""
 
 Point = tuple[float, float]
-_OPENING = np.ones((5, 5), np.uint8)
 _CROSS = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.uint8)
 ANY: BoolArray = np.zeros(0, dtype=np.bool_)
 """Mask for :func:`nearest_open_cell` that omits no cell."""
@@ -143,14 +142,6 @@ def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fro
     nearest, middle = int(np.argmin(from_robot)), int(np.argmin(from_centroid))
     mean, near, inner = (frame.to_point(*cell.tolist()) for cell in (centroid, cells[nearest], cells[middle]))
     return Frontier(len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, mean, near, inner, cells)
-
-
-def closed_space(costmap: Costmap, reachable: Reachable) -> ByteArray:
-    """Mask of the free space that no path leads to, without what is too narrow for a room, shape (H, W)."""
-    import cv2
-
-    closed = (costmap.costs < LETHAL_COST) & ~reachable.mask.reshape(costmap.costs.shape)
-    return cv2.morphologyEx(closed.view(np.uint8), cv2.MORPH_OPEN, _OPENING)
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:

@@ -20,7 +20,6 @@ from slamgym.planning.costmap import (
     LETHAL_COST,
     Costmap,
     CostmapConfig,
-    clear_seen,
     crop_known,
     free_body,
     make_costmap,
@@ -67,8 +66,6 @@ _BARRIER_GAP = 0.1
 """Assumed distance from the robot's body to an obstacle that it couldn't pass [m]."""
 _SEEN_NEAR = 1.5
 """The costmap takes over what the scan shows within this distance [m]: what matters for the next seconds."""
-_VIEWS_KEPT = 10
-"""So many trusted scans overrule the map: each is raytraced again for every costmap."""
 _BACK_UP, _BACK_UP_SPEED = 0.2, 0.1
 """Distance [m] and speed [m/s] of the backward recovery: less than a body, for the scanner doesn't look there."""
 _RECOVERIES = ("back up", "turn", "back up")
@@ -132,7 +129,6 @@ class Navigator:
         self._searched_from: Pose2D | None = None
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
-        self._views: list[tuple[Pose2D, Float32Array]] = []  # trusted scans and where they were taken
         self.corrections = MapCorrections(0.5 * context.frame.resolution)
         self._leg = _Leg(Pose2D(0.0, 0.0, 0.0), 0.0, Pose2D(0.0, 0.0, 0.0), 0.0)
 
@@ -166,19 +162,6 @@ class Navigator:
             ahead = self.follower.ahead
             if len(ahead) and not path_is_free(self.costmap, ahead):
                 self._plan(pose, time)
-
-    def trust_scan(self, pose: Pose2D, ranges: Float32Array, time: float) -> None:
-        """Disregard walls of the map that a scan sees through, from now on.
-
-        For maps that went wrong: SLAM may draw a wall across a doorway and then need long to unlearn it.
-
-        Args:
-            pose: Where the scan was taken, in the frame of the map.
-            ranges: The scan, shape (num_beams,) [m].
-            time: Now [s].
-        """
-        self._views = [*self._views[1 - _VIEWS_KEPT :], (pose, ranges.copy())]
-        self._rebuild(pose, time)
 
     def enter_open_space(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
@@ -313,8 +296,7 @@ class Navigator:
         """Costmap from the map, what the scan showed lately, and the robot's own body."""
         if self._grid is None:
             return
-        grid = clear_seen(self._grid, self._views, self.context.geometry) if self._views else self._grid
-        grid = free_body(self.corrections.mark(grid, time), pose, self.context.robot_radius)
+        grid = free_body(self.corrections.mark(self._grid, time), pose, self.context.robot_radius)
         self.costmap = make_costmap(grid, _inflation(self.inscribed_radius), self.costmap)
         self._searched_from = pose
 

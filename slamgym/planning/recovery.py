@@ -1,8 +1,8 @@
 """Recovery behaviours of an exploration: what is tried before it ends because no frontier is left.
 
 In this order, one thing at a time: a look around at the very beginning, a relaxed footprint for passages that the
-map draws too narrow, a look at rooms that the map has closed, a step into open space that the map doesn't show, and
-another look at ways that somebody may have closed.
+map draws too narrow, a step into open space that the map doesn't show, and another look at ways that somebody may have
+closed.
 """
 
 import math
@@ -14,7 +14,6 @@ from slamgym.planning.costmap import INSCRIBED_COST, Costmap, cells_inside, make
 from slamgym.planning.frontiers import (
     Point,
     Reachable,
-    closed_space,
     find_frontiers,
     fits_through,
     frontier_cells,
@@ -27,16 +26,8 @@ LOOK_AROUND_BEFORE = 30.0
 """Only so soon after the beginning a look around is worth its time [s]: later the robot has turned anyway."""
 RELAXED_FOOTPRINTS = (0.85, 0.6)
 """Shares of the robot's radius that doors may have room for in the end: maps draw walls too thick."""
-_CLOSED_ROOM_LOOKS = 8
-"""Rooms that the map cuts off from the robot are looked at from so many places at most."""
-_CLOSED_ROOM = 1.0
-"""Smaller regions that the map cuts off are left out [m2]: what rays through walls cleared is too narrow for a room."""
-_VIEW_RANGE = 1.0
-"""Farther than this from a closed room there is nothing to see of it [m]."""
-_VIEW_SPACING = 1.0
-"""Smallest distance between two places to look at the same room from [m]."""
 _SAME_PLACE = 0.7
-"""Places nearer to one another than this show the same of a closed room [m]."""
+"""Places nearer to one another than this show the same [m]."""
 _LOOKS_AGAIN = 3
 """A way that somebody may block is looked at so often, a map apart: who walks is out of a door by then."""
 
@@ -97,20 +88,26 @@ class RecoveryBehaviours:
             self.round += 1
             self._navigator.set_inscribed_radius(radius, pose, time)
             return True
-        goes_on = self._visit_closed_room(pose, time) or self._enter_open_space(grid, pose, time)
-        return goes_on or self.look_again(pose, time)
+        return self._enter_open_space(grid, pose, time) or self.look_again(pose, time)
 
     def look_again(self, pose: Pose2D, time: float) -> bool:
         """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
-        navigator = self._navigator
+        navigator, looked = self._navigator, self._looked_from
         costmap, space, radius = navigator.costmap, navigator.reachable, navigator.context.robot_radius
-        self.is_looking = False
-        if costmap is not None and space is not None:
-            grid = navigator.corrections.without_specks(OccupancyGrid(costmap.cells, costmap.frame))
-            opened = make_costmap(grid, costmap.config, costmap)
-            self.is_looking = self._look(
-                closed_ways(costmap, space, opened, pose, radius), _LOOKS_AGAIN, pose, time
-            )
+        if costmap is None or space is None:
+            return False
+        grid = navigator.corrections.without_specks(OccupancyGrid(costmap.cells, costmap.frame))
+        opened = make_costmap(grid, costmap.config, costmap)
+        views = [
+            view
+            for view in closed_ways(costmap, space, opened, pose, radius)
+            if sum(math.dist(view[0], other) <= _SAME_PLACE for other in looked) < _LOOKS_AGAIN
+        ]
+        self.is_looking = bool(views)
+        if views:
+            place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
+            looked.append(place)
+            navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
         return self.is_looking
 
     def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
@@ -133,24 +130,6 @@ class RecoveryBehaviours:
                 self._navigator.enter_open_space(points, pose, time)
                 return True
         return False
-
-    def _visit_closed_room(self, pose: Pose2D, time: float) -> bool:
-        """Go and look at a room that the map cuts off, from each side once; False if there is none left."""
-        costmap, space = self._navigator.costmap, self._navigator.reachable
-        if costmap is None or space is None or len(self._looked_from) >= _CLOSED_ROOM_LOOKS:
-            return False
-        return self._look(occluded_views(costmap, space), 1, pose, time)
-
-    def _look(self, views: list[tuple[Point, Point]], times: int, pose: Pose2D, time: float) -> bool:
-        """Go and look at the nearest of those that weren't looked at so often; False if there is none."""
-        near = [[math.dist(place, other) <= _SAME_PLACE for other in self._looked_from] for place, _ in views]
-        left = [view for view, looks in zip(views, near, strict=True) if sum(looks) < times]
-        if not left:
-            return False
-        place, looked_at = min(left, key=lambda view: math.dist(view[0], pose[:2]))
-        self._looked_from.append(place)
-        self._navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
-        return True
 
 
 def _is_new(place: Point, known: list[Point]) -> bool:
@@ -183,43 +162,4 @@ def closed_ways(
                 closed_at = int(np.argmax(costmap.costs[row, col] >= INSCRIBED_COST))
                 x, y = path[max(0, closed_at - 1)].tolist()
                 views.append(((x, y), frontier.middle))
-    return views
-
-
-def occluded_views(costmap: Costmap, reachable: Reachable) -> list[tuple[Point, Point]]:
-    """Views of rooms that the map cuts off from the robot, e.g. by a wall drawn across a doorway.
-
-    Looking again may open it.
-
-    Args:
-        costmap: The costmap.
-        reachable: The robot's reachable space.
-
-    Returns:
-        Where to stand and what point of the region to look at [m]; the largest region first, and of each
-        region the nearest places first.
-    """
-    import cv2
-
-    resolution, frame = costmap.frame.resolution, costmap.frame
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(
-        closed_space(costmap, reachable), connectivity=4
-    )
-    places = np.column_stack(np.divmod(reachable.order[: reachable.num_centre], frame.width_px))
-    views: list[tuple[Point, Point]] = []
-    for label in sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA])):
-        if stats[label, cv2.CC_STAT_AREA] * resolution**2 < _CLOSED_ROOM:
-            break
-        distance = cv2.distanceTransform((labels != label).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        distance = distance[places[:, 0], places[:, 1]] * resolution
-        near = np.flatnonzero(distance <= _VIEW_RANGE)
-        near = near[np.argsort(distance[near], kind="stable")]
-        region = np.argwhere(labels == label)
-        while len(near):
-            place = places[near[0]]
-            looked_at = region[np.argmin(((region - place) ** 2).sum(axis=1))]
-            x, y = frame.to_point([place[0], looked_at[0]], [place[1], looked_at[1]])
-            views.append(((float(x[0]), float(y[0])), (float(x[1]), float(y[1]))))
-            apart = np.hypot(*(places[near] - place).T) * resolution
-            near = near[apart >= _VIEW_SPACING]
     return views

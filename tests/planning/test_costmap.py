@@ -4,10 +4,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
 from slamgym.planning import (
     CostmapConfig,
-    clear_seen,
     crop_known,
     free_body,
     make_costmap,
@@ -136,20 +135,6 @@ def test_marked_obstacles_leave_known_walls_as_thin_as_they_are():
 def test_senseless_settings_are_refused(settings_):
     with pytest.raises(ConfigError):
         CostmapConfig(**settings_)
-
-
-def test_a_scan_takes_out_the_wall_that_it_sees_through_and_keeps_the_one_it_ends_at():
-    cells = np.full((60, 80), FREE)
-    cells[:, 30] = OCCUPIED  # drawn by mistake
-    cells[:, 60] = OCCUPIED
-    grid = OccupancyGrid(cells.astype(np.uint8), GridFrame(RESOLUTION, 0.0, 0.0, 60, 80))
-    x, y = grid.frame.to_point(30, 10)
-    laser = LaserGeometry(41, -0.2, 0.01, 0.12, 3.5)
-    wall = (50 * RESOLUTION / np.cos(laser.angles)).astype(np.float32)
-    seen = clear_seen(grid, [(Pose2D(float(x), float(y), 0.0), wall)], laser, longest=3.5).cells
-    assert (seen[27:34, 30] == FREE).all()
-    assert (seen[:10, 30] == OCCUPIED).all()
-    assert (seen[:, 60] == OCCUPIED).all()
 
 
 @settings(max_examples=40)

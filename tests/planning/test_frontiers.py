@@ -9,7 +9,6 @@ from slamgym.planning import (
     expected_gain,
     find_frontiers,
     make_costmap,
-    occluded_views,
     reachable_space,
 )
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
@@ -125,23 +124,6 @@ def test_a_walled_in_robot_reaches_nothing():
     cells[19:21, 19:21] = FREE
     grid = grid_of(cells)
     assert reachable_space(make_costmap(grid), pose_at(grid, 20, 20)) is None
-
-
-def test_a_room_behind_a_drawn_wall_is_worth_a_look_and_a_ray_through_a_wall_is_not():
-    grid = two_rooms(door_cells=0)
-    costmap = make_costmap(grid)
-    pose = pose_at(grid, 30, 30)
-    views = occluded_views(costmap, reachable_space(costmap, pose))
-    places = np.array([place for place, _ in views])
-    assert len(views) > 1
-    assert np.hypot(*(places[:, None] - places[None]).T)[~np.eye(len(views), dtype=bool)].min() >= 1.0
-    for place, looked_at in views:
-        assert costmap.cost_at(*place) < LETHAL_COST
-        assert looked_at[1] < place[1]  # the closed room lies below
-    thin = two_rooms(door_cells=0, far_known=0)
-    thin.cells[64:84, 30] = FREE
-    costmap = make_costmap(thin)
-    assert occluded_views(costmap, reachable_space(costmap, pose)) == []
 
 
 def test_expected_gain_stops_at_walls_and_is_a_disc_in_the_unknown():
