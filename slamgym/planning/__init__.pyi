@@ -1,5 +1,5 @@
 from .context import ExplorerContext
-from .costmap import Costmap, CostmapConfig, clear_seen, crop_known, free_body, make_costmap, mark_obstacles
+from .costmap import Costmap, CostmapConfig, crop_known, free_body, make_costmap, mark_obstacles
 from .frontiers import (
     Frontier,
     Reachable,
@@ -10,7 +10,6 @@ from .frontiers import (
 from .grid_path import path_is_free, place_near, plan_path
 from .navigator import Goal, GoalStatus, Navigator, NavigatorConfig
 from .path_follower import FollowerConfig, PathFollower
-from .recovery import occluded_views
 
 __all__ = [
     "Costmap",
@@ -24,9 +23,7 @@ __all__ = [
     "NavigatorConfig",
     "PathFollower",
     "Reachable",
-    "clear_seen",
     "crop_known",
-    "occluded_views",
     "expected_gain",
     "find_frontiers",
     "free_body",
