@@ -163,6 +163,11 @@ class Navigator:
             if len(ahead) and not path_is_free(self.costmap, ahead):
                 self._plan(pose, time)
 
+    def map_alone(self, pose: Pose2D) -> OccupancyGrid:
+        """The costmap's part of the map, without obstacles that only scans showed or that were noted."""
+        assert self._grid is not None, "there is a costmap"
+        return free_body(self._grid, pose, self.context.robot_radius)
+
     def enter_open_space(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Take what the map doesn't know at some points for free, shape (N, 2) [m]; the scan still stops the robot."""
         self.corrections.note_open_space(points)

@@ -96,7 +96,7 @@ class RecoveryBehaviours:
         costmap, space, radius = navigator.costmap, navigator.reachable, navigator.context.robot_radius
         if costmap is None or space is None:
             return False
-        grid = navigator.corrections.without_specks(OccupancyGrid(costmap.cells, costmap.frame))
+        grid = navigator.corrections.without_specks(navigator.map_alone(pose))
         opened = make_costmap(grid, costmap.config, costmap)
         views = [
             view
@@ -107,6 +107,7 @@ class RecoveryBehaviours:
         if views:
             place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
             looked.append(place)
+            navigator.corrections.forget_kept()
             navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
         return self.is_looking
 

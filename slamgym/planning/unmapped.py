@@ -138,6 +138,10 @@ class MapCorrections:
         cells = np.unique(np.column_stack(costmap.frame.to_cell(near[:, 0], near[:, 1])), axis=0)
         self._kept = np.unique(np.vstack([self._kept, costmap.frame.to_points(*cells.T)]), axis=0)
 
+    def forget_kept(self) -> None:
+        """Forget the obstacles that were kept for good: somebody may have stood there."""
+        self._kept = np.zeros((0, 2))
+
     def mark(self, grid: OccupancyGrid, time: float) -> OccupancyGrid:
         """Copy a map with the obstacles entered; forgets what was seen too long ago."""
         self._seen = [seen for seen in self._seen if time - seen[0] < _MEMORY]
