@@ -20,7 +20,7 @@ from slamgym.core.types import FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
-from slamgym.planning.promise import LARGEST_CALIBRATED, Promise
+from slamgym.planning.promise import LARGEST_CALIBRATED, Promise, is_usual
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
@@ -49,7 +49,7 @@ class SelectivePilot(FrontierPilot):
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         worth = self._worth_a_visit(loop)
-        ways_on = loop.ways_on() if self._may_stop and loop.known_area <= LARGEST_CALIBRATED else None
+        ways_on = loop.ways_on() if self._may_stop and is_usual(loop.known_area) else None
         if ways_on is not None and not any(id(one) in worth for one in ways_on):
             return np.full(len(loop.candidates), -np.inf)
         return tour_scores(loop, np.array([id(one.frontier) in worth for one in loop.candidates]))

@@ -29,7 +29,7 @@ from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.types import FloatArray
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
-from slamgym.planning.promise import CALIBRATION, LARGEST_CALIBRATED, Promise
+from slamgym.planning.promise import CALIBRATION, LARGEST_CALIBRATED, Promise, is_usual
 from slamgym.sim import ClutterConfig
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
@@ -130,7 +130,7 @@ def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
 
     def recorded() -> None:
         offer()
-        if stops or loop.finished or loop.ways_on() != [] or loop.known_area > LARGEST_CALIBRATED:
+        if stops or loop.finished or loop.ways_on() != [] or not is_usual(loop.known_area):
             return
         with mock.patch.object(loop._blacklist, "clear"):
             loop.finish()

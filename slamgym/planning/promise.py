@@ -24,8 +24,9 @@ from slamgym.planning.frontiers import Frontier
 CALIBRATION = Path(__file__).parent / "pretrained" / "promises.safetensors"
 """Floor that explorations had not seen when a promise would have ended them."""
 
-LARGEST_CALIBRATED = 300.0
-"""These explorations are of plans of up to this area [m2]; in larger buildings nothing is promised."""
+SMALLEST_CALIBRATED, LARGEST_CALIBRATED = 19.0, 300.0
+"""These explorations are of plans of such areas [m2]: nothing is promised in larger buildings, nor of a map that shows
+less, as of a room behind a door that it draws too narrow."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
@@ -101,12 +102,17 @@ def _is_calibrated(promise: Promise) -> bool:
     return is_offered(promise, load_file(CALIBRATION))
 
 
+def is_usual(known_area: float) -> bool:
+    """True if a map knows as large an area [m2] as of the plans of the calibration."""
+    return SMALLEST_CALIBRATED <= known_area <= LARGEST_CALIBRATED
+
+
 def is_kept(promise: Promise, ways_on: Sequence[Frontier] | None, known_area: float) -> bool:
     """True if an exploration may stop.
 
     Args:
         promise: The promise.
         ways_on: Frontiers that the robot fits through and that are still to be visited; None where they aren't known.
-        known_area: Of the map [m2]; nothing is promised beyond :data:`LARGEST_CALIBRATED`.
+        known_area: Of the map [m2].
     """
-    return ways_on == [] and known_area <= LARGEST_CALIBRATED and _is_calibrated(promise)
+    return ways_on == [] and is_usual(known_area) and _is_calibrated(promise)

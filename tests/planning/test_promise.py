@@ -8,7 +8,14 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import Frontier, fits_through
-from slamgym.planning.promise import LARGEST_CALIBRATED, Promise, is_kept, is_offered, split_promise
+from slamgym.planning.promise import (
+    LARGEST_CALIBRATED,
+    SMALLEST_CALIBRATED,
+    Promise,
+    is_kept,
+    is_offered,
+    split_promise,
+)
 
 FRAME = GridFrame(0.05, -6.0, -6.0, 240, 240)
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -40,8 +47,10 @@ def test_a_robot_does_not_fit_through_a_frontier_shorter_than_it_is_wide_though_
         assert fits_through(costmap, frontier, 0.22) == fits
 
 
-def test_nothing_is_promised_in_large_buildings_with_a_way_on_and_where_ways_on_are_unknown():
+def test_nothing_is_promised_of_unusual_areas_with_a_way_on_and_where_ways_on_are_unknown():
     assert is_kept(EASY, [], LARGEST_CALIBRATED)
+    assert is_kept(EASY, [], SMALLEST_CALIBRATED)
+    assert not is_kept(EASY, [], SMALLEST_CALIBRATED - 1.0)
     assert not is_kept(EASY, [], LARGEST_CALIBRATED + 1.0)
     assert not is_kept(EASY, None, 50.0)
     costmap = make_costmap(room(1.0), CostmapConfig(inscribed_radius=0.1))
