@@ -126,11 +126,13 @@ def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
     explorer.predict(reset[0])
     loop = explorer.loops[0]
     assert loop is not None
-    offer, stops = loop._offer, []
+    offer = loop._offer
+    stops: list[tuple[float, float]] = []
 
     def recorded() -> None:
         offer()
-        if stops or loop.finished or loop.ways_on() != [] or not is_usual(loop.known_area):
+        is_over = stops or loop.finished
+        if is_over or not is_usual(loop.known_area) or loop.ways_on() != []:
             return
         with mock.patch.object(loop._blacklist, "clear"):
             loop.finish()
