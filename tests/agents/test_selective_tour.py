@@ -71,9 +71,10 @@ def test_where_every_frontier_hides_something_it_is_the_rule_tour(env, network, 
     assert explored(env, selective(env, network(20.0), promise)) == tour
 
 
-def test_where_none_does_it_is_done_at_once_if_it_may_promise_that(env, network):
+def test_where_none_does_it_is_done_as_soon_as_it_may_promise_that(env, network):
+    """At 19 m2, the smallest map of which anything is promised; the home has 28.5 m2."""
     time, coverage, _ = explored(env, selective(env, network(-20.0), Promise()))
-    assert time < 30.0
+    assert time < 40.0
     assert coverage < 0.9
     # Without a promise, or with another one, what was passed over comes last.
     assert explored(env, selective(env, network(-20.0), Promise(0.99)))[1] > 0.98
