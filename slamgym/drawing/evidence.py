@@ -13,15 +13,7 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    BoolArray,
-    FloatArray,
-    GridFrame,
-    OccupancyGrid,
-)
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to

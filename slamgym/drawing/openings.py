@@ -19,12 +19,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
-from slamgym.drawing.boundaries import (
-    WIDEST,
-    boundary_log_odds,
-    candidates,
-    line_widths,
-)
+from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, line_widths
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
 from slamgym.metrics.layers import MapLayers
 

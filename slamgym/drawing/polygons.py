@@ -11,14 +11,7 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import Float32Array, FloatArray, GridFrame
 from slamgym.drawing.contours import trace_outlines
-from slamgym.drawing.edges import (
-    TOLERANCE,
-    Edge,
-    crossing,
-    fit_edges,
-    projected,
-    simplified,
-)
+from slamgym.drawing.edges import TOLERANCE, Edge, crossing, fit_edges, projected, simplified
 from slamgym.drawing.settings import SMALLEST_ROOM
 
 SMALLEST_HOLE = 0.05

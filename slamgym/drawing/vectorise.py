@@ -28,13 +28,7 @@ from slamgym.drawing.evidence import (
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
-from slamgym.drawing.openings import (
-    Division,
-    Gap,
-    divide,
-    likely_gaps,
-    onto_faces,
-)
+from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
 from slamgym.drawing.polygons import SMALLEST_HOLE, straightened
 from slamgym.drawing.revise import revised_division, revised_floor, room_names
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM

@@ -10,13 +10,7 @@ from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.comparison.picture import COLOURS, draw_comparison
 from slamgym.drawing.comparison.records import COLUMNS, PlanComparison
-from slamgym.drawing.formats.html import (
-    REPORT_STYLE,
-    doubts_part,
-    figures_part,
-    provenance_part,
-    sentence,
-)
+from slamgym.drawing.formats.html import REPORT_STYLE, doubts_part, figures_part, provenance_part, sentence
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 

@@ -11,14 +11,7 @@ from shapely import LineString, MultiLineString, Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
-from slamgym.viz.canvas import (
-    BELIEVED_COLOUR,
-    TRUE_COLOUR,
-    UNSEEN_TINT,
-    WALL_TINT,
-    Colour,
-    round_length,
-)
+from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNSEEN_TINT, WALL_TINT, Colour, round_length
 
 DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "wall": (WALL_TINT, "wall, seen"),
