@@ -43,7 +43,7 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
     for part, seen, sure in zip(parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True):
         layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
         start, end = map(tuple, part.centre_line.tolist())
-        walls.append(DrawnWall(part.body, start, end, part.thickness, part.known, sure, seen, layer))
+        walls.append(DrawnWall(start, end, part.body, part.thickness, part.known, sure, seen, layer))
     return walls
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import shapely
-from shapely import MultiPolygon, Polygon
+from shapely import LineString, MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import Door as PlanDoor
 from slamgym.cad.floorplan import FloorPlan
@@ -24,14 +24,29 @@ DrawnPoint = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class DrawnWall:
-    """A straight piece of wall."""
+class Segment:
+    """A straight line from point to point."""
+
+    start: DrawnPoint
+    end: DrawnPoint
+
+    @property
+    def length(self) -> float:
+        """[m]."""
+        return math.dist(self.start, self.end)
+
+    @property
+    def line(self) -> LineString:
+        """The same for set operations."""
+        return LineString([self.start, self.end])
+
+
+@dataclass(frozen=True)
+class DrawnWall(Segment):
+    """A straight piece of wall: its centre line."""
 
     polygon: Polygon
     """Its body; at corners the bodies of two walls overlap."""
-    start: DrawnPoint
-    end: DrawnPoint
-    """Ends of its centre line [m]."""
     thickness: float
     """[m]"""
     thickness_known: bool
@@ -42,18 +57,11 @@ class DrawnWall:
     """Share of its length along which the map has occupied cells."""
     layer: Layer
 
-    @property
-    def length(self) -> float:
-        """Length of the centre line [m]."""
-        return math.dist(self.start, self.end)
-
 
 @dataclass(frozen=True)
-class DrawnDoor:
+class DrawnDoor(Segment):
     """A door, or an opening in a wall: the segment across its middle, from jamb to jamb."""
 
-    start: DrawnPoint
-    end: DrawnPoint
     depth: float
     """Thickness of the wall that it is in [m]."""
     rooms: tuple[str, ...]
@@ -69,7 +77,7 @@ class DrawnDoor:
     @property
     def width(self) -> float:
         """Clear width [m]."""
-        return math.dist(self.start, self.end)
+        return self.length
 
 
 @dataclass(frozen=True)
@@ -92,18 +100,11 @@ class DrawnRoom:
 
 
 @dataclass(frozen=True)
-class Dimension:
+class Dimension(Segment):
     """A dimension line: a clear width between two faces, or a length of the building."""
 
-    start: DrawnPoint
-    end: DrawnPoint
     of: str
     """Id of the room, or ``building``."""
-
-    @property
-    def length(self) -> float:
-        """[m]."""
-        return math.dist(self.start, self.end)
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class Drawing:
     @property
     def bounds(self) -> tuple[float, float, float, float]:
         """(min x, min y, max x, max y) of what is drawn, dimension lines included [m]."""
-        lines = (shapely.LineString([line.start, line.end]) for line in self.dimensions)
+        lines = (dimension.line for dimension in self.dimensions)
         shapes = [self.floor, *(wall.polygon for wall in self.walls), *lines]
         min_x, min_y, max_x, max_y = shapely.total_bounds(shapes).tolist()
         return min_x, min_y, max_x, max_y
@@ -146,9 +147,7 @@ class Drawing:
         largest = max(self.floor.geoms, key=lambda part: float(part.area))
         inside = largest.buffer(0.05)
         rooms = [room for room in self.rooms if room.polygon.representative_point().within(inside)]
-        doors = [
-            door for door in self.doors if shapely.LineString([door.start, door.end]).centroid.within(inside)
-        ]
+        doors = [door for door in self.doors if door.line.centroid.within(inside)]
         return FloorPlan(
             self.name,
             largest,

@@ -15,6 +15,7 @@ from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.contours import trace_outlines
+from slamgym.drawing.polygons import SMALLEST_HOLE
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
@@ -34,26 +35,21 @@ class Evidence:
         self.grid = grid
         self._to_wall = distance_to(grid.cells == OCCUPIED) * grid.frame.resolution
 
-    def is_near_wall(self, points: FloatArray) -> BoolArray:
-        """True for points (N, 2) [m] with an occupied cell within :data:`SEEN_WITHIN`."""
-        return values_at(self._to_wall, self.grid.frame, points, math.inf) <= SEEN_WITHIN
-
     def seen_along(self, piece: WallPiece) -> BoolArray:
-        """True for places along a wall, a step apart, with an occupied cell near either face."""
-        depths = (0.0, piece.thickness) if piece.known else (0.0,)
-        return np.any([self.is_near_wall(piece.places(_shares(piece), depth)) for depth in depths], axis=0)
+        """True for places along a wall with an occupied cell within :data:`SEEN_WITHIN` of either face."""
+        places = _places(piece, [0.0, piece.thickness] if piece.known else [0.0])
+        return (values_at(self._to_wall, self.grid.frame, places, math.inf) <= SEEN_WITHIN).any(axis=0)
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
-        depths = piece.thickness + np.array(HIDDEN_DEPTHS)
-        places = np.concatenate([piece.places(_shares(piece), depth) for depth in depths])
+        places = _places(piece, [piece.thickness + depth for depth in HIDDEN_DEPTHS])
         return float((values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean())
 
 
-def _shares(piece: WallPiece) -> FloatArray:
-    """Where a wall is looked at, in shares of its length."""
+def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
+    """Where a wall is looked at: N places along it, :data:`STEP` apart, at depths D behind its face, (D, N, 2) [m]."""
     count = max(2, math.ceil(piece.length / STEP))
-    return (np.arange(count) + 0.5) / count
+    return np.stack([piece.places((np.arange(count) + 0.5) / count, depth) for depth in depths])
 
 
 def values_at(picture: np.ndarray, frame: GridFrame, points: FloatArray, beyond: float) -> np.ndarray:
@@ -68,14 +64,14 @@ def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     return fill_segments(ring_segments(shapely.get_rings(polygon_parts(shape))), frame)
 
 
-def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> BoolArray:
-    """Cells of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
+def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
+    """Patches of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
     closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) & inside
     # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
-    wide: BoolArray = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
-    return wide
+    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    return cell_polygons(wide, grid.frame, SMALLEST_HOLE)
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:

@@ -19,17 +19,10 @@ from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.edits import Corrections
-from slamgym.drawing.evidence import (
-    Evidence,
-    cell_polygons,
-    filled,
-    share_known,
-    share_seen_open,
-    unseen_floor,
-)
+from slamgym.drawing.evidence import Evidence, filled, share_known, share_seen_open, unseen_floor
 from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
 from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
-from slamgym.drawing.polygons import SMALLEST_HOLE, straightened
+from slamgym.drawing.polygons import straightened
 from slamgym.drawing.revise import revised_division, revised_floor, room_names
 from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
 from slamgym.drawing.walls import find_walls
@@ -67,8 +60,8 @@ def make_drawing(
     Raises:
         InputFileError: If the map holds no floor or no walls, or the corrections don't fit it.
     """
-    corrections = corrections or Corrections(())
-    where = (provenance or {}).get("source", name)
+    corrections, provenance = corrections or Corrections(()), provenance or {}
+    where = provenance.get("source", name)
     if not (grid.cells == FREE).any():
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
     if not (grid.cells == OCCUPIED).any():
@@ -87,15 +80,11 @@ def make_drawing(
     walls = judged_walls(find_walls(floor), evidence)
     rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
-    inferred = tuple(cell_polygons(unseen_floor(floor, grid), grid.frame, SMALLEST_HOLE))
     kept = {
         "model": model if isinstance(model, str) else getattr(model, "__name__", type(model).__name__),
         "corrections": [entry.as_dict() for entry in corrections.corrections],
         "slamgym": slamgym.__version__,
-        **{
-            key: printable(value) if isinstance(value, str) else value
-            for key, value in (provenance or {}).items()
-        },
+        **{key: printable(value) if isinstance(value, str) else value for key, value in provenance.items()},
     }
     drawing = Drawing(
         name=printable(name),
@@ -105,7 +94,7 @@ def make_drawing(
         walls=tuple(walls),
         doors=doors,
         rooms=rooms,
-        inferred_floor=inferred,
+        inferred_floor=tuple(unseen_floor(floor, grid)),
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
@@ -163,7 +152,7 @@ def _doors(
         sure = 1.0 / (1.0 + math.exp(-gap.log_odds))
         layer: Layer = "SEEN" if is_seen else "INFERRED"
         names = tuple(rooms[k].id for k in sorted(pair))
-        kind = gap.kind or ("door" if gap.width <= DRAWN_DOORS[1] else "opening")
+        kind = gap.kind or ("door" if gap.length <= DRAWN_DOORS[1] else "opening")
         depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
         doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))
     return tuple(doors)
@@ -174,7 +163,7 @@ def _dimensions(
 ) -> list[Dimension]:
     """Clear width and depth of each room through its middle, and both lengths of the building."""
     axes = unit_vectors(np.radians([angle_deg, angle_deg + 90.0]))
-    shut = shapely.union_all([LineString([door.start, door.end]).buffer(0.02) for door in doors])
+    shut = shapely.union_all([door.line.buffer(0.02) for door in doors])
     found = list[tuple[LineString, str]]()
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:

@@ -283,7 +283,7 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
 def test_pieces_of_a_straight_wall_are_one_wall_through_a_door():
     def piece(start, end, thickness=0.1, seen=1.0):
         body = shapely.LineString([start, end]).buffer(0.5 * thickness, cap_style="flat")
-        return DrawnWall(body, start, end, thickness, True, 0.9, seen, "SEEN" if seen else "INFERRED")
+        return DrawnWall(start, end, body, thickness, True, 0.9, seen, "SEEN" if seen else "INFERRED")
 
     pieces = [
         piece((0.0, 0.0), (2.0, 0.0)),

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import shapely
-from shapely import LineString, Polygon
+from shapely import Polygon
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import FloatArray
@@ -173,8 +173,7 @@ class _Builder:
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
     """Agreement of a wall at a jamb with a door in direction, and then in place."""
     of_wall, of_door = (_placement(part.start, part.end)[:2, 0] for part in (wall, door))
-    line = LineString([door.start, door.end])
-    return round(abs(float(of_wall @ of_door)), 1), float(wall.polygon.intersection(line).length)
+    return round(abs(float(of_wall @ of_door)), 1), float(wall.polygon.intersection(door.line).length)
 
 
 def _placement(start: DrawnPoint, end: DrawnPoint) -> FloatArray:

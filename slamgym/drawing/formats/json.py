@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import shapely
-from shapely import LineString, Polygon
+from shapely import Polygon
 from shapely.geometry import mapping
 from shapely.geometry.base import BaseGeometry
 
@@ -80,7 +80,7 @@ def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for wall in drawing.walls:
         yield _feature(wall.polygon, {"kind": "wall", **_facts(wall)})
     for door in drawing.doors:
-        yield _feature(LineString([door.start, door.end]), _facts(door))
+        yield _feature(door.line, _facts(door))
     for part in drawing.inferred_floor:
         yield _feature(part, {"kind": "unseen_floor", "layer": "INFERRED"})
 

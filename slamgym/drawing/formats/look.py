@@ -73,7 +73,7 @@ def drawn_shapes(drawing: Drawing) -> Iterator[DrawnShape]:
         yield DrawnShape("WALLS", kind, wall.polygon, f"W{number}: {sizes}")
     for number, door in enumerate(drawing.doors, 1):
         title = f"D{number}: {door.kind}, {door.width:.3f} m"
-        yield DrawnShape("DOORS", door.kind, LineString([door.start, door.end]), title)
+        yield DrawnShape("DOORS", door.kind, door.line, title)
 
 
 class DrawnLabel(NamedTuple):
@@ -171,7 +171,7 @@ def place_labels(
     """
     width = LETTER_WIDTH * letters
     lines = [line for line in drawing.dimensions if width * len(f"{line.length:.2f}") <= 0.8 * line.length]
-    strokes = shapely.union_all([LineString([line.start, line.end]) for line in lines])
+    strokes = shapely.union_all([line.line for line in lines])
     inside = drawing.floor.difference(strokes.buffer(0.1 * letters))
     doors = [Dimension(door.start, door.end, f"D{number}") for number, door in enumerate(drawing.doors, 1)]
     labels, shown, taken = list[DrawnLabel](), list[Dimension](), list[BaseGeometry]()

@@ -66,7 +66,7 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
         places = (shapely.get_coordinates(shapes) - start) @ along
         return [(float(x), float(y)) for x, y in start + np.outer([places.min(), places.max()], along)]
 
-    low, high = stretch([LineString([piece.start, piece.end]) for piece in pieces])
+    low, high = stretch([piece.line for piece in pieces])
     axis = LineString(stretch([piece.polygon for piece in pieces]))
     body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
     seen = np.average([piece.share_seen for piece in pieces], weights=[piece.length for piece in pieces])
