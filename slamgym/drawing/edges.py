@@ -131,17 +131,12 @@ def joined(first: Edge, second: Edge) -> Edge:
 
 def simplified(edges: list[Edge]) -> list[Edge]:
     """Join edges that continue each other, and drop rounded corners and steps that are the map's."""
-    ring = list(edges)
-    changed = True
-    while changed and len(ring) > 4:
-        changed = False
-        index = 0
-        while index < len(ring) and len(ring) > 4:
-            if _simplify_at(ring, index):
-                changed = True
-                index = max(0, index - 2)
-            else:
-                index += 1
+    ring, index, in_vain = list(edges), 0, 0
+    while in_vain < len(ring) and len(ring) > 4:
+        if _simplify_at(ring, index):
+            index, in_vain = max(0, index - 2), 0
+        else:
+            index, in_vain = (index + 1) % len(ring), in_vain + 1
     return ring
 
 
@@ -150,16 +145,15 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
     second, third = (index + 1) % len(ring), (index + 2) % len(ring)
     a, b, c = ring[index], ring[second], ring[third]
     if _continues(a, b):
-        ring[index], gone = joined(a, b), {second}
+        ring[index], gone = joined(a, b), [second]
     elif b.length <= MERGE + TOLERANCE and _continues(a, c):
-        ring[index], gone = joined(a, c), {second, third}
+        ring[index], gone = joined(a, c), [second, third]
     elif b.length <= CHAMFER and b.axis == FREE_AXIS and {a.axis, c.axis} == {0, 1}:
-        gone = {second}
+        gone = [second]
     else:
-        return False
-    for place in sorted(gone, reverse=True):
-        del ring[place]
-    return True
+        gone = []
+    ring[:] = [edge for place, edge in enumerate(ring) if place not in gone]
+    return bool(gone)
 
 
 def _continues(a: Edge, b: Edge) -> bool:
