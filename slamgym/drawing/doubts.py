@@ -21,12 +21,7 @@ MUCH_INFERRED = 0.5
 
 
 def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[str]:
-    """One sentence for each doubt.
-
-    Args:
-        drawing: What was drawn.
-        direction: Direction of the walls, as it was found; None if it was given.
-    """
+    """One sentence for each doubt. The direction of the walls is None if it was given rather than found."""
     clearance = widest_clearance(drawing.grid)
     if drawing.area < SMALLEST_FLOOR:
         yield f"scale doubtful: the whole floor measures {drawing.area:.1f} m2; check the resolution"

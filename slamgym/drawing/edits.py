@@ -75,10 +75,7 @@ class Corrections:
     """The file, for errors."""
 
     def require(self, grid: OccupancyGrid) -> None:
-        """Refuse corrections of another map.
-
-        Args:
-            grid: The known part of the map.
+        """Refuse corrections of another map than the one whose known part this is.
 
         Raises:
             InputFileError: If they are of another map, or name none.
@@ -111,11 +108,7 @@ def read_corrections(path: Path | str) -> Corrections:
 
 
 def map_digest(grid: OccupancyGrid) -> str:
-    """SHA-256 of a map's cells and of where they lie.
-
-    Args:
-        grid: The known part of the map, as a drawing has it.
-    """
+    """SHA-256 of the cells of a map's known part, as a drawing has it, and of where they lie."""
     frame = grid.frame
     head = f"{frame.height_px} {frame.width_px} {frame.resolution:.6f} {frame.origin_x:.4f} {frame.origin_y:.4f}\n"
     return hashlib.sha256(head.encode() + grid.cells.tobytes()).hexdigest()

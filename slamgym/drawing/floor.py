@@ -69,11 +69,7 @@ def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: 
 
 
 def faces_within_cells(free: BoolArray) -> Float32Array:
-    """A picture whose level 0.5 runs through the first cells of walls, where their faces lie.
-
-    Args:
-        free: Free cells of a map, shape (rows, cols).
-    """
+    """A picture of a map's free cells whose level 0.5 runs through the first cells of walls, where their faces lie."""
     walls = np.pad((~free).astype(np.uint8), 2, constant_values=1)
     thick = cv2.morphologyEx(walls, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))[2:-2, 2:-2] > 0
     depth = np.where(thick, FACE_DEPTH, THIN_DEPTH)

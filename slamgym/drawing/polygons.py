@@ -69,11 +69,7 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
 
 
 def without_necks(floor: BaseGeometry) -> MultiPolygon:
-    """A floor without slits and parts that only touch, its corners on the grid.
-
-    Args:
-        floor: Valid polygons [m].
-    """
+    """A floor of valid polygons [m] without slits and parts that only touch, its corners on the grid."""
     for step in (-NECK, NECK + SLIT, -SLIT):
         floor = shapely.buffer(floor, step, join_style="mitre", mitre_limit=1.5)
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.

@@ -78,11 +78,9 @@ class MapEvidence:
 
     def moved(self, by: Pose2D) -> "MapEvidence":
         """The same map, moved over the plan."""
-        points, normals = (
-            transform_points(by, self.points),
-            transform_points(Pose2D(0.0, 0.0, by.theta), self.normals),
-        )
-        return MapEvidence(self.grid, points, normals, compose(by, self.plan_from_map))
+        normals = transform_points(Pose2D(0.0, 0.0, by.theta), self.normals)
+        points, pose = transform_points(by, self.points), compose(by, self.plan_from_map)
+        return MapEvidence(self.grid, points, normals, pose)
 
     def on_map(self, points: FloatArray) -> FloatArray:
         """Points of the plan's frame in the map's own, (N, 2) [m]."""

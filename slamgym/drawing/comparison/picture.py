@@ -41,11 +41,7 @@ COLOURS: dict[str, tuple[Colour, str]] = {
 
 
 def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: OccupancyGrid) -> ByteArray:
-    """Draw the map and the plan's walls by what has become of them.
-
-    Returns:
-        RGB, shape (rows, cols, 3).
-    """
+    """Draw the map and the plan's walls by what has become of them: RGB, shape (rows, cols, 3)."""
     min_x, min_y, max_x, max_y = plan.bounds
     size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
@@ -63,9 +59,8 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     else:
         for segment in plan.segments():
             _line(picture, segment, frame, FAINT, 1)
-    draw_scale_bar(
-        picture, (24, picture.shape[0] - 24), frame.resolution, 0.2 * picture.shape[1], backed=True
-    )
+    rows, cols, _ = picture.shape
+    draw_scale_bar(picture, (24, rows - 24), frame.resolution, 0.2 * cols, backed=True)
     return picture
 
 

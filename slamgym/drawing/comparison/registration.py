@@ -92,13 +92,7 @@ class Registration:
 
 
 def register(plan: FloorPlan, walls: PlanWalls, evidence: MapEvidence) -> Registration:
-    """Find how a map lies over a plan.
-
-    Args:
-        plan: The plan.
-        walls: Its walls.
-        evidence: The map, in its own frame.
-    """
+    """Find how a map, in its own frame, lies over a plan with its walls."""
     fitter = _Fitter(plan, walls, evidence)
     starts = _coarse_poses(plan, walls, fitter.some.points, fitter.free)
     fits = [fitter.rate(*fitter.refine(start)) for start in starts]
@@ -184,9 +178,8 @@ def _coarse_poses(plan: FloorPlan, walls: PlanWalls, points: FloatArray, free: F
     # The map's middle is tried at all cells of the plan's.
     frame = GridFrame.covering(plan.bounds, cell, margin=(half + 2) * cell)
     image = _plan_image(walls, plan, frame)
-    turns = [
-        Pose2D(0.0, 0.0, angle) for angle in wrap_angle(2.0 * np.pi * np.arange(ANGLES) / ANGLES).tolist()
-    ]
+    angles = wrap_angle(2.0 * np.pi * np.arange(ANGLES) / ANGLES).tolist()
+    turns = [Pose2D(0.0, 0.0, angle) for angle in angles]
     scores = []
     for turn in turns:
         clouds = [_shares(transform_points(turn, cloud - middle) / cell, half) for cloud in (points, free)]
@@ -196,9 +189,8 @@ def _coarse_poses(plan: FloorPlan, walls: PlanWalls, points: FloatArray, free: F
     peaks = scores >= maximum_filter(scores, size, mode=("wrap", "nearest", "nearest"))
     best = np.argsort(np.where(peaks, scores, -np.inf), axis=None)[-REFINED:]
     angle, row, col = np.unravel_index(best, peaks.shape)
-    places = frame.to_points(row + half, col + half) + [
-        transform_points(turns[k], -middle[None])[0] for k in angle
-    ]
+    shifts = [transform_points(turns[k], -middle[None])[0] for k in angle]
+    places = frame.to_points(row + half, col + half) + shifts
     return [turns[k]._replace(x=x, y=y) for k, (x, y) in zip(angle, places.tolist(), strict=True)]
 
 
@@ -221,5 +213,5 @@ def _shares(places: FloatArray, half: int) -> Float32Array:
 def _are_distinct(first: Pose2D, second: Pose2D, middle: FloatArray) -> bool:
     """True if two poses put the middle of a map at different places, or turn it differently."""
     places = [transform_points(pose, middle[None])[0] for pose in (first, second)]
-    apart = float(np.hypot(*(places[0] - places[1])))
+    apart = math.dist(*places)
     return apart > DISTINCT[0] or abs(float(wrap_angle(first.theta - second.theta))) > DISTINCT[1]

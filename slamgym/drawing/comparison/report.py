@@ -15,22 +15,14 @@ from slamgym.viz.pages import figure, inline_picture, make_page, make_table, par
 
 
 def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, command: str) -> str:
-    """The text of the page.
-
-    Args:
-        found: What was found.
-        plan: As planned.
-        grid: The map.
-        command: That made it.
-    """
-    doubts = [sentence(doubt) for doubt in found.doubts]
+    """The text of the page on a plan and a map, with the command that made it."""
     picture = f'<img alt="the map over its plan" src="{inline_picture(draw_comparison(found, plan, grid))}">'
     words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
     parts = [
         f"<h1>{markup(verdict(found))}</h1>",
         f'<p class="lead"><code>{markup(found.map)}</code>, a robot\'s map, against the plan '
         f"<code>{markup(found.plan)}</code>.</p>",
-        doubts_part(doubts),
+        doubts_part([sentence(doubt) for doubt in found.doubts]),
         figures_part(_figures(found)),
         figure(picture, f"{words}The map is grey: white is free, unknown is darker."),
         _legend(found),

@@ -36,14 +36,9 @@ _WIDTHS = {"dimension": 1, "bar": 2}
 
 
 def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
-    """Draw the map with the drawing on top, in the colours of the legend below.
+    """Draw the map with the drawing on top, in the colours of the legend below: RGB, shape (rows, cols, 3).
 
-    Args:
-        drawing: What to draw.
-        side_px: Longer side, without the legend.
-
-    Returns:
-        RGB, shape (rows, cols, 3).
+    Its longer side has so many pixels, without the legend.
     """
     metres_per_px = max(Sheet.of(drawing.bounds, 0.0)[2:4]) / side_px
     sheet = Sheet.of(drawing.bounds, _LETTER_PX * metres_per_px)
