@@ -70,7 +70,7 @@ def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
 
 
 def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: GridFrame) -> list[Gap]:
-    """The :func:`~slamgym.drawing.boundaries.candidates` that are likely and that no likelier one crosses or repeats."""
+    """The :func:`~slamgym.drawing.boundaries.candidates` that are likely and no likelier one crosses or repeats."""
     lines, signs = candidates(floor, seen, layers, frame)
     odds = boundary_log_odds(signs)
     order = np.argsort(-odds, kind="stable")
