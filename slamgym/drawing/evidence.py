@@ -38,7 +38,7 @@ class Evidence:
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall with an occupied cell within :data:`SEEN_WITHIN` of either face."""
         places = _places(piece, [0.0, piece.thickness] if piece.known else [0.0])
-        return (values_at(self._to_wall, self.grid.frame, places, math.inf) <= SEEN_WITHIN).any(axis=0)
+        return values_at(self._to_wall, self.grid.frame, places, math.inf).min(axis=0) <= SEEN_WITHIN
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
