@@ -151,9 +151,9 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
     elif b.length <= CHAMFER and b.axis == FREE_AXIS and {a.axis, c.axis} == {0, 1}:
         gone = [second]
     else:
-        gone = []
+        return False
     ring[:] = [edge for place, edge in enumerate(ring) if place not in gone]
-    return bool(gone)
+    return True
 
 
 def _continues(a: Edge, b: Edge) -> bool:

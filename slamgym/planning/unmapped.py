@@ -104,7 +104,7 @@ class MapCorrections:
         occupied = (grid.cells == OCCUPIED).view(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
         small = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK
-        points = grid.frame.to_points(*np.nonzero(small[labels] & (grid.cells == OCCUPIED)))
+        points = grid.frame.to_points(*np.nonzero(small[labels]))
         row, col, inside = cells_inside(frame, points)
         return free_at(points[inside][before[row, col]], grid, OCCUPIED)
 
