@@ -30,7 +30,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "dataset": (2686, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 22591),
     "docs/drawing": (0, 0, 0, 0, 3895),
-    "docs/notes": (0, 0, 0, 0, 3667),
+    "docs/notes": (0, 0, 0, 0, 3652),
     "docs/tutorials": (0, 0, 0, 0, 431),
     "drawing": (2331, 2, 0, 137, 0),
     "envs": (2501, 33, 0, 51, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31585, 244, 241, 1345, 32887)
+TOTAL = (31585, 244, 241, 1345, 32872)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

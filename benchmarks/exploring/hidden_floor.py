@@ -74,9 +74,9 @@ class Arguments:
 
     plans: tyro.conf.Positional[str]
     """HouseExpo plans."""
-    explorations: int = 300
+    explorations: int = 1800
     """Explorations to learn from."""
-    epochs: int = 8
+    epochs: int = 20
     """Passes over their frontiers."""
     seed: int = 7
     """Of plans, starts, and weights."""
