@@ -16,7 +16,6 @@ from slamgym.core.types import Explorer, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
 from slamgym.metrics import absolute_trajectory_error
-from slamgym.metrics.map_error import ObstacleDistance
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.promise import Promise
 
@@ -193,7 +192,6 @@ def run_trial(
     assert env.log is not None, "for_explorer() has the environment keep a log"
     curve = CoverageCurve(*np.array(points, dtype=np.float64).T)
     estimate, truth = env.mapper.trajectory(), env.log.true_trajectory(env.start)
-    walls = ObstacleDistance(np.vstack([plan.segments(), env.clutter.segments()]))
     return _record(
         env,
         task,
@@ -201,7 +199,7 @@ def run_trial(
         curve,
         finished=watch.finished,
         collisions=env.simulation.collisions,
-        map_error=round(walls.mean_error(env.mapper.occupancy_grid(), env.simulation.world_from_map), 6),
+        map_error=round(env.map_error(), 6),
         ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
         decisions=len(watch.deciding),
         decision_cpu=round(float(np.mean(watch.deciding or watch.all)), 7),

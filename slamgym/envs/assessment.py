@@ -1,8 +1,9 @@
 """An exploration measured against the truth: for rewards and ``info``."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,55 @@ from slamgym.sim import Motion
 from slamgym.viz.exploration import Scene, SceneFigures
 
 
+class MapError:
+    """The error of one episode's map, measured where a reward reads it: that takes as long as half a step.
+
+    Args:
+        prepared: The building.
+        start: Where the robot began, world frame.
+        newest: Gives the map.
+
+    Attributes:
+        is_read: Whether a reward of the latest step read it.
+    """
+
+    def __init__(self, prepared: PreparedPlan, start: Pose2D, newest: Callable[[], OccupancyGrid]) -> None:
+        self._prepared, self._world_from_map, self._newest = prepared, Pose2D(start.x, start.y, 0.0), newest
+        grid = newest()
+        self._grid: OccupancyGrid | None = None  # the one measured last
+        self._before: OccupancyGrid | float = OccupancyGrid(grid.cells.copy(), grid.frame)
+        self._error, self._step, self.is_read = math.nan, 0, False
+
+    def measure(self, grid: OccupancyGrid | None = None) -> float:
+        """Mean distance of the newest map's occupied cells, or of a map's, from the nearest true obstacle [m]."""
+        grid = self._newest() if grid is None else grid
+        if grid is not self._grid:
+            self._grid, self._error = grid, self._obstacle_distance.mean_error(grid, self._world_from_map)
+        return self._error
+
+    def of_next_step(self) -> Callable[[], tuple[float, float]]:
+        """Measures the errors for the record of a new step, when called before the one after it."""
+        if self.is_read:
+            self._before = self._error
+        self._step, self.is_read = self._step + 1, False
+        return partial(self._read, self._step)
+
+    def _read(self, step: int) -> tuple[float, float]:
+        if step != self._step:
+            return math.nan, math.nan
+        if isinstance(self._before, OccupancyGrid):
+            self._before = self.measure(self._before)
+        if not self.is_read:
+            self.is_read, _ = True, self.measure()
+        return self._before, self._error
+
+    @cached_property
+    def _obstacle_distance(self) -> ObstacleDistance:
+        # Kept for the episode alone: a field takes megabytes, and an environment keeps dozens of plans ready.
+        parts = self._prepared.plan, self._prepared.clutter
+        return ObstacleDistance(np.vstack([part.segments() for part in parts]))
+
+
 class Assessment:
     """Measures one episode.
 
@@ -31,6 +81,7 @@ class Assessment:
     Attributes:
         coverage: What was truly seen.
         latest: The record of the last step.
+        map_error: Measures the map.
     """
 
     def __init__(
@@ -42,10 +93,14 @@ class Assessment:
         reward: Reward,
     ) -> None:
         start, floor = simulation.start, prepared.floor
-        self._prepared, self._simulation, self._reward = prepared, simulation, reward
+        self._prepared, self._simulation = prepared, simulation
+        self.map_error = MapError(prepared, start, simulation.mapper.occupancy_grid)
+        self._reward = reward
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
         self.look()
         self.latest = self._record(None, duration=0.0, distance=0.0, contact=False, terminated=False)
+        if "map_error" in reward.terms:
+            _ = self.latest.map_error
 
     def look(self) -> None:
         """Account for the newest scan."""
@@ -70,17 +125,6 @@ class Assessment:
         ends = self._reward(self.latest)
         return ends[0] - goes_on[0], {name: value - goes_on[1][name] for name, value in ends[1].items()}
 
-    def map_error(self) -> float:
-        """Mean distance of the map's occupied cells from the nearest true obstacle [m]."""
-        grid = self._simulation.mapper.occupancy_grid()
-        return self._obstacle_distance.mean_error(grid, self._simulation.world_from_map)
-
-    @cached_property
-    def _obstacle_distance(self) -> ObstacleDistance:
-        # Kept for the episode alone: a field takes megabytes, and an environment keeps dozens of plans ready.
-        parts = self._prepared.plan, self._prepared.clutter
-        return ObstacleDistance(np.vstack([part.segments() for part in parts]))
-
     def info(self) -> dict[str, Any]:
         """The newest figures, as ``info`` shows them."""
         simulation, latest = self._simulation, self.latest
@@ -95,7 +139,7 @@ class Assessment:
             "is_doubtful": simulation.mapper.stats.is_doubtful,
             "true_pose": np.array(pose),
         }
-        if self._reward.needs_map_error:
+        if self.map_error.is_read:
             info["map_error"] = latest.map_error
         return info
 
@@ -135,20 +179,15 @@ class Assessment:
         )
 
     def _record(self, before: StepRecord | None, **step: Any) -> StepRecord:
-        """The record of a step, after that of the last one; what no reward looks at is nan."""
-        simulation, reward, share = self._simulation, self._reward, self.coverage.share
+        """The record of a step, after that of the last one."""
+        simulation, share = self._simulation, self.coverage.share
         pose, truth = simulation.believed_pose, simulation.true_map_pose
-        if before is not None and not simulation.is_new_scan_processed:
-            map_error = before.map_error  # the map is the same
-        else:
-            map_error = self.map_error() if reward.needs_map_error else math.nan
         return StepRecord(
             **step,
             time=simulation.time,
             coverage=share,
             previous_coverage=before.coverage if before else share,
             pose_error=math.hypot(pose.x - truth.x, pose.y - truth.y),
-            map_error=map_error,
-            previous_map_error=before.map_error if before else map_error,
             floor_area=self.coverage.floor_area,
+            map_errors=self.map_error.of_next_step(),
         )

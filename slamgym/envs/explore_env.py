@@ -106,9 +106,8 @@ class ExploreEnv(gym.Env[Any, Any]):
     ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
     [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad],
     ``doubtful_scans`` (where the map may be wrong), ``is_doubtful`` (the newest is one: the pose may be wrong),
-    ``true_pose`` (3,) in the world, ``reward_terms``; with the map error measured, or at the end of the episode,
-    ``map_error`` [m]; at the end
-    ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
+    ``true_pose`` (3,) in the world, ``reward_terms``; where a reward reads it, and at the end of the episode,
+    ``map_error`` [m]; at the end ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
 
     ## Arguments
 
@@ -213,7 +212,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         observation = self._observe(is_publication_due)
         info = {**assessment.info(), "reward_terms": terms}
         if terminated or truncated:
-            info |= {"is_success": terminated, "map_error": assessment.map_error()}
+            info |= {"is_success": terminated, "map_error": assessment.map_error.measure()}
         self._show()
         return observation, reward, terminated, truncated, info
 
@@ -271,7 +270,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
-        return self.assessment.map_error()
+        return self.assessment.map_error.measure()
 
     def scene(self) -> Scene:
         """Contents of a picture of this moment, where the steps are recorded. Privileged."""

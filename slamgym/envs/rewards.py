@@ -8,7 +8,7 @@ reaches an observation.
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from functools import partial
 from typing import Any
 
@@ -23,8 +23,7 @@ from slamgym.core.types import FloatArray
 class StepRecord:
     """One transition, as a reward function sees it.
 
-    ``previous_`` values are those before the step. What no active term needs isn't measured and is nan; a
-    term of the user's own makes the environment measure everything, but for the map's error in a batch.
+    ``previous_`` values are those before the step.
     """
 
     duration: float
@@ -42,11 +41,20 @@ class StepRecord:
     """Distance of the believed from the true position [m]."""
     terminated: bool
     """True if the exploration is complete: the coverage goal is reached or no frontier is left."""
-    map_error: float = math.nan
-    """Mean distance of the map's occupied cells from the nearest true wall [m]."""
-    previous_map_error: float = math.nan
     floor_area: float = math.nan
     """The reachable floor [m2]."""
+    map_errors: Callable[[], tuple[float, float]] = field(default=lambda: (math.nan, math.nan), compare=False)
+    """Measures ``previous_map_error`` and ``map_error`` when they are read, until the next step."""
+
+    @property
+    def map_error(self) -> float:
+        """Mean distance of the map's occupied cells from the nearest true wall [m]; reading it costs half a step."""
+        return self.map_errors()[1]
+
+    @property
+    def previous_map_error(self) -> float:
+        """The same before the step if a term reads it at each step; else when last read, at first at the start."""
+        return self.map_errors()[0]
 
 
 RewardFunction = Callable[[StepRecord], float]
@@ -164,7 +172,7 @@ class Reward:
 
     Attributes:
         terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
-        needs_map_error: True if a term looks at the map's error.
+        may_measure: True if a term may read the map's error.
 
     Raises:
         ConfigError: If terms of the user's own are no mapping, or one has a name that is taken or isn't (number,
@@ -173,6 +181,7 @@ class Reward:
 
     def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
         functions = FUNCTIONS | {"shaping": partial(potential_shaping, discount=config.discount)}
+        functions["map_error"] = partial(_own_value, "map_error", map_error_cost)  # robot by robot
         terms = {name: (getattr(config, name), function) for name, function in functions.items()}
         self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
         if not isinstance(extra or {}, Mapping):
@@ -180,7 +189,7 @@ class Reward:
         for name, entry in (extra or {}).items():
             weight, function = _own_term(name, entry, functions)
             self.terms[name] = weight, partial(_own_value, name, function)
-        self.needs_map_error = bool(extra) or "map_error" in self.terms
+        self.may_measure = bool(extra) or "map_error" in self.terms
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""

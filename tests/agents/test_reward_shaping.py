@@ -37,7 +37,7 @@ def main(argv):
 
 STEP = StepRecord(
     duration=0.2, time=10.0, distance=0.05, contact=True, coverage=0.5, previous_coverage=0.4, pose_error=0.2,
-    terminated=True, map_error=0.05, previous_map_error=0.04, floor_area=50.0,
+    terminated=True, floor_area=50.0,
 )  # fmt: skip
 
 

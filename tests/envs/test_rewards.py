@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import fields, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
-from slamgym.envs import ExploreEnv, RewardConfig, StepRecord
+from slamgym.envs import BatchExploreEnv, ExploreEnv, RewardConfig, StepRecord
 from slamgym.envs.rewards import FUNCTIONS, Reward, potential_shaping
+from slamgym.metrics.map_error import ObstacleDistance
 
 number = st.floats(-100.0, 100.0)
 share = st.floats(0.0, 1.0)
@@ -26,9 +28,8 @@ records = st.builds(
     previous_coverage=share,
     pose_error=st.floats(0.0, 5.0),
     terminated=st.booleans(),
-    map_error=share,
-    previous_map_error=share,
     floor_area=st.floats(0.0, 300.0),
+    map_errors=st.tuples(share, share).map(lambda errors: lambda: errors),
 )
 configs = st.builds(
     RewardConfig,
@@ -78,9 +79,8 @@ def test_costs_are_negative_and_gains_positive():
         contact=True,
         coverage=0.6,
         terminated=True,
-        map_error=0.05,
-        previous_map_error=0.03,
         floor_area=50.0,
+        map_errors=lambda: (0.03, 0.05),
     )
     values = {name: function(step) for name, function in FUNCTIONS.items()}
     assert values == pytest.approx(
@@ -111,23 +111,50 @@ def test_a_record_of_arrays_gives_the_rewards_of_each():
         assert {name: value[i] for name, value in terms.items()} == parts
 
 
-def test_what_no_term_needs_is_not_measured_and_own_terms_get_everything(flat: FloorPlan):
-    seen: list[StepRecord] = []
+@pytest.mark.parametrize("make", [ExploreEnv, partial(BatchExploreEnv, 1)])
+def test_the_map_is_measured_where_a_term_reads_its_error_alone(flat: FloorPlan, make, monkeypatch):
+    measured: list[float] = []
+    measure = ObstacleDistance.mean_error
 
-    def spy(step: StepRecord) -> float:
-        seen.append(step)
-        return 2.0
+    def count(self, *given):
+        measured.append(measure(self, *given))
+        return measured[-1]
 
-    env = ExploreEnv(flat, reward_terms={"spy": (0.5, spy)}, slam={"particles": 4})
+    def reads_late(step: StepRecord) -> float:
+        if step.time < 0.5:
+            return 0.0
+        return step.previous_map_error - step.map_error
+
+    monkeypatch.setattr(ObstacleDistance, "mean_error", count)
+    env = make(flat, localization="ground_truth", reward_terms={"mine": (1.0, reads_late)})
     env.reset(seed=0)
-    info = env.step((0.5, 0.0))[4]
-    assert info["reward_terms"]["spy"] == 1.0
-    assert info["map_error"] == seen[0].map_error
-    assert math.isfinite(seen[0].map_error)
+    action = (0.5, 0.0) if make is ExploreEnv else [(0.5, 0.0)]
+    for _ in range(2):
+        env.step(action)
+    assert not measured
+    paid = [float(np.squeeze(env.step(action)[4]["reward_terms"]["mine"])) for _ in range(3)]
+    # The first map at the first look, then that of each step if it is a new one: what is paid adds up.
+    assert len(measured) >= 2
+    assert sum(paid) == pytest.approx(measured[0] - measured[-1], abs=1e-12)
 
-    plain = ExploreEnv(flat)
-    plain.reset(seed=0)
-    assert "map_error" not in plain.step((0.5, 0.0))[4]
+
+def test_what_is_read_is_what_the_terms_of_the_package_read(flat: FloorPlan):
+    """Until the next step, in which the map is another one."""
+    kept: list[StepRecord] = []
+
+    def mine(step: StepRecord) -> float:
+        kept.append(step)
+        return step.previous_map_error - step.map_error
+
+    env = ExploreEnv(
+        flat, reward={"map_error": 1.0}, reward_terms={"mine": (1.0, mine)}, slam={"particles": 4}
+    )
+    env.reset(seed=0)
+    for _ in range(20):
+        info = env.step((0.5, 0.3))[4]
+        assert info["reward_terms"]["mine"] == info["reward_terms"]["map_error"]
+        assert kept[-1].map_error == info["map_error"] == env.map_error()
+    assert math.isnan(kept[0].map_error)
 
 
 @pytest.mark.parametrize(
@@ -144,7 +171,7 @@ def test_an_own_term_that_fails_is_named_in_one_sentence(term, complaint):
         reward(AT_REST)
     many = {entry.name: np.full(2, getattr(AT_REST, entry.name)) for entry in fields(StepRecord)}
     with pytest.raises(ConfigError, match=complaint):
-        reward.of_many(StepRecord(**(many | {"map_error": np.full(2, math.nan)})))
+        reward.of_many(StepRecord(**many))
 
 
 def test_own_terms_without_names_are_refused_in_one_sentence():

@@ -1,6 +1,7 @@
 """The environment for many robots at once, with Gymnasium's interface of vector environments."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import gymnasium as gym
@@ -14,6 +15,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
+from slamgym.envs.assessment import MapError
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.observing import BatchObserver
 from slamgym.envs.batch.stepping import drive_all
@@ -36,9 +38,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     For the same seeds and actions everything observed, rewarded and ended is the same, to the byte, as in the single
     environments. ``gym.make_vec("slamgym/Explore-v2", num_envs=64)`` makes it.
 
-    Not in a batch: people and furniture that moves, the whole map as a picture, rewards that measure the map, a log
-    of every scan, and rendering; each is refused with one sentence. ``info`` has no ``map_error`` at the end of an
-    episode.
+    Not in a batch: people and furniture that moves, the whole map as a picture, a log of every scan, and rendering;
+    each is refused with one sentence. ``info`` has no ``map_error``.
 
     Args:
         num_envs: How many.
@@ -85,6 +86,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, BATCH_SITES)
         self._generators: list[np.random.Generator] = []
         self._detectors: dict[int, CompletionDetector] = {}
+        self._map_errors: dict[int, MapError] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
         self._fleet = Fleet(config, num_envs, threads)
         self._observer = BatchObserver(config, self._fleet)
@@ -117,7 +119,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             elif one is not None:
                 self._generators[i] = seeding.np_random(one)[0]
         self._begin(ids, wanted)
-        self._fleet.sense(ids, mask)
+        self._sense(ids, mask)
         self._over = self._over & ~mask
         return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(mask)
 
@@ -141,7 +143,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
         is_published = fleet.robots.steps % config.publication_steps == 0
-        fleet.sense(everyone, is_published)
+        self._sense(everyone, is_published)
 
         terminations = self._are_complete(is_published & lived) & lived
         truncations = np.zeros_like(lived)
@@ -161,13 +163,13 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
 
     def _renew(self, over: BoolArray, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
         """Begin the next episodes at once; what the last ones ended with goes into the infos."""
-        ids, fleet = np.flatnonzero(over), self._fleet
+        ids = np.flatnonzero(over)
         last = np.full(self.num_envs, None, dtype=object)
         for i in ids.tolist():
             is_dict = isinstance(observations, dict)
             last[i] = {key: value[i] for key, value in observations.items()} if is_dict else observations[i]
         self._begin(ids, ResetOptions())
-        fleet.sense(ids, over)
+        self._sense(ids, over)
         self._over = np.zeros_like(over)
         infos = {
             **_entries(self._figures(), np.ones_like(over)),
@@ -184,7 +186,18 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             streams = Streams.spawn(self._generators[i])
             self._fleet.begin(i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams)
             self._detectors[i] = CompletionDetector.of(config)
+            self._map_errors.pop(i, None)
         self._observer.begin(ids)
+
+    def _sense(self, ids: IntArray, is_published: BoolArray) -> None:
+        """Let robots scan; of episodes that begin the first map is kept, for rewards that may measure it."""
+        self._fleet.sense(ids, is_published)
+        if not self._reward.may_measure:
+            return
+        for i in ids.tolist():
+            if i not in self._map_errors:
+                robot, start = self._fleet.each[i], Pose2D(*self._fleet.robots.start[i].tolist())
+                self._map_errors[i] = MapError(robot.prepared, start, partial(self._fleet.grid, i))
 
     def _are_complete(self, published: BoolArray) -> BoolArray:
         """Mask of explorations that are complete by one of the rules in force."""
@@ -216,6 +229,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "terminated": terminations,
             **{name: figures[name] for name in ("coverage", "pose_error")},
         }
+        if self._map_errors:
+            arrays["map_errors"] = [self._map_errors[i].of_next_step() for i in range(self.num_envs)]
         return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
 
     def _figures(self) -> dict[str, Any]:
@@ -279,12 +294,10 @@ def _narrowed(infos: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """An autoreset mode by its name."""
-    if isinstance(mode, AutoresetMode):
-        return mode
     names = {one.name.lower(): one for one in AutoresetMode}
-    if mode.lower() not in names:
+    if isinstance(mode, str) and mode.lower() not in names:
         raise ConfigError(f"unknown autoreset_mode {mode!r}; {suggest(mode.lower(), names)}")
-    return names[mode.lower()]
+    return names[mode.lower()] if isinstance(mode, str) else mode
 
 
 def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
@@ -298,7 +311,6 @@ def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
         "furniture that is moved; set clutter.changes to 0": clutter.changes > 0.0,
         "scanners that take their time; set lidar.sweep to 0": config.lidar.sweep > 0.0,
         "the whole map as a picture; give observation.map='egocentric' or preset='compact'": shows_whole_map,
-        "rewards that measure the map; leave out map_error": config.reward.map_error != 0.0,
     }
     for what, is_asked in refused.items():
         if is_asked:
