@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.agents.pretrained_policy import read_weights
+from slamgym.agents.pretrained_policy import linear_shapes, read_weights
 from slamgym.core.errors import InputFileError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array, FloatArray
@@ -94,9 +94,7 @@ class HiddenFloor:
         Raises:
             InputFileError: If it is missing, damaged, or made for other figures.
         """
-        shapes: dict[str, tuple[int, ...]] = {}
-        for name, (inputs, outputs) in FLOOR_LAYERS.items():
-            shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+        shapes = linear_shapes(FLOOR_LAYERS)
         weights, about = read_weights(Path(path), "predictor of hidden floor", DESCRIPTION, shapes)
         risk = about.get("risk") if isinstance(about, dict) else None
         if not isinstance(risk, float) or not 0.0 < risk <= 1.0:

@@ -192,11 +192,17 @@ def weight_shapes() -> dict[str, tuple[int, ...]]:
         "score_in": (3 * width, width),
         "score_out": (width, 1),
     }
-    shapes: dict[str, tuple[int, ...]] = {
+    return {
         "prior.weight": (1, features),
         "norm.weight": (width,),
         "norm.bias": (width,),
+        **linear_shapes(linear),
     }
-    for name, (inputs, outputs) in linear.items():
+
+
+def linear_shapes(layers: Mapping[str, tuple[int, int]]) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the weights and biases of layers, given by their inputs and outputs."""
+    shapes: dict[str, tuple[int, ...]] = {}
+    for name, (inputs, outputs) in layers.items():
         shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
     return shapes

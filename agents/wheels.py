@@ -11,6 +11,7 @@ import numpy as np
 from slamgym.agents.explorer import BatchedExplorer, Pilot
 from slamgym.agents.pretrained_policy import (
     fingerprint_of,
+    linear_shapes,
     read_weights,
     write_weights,
 )
@@ -72,11 +73,9 @@ class WheelsPolicy:
 def wheels_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
     size = compact_size(SCAN_SECTORS) + FAR_SIZE
-    found: dict[str, tuple[int, ...]] = {"mean": (size,), "variance": (size,)}
-    sizes = (size, *LAYER_UNITS, 2)
-    for name, inputs, outputs in zip(("first", "second", "action"), sizes, sizes[1:], strict=False):
-        found |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
-    return found
+    first, second = LAYER_UNITS
+    layers = {"first": (size, first), "second": (first, second), "action": (second, 2)}
+    return {"mean": (size,), "variance": (size,), **linear_shapes(layers)}
 
 
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:

@@ -149,8 +149,15 @@ def write_report(out: Path, evaluation: Evaluation, config: EvaluationConfig, ag
     """
     summary = summarise_trials(evaluation.trials, against)
     text = _heading(summary, config, evaluation) + describe_evaluation(summary)
+    document = {
+        "version": __version__,
+        "config": to_dict(config),
+        "summary": dataclasses.asdict(summary),
+        "skipped": [entry._asdict() for entry in evaluation.skipped],
+        "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
+    }
     with storage_errors(out):
-        replace_file(out / "results.json", _as_json(summary, config, evaluation))
+        replace_file(out / "results.json", json_text(document).encode())
         replace_file(out / "results.md", text.encode())
     return text
 
@@ -166,17 +173,6 @@ def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation)
         failed = counted(count, "exploration")
         lines.append(f"Left out for all explorers: {failed} of `{name}` that crashed, hung or failed.")
     return "\n".join(lines) + "\n\n"
-
-
-def _as_json(summary: Summary, config: EvaluationConfig, evaluation: Evaluation) -> bytes:
-    document = {
-        "version": __version__,
-        "config": to_dict(config),
-        "summary": dataclasses.asdict(summary),
-        "skipped": [entry._asdict() for entry in evaluation.skipped],
-        "failed": [dataclasses.asdict(entry) for entry in evaluation.failed],
-    }
-    return json_text(document).encode()
 
 
 def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "mean, with its 95 % interval") -> None:

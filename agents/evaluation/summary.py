@@ -113,7 +113,7 @@ def summarise_trials(trials: Sequence[Trial], against: str) -> Summary:
     names = list(dict.fromkeys(trial.explorer for trial in trials))
     if against not in names:
         raise ConfigError(f"no trials of the reference {against!r}; {suggest(against, names)}")
-    by_name = {name: {_pair(t): t for t in trials if t.explorer == name} for name in names}
+    by_name = {name: {(t.plan, t.seed): t for t in trials if t.explorer == name} for name in names}
     shared = [pair for pair in by_name[against] if all(pair in found for found in by_name.values())]
     if not shared:
         raise ConfigError("the explorers share no exploration")
@@ -176,11 +176,6 @@ _FIGURES: dict[str, _Figure] = {
     for name in ("mean_coverage", "coverage", "collisions", "map_error", "ate", "time", "path")
 } | {"success": succeeded}
 """Figures that are averaged for each explorer."""
-
-
-def _pair(trial: Trial) -> tuple[str, int]:
-    """Plan and seed: two trials must share them to be compared."""
-    return trial.plan, trial.seed
 
 
 def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:

@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents.evaluation.trial import Task, Trial, TrialConfig, run_trial
-from slamgym.agents.explorer import BatchedExplorer
 from slamgym.agents.plan_splits import longest_side
 from slamgym.agents.pretrained_policy import LearnedExplorer
 from slamgym.agents.rl.train_config import (
@@ -24,9 +23,6 @@ from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ObservationConfig, resolve_config
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.rewards import RewardTerms
-from slamgym.planning.context import ExplorerContext
-from slamgym.planning.exploration_loop import ExplorationLoopConfig
-from slamgym.planning.promise import Promise
 
 _CONTACT_SECONDS = 300.0
 """Contacts are counted in so many seconds."""
@@ -47,7 +43,7 @@ def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontier
         "time_limit": config.time_limit,
         **changes,
     }
-    return ExploreFrontiersEnv(plans, loop=ExplorationLoopConfig(promise=_promise(config)), **settings)
+    return ExploreFrontiersEnv(plans, **settings)
 
 
 def _simulation(config: TrainConfig) -> dict[str, Any]:
@@ -55,14 +51,9 @@ def _simulation(config: TrainConfig) -> dict[str, Any]:
     canvas = ObservationConfig().holding(longest_side(config.largest_area))
     return {
         "localization": config.localization,
-        "odometry": config.odometry,
         "slam": {"particles": TRAINING_PARTICLES, "resolution": TRAINING_RESOLUTION},
         "observation": {"map_resolution": TRAINING_RESOLUTION, "map_size": canvas.map_size},
     }
-
-
-def _promise(config: TrainConfig) -> Promise | None:
-    return Promise.parse(config.promise) if config.promise else None
 
 
 def make_batch(config: WheelsConfig, plans: Any, reward_terms: RewardTerms | None = None) -> BatchExploreEnv:
@@ -98,13 +89,8 @@ def explore_plan(
         trial = TrialConfig(config.evaluate_seconds / 60.0, None, env)
         return run_trial(Task("wheels", plan, seed), trial, lambda context: WheelsExplorer(context, policy))
     env = resolve_config(None, {**_simulation(config), **changes})
-    trial = TrialConfig(config.time_limit / 60.0, _promise(config), env)
-    loop = ExplorationLoopConfig(promise=trial.promise)
-
-    def make(context: ExplorerContext) -> BatchedExplorer:
-        return LearnedExplorer(context, policy, loop)
-
-    return run_trial(Task("rl", plan, seed), trial, make)
+    trial = TrialConfig(config.time_limit / 60.0, None, env)
+    return run_trial(Task("rl", plan, seed), trial, lambda context: LearnedExplorer(context, policy))
 
 
 def figures_of(trial: Trial) -> dict[str, float]:

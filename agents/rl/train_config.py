@@ -6,8 +6,7 @@ from typing import Any, Literal
 from slamgym.cad.plan_filter import AREA
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings, Share
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
-from slamgym.planning.promise import Promise
-from slamgym.sim import ClutterConfig, OdometryLevel
+from slamgym.sim import ClutterConfig
 
 POLICY = "policy.safetensors"
 """Name of a policy's weights in the folder of a run ..."""
@@ -44,6 +43,8 @@ DROPPED: dict[str, Any] = {
     "network": {"prior_feature": "tour_detour", "prior_weight": -5.0},
     "imitation": {"decisions": 0, "rounds": 1},
     "start_from": "",
+    "odometry": "medium",
+    "promise": None,
 }
 """Settings of earlier versions."""
 
@@ -98,19 +99,10 @@ class TrainConfig(RunConfig, dropped=DROPPED):
     """1 runs them in this process; more gives each environment its own process."""
     localization: Literal["ground_truth", "rbpf", "pose_graph", "dead_reckoning"] = "ground_truth"
     """SLAM while training; the true pose is several times faster than the particle filter."""
-    odometry: OdometryLevel = "medium"
-    """Errors of the wheel odometry, which matter where poses are estimated."""
     coverage_goal: PositiveShare | None = 0.995
     """An episode of training ends at this true coverage; privileged, never observed."""
-    promise: str | None = None
-    """An episode also ends where an explorer with this promise says that it is done, as in ``98%:95%``; validation then
-    goes by the time until done."""
     time_limit: Positive = 1000.0
     """Robot time of an episode of training [s]."""
-
-    def _check(self) -> None:
-        if self.promise is not None:
-            Promise.parse(self.promise)
 
 
 class WheelsConfig(

@@ -189,9 +189,13 @@ class PlanCache:
         try:
             plan = self._source.load(plan_id)
         except KeyError:
-            raise ConfigError(
-                f"there is no plan {plan_id!r}; {_nearest(plan_id, self._source.ids)}"
-            ) from None
+            ids = self._source.ids  # searched and shown where they are few enough
+            hint = (
+                suggest(plan_id, ids)
+                if len(ids) <= 1000
+                else f"the source has {len(ids)} plans, as {ids[0]!r}"
+            )
+            raise ConfigError(f"there is no plan {plan_id!r}; {hint}") from None
         return self._keep(plan_id, plan)
 
     def of(self, plan: FloorPlan) -> PreparedPlan:
@@ -231,11 +235,6 @@ def _open(plans: PlansArgument) -> PlanSource:
     if hasattr(plans, "load") and hasattr(plans, "ids"):
         return plans
     raise ConfigError(f"plans must name, hold or be floor plans, not {plans!r}; see slamgym.cad.open_plans")
-
-
-def _nearest(plan_id: str, ids: Sequence[str]) -> str:
-    """The nearest id where there are few enough to search and to show."""
-    return suggest(plan_id, ids) if len(ids) <= 1000 else f"the source has {len(ids)} plans, as {ids[0]!r}"
 
 
 class ResetOptions(NamedTuple):

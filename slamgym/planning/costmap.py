@@ -77,13 +77,6 @@ class Costmap:
     cells: ByteArray  # (H, W) the map that it was made of
     config: CostmapConfig
 
-    def cost_at(self, x: float, y: float) -> int:
-        """Cost of the cell that holds a point [m]; unknown outside the map."""
-        row, col = self.frame.to_cell(x, y)
-        if 0 <= row < self.frame.height_px and 0 <= col < self.frame.width_px:
-            return int(self.costs[row, col])
-        return NO_INFORMATION
-
 
 def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> OccupancyGrid:
     """Copy the part of a map that is known or under the robot, so that later steps don't pay for the rest.

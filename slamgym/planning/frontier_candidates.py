@@ -14,7 +14,7 @@ from slamgym.planning.frontier_feature_kernels import (
     coarse_cells,
     explore_unknown_region,
 )
-from slamgym.planning.frontiers import Frontier, Point, Reachable, find_frontiers
+from slamgym.planning.frontiers import Frontier, Point, Reachable, describe_frontier, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
 
@@ -141,7 +141,7 @@ def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: f
         parts += [cells[order[: len(order) // 2]], cells[order[len(order) // 2 :]]]
     if len(done) == 1:
         return [frontier]
-    return [_describe(cells, frame, pose) for cells in done]
+    return [describe_frontier(cells, frame, pose) for cells in done]
 
 
 def unknown_regions(
@@ -164,16 +164,6 @@ def unknown_regions(
         for index, cells in enumerate(coarse)
     ]
     return classes, cell, regions
-
-
-def _describe(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
-    """A frontier of given cells."""
-    points = frame.to_points(cells[:, 0], cells[:, 1])
-    centroid = points.mean(axis=0)
-    from_robot = np.hypot(*(points - np.array(pose[:2])).T)
-    nearest, middle = np.argmin(from_robot), np.argmin(np.hypot(*(points - centroid).T))
-    first, second, third = ((x, y) for x, y in np.array([centroid, points[nearest], points[middle]]).tolist())
-    return Frontier(len(cells), float(from_robot[nearest]), first, second, third, cells)
 
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:

@@ -11,7 +11,6 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import (
     BoolArray,
     ByteArray,
-    FloatArray,
     GridFrame,
     Int32Array,
     IntArray,
@@ -49,10 +48,6 @@ class Reachable(NamedTuple):
     order: Int32Array  # (N,) flat indices in the order of the search
     mask: BoolArray  # (H * W,) the same as a mask
     num_centre: int  # the robot's centre can stand on the first so many cells; its body covers the others
-
-    def centre_points(self, frame: GridFrame) -> FloatArray:
-        """Where the robot's centre can stand, in the order of the search, shape (num_centre, 2) [m]."""
-        return frame.to_points(*np.divmod(self.order[: self.num_centre], frame.width_px))
 
 
 def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
@@ -109,7 +104,7 @@ def find_frontiers(
     """
     space = reachable or reachable_space(costmap, pose)
     runs = frontier_runs(costmap, space, min_size) if space else []
-    return [_describe_frontier(cells, costmap.frame, pose) for cells in runs]
+    return [describe_frontier(cells, costmap.frame, pose) for cells in runs]
 
 
 def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[Int32Array]:
@@ -133,7 +128,7 @@ def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
     return bool(room * costmap.frame.resolution >= radius)
 
 
-def _describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
+def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     """A frontier of given cells (N, 2), seen from the robot; all in one frame."""
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5

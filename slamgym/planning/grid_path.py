@@ -144,21 +144,6 @@ class CoarsePaths:
         lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
         return lengths * np.float32(self.cell)
 
-    def lengths_to(self, lengths: Float32Array, points: FloatArray) -> FloatArray:
-        """Read :meth:`lengths_from` at points that lie in open cells.
-
-        Args:
-            lengths: Shape (cells,) [m].
-            points: Shape (N, 2) [m].
-
-        Returns:
-            Shape (N,) [m]; inf where the cell isn't open or off the map.
-        """
-        row, col, inside = cells_inside(self._frame, points)
-        values = np.full(len(points), math.inf)
-        values[inside] = lengths[row // SHRINK * self._costs.shape[1] + col // SHRINK]
-        return values
-
     def matrix(self, pose: Pose2D, places: FloatArray) -> FloatArray:
         """Path lengths between the robot and some places.
 

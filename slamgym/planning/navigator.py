@@ -20,6 +20,7 @@ from slamgym.planning.costmap import (
     LETHAL_COST,
     Costmap,
     CostmapConfig,
+    cells_inside,
     crop_known,
     free_body,
     make_costmap,
@@ -368,12 +369,10 @@ class Navigator:
         if self.costmap is None:
             return False
         distance = self.context.robot_radius + 0.05
-        for angle in (-0.5, 0.0, 0.5):
-            heading = pose.theta + math.pi + angle
-            x, y = pose.x + distance * math.cos(heading), pose.y + distance * math.sin(heading)
-            if self.costmap.cost_at(x, y) == LETHAL_COST:
-                return False
-        return True
+        headings = [pose.theta + math.pi + angle for angle in (-0.5, 0.0, 0.5)]
+        behind = [(pose.x + distance * math.cos(one), pose.y + distance * math.sin(one)) for one in headings]
+        row, col, _ = cells_inside(self.costmap.frame, np.array(behind))
+        return not (self.costmap.costs[row, col] == LETHAL_COST).any()
 
 
 def _apart(first: Pose2D, second: Pose2D) -> float:

@@ -128,7 +128,7 @@ class PathFollower:
             return Twist2D(slowed, slowed * curvature)
         for speed, apart in (fastest, self._apart), (_SQUEEZE_SPEED, context.robot_radius):
             limits, step = (speed, self.fastest_turn), context.control_step / 2
-            linear, angular, gain = best_arc(near, (x, y), limits, apart, _HORIZON, step)
+            linear, angular, gain = best_arc(near, (x, y), limits, apart, step)
             if gain > 0.02:
                 return Twist2D(linear, angular)
         self.blocked = slowed < 0.02
@@ -137,7 +137,7 @@ class PathFollower:
     def _free_time(self, obstacles: FloatArray, linear: float, angular: float) -> float:
         """For how long a velocity can be held, up to the horizon [s]."""
         step = self.context.control_step / 2
-        return float(free_travel(obstacles, linear, angular, self._apart, _HORIZON, step))
+        return float(free_travel(obstacles, linear, angular, self._apart, step))
 
     def _pursued_point(self, costmap: Costmap, pose: Pose2D) -> tuple[float, float]:
         """The path point to steer to, in the robot's frame [m]."""
@@ -232,9 +232,7 @@ def lookahead_on_path(
 
 
 @kernel
-def free_travel(
-    points: FloatArray, linear: float, angular: float, radius: float, horizon: float, time_step: float
-) -> float:
+def free_travel(points: FloatArray, linear: float, angular: float, radius: float, time_step: float) -> float:
     """For how long a round robot can hold a velocity before it comes too near to a point, up to the horizon [s].
 
     Args:
@@ -242,7 +240,6 @@ def free_travel(
         linear: [m/s].
         angular: [rad/s].
         radius: Distance to keep [m]; if a point is nearer already, then no step may bring the robot nearer.
-        horizon: [s].
         time_step: [s].
     """
     nearest = np.inf
@@ -251,7 +248,7 @@ def free_travel(
     keep = min(radius, np.sqrt(nearest) - 1e-3)
     keep_squared = keep * keep if keep > 0.0 else 0.0
     x, y, theta, time = 0.0, 0.0, 0.0, 0.0
-    while time < horizon - 1e-9:
+    while time < _HORIZON - 1e-9:
         x += linear * time_step * np.cos(theta + 0.5 * angular * time_step)
         y += linear * time_step * np.sin(theta + 0.5 * angular * time_step)
         theta += angular * time_step
@@ -259,7 +256,7 @@ def free_travel(
             if (points[i, 0] - x) ** 2 + (points[i, 1] - y) ** 2 < keep_squared:
                 return time
         time += time_step
-    return horizon
+    return _HORIZON
 
 
 @kernel
@@ -268,17 +265,15 @@ def best_arc(
     target: tuple[float, float],
     fastest: tuple[float, float],
     radius: float,
-    horizon: float,
     time_step: float,
 ) -> tuple[float, float, float]:
     """The free arc that ends nearest to a target, as in the dynamic window approach (Fox et al. 1997).
 
     Args:
-        points: As for :func:`free_travel`, like the last three.
+        points: As for :func:`free_travel`, like the last two.
         target: In the robot's frame [m].
         fastest: Forward speed [m/s] and rate of turn [rad/s].
         radius: See above.
-        horizon: See above.
         time_step: See above.
 
     Returns:
@@ -291,9 +286,9 @@ def best_arc(
         linear = fastest[0] * i / 3.0
         for j in range(-6, 7):
             angular = fastest[1] * j / 6.0
-            turned = 0.5 * angular * horizon
-            chord = linear * horizon * (np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
+            turned = 0.5 * angular * _HORIZON
+            chord = linear * _HORIZON * (np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
             gain = start - np.hypot(target[0] - chord * np.cos(turned), target[1] - chord * np.sin(turned))
-            if gain > best[2] and free_travel(points, linear, angular, radius, horizon, time_step) >= horizon:
+            if gain > best[2] and free_travel(points, linear, angular, radius, time_step) >= _HORIZON:
                 best = (linear, angular, gain)
     return best

@@ -59,6 +59,7 @@ class WayBack:
         costmap, space = self.navigator.costmap, self.navigator.reachable
         if costmap is None or space is None:
             return self._start[:2]
-        places = space.centre_points(costmap.frame)
+        frame = costmap.frame
+        places = frame.to_points(*np.divmod(space.order[: space.num_centre], frame.width_px))
         x, y = places[np.argmin(np.hypot(*(places - self._start[:2]).T))].tolist()
         return x, y

@@ -48,7 +48,7 @@ def test_larger_plans_are_drawn_where_asked_for():
         {"steps": -1},
         {"evaluate_every": -1},
         {"env": "explore"},
-        {"promise": "most of it"},
+        {"promise": "98%:95%"},  # which an earlier version had
     ],
 )
 def test_senseless_runs_are_refused(changes):
@@ -86,16 +86,10 @@ def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeyp
     assert seeds == [0, 0, 12]
 
 
-def test_episodes_end_where_an_explorer_says_that_it_is_done(tmp_path):
-    """Half of the environments are furnished, and what breaks the promise counts twice in validation."""
-    run = dataclasses.replace(
-        TINY, promise="98%:95%", furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0
-    )
+def test_half_of_the_environments_are_furnished(tmp_path):
+    run = dataclasses.replace(TINY, furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0)
     model = train(run, tmp_path)
-    loops = model.get_env().get_attr("loop_config")
-    assert {str(loop.promise) for loop in loops} == {"98%:95%"}
     furniture = [config.clutter.furniture for config in model.get_env().get_attr("config")]
     assert furniture == [1.0, 0.0]
     last = read_validation(tmp_path)[-1]
-    assert last["coverage"] < 0.98
-    assert last["score"] == pytest.approx(2.0 * last["time"])
+    assert last["score"] == pytest.approx(last["time_95"] + last["time_99"])

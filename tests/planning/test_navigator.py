@@ -218,14 +218,14 @@ def test_erroneous_readings_are_left_out(nan):
 
 
 def test_free_travel_is_the_time_to_contact():
-    wall = np.array([[1.0, 0.0]])
-    time = free_travel(wall, 0.26, 0.0, 0.25, 10.0, 0.01)
-    assert time == pytest.approx((1.0 - 0.25) / 0.26, abs=0.02)
-    assert free_travel(wall, -0.26, 0.0, 0.25, 1.0, 0.01) == 1.0
+    wall = np.array([[0.5, 0.0]])
+    time = free_travel(wall, 0.26, 0.0, 0.25, 0.01)
+    assert time == pytest.approx((0.5 - 0.25) / 0.26, abs=0.02)
+    assert free_travel(wall, -0.26, 0.0, 0.25, 0.01) == 1.2  # the horizon
     # In contact already: away is free, nearer is not.
     touching = np.array([[0.22, 0.0]])
-    assert free_travel(touching, 0.1, 0.0, 0.25, 1.0, 0.1) == 0.0
-    assert free_travel(touching, -0.1, 0.0, 0.25, 1.0, 0.1) == 1.0
+    assert free_travel(touching, 0.1, 0.0, 0.25, 0.1) == 0.0
+    assert free_travel(touching, -0.1, 0.0, 0.25, 0.1) == 1.2
 
 
 def test_a_turn_past_the_back_keeps_its_direction():
