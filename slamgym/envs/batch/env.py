@@ -85,8 +85,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, BATCH_SITES)
         self._generators: list[np.random.Generator] = []
-        self._detectors: dict[int, CompletionDetector] = {}
-        self._map_errors: dict[int, MapError] = {}
+        # Of each robot: is it done, and how wrong is its map? In the order of the robots.
+        self._judges: dict[int, tuple[CompletionDetector, MapError | None]] = {}
         self._over = np.zeros(num_envs, dtype=np.bool_)
         self._fleet = Fleet(config, num_envs, threads)
         self._observer = BatchObserver(config, self._fleet)
@@ -185,8 +185,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         for i in ids.tolist():
             streams = Streams.spawn(self._generators[i])
             self._fleet.begin(i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams)
-            self._detectors[i] = CompletionDetector.of(config)
-            self._map_errors.pop(i, None)
+            self._judges[i] = CompletionDetector.of(config), None
         self._observer.begin(ids)
 
     def _sense(self, ids: IntArray, is_published: BoolArray) -> None:
@@ -195,9 +194,11 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if not self._reward.may_measure:
             return
         for i in ids.tolist():
-            if i not in self._map_errors:
+            detector, error = self._judges[i]
+            if error is None:
                 robot, start = self._fleet.each[i], Pose2D(*self._fleet.robots.start[i].tolist())
-                self._map_errors[i] = MapError(robot.prepared, start, partial(self._fleet.grid, i))
+                error = MapError(robot.prepared, start, partial(self._fleet.grid, i))
+                self._judges[i] = detector, error
 
     def _are_complete(self, published: BoolArray) -> BoolArray:
         """Mask of explorations that are complete by one of the rules in force."""
@@ -210,7 +211,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             def look(ids: IntArray) -> None:
                 for i in ids.tolist():
                     pose = Pose2D(*fleet.maps.believed[i].tolist())
-                    complete[i] = self._detectors[i].is_explored(fleet.grid(i), pose)
+                    complete[i] = self._judges[i][0].is_explored(fleet.grid(i), pose)
 
             divide_work(look, np.flatnonzero(published & ~complete), fleet.threads)
         return complete
@@ -229,8 +230,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             "terminated": terminations,
             **{name: figures[name] for name in ("coverage", "pose_error")},
         }
-        if self._map_errors:
-            arrays["map_errors"] = [self._map_errors[i].of_next_step() for i in range(self.num_envs)]
+        arrays["map_errors"] = [error.of_next_step() for _, error in self._judges.values() if error]
         return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
 
     def _figures(self) -> dict[str, Any]:
