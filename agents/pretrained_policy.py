@@ -173,10 +173,11 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
         if isinstance(mine, list):
             count = len(their) if isinstance(their, list) else "no"
             their, mine = f"{count} features", f"{len(mine)}, or others"
+        fix = "train again or use the version it was made with"
+        if name == "env":
+            fix = "rl:FILE takes frontier policies, wheels:FILE drivers of the wheels"
         raise InputFileError(
-            path,
-            f"was trained on another observation space ({name} {their}, this version has {mine}); "
-            "train again or use the version it was made with",
+            path, f"was trained on another observation space ({name} {their}, this version has {mine}); {fix}"
         )
 
 

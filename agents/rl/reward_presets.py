@@ -63,6 +63,8 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
     """Each run, but for its reward and seed."""
 
     def _check(self) -> None:
+        if not self.presets or len(set(self.presets)) < len(self.presets):
+            raise ConfigError("name at least one preset, and none twice")
         for name in self.presets:
             if name != OWN:
                 reward_preset(name)

@@ -109,8 +109,9 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
     """
     config, unit = learner.config, learner.unit
     torch.set_num_threads(1)
-    _begin(config, out)
+    _refuse_other_run(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
+    write_text(out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n")
     say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
     model = learner.make(plans)
     if (out / CHECKPOINT).is_file():
@@ -138,11 +139,11 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
     return model
 
 
-def _begin(config: RunConfig, out: Path) -> None:
-    """Save the settings of a run in its folder.
+def _refuse_other_run(config: RunConfig, out: Path) -> None:
+    """Refuse a folder that holds a run with other settings.
 
     Raises:
-        ConfigError: If it holds a run with other settings.
+        ConfigError: If it does.
     """
     if (out / CONFIG).exists():
         old = read_run(type(config), out)
@@ -152,7 +153,6 @@ def _begin(config: RunConfig, out: Path) -> None:
                 raise ConfigError(
                     f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
                 )
-    write_text(out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n")
 
 
 def read_run(kind: type[ConfigT], folder: Path) -> ConfigT:
@@ -163,10 +163,11 @@ def read_run(kind: type[ConfigT], folder: Path) -> ConfigT:
     """
     path = folder / CONFIG
     values = read_json(path, "choose another folder")
-    if not isinstance(values, dict):
-        raise InputFileError(path, "holds no settings of a training run; choose another folder")
-    values.pop("version", None)
-    return from_dict(kind, values, str(path))
+    try:
+        values.pop("version", None)
+        return from_dict(kind, values)
+    except (AttributeError, TypeError, ConfigError) as error:
+        raise InputFileError(path, f"holds no such training ({error}); choose another folder") from None
 
 
 class _Keep(BaseCallback):

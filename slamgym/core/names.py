@@ -112,10 +112,10 @@ def own_function(spec: str, what: str) -> Callable[..., Any]:
         sys.path.insert(0, folder)
     try:
         function = getattr(importlib.import_module(module), name) if module and name else None
-    except (ImportError, AttributeError, SyntaxError, TypeError) as error:
-        raise ConfigError(f"{what} {spec!r} can't be imported ({error}); give module:function") from None
+    except Exception as error:
+        raise ConfigError(f"{what} {spec!r} can't be imported ({error}); give module:function") from error
     if not callable(function):
-        raise ConfigError(f"{what} {spec!r} must be module:function")
+        raise ConfigError(f"{what} {spec!r} is no function; give module:function")
     return function
 
 

@@ -227,7 +227,7 @@ def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
     if np.ndim(step.coverage):
         return np.array([_own_value(name, function, one) for one in _each(step)])
     try:
-        value = float(function(step))
+        value = math.fsum([function(step)])  # which refuses text, as float() doesn't
     except Exception as error:
         raise ConfigError(
             f"reward term {name!r} failed after {step.time:.1f} s: {type(error).__name__}: {error}"

@@ -367,8 +367,8 @@ def test_the_template_of_an_own_explorer_is_short_and_runs_on_the_benchmark(tmp_
     ("name", "reason"),
     [
         ("nowhere:make", "can't be imported"),
-        ("math:tau", "must be module:function"),
-        ("math:", "must be module:function"),
+        ("math:tau", "is no function"),
+        ("math:", "is no function"),
         ("slamgym.core.names:uniform_share", "can't be made"),
     ],
 )

@@ -69,6 +69,9 @@ def test_an_unknown_preset_suggests_the_nearest():
         reward_preset("path_cots")
     with pytest.raises(ConfigError, match="did you mean 'floor'"):
         ShapingConfig(presets=("flor",))
+    for presets in (), ("floor", "floor"):
+        with pytest.raises(ConfigError, match="at least one preset, and none twice"):
+            ShapingConfig(presets=presets)
 
 
 def test_runs_differ_in_reward_and_seed_alone():

@@ -93,3 +93,12 @@ def test_half_of_the_environments_are_furnished(tmp_path):
     assert furniture == [1.0, 0.0]
     last = read_validation(tmp_path)[-1]
     assert last["score"] == pytest.approx(last["time_95"] + last["time_99"])
+
+
+def test_a_start_that_fails_leaves_no_folder_and_another_kind_of_run_is_said(tmp_path):
+    with pytest.raises(InputFileError, match="no such file"):
+        train(dataclasses.replace(TINY, plans=(str(tmp_path / "typo.tar.gz"),)), tmp_path / "run")
+    assert not (tmp_path / "run").exists()
+    (tmp_path / "config.json").write_text('{"evaluate_seconds": 90.0}')
+    with pytest.raises(InputFileError, match=r"holds no such training \(unknown .* another folder"):
+        train(TINY, tmp_path)

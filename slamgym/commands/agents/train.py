@@ -74,7 +74,7 @@ class ShapeArguments(Arguments):
     """Held-out plans that every policy explores at the end."""
     term: str = ""
     """Your own function, as ``module:function``: it takes a StepRecord and returns a number. It is added
-    to the preset ``coverage`` as the preset ``own``."""
+    to the preset ``coverage`` as the preset ``own``. Give another folder after a change of its code."""
     term_weight: float = 1.0
     """Its weight."""
     settings: AllSettings = SettingsOptions()
@@ -105,7 +105,7 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
     if arguments.term:
         term = own_term(arguments.term, arguments.term_weight)
         if OWN not in config.presets:
-            config = dataclasses.replace(config, presets=(*config.presets, OWN))
+            config = dataclasses.replace(config, presets=(OWN, *config.presets))  # if it fails, then at once
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
     return Experiment(config, train_wheels, term)
