@@ -50,10 +50,10 @@ def between(a: Pose2D, b: Pose2D) -> Pose2D:
 
 
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:
-    """Express points, shape (N, 2) [m] in the frame of ``pose``, in the parent frame of ``pose``."""
+    """Express points, shape (..., 2) [m] in the frame of ``pose``, in the parent frame of ``pose``."""
     cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    x, y = points[:, 0], points[:, 1]
-    return np.column_stack([cos * x - sin * y + pose[0], sin * x + cos * y + pose[1]])
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y + pose[0], sin * x + cos * y + pose[1]], axis=-1)
 
 
 def transform_poses(pose: Pose2D, poses: FloatArray) -> FloatArray:

@@ -145,14 +145,15 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
     second, third = (index + 1) % len(ring), (index + 2) % len(ring)
     a, b, c = ring[index], ring[second], ring[third]
     if _continues(a, b):
-        ring[index], gone = joined(a, b), [second]
+        ring[index], gone = joined(a, b), {second}
     elif b.length <= MERGE + TOLERANCE and _continues(a, c):
-        ring[index], gone = joined(a, c), [second, third]
+        ring[index], gone = joined(a, c), {second, third}
     elif b.length <= CHAMFER and b.axis == FREE_AXIS and {a.axis, c.axis} == {0, 1}:
-        gone = [second]
+        gone = {second}
     else:
         return False
-    ring[:] = [edge for place, edge in enumerate(ring) if place not in gone]
+    for place in sorted(gone, reverse=True):
+        del ring[place]
     return True
 
 

@@ -83,13 +83,12 @@ class MapEvidence:
         return MapEvidence(self.grid, points, normals, pose)
 
     def on_map(self, points: FloatArray) -> FloatArray:
-        """Points of the plan's frame in the map's own, (N, 2) [m]."""
+        """Points of the plan's frame in the map's own, any shape (..., 2) [m]."""
         return transform_points(inverse(self.plan_from_map), points)
 
     def values(self, points: FloatArray) -> ByteArray:
         """The map's cells at points of the plan's frame, any shape (..., 2); unknown beyond the map."""
-        found = values_at(self.grid.cells, self.grid.frame, self.on_map(points.reshape(-1, 2)), UNKNOWN)
-        return found.reshape(points.shape[:-1])
+        return values_at(self.grid.cells, self.grid.frame, self.on_map(points), UNKNOWN)
 
     def is_free_before(self, points: FloatArray, normals: FloatArray) -> np.ndarray:
         """True for points (N, 2) [m] of faces with normals (N, 2) that the robot could see."""

@@ -4,9 +4,10 @@ import cv2
 import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
-from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, OccupancyGrid
-from slamgym.drawing.comparison.faces import MapEvidence
+from slamgym.core.geometry import inverse, transform_points
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.comparison.records import PlanComparison, PlanFinding
+from slamgym.drawing.evidence import values_at
 from slamgym.viz.canvas import (
     FAINT,
     OUTLINE,
@@ -47,9 +48,9 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
     tints = np.full((256, 3), OUTLINE, np.uint8)
     tints[FREE], tints[OCCUPIED] = WHITE, FAINT
-    no_faces = np.empty((0, 2))  # cells alone are asked for
-    over = MapEvidence(grid, no_faces, no_faces, comparison.registration.plan_from_map)
-    picture: ByteArray = tints[over.values(frame.to_points(*np.indices(frame.shape)))]
+    to_map = inverse(comparison.registration.plan_from_map)
+    points = transform_points(to_map, frame.to_points(*np.indices(frame.shape)))
+    picture: ByteArray = tints[values_at(grid.cells, grid.frame, points, UNKNOWN)]
     if comparison.is_confident:
         for wall in comparison.walls:
             if wall.kind != "wall_moved":

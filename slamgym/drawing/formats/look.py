@@ -172,25 +172,23 @@ def place_labels(
     width = LETTER_WIDTH * letters
     lines = [line for line in drawing.dimensions if width * len(f"{line.length:.2f}") <= 0.8 * line.length]
     strokes = shapely.union_all([line.line for line in lines])
-    inside = drawing.floor.difference(strokes.buffer(0.1 * letters))
+    floor, inside = drawing.floor, drawing.floor.difference(strokes.buffer(0.1 * letters))
     doors = [Dimension(door.start, door.end, f"D{number}") for number, door in enumerate(drawing.doors, 1)]
     labels, shown, taken = list[DrawnLabel](), list[Dimension](), list[BaseGeometry]()
-
-    def covered(label: DrawnLabel) -> tuple[bool, bool]:
-        """Whether it covers lines or walls, and whether walls."""
-        box = label.box(letters)
-        return not inside.covers(box), not drawing.floor.covers(box)
-
     for words, kind, line in [
         *(_name(room, width) for room in drawing.rooms),
         *((f"{line.length:.2f}", "size", line) for line in lines),
         *((line.of, "number", line) for line in doors),
     ]:
-        tried = _tries(words, kind, line, letters, turned)
-        free = [label for label in tried if not shapely.intersects(taken, label.box(letters)).any()]
+        tried = [(label, label.box(letters)) for label in _tries(words, kind, line, letters, turned)]
+        free = [place for place in tried if not shapely.intersects(taken, place[1]).any()]
         if free:
-            labels.append(min(free, key=covered))
-            taken.append(labels[-1].box(letters))
+            # At best it covers neither lines nor walls, at second best no walls.
+            label, box = min(
+                free, key=lambda place: (not inside.covers(place[1]), not floor.covers(place[1]))
+            )
+            labels.append(label)
+            taken.append(box)
             shown += [line] * (kind == "size")
     return labels, shown
 
