@@ -45,7 +45,7 @@ def main() -> None:
     )
     parser.add_argument("--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on")
     parser.add_argument("--try", nargs="*", default=[], dest="fresh", help="NAME=FOLDER of other plans")
-    parser.add_argument("--model", default="slam2cad-metric", help="as `slamgym cad --model`")
+    parser.add_argument("--model", default="slam2cad", help="as `slamgym cad --model`")
     parser.add_argument("--least-seen", type=float, default=0.7, help="of the true floor")
     arguments = parser.parse_args()
     if arguments.fit:

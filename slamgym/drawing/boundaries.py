@@ -40,7 +40,7 @@ def candidates(
     """Lines that may be boundaries, and their :func:`boundary_signs`.
 
     What was seen free is free whatever the model says of it, so the probability of a door is that among free cells. The
-    layer alone has room F1 0.78 instead of 0.84 on 20 maps of real robots.
+    layer alone has room F1 0.91 instead of 0.92 on 30 maps of real robots.
 
     Args:
         floor: The free space with straight edges [m].
