@@ -28,7 +28,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2483, 0, 211, 59, 0),
     "core": (1728, 0, 0, 74, 0),
     "dataset": (2686, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22594),
+    "docs": (0, 0, 0, 0, 22579),
     "docs/drawing": (0, 0, 0, 0, 3890),
     "docs/notes": (0, 0, 0, 0, 3669),
     "docs/tutorials": (0, 0, 0, 0, 431),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31585, 242, 241, 1345, 32887)
+TOTAL = (31585, 242, 241, 1345, 32872)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
