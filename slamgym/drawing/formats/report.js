@@ -118,8 +118,8 @@
       const wall = own || (roomAt(middle(line)) ? null : pick(walls, middle(line)));
       if (wall) return line.map((p) => along(wall.line, share(wall.line, p)));
     }
-    const end = tool === "add_door" ? line[1] : snapped(line[1]);
-    const turned = end === line[1] ? straight(line) : [line[0], end];
+    const [from, to] = line.map(snapped);
+    const turned = to === line[1] ? straight([from, to]) : [from, to];
     return tool === "add_wall" ? turned : across(turned);
   }
 
@@ -159,7 +159,7 @@
 
   function clickLine(tool, p) {
     if (!state.first) {
-      state.first = tool === "add_door" ? p : snapped(p);
+      state.first = p;
       return say("Click the other end.");
     }
     const line = meant(tool, [state.first, p]).map(rounded);
