@@ -195,9 +195,8 @@ def _squared_distance(cells: ByteArray) -> Float32Array:
     import cv2  # here, because help pages read the settings above
 
     distance = cv2.distanceTransform((cells != OCCUPIED).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    return np.rint(
-        np.minimum(distance, 1e6) ** 2
-    )  # without obstacles OpenCV says 2^64: its square can overflow
+    # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
+    return np.rint(np.minimum(distance, 1e6) ** 2)
 
 
 def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:

@@ -294,10 +294,12 @@ def _narrowed(infos: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     """An autoreset mode by its name."""
+    if isinstance(mode, AutoresetMode):
+        return mode
     names = {one.name.lower(): one for one in AutoresetMode}
-    if isinstance(mode, str) and mode.lower() not in names:
+    if mode.lower() not in names:
         raise ConfigError(f"unknown autoreset_mode {mode!r}; {suggest(mode.lower(), names)}")
-    return names[mode.lower()] if isinstance(mode, str) else mode
+    return names[mode.lower()]
 
 
 def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
