@@ -25,7 +25,7 @@ from slamgym.planning.looks import Looks
 
 HIDDEN_FLOOR = Path(__file__).parent / "pretrained" / "hidden_floor.safetensors"
 """The network that comes with the package."""
-AREAS = (0.1, 0.3, 1.0, 3.0)
+AREAS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """The network says how probable it is that a frontier hides at least so much floor [m2]."""
 FRONTIER_FIGURES = (
     "size", "extent", "room", "known_area", "time", "round", "unknown_near", "unknown_far", "unknown_outside",
@@ -58,11 +58,11 @@ def describe_frontiers(loop: ExplorationLoop, looks: Looks, frontiers: Sequence[
         clearance = float(costmap.distance[tuple(one.cells.T)].max())
         gain = expected_gain(costmap, one.middle, loop.context.geometry.range_max)
         rows.append([
-            one.size * size / 3.0, extent / 3.0, min(0.5 * one.size, clearance) * size, loop.known_area / 100.0,
-            loop.time / 600.0, loop.round, region.near * cell**2 / 5.0, region.far * cell**2 / 20.0, region.outside,
-            region.is_enclosed, region.free * cell / 5.0, region.occupied * cell / 10.0, region.frontiers / 4.0,
-            gain / 15.0, min(clearance * size, 3.0) / 1.5, min(one.min_distance, 10.0) / 10.0, *beams[k, :9], unseen,
-            beams[k, 9],
+            one.size * size / 3.0, extent / 3.0, min(0.5 * one.size, clearance) * size,
+            min(loop.known_area, 1000.0) / 100.0, min(loop.time, 3600.0) / 600.0, loop.round,
+            region.near * cell**2 / 5.0, region.far * cell**2 / 20.0, region.outside, region.is_enclosed,
+            region.free * cell / 5.0, region.occupied * cell / 10.0, region.frontiers / 4.0, gain / 15.0,
+            min(clearance * size, 3.0) / 1.5, min(one.min_distance, 10.0) / 10.0, *beams[k, :9], unseen, beams[k, 9],
         ])  # fmt: skip
     return np.array(rows, np.float32)
 
@@ -101,18 +101,26 @@ class HiddenFloor:
             raise InputFileError(Path(path), "doesn't say what share of a risk it may take; train it again")
         return HiddenFloor(weights, risk)
 
-    def chances(
-        self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier], area: float
+    def moments(
+        self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier], most: float
     ) -> FloatArray:
-        """Probability that each of some frontiers, at least one, hides at least an area [m2], shape (N,)."""
+        """Mean and mean square of what each of some frontiers hides, shape (2, N) [m2, m4].
+
+        What hides more than ``most`` [m2] counts as that.
+        """
         values = describe_frontiers(loop, looks, frontiers)
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
         chances = 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
-        logs = [math.log(one) for one in AREAS]
-        at = float(np.interp(math.log(max(area, AREAS[0])), logs, range(len(AREAS))))
-        low = min(int(at), len(AREAS) - 2)
-        return (low + 1 - at) * chances[:, low] + (at - low) * chances[:, low + 1]
+        ends = np.minimum((*AREAS, math.inf), most)
+        # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
+        steps = (chances, np.hstack([chances[:, 1:], chances[:, -1:]]))
+        below, mean, square = ends[0], ends[0] * chances[:, 0], ends[0] ** 2 * chances[:, 0]
+        for k, end in enumerate(ends[1:]):
+            chance = 0.5 * (steps[0][:, k] + steps[1][:, k])
+            mean, square = mean + (end - below) * chance, square + (end**2 - below**2) * chance
+            below = end
+        return np.array([mean, square])
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]

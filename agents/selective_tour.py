@@ -1,10 +1,10 @@
 """The explorer ``rl``: the shortest tour through the frontiers that are worth a visit, as learned from floor plans.
 
 Many frontiers hide nothing, and a promise leaves some floor unseen anyway. So those are passed over that hide least, as
-long as the probabilities that one hides half of what may be left add up to no more than a share of what the promise
-risks (a union bound). The others are visited as ``tour`` does. When none is left the exploration is done, if it has
-given the promise for which the share was calibrated; else what was passed over comes last. In large buildings all is
-visited.
+long as the probability that together they hide more than may be left is no more than a share of what the promise risks
+(Cantelli's bound for independent frontiers, from mean and variance). The others are visited as ``tour`` does. When none
+is left the exploration is done, if it has given the promise for which the share was calibrated; else what was passed
+over comes last.
 """
 
 from pathlib import Path
@@ -20,7 +20,7 @@ from slamgym.core.types import FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
-from slamgym.planning.promise import LARGEST_CALIBRATED, Promise, is_usual
+from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
@@ -49,7 +49,8 @@ class SelectivePilot(FrontierPilot):
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         worth = self._worth_a_visit(loop)
-        ways_on = loop.ways_on() if self._may_stop and is_usual(loop.known_area) else None
+        may_stop = self._may_stop and loop.known_area >= SMALLEST_CALIBRATED
+        ways_on = loop.ways_on() if may_stop else None
         if ways_on is not None and not any(id(one) in worth for one in ways_on):
             return np.full(len(loop.candidates), -np.inf)
         return tour_scores(loop, np.array([id(one.frontier) in worth for one in loop.candidates]))
@@ -57,13 +58,14 @@ class SelectivePilot(FrontierPilot):
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""
         promise, frontiers = self._promise, loop.wanted
-        if loop.known_area > LARGEST_CALIBRATED:
-            return set(map(id, frontiers))
         left = promise.left or (1.0 - (promise.seen or 0.0)) * loop.known_area
-        chances = self._network.chances(loop, self._looks, frontiers, 0.5 * left)
-        order = np.argsort(chances, kind="stable")
+        mean, square = self._network.moments(loop, self._looks, frontiers, left)
+        order = np.argsort(square, kind="stable")
+        spare = np.maximum(left - np.cumsum(mean[order]), 0.0)
+        variance = np.cumsum((square - mean**2)[order])
         most = self._network.risk * (1.0 - promise.confidence)
-        return {id(frontiers[index]) for index in order[np.cumsum(chances[order]) > most].tolist()}
+        is_too_much = variance > most * (variance + spare**2)
+        return {id(frontiers[index]) for index in order[is_too_much].tolist()}
 
 
 class SelectiveTour(BatchedExplorer):

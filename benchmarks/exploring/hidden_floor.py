@@ -4,17 +4,17 @@
 
 Explorations of training plans are logged: of every frontier, what the robot knows and how much unseen floor truly lies
 behind it, nearer than behind the others. From these the network learns how probable it is that a frontier hides 0.1,
-0.3, 1 and 3 m2. Then ``rl`` explores validation plans with smaller and smaller shares of risk, until 98 % are seen in
-95 % of them. ``--write`` puts the network into the package. An exploration takes some 4 s of CPU; those that the folder
-already holds are not repeated.
+0.3, 1, 3, 10 and 30 m2. Then ``rl`` explores validation plans with smaller and smaller shares of risk, until 98 % are
+seen in 95 % of them. ``--write`` puts the network into the package. An exploration takes some 4 s of CPU, one of a
+large building a minute; those that the folder already holds are not repeated.
 """
 
 import dataclasses
+import itertools
 import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -32,14 +32,16 @@ from slamgym.agents.hidden_floor import (
     HIDDEN_FLOOR,
     describe_frontiers,
 )
-from slamgym.agents.plan_splits import draw_plans
+from slamgym.agents.plan_splits import draw_plans, ids_of
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.rl.train_config import FURNISHED
 from slamgym.agents.rules import tour_scores
 from slamgym.agents.selective_tour import SelectiveTour
-from slamgym.cad import FloorPlan
+from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
+from slamgym.core.errors import PlanError
 from slamgym.core.jit import kernel
-from slamgym.core.names import exploration_seed
+from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.types import UNKNOWN, BoolArray, FloatArray, IntArray
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.config import resolve_config
@@ -52,12 +54,14 @@ from slamgym.sim import ClutterConfig
 
 REACH = 0.25
 """Floor so near to a frontier's cells lies at it [m]."""
-LONGEST = 450.0
-"""Explorations are logged up to here [s]."""
+LONGEST, MOST = 4000.0, 2500
+"""Explorations are logged up to here [s], so many frontiers of each."""
+LARGE = (150.0, 1600.0)
+"""Areas of large buildings [m2]: generated offices with loops, and homes."""
 DROPPED_BELOW = (0.0, 0.0, 0.15, 0.3)
 """One of these is drawn for each exploration: frontiers that hide less are not visited [m2]."""
 AT_RANDOM = (0.0, 0.1, 0.3)
-"""And one of these: so many choices are drawn at random."""
+"""And one of these: so many choices are drawn at random, fewer beyond 100 m2."""
 CLUTTER = (ClutterConfig(), FURNISHED, dataclasses.replace(FURNISHED, people=1))
 """Drawn with probabilities of 0.45, 0.3 and 0.25."""
 
@@ -75,7 +79,9 @@ class Arguments:
     plans: tyro.conf.Positional[str]
     """HouseExpo plans."""
     explorations: int = 1800
-    """Explorations to learn from."""
+    """Explorations of homes and small offices to learn from."""
+    large: int = 100
+    """And of large buildings."""
     epochs: int = 20
     """Passes over their frontiers."""
     seed: int = 7
@@ -114,7 +120,7 @@ def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
     plans = draw_plans((arguments.plans,), "train", round(0.75 * count), seed)
     plans += draw_plans(("procedural:home:loops",), "train", round(0.2 * count), seed)
     plans += draw_plans(("procedural:office:loops",), "train", max(1, count - len(plans)), seed, 300.0)
-    for number, plan in enumerate(plans):
+    for number, plan in enumerate([*plans, *large_plans(arguments.plans, arguments.large, seed)]):
         path = arguments.out / f"{number:04}.npz"
         if not path.exists():
             found = log_exploration(plan, np.random.default_rng([seed, number]))
@@ -123,16 +129,36 @@ def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
             yield dict(file)
 
 
+def large_plans(houseexpo: str, count: int, seed: int) -> Iterator[FloorPlan]:
+    """Large buildings of the training split, HouseExpo's and generated ones in turn."""
+    source, office = open_plans(houseexpo), PlanGeneratorConfig(kind="office", office_area=LARGE, loops=1.0)
+    ids = iter(shuffled(ids_of(source.ids, "train"), seed))
+    found = 0
+    for number in itertools.count():
+        if found == count:
+            return
+        try:
+            rng = np.random.default_rng([seed, number])
+            plan = generate_plan(rng, office, f"large_{number}") if found % 2 else source.load(next(ids))
+            check_plan(plan, ExploreConfig().robot.radius)
+        except PlanError:
+            continue
+        if LARGE[0] <= plan.area <= LARGE[1]:
+            found += 1
+            yield plan
+
+
 def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]:
     """Explore a building by the shortest tour through what hides something, and log its frontiers."""
     clutter = CLUTTER[int(rng.choice(3, p=(0.45, 0.3, 0.25)))]
-    mode = "pose_graph" if rng.random() < 0.25 else "ground_truth"
+    is_mapped = rng.random() < (0.5 if plan.area > LARGE[0] else 0.25)
+    mode = "pose_graph" if is_mapped else "ground_truth"
     config = resolve_config(explored_env(ExploreConfig(clutter=clutter)), {"localization": mode})
     env = ExploreEnv(plan, fitted_env(plan, config, "auto"))
     observation, _ = env.reset(seed=exploration_seed(7, plan.id, 0))
     context = env.explorer_context()
     loop, looks = ExplorationLoop(context), Looks(context)
-    least, at_random = rng.choice(DROPPED_BELOW), rng.choice(AT_RANDOM)
+    least, at_random = rng.choice(DROPPED_BELOW), rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
     found: list[tuple[Any, ...]] = []
     truncated = False
     while not (truncated or loop.finished or loop.time > LONGEST):
@@ -152,7 +178,8 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
             is_due = not loop.choose(index) and bool(loop.candidates)
         observation, _, _, truncated, _ = env.step(context.to_action(loop.command()))
     figures, areas = (np.concatenate(part) for part in zip(*found, strict=True))
-    return {"figures": figures, "areas": areas}
+    kept = np.sort(rng.permutation(len(areas))[:MOST])
+    return {"figures": figures[kept], "areas": areas[kept]}
 
 
 def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
@@ -270,7 +297,7 @@ def is_kept_often_enough(path: Path, risk: float, arguments: Arguments) -> bool:
     known, broken = {(row["group"], row["plan"]): row for row in rows}, 0
     for name in KINDS:
         clutter, plans = GROUPS[name].clutter, plans_of(arguments.plans, name, "validation")
-        for number, plan in enumerate(islice(plans, EACH)):
+        for number, plan in enumerate(itertools.islice(plans, EACH)):
             row = known.get((name, plan.id))
             if row is None:
                 env_config = explored_env(ExploreConfig(clutter=clutter[number % len(clutter)]))

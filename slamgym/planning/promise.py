@@ -4,7 +4,7 @@ Behind a door may be a cupboard or a wing, which no map tells. So a promise is k
 no frontier any more that the robot fits through; what is left then are slits, pinholes of noise and doors that the map
 draws too narrow. Explorations of other plans show what was unseen at that moment. A promise is offered where no larger
 share of them, counted with one failure more, broke it than it allows (conformal risk control, Angelopoulos et al., ICLR
-2024); where none is, and in large buildings, an exploration goes on to its end.
+2024); where none is, an exploration goes on to its end.
 """
 
 import functools
@@ -24,9 +24,9 @@ from slamgym.planning.frontiers import Frontier
 CALIBRATION = Path(__file__).parent / "pretrained" / "promises.safetensors"
 """Floor that explorations had not seen when a promise would have ended them."""
 
-SMALLEST_CALIBRATED, LARGEST_CALIBRATED = 19.0, 300.0
-"""These explorations are of plans of such areas [m2]: nothing is promised in larger buildings, nor of a map that shows
-less, as of a room behind a door that it draws too narrow."""
+SMALLEST_CALIBRATED = 19.0
+"""Smallest plan of these explorations [m2]: nothing is promised of a map that shows less, as of a room behind a door
+that it draws too narrow."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
@@ -102,11 +102,6 @@ def _is_calibrated(promise: Promise) -> bool:
     return is_offered(promise, load_file(CALIBRATION))
 
 
-def is_usual(known_area: float) -> bool:
-    """True if a map knows as large an area [m2] as of the plans of the calibration."""
-    return SMALLEST_CALIBRATED <= known_area <= LARGEST_CALIBRATED
-
-
 def is_kept(promise: Promise, ways_on: Sequence[Frontier] | None, known_area: float) -> bool:
     """True if an exploration may stop.
 
@@ -115,4 +110,4 @@ def is_kept(promise: Promise, ways_on: Sequence[Frontier] | None, known_area: fl
         ways_on: Frontiers that the robot fits through and that are still to be visited; None where they aren't known.
         known_area: Of the map [m2].
     """
-    return ways_on == [] and is_usual(known_area) and _is_calibrated(promise)
+    return ways_on == [] and known_area >= SMALLEST_CALIBRATED and _is_calibrated(promise)

@@ -45,7 +45,7 @@ def network(tmp_path):
         for name, (inputs, outputs) in FLOOR_LAYERS.items():
             weights |= {f"{name}.weight": np.zeros((outputs, inputs)), f"{name}.bias": np.zeros(outputs)}
         weights["out.bias"] += logit
-        path = tmp_path / f"{logit}-{risk}.safetensors"
+        path = tmp_path / f"{np.max(logit)}-{risk}.safetensors"
         about = {"risk": risk}
         write_weights(path, weights, {"space": DESCRIPTION[0], "network": DESCRIPTION[1], "about": about})
         return path
@@ -119,17 +119,20 @@ def test_beams_are_counted_by_what_became_of_them(env, read, expected):
         assert found[0, names.index("passed_by")] == pytest.approx((read - 1.064) / 3.5, abs=0.01)
 
 
-def test_areas_in_between_are_interpolated_and_the_weights_are_checked(env, network, tmp_path):
-    read = HiddenFloor.read(network(1.0))
+def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, tmp_path):
+    """It surely hides 1 m2 and never 3 m2: in between the chance is a half."""
+    logits = np.where(np.array(AREAS) <= 1.0, 50.0, -50.0)
+    read = HiddenFloor.read(network(logits))
     explorer = selective(env, network(1.0))
     observation, _ = env.reset(seed=5)
     explorer.predict(observation)
     loop = explorer.loops[0]
     looks = Looks(env.explorer_context())
     looks.note(loop.pose, observation["scan"])
-    for area in (0.01, AREAS[0], 0.5, 10.0):
-        chances = read.chances(loop, looks, loop.wanted, area)
-        np.testing.assert_allclose(chances, 1.0 / (1.0 + math.exp(-1.0)), atol=1e-6)
+    for most, mean, square in ((0.05, 0.05, 0.0025), (1.0, 1.0, 1.0), (2.0, 1.5, 2.5), (100.0, 2.0, 5.0)):
+        found = read.moments(loop, looks, loop.wanted, most)
+        assert found.shape == (2, len(loop.wanted))
+        np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
     for path, reason in ((tmp_path / "nowhere.safetensors", "nowhere"), (network(1.0, risk=2.0), "risk")):
         with pytest.raises(InputFileError, match=reason):
             HiddenFloor.read(path)

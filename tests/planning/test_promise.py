@@ -9,7 +9,6 @@ from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, mak
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import Frontier, fits_through
 from slamgym.planning.promise import (
-    LARGEST_CALIBRATED,
     SMALLEST_CALIBRATED,
     Promise,
     is_kept,
@@ -47,11 +46,10 @@ def test_a_robot_does_not_fit_through_a_frontier_shorter_than_it_is_wide_though_
         assert fits_through(costmap, frontier, 0.22) == fits
 
 
-def test_nothing_is_promised_of_unusual_areas_with_a_way_on_and_where_ways_on_are_unknown():
-    assert is_kept(EASY, [], LARGEST_CALIBRATED)
+def test_nothing_is_promised_of_small_maps_with_a_way_on_and_where_ways_on_are_unknown():
+    assert is_kept(EASY, [], 1000.0)
     assert is_kept(EASY, [], SMALLEST_CALIBRATED)
     assert not is_kept(EASY, [], SMALLEST_CALIBRATED - 1.0)
-    assert not is_kept(EASY, [], LARGEST_CALIBRATED + 1.0)
     assert not is_kept(EASY, None, 50.0)
     costmap = make_costmap(room(1.0), CostmapConfig(inscribed_radius=0.1))
     assert not is_kept(EASY, find_frontiers(costmap, HERE, 0.2), 50.0)
