@@ -112,15 +112,11 @@ class HiddenFloor:
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
         chances = 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
-        ends = np.minimum((*AREAS, math.inf), most)
         # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
-        steps = (chances, np.hstack([chances[:, 1:], chances[:, -1:]]))
-        below, mean, square = ends[0], ends[0] * chances[:, 0], ends[0] ** 2 * chances[:, 0]
-        for k, end in enumerate(ends[1:]):
-            chance = 0.5 * (steps[0][:, k] + steps[1][:, k])
-            mean, square = mean + (end - below) * chance, square + (end**2 - below**2) * chance
-            below = end
-        return np.array([mean, square])
+        ends = np.minimum((0.0, *AREAS, math.inf), most)
+        chances = np.hstack([chances[:, :1], chances, chances[:, -1:]])
+        between = 0.5 * (chances[:, 1:] + chances[:, :-1])
+        return product(between, np.diff([ends, ends**2]).T).T
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]

@@ -4,7 +4,7 @@ Many frontiers hide nothing, and a promise leaves some floor unseen anyway. So t
 long as the probability that together they hide more than may be left is no more than a share of what the promise risks
 (Cantelli's bound for independent frontiers, from mean and variance). The others are visited as ``tour`` does. When none
 is left the exploration is done, if it has given the promise for which the share was calibrated; else what was passed
-over comes last.
+over comes last. In large buildings nothing is passed over before that, as the way back would be long.
 """
 
 from pathlib import Path
@@ -24,6 +24,9 @@ from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
+LARGEST_SKIPPED = 300.0
+"""Known floor up to which frontiers are passed over [m2]. In validation buildings of 300 to 510 m2, ``rl`` took 1.05 of
+the time of ``tour`` with it, and 0.95 without."""
 
 
 class SelectivePilot(FrontierPilot):
@@ -53,7 +56,10 @@ class SelectivePilot(FrontierPilot):
         ways_on = loop.ways_on() if may_stop else None
         if ways_on is not None and not any(id(one) in worth for one in ways_on):
             return np.full(len(loop.candidates), -np.inf)
-        return tour_scores(loop, np.array([id(one.frontier) in worth for one in loop.candidates]))
+        visits_all = loop.known_area > LARGEST_SKIPPED
+        return tour_scores(
+            loop, np.array([visits_all or id(one.frontier) in worth for one in loop.candidates])
+        )
 
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""

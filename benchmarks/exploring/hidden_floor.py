@@ -66,7 +66,7 @@ CLUTTER = (ClutterConfig(), FURNISHED, dataclasses.replace(FURNISHED, people=1))
 """Drawn with probabilities of 0.45, 0.3 and 0.25."""
 
 
-RISKS = (0.3, 0.1, 0.03)
+RISKS = (0.25, 0.1, 0.03)
 """Shares of what a promise risks, tried one after the other."""
 KINDS, EACH = ("furnished", "homes"), 20
 """Groups of plans on which they are tried, and how many of each."""
