@@ -104,19 +104,15 @@ class HiddenFloor:
     def moments(
         self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier], most: float
     ) -> FloatArray:
-        """Mean and mean square of what each of some frontiers hides, shape (2, N) [m2, m4].
-
-        What hides more than ``most`` [m2] counts as that.
-        """
+        """Mean and mean square of what each of some frontiers hides, up to ``most`` [m2], shape (2, N) [m2, m4]."""
         values = describe_frontiers(loop, looks, frontiers)
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
         chances = 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
         # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
         ends = np.minimum((0.0, *AREAS, math.inf), most)
-        chances = np.hstack([chances[:, :1], chances, chances[:, -1:]])
-        between = 0.5 * (chances[:, 1:] + chances[:, :-1])
-        return product(between, np.diff([ends, ends**2]).T).T
+        between = 0.5 * (np.hstack([chances[:, :1], chances]) + np.hstack([chances, chances[:, -1:]]))
+        return np.cumsum(between * np.diff([ends, ends**2])[:, None], axis=2)[..., -1]
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]

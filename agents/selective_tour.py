@@ -41,8 +41,7 @@ class SelectivePilot(FrontierPilot):
     def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor) -> None:
         super().__init__(context, config, self._scores)
         self._network, self._looks = network, Looks(context)
-        self._promise = config.promise or CALIBRATED
-        self._may_stop = config.promise == CALIBRATED
+        self._promise, self._may_stop = config.promise or CALIBRATED, config.promise == CALIBRATED
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
@@ -52,8 +51,7 @@ class SelectivePilot(FrontierPilot):
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         worth = self._worth_a_visit(loop)
-        may_stop = self._may_stop and loop.known_area >= SMALLEST_CALIBRATED
-        ways_on = loop.ways_on() if may_stop else None
+        ways_on = loop.ways_on() if self._may_stop and loop.known_area >= SMALLEST_CALIBRATED else None
         if ways_on is not None and not any(id(one) in worth for one in ways_on):
             return np.full(len(loop.candidates), -np.inf)
         visits_all = loop.known_area > LARGEST_SKIPPED
@@ -69,8 +67,7 @@ class SelectivePilot(FrontierPilot):
         order = np.argsort(square, kind="stable")
         spare = np.maximum(left - np.cumsum(mean[order]), 0.0)
         variance = np.cumsum((square - mean**2)[order])
-        most = self._network.risk * (1.0 - promise.confidence)
-        is_too_much = variance > most * (variance + spare**2)
+        is_too_much = variance > self._network.risk * (1.0 - promise.confidence) * (variance + spare**2)
         return {id(frontiers[index]) for index in order[is_too_much].tolist()}
 
 

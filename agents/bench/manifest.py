@@ -69,7 +69,7 @@ class Track:
 
     @property
     def trial(self) -> TrialConfig:
-        """Settings of each exploration: particle filter, default sensors, the promise of 98 % with 95 % certainty."""
+        """Settings of each exploration: default mapper and sensors, the promise of 98 % with 95 % certainty."""
         return TrialConfig(env=ExploreConfig(clutter=self.clutter))
 
     def quick(self) -> "Track":

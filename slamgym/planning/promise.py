@@ -25,8 +25,7 @@ CALIBRATION = Path(__file__).parent / "pretrained" / "promises.safetensors"
 """Floor that explorations had not seen when a promise would have ended them."""
 
 SMALLEST_CALIBRATED = 19.0
-"""Smallest plan of these explorations [m2]: nothing is promised of a map that shows less, as of a room behind a door
-that it draws too narrow."""
+"""Smallest plan explored [m2]: of a smaller map, maybe a room behind a narrow door, nothing is promised."""
 
 _FORM = re.compile(r"(?P<amount>\d+(\.\d+)?)(?P<unit>%|m2)(:(?P<confidence>\d+(\.\d+)?)%)?")
 
