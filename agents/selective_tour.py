@@ -20,7 +20,7 @@ from slamgym.core.types import FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.looks import Looks
-from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
+from slamgym.planning.promise import Promise, is_kept
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
@@ -50,14 +50,12 @@ class SelectivePilot(FrontierPilot):
 
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
-        worth = self._worth_a_visit(loop)
-        ways_on = loop.ways_on() if self._may_stop and loop.known_area >= SMALLEST_CALIBRATED else None
-        if ways_on is not None and not any(id(one) in worth for one in ways_on):
+        is_large = loop.known_area > LARGEST_SKIPPED
+        worth = set() if is_large and not self._may_stop else self._worth_a_visit(loop)
+        ways_on = loop.ways_on() if self._may_stop else None
+        if is_kept(CALIBRATED, ways_on and [one for one in ways_on if id(one) in worth], loop.known_area):
             return np.full(len(loop.candidates), -np.inf)
-        visits_all = loop.known_area > LARGEST_SKIPPED
-        return tour_scores(
-            loop, np.array([visits_all or id(one.frontier) in worth for one in loop.candidates])
-        )
+        return tour_scores(loop, np.array([is_large or id(one.frontier) in worth for one in loop.candidates]))
 
     def _worth_a_visit(self, loop: ExplorationLoop) -> set[int]:
         """Identities of the frontiers that are worth a visit."""

@@ -23,14 +23,14 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1141),
-    "agents": (2452, 42, 0, 101, 0),
+    "agents": (2450, 42, 0, 101, 0),
     "cad": (2103, 3, 0, 101, 0),
     "commands": (2483, 0, 211, 59, 0),
     "core": (1728, 0, 0, 74, 0),
     "dataset": (2686, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22497),
+    "docs": (0, 0, 0, 0, 22501),
     "docs/drawing": (0, 0, 0, 0, 3890),
-    "docs/notes": (0, 0, 0, 0, 3717),
+    "docs/notes": (0, 0, 0, 0, 3709),
     "docs/tutorials": (0, 0, 0, 0, 431),
     "drawing": (2331, 2, 0, 137, 0),
     "envs": (2540, 33, 0, 51, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31585, 242, 241, 1345, 32826)
+TOTAL = (31583, 242, 241, 1345, 32822)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
