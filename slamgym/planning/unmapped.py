@@ -14,10 +14,8 @@ from slamgym.core.types import (
     FREE,
     OCCUPIED,
     UNKNOWN,
-    BoolArray,
     Float32Array,
     FloatArray,
-    GridFrame,
     LaserGeometry,
     OccupancyGrid,
     Pose2D,
@@ -60,7 +58,7 @@ class MapCorrections:
         self._closing = np.zeros((0, 2))  # points across passages
         self._kept = np.zeros((0, 2))  # points
         self._open_space: list[FloatArray] = []  # points taken for free
-        self._was_free: tuple[BoolArray, GridFrame] | None = None  # in any map so far
+        self._freest: OccupancyGrid | None = None  # cells that any map so far showed free are free
 
     def note_seen(self, points: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows, points (N, 2), for a while."""
@@ -85,22 +83,22 @@ class MapCorrections:
 
     def note_map(self, grid: OccupancyGrid) -> None:
         """Remember where a published map is free."""
-        is_free = grid.cells == FREE
-        if self._was_free is not None:
-            before, frame = self._was_free
-            if frame == grid.frame:
-                is_free |= before
-            else:
-                row, col, _ = cells_inside(grid.frame, frame.to_points(*np.nonzero(before)))
-                is_free[row, col] = True
-        self._was_free = is_free, grid.frame
+        before = self._freest
+        if before is None or before.frame != grid.frame:
+            self._freest = OccupancyGrid(grid.cells.copy(), grid.frame)
+            if before is not None:
+                places = before.frame.to_points(*np.nonzero(before.cells == FREE))
+                row, col, _ = cells_inside(grid.frame, places)
+                self._freest.cells[row, col] = FREE
+        else:
+            np.maximum(before.cells, grid.cells, out=before.cells)  # in place: free is the largest value
 
     def without_specks(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map without specks where an older one was free, which legs of somebody who walked there leave."""
         import cv2
 
-        assert self._was_free is not None, "there was a map"
-        before, frame = self._was_free
+        assert self._freest is not None, "there was a map"
+        before, frame = self._freest.cells == FREE, self._freest.frame
         occupied = (grid.cells == OCCUPIED).view(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
         small = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK

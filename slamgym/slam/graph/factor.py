@@ -26,17 +26,19 @@ class Factor(NamedTuple):
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve for right-hand sides (M, 3, K)."""
-        x = np.empty_like(right)
+        x, columns = np.empty_like(right), np.arange(len(right))
         x[self.places] = right
-        substitute(self.starts, self.rows, self.lower, self.inverse, x, 0, 0)
+        substitute(self.starts, self.rows, self.lower, self.inverse, x, columns, columns)
         return x[self.places]
 
-    def covariances(self, block: int, own_only: bool = False) -> FloatArray:
-        """Covariances (M, 3, 3) of every block with one of them, or (3, 3) of that one."""
-        x, place = np.zeros((len(self.places), 3, 3)), int(self.places[block])
-        x[place] = np.eye(3)
-        substitute(self.starts, self.rows, self.lower, self.inverse, x, place, place if own_only else 0)
-        return x[place] if own_only else x[self.places]
+    def covariance(self, block: int, other: int) -> FloatArray:
+        """Covariance (3, 3) of a block with another one; only their ancestors are looked at."""
+        of_block, of_other = (ancestors(self.starts, self.rows, self.places[one]) for one in (block, other))
+        x = np.empty((len(self.places), 3, 3))
+        x[of_other] = x[of_block] = 0.0
+        x[of_other[0]] = np.eye(3)
+        substitute(self.starts, self.rows, self.lower, self.inverse, x, of_other, of_block)
+        return np.asarray(x[of_block[0]])
 
 
 class BlockLayout(NamedTuple):
@@ -219,14 +221,27 @@ def fill_factor(
 
 
 @kernel
+def ancestors(starts: IntArray, rows: IntArray, col: int) -> IntArray:
+    """A column of L and all later ones that depend on it, in order: its path in the elimination tree."""
+    path = np.empty(len(starts) - 1, dtype=np.int64)
+    length = 0
+    while True:
+        path[length] = col
+        length += 1
+        if starts[col] == starts[col + 1]:
+            return path[:length]
+        col = rows[starts[col]]
+
+
+@kernel
 def substitute(
     starts: IntArray,
     rows: IntArray,
     lower: FloatArray,
     inverse: FloatArray,
     x: FloatArray,
-    begin: int,
-    end: int,
+    down: IntArray,
+    up: IntArray,
 ) -> None:
     """Solve L D L^T x = x in place.
 
@@ -235,15 +250,15 @@ def substitute(
         rows: (nonzeros,)
         lower: (nonzeros, 3, 3)
         inverse: (M, 3, 3) inverses of D.
-        x: (M, 3, K) zero before ``begin``.
-        begin: First row of the right-hand side that isn't zero.
-        end: The solution is found from this row on.
+        x: (M, 3, K)
+        down: Columns in which the right-hand side isn't zero and all their ancestors, in order.
+        up: Those in which the solution is wanted and all their ancestors, in order.
     """
     scaled = np.empty(x.shape[1:])
-    for col in range(begin, len(x)):
+    for col in down:
         for entry in range(starts[col], starts[col + 1]):
             subtract_product(lower[entry], x[col], x[rows[entry]])
-    for col in range(len(x) - 1, end - 1, -1):
+    for col in up[::-1]:
         scaled[:] = 0.0
         subtract_product(inverse[col], x[col], scaled)
         x[col] = -scaled

@@ -87,6 +87,7 @@ class PoseGraphMapper(Mapper):
         )  # fmt: skip
         self._reach = min(self._beams.usable, MATCH_RANGE) + SUBMAP_METRES + 1.0
         self._submaps: list[Submap] = []
+        self._closed = Columns({"first": np.int64}, first=(), centre=(2,))  # of all submaps but the newest
         self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
         self._loops = LoopCloser(config.pose_graph)
@@ -158,6 +159,7 @@ class PoseGraphMapper(Mapper):
             older = Chosen([known_submap(surfaces, self._start)], self._start[None])
             self._start = older.align(points, sides, self._start, self._start, unknown).pose
             self._submaps.append(known_submap(surfaces, self._start))
+            self._closed.append(first=0, centre=self._submaps[0].centre)
         self._submaps.append(Submap(0, self._reach))
         self._graph.append(self._start, step, np.zeros((3, 3)))
 
@@ -172,8 +174,7 @@ class PoseGraphMapper(Mapper):
         """Find where a scan was taken, and make it a node with its edges."""
         predicted, known = self._predicted(step), self._information(step)
         newest = list(range(max(0, len(self._submaps) - 2), len(self._submaps)))
-        old = list(range(newest[0]))
-        numbers = newest + self._overlapping(predicted, points, sides, old, MOST_SUBMAPS - len(newest))
+        numbers = newest + self._overlapping(predicted, points, sides, newest[0], MOST_SUBMAPS - len(newest))
         chosen = self._choose(numbers)
         placed = chosen.align(points, sides, predicted, predicted, known)
         if len(points) >= FEW_POINTS:
@@ -188,14 +189,11 @@ class PoseGraphMapper(Mapper):
             self._graph.tie(match, is_sure=match.old >= self._submaps[newest[0]].first)
 
     def _overlapping(
-        self, pose: FloatArray, points: FloatArray, sides: FloatArray, numbers: list[int], most: int
+        self, pose: FloatArray, points: FloatArray, sides: FloatArray, count: int, most: int
     ) -> list[int]:
-        """Those of some submaps whose surfaces a scan at a pose sees, the best first."""
-        if not numbers:
-            return []
-        submaps = [self._submaps[number] for number in numbers]
-        frames = self._graph.poses[[submap.first for submap in submaps]]
-        centres = np.array([submap.centre for submap in submaps])
+        """Those of the first ``count`` submaps whose surfaces a scan at a pose sees, the best first."""
+        firsts, centres = self._closed["first"][:count], self._closed["centre"][:count]
+        frames = self._graph.poses[firsts]
         cos, sin = np.cos(frames[:, 2]), np.sin(frames[:, 2])
         x = frames[:, 0] + cos * centres[:, 0] - sin * centres[:, 1]
         y = frames[:, 1] + sin * centres[:, 0] + cos * centres[:, 1]
@@ -203,9 +201,9 @@ class PoseGraphMapper(Mapper):
         away = np.hypot(x - middle[0], y - middle[1])
         near = np.argsort(away, kind="stable")[:MOST_TRIED]
         known = [
-            numbers[index]
-            for index in near
-            if away[index] < self._reach and self._graph.is_tied(submaps[index].first)
+            number
+            for number in near.tolist()
+            if away[number] < self._reach and self._graph.is_tied(int(firsts[number]))
         ]
         found: list[tuple[float, int]] = []
         for begin in range(0, len(known), MOST_SUBMAPS):
@@ -298,6 +296,7 @@ class PoseGraphMapper(Mapper):
         submap.size += abs(float(step.moved[2])) / SUBMAP_RADIANS
         if submap.size > 1.0 and len(submap.poses) >= SUBMAP_SCANS:
             submap.close()
+            self._closed.append(first=submap.first, centre=submap.centre)
             self._submap_bytes += submap.grid.nbytes + submap.pieces.nbytes
             self._judge([len(self._submaps) - 1])
             submap = Submap(node, self._reach)

@@ -25,8 +25,8 @@ ROBUST_WIDTH = 10.0
 """Chi-squared beyond which a match that may be false loses its pull (dynamic covariance scaling)."""
 ODOMETRY_WIDTH = 100.0
 """The same of the odometry: it may lie for a few steps."""
-RANKED_GROWTH = 1.2
-"""The order of elimination is sought again when there are so many times more submaps."""
+UNRANKED_SHARE, MOST_UNRANKED = 0.2, 32
+"""The order of elimination is sought again when so many submaps are new: the factor's fill grows with their square."""
 GRADUATION = (1000.0, 100.0, 10.0)
 """After a closure the width shrinks by these factors: a large true correction isn't taken for a false one."""
 
@@ -44,8 +44,8 @@ class PoseGraph:
         """How often the graph was optimised."""
         self._ranks = np.zeros(0, dtype=np.int64)  # of the anchors in the order of elimination
         self._factor: Factor | None = None
-        self._with_newest = np.zeros((0, 3, 3))  # covariances of all nodes with the newest one of the factor
-        self._distances = np.zeros(0)  # from that node
+        self._of_newest = np.zeros((3, 3))  # covariance of its newest node
+        self._distances = np.zeros(0)  # of all nodes from the newest one of the factor
         self._relative: dict[int, FloatArray] = {}  # its covariances seen from old nodes
         self._added = np.zeros((3, 3))  # covariance of the motion since that node
 
@@ -70,7 +70,7 @@ class PoseGraph:
     @property
     def optimised(self) -> int:
         """Number of nodes when the graph was last optimised."""
-        return len(self._with_newest) - 1 if self._factor is not None else 0
+        return len(self._distances)
 
     @property
     def covariance(self) -> FloatArray:
@@ -80,7 +80,7 @@ class PoseGraph:
         node = self.optimised - 1
         motion = self.poses[-1, :2] - self.poses[node, :2]
         drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[0]
-        return step_covariance(motion, self._with_newest[node] + np.diag(np.square(drift)), self._added)
+        return step_covariance(motion, self._of_newest + np.diag(np.square(drift)), self._added)
 
     def append(self, pose: FloatArray, step: WheelStep, information: FloatArray) -> None:
         """Add a node.
@@ -114,7 +114,8 @@ class PoseGraph:
         edges, is_anchor = self._edges(), np.zeros(len(self), dtype=bool)
         is_anchor[anchors] = True
         poses, wheels, prior = self.poses.copy(), self.wheels.systematic, self.wheels.prior
-        if is_closing or len(anchors) > RANKED_GROWTH * len(self._ranks):
+        ranked = len(self._ranks)
+        if is_closing or len(anchors) - ranked > min(UNRANKED_SHARE * ranked, MOST_UNRANKED):
             self._ranks = rank_anchors(edges.first, edges.second, is_anchor)
         places = elimination_order(is_anchor, self._ranks)
         for factor in GRADUATION if is_closing else ():
@@ -124,15 +125,15 @@ class PoseGraph:
         self._nodes["poses"][:] = poses
         self.optimisations += 1
         steps = len(self) - 1
-        covariance = self._factor.covariances(len(self), own_only=True)
+        covariance = self._factor.covariance(len(self), len(self))
         # Where the laser said nothing, nothing is left of the odometry's edge.
         seen = np.isin(np.arange(len(self)), self._matches["new"])
         seen = seen[1:] & (seen[:-1] | (np.arange(steps) == 0))
         errors = np.empty((steps, 3))
         edge_errors(poses, wheels, plain(edges), errors)
         self.wheels.learn(wheels, covariance, errors, self._nodes["slips"][1:], seen)
-        self._with_newest = self._factor.covariances(len(self) - 1)
         lengths = np.hypot(*np.diff(poses[:, :2], axis=0).T)
+        self._of_newest = self._factor.covariance(len(self) - 1, len(self) - 1)
         self._distances = graph_distances(lengths, self._matches["old"], self._matches["new"], len(self) - 1)
         self._relative, self._added = {}, np.zeros((3, 3))
 
@@ -143,10 +144,10 @@ class PoseGraph:
 
     def relative_covariance(self, old: int) -> FloatArray:
         """Covariance (3, 3) of the newest node of the last optimisation seen from an old one, drift included."""
-        if self._factor is None or old >= self.optimised:
+        if old >= self.optimised:
             return np.zeros((3, 3))
         if old not in self._relative:
-            known = self._seen_from(old, self.optimised - 1, self._with_newest)
+            known = self._seen_from(old, self.optimised - 1, self._of_newest)
             drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[old]
             self._relative[old] = known + np.diag(np.square(drift))
         return self._relative[old]
@@ -155,13 +156,14 @@ class PoseGraph:
         """Standard deviation of a node's place seen from an older one, in the worse direction [m]; 0 if not known."""
         if self._factor is None or new >= self.optimised:
             return 0.0
-        known = self._seen_from(old, new, self._factor.covariances(new))
+        known = self._seen_from(old, new, self._factor.covariance(new, new))
         return float(np.sqrt(max(known[0, 0], known[1, 1], 0.0)))  # rounding may leave it below zero
 
-    def _seen_from(self, old: int, new: int, with_new: FloatArray) -> FloatArray:
-        """Covariance (3, 3) of a node seen from an old one, by those of all nodes with it (N, 3, 3)."""
-        of_old = self._factor.covariances(old, own_only=True) if self._factor else np.zeros((3, 3))
-        return relative_covariance(self.poses[old], self.poses[new], of_old, with_new[new], with_new[old])
+    def _seen_from(self, old: int, new: int, of_new: FloatArray) -> FloatArray:
+        """Covariance (3, 3) of a node, whose own is given, seen from an old one."""
+        assert self._factor is not None, "the graph was optimised"
+        of_old, mixed = self._factor.covariance(old, old), self._factor.covariance(old, new)
+        return relative_covariance(self.poses[old], self.poses[new], of_old, of_new, mixed)
 
     def _edges(self) -> Edges:
         """The odometry's edges, in the order of the path, and the laser's."""
