@@ -81,8 +81,8 @@ class Viewpoints:
         self.views: BoolArray = np.vstack([seen.reshape(-1)[self.cells] for seen in in_sight])
         self._lists = [np.flatnonzero(seen) for seen in self.views]
         self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen while driving from place to place
-        self._at = [self.paths.place((x, y)) for x, y in self.places.tolist()]
-        lengths = np.vstack([self.paths.lengths_from(cell)[self._at] for cell in self._at])
+        self._at: IntArray = np.array([self.paths.place((x, y)) for x, y in self.places.tolist()])
+        lengths = np.vstack([self.paths.lengths_from(cell, self._at) for cell in self._at])
         # Rounding makes a way back longer by micrometres, and improving a tour by such lengths may never end.
         self.lengths: FloatArray = np.minimum(lengths, lengths.T)
         self.near: IntArray = np.argsort(self.lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
@@ -97,7 +97,7 @@ class Viewpoints:
 
     def lengths_from(self, start: Point) -> FloatArray:
         """Path length from a point to each place, shape (P,) [m]."""
-        return self.paths.lengths_from(self.paths.place(start))[self._at].astype(np.float64)
+        return self.paths.lengths_from(self.paths.place(start), self._at).astype(np.float64)
 
     def seen_between(self, here: int, there: int) -> BoolArray:
         """Cells that are seen ahead on the path from one place to another, shape (C,)."""

@@ -115,15 +115,15 @@ def make_candidates(
     costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
     start = _coarse_cell(divmod(int(reachable.order[0]), costmap.frame.width_px), frame)
     ends = np.array([_coarse_cell(place, frame) for _, place in frontiers], dtype=np.int64)
-    distance, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
+    lengths, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
     found = []
-    for index in np.argsort(distance[ends], kind="stable")[:most].tolist():
+    for index in np.argsort(lengths, kind="stable")[:most].tolist():
         (frontier, place), end = frontiers[index], int(ends[index])
-        if math.isfinite(distance[end]):
+        if math.isfinite(lengths[index]):
             path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
             points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
             length = float(np.hypot(*(path[1:] - path[:-1]).T).sum())
-            cost, target = float(distance[end]) * frame.resolution, _target(frontier, points, keep)
+            cost, target = float(lengths[index]) * frame.resolution, _target(frontier, points, keep)
             found.append(FrontierCandidate(frontier, points, target, place, length, cost, path))
     return found
 

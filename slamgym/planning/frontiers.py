@@ -64,10 +64,10 @@ def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     if start < 0:
         return None
     order, mask = flood(costmap.costs, start, INSCRIBED_COST)
-    widened = mask.reshape(costmap.costs.shape).view(np.uint8)
-    passable = (costmap.costs < LETHAL_COST).view(np.uint8)
+    widened = mask.reshape(costmap.costs.shape).view(np.uint8).copy()
+    passable, grown = (costmap.costs < LETHAL_COST).view(np.uint8), np.empty_like(widened)
     for _ in range(math.ceil(_BODY_SIDE / costmap.frame.resolution)):
-        widened = cv2.dilate(widened, _CROSS) & passable
+        np.bitwise_and(cv2.dilate(widened, _CROSS, grown), passable, out=widened)
     beside = np.flatnonzero(widened.reshape(-1) > mask.view(np.uint8)).astype(np.int32)
     return Reachable(np.append(order, beside), widened.reshape(-1).view(np.bool_), len(order))
 

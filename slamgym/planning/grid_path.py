@@ -49,8 +49,8 @@ def plan_path(
     if place is None:
         return None
     first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
-    distance, parent = search_path(costmap.costs, first, last, EVERYWHERE, INSCRIBED_COST, COST_FACTOR)
-    if not math.isfinite(distance[last]):
+    length, parent = search_path(costmap.costs, first, last, np.array([last]), INSCRIBED_COST, COST_FACTOR)
+    if not math.isfinite(length[0]):
         return None
     cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))
     return _path_through(costmap, start, cells.astype(np.float64))
@@ -130,17 +130,17 @@ class CoarsePaths:
         return int(nearest_open_cell(self._crossable, row, col, 1, ANY, self._crossable.size))
 
     def lengths_from(self, place: int, wanted: IntArray = EVERYWHERE) -> Float32Array:
-        """Length of the shortest path from an open cell to each coarse cell, inf where none leads.
+        """Length of the shortest path from an open cell to others, inf where none leads.
 
         Args:
             place: Flat index, from :meth:`place`; from -1 none leads anywhere.
-            wanted: Flat indices of the cells to which lengths must be right; by default all.
+            wanted: Flat indices of coarse cells, shape (N,); by default all of them.
 
         Returns:
-            Flat, shape (cells,) [m].
+            Shape (N,) [m].
         """
         if place < 0:
-            return np.full(self._costs.size, np.inf, dtype=np.float32)
+            return np.full(len(wanted) or self._costs.size, np.inf, dtype=np.float32)
         lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
         return lengths * np.float32(self.cell)
 
@@ -158,7 +158,7 @@ class CoarsePaths:
         lengths = np.full((len(cells), len(cells)), math.inf)
         on_map = np.flatnonzero(cells >= 0)
         for i in on_map:
-            lengths[i, on_map] = self.lengths_from(int(cells[i]), cells[on_map])[cells[on_map]]
+            lengths[i, on_map] = self.lengths_from(int(cells[i]), cells[on_map])
         return np.minimum(lengths, lengths.T)
 
     def path(self, start: Point, goal: Point) -> FloatArray:
@@ -166,8 +166,8 @@ class CoarsePaths:
         first, last = self.place(start), self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
-        lengths, parent = search_path(self._costs, first, last, EVERYWHERE, INSCRIBED_COST, 0.0)
-        if not math.isfinite(lengths[last]):
+        length, parent = search_path(self._costs, first, last, np.array([last]), INSCRIBED_COST, 0.0)
+        if not math.isfinite(length[0]):
             return np.zeros((0, 2))
         row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])
         half = 0.5 * (SHRINK - 1)

@@ -21,6 +21,9 @@ EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
 _ONE, _HALF = np.uint64(1), np.uint64(32)
 _CELL = np.uint64(0xFFFFFFFF)
 
+_AWAITED, _REACHED, _CLOSED = 1, 2, 4
+"""Bits of a cell's state in a search: wanted, reached, and done with."""
+
 
 @kernel
 def _push(heap: UInt64Array, size: Any, entry: Any, key: Any) -> Any:
@@ -62,7 +65,6 @@ def _pop(heap: UInt64Array, size: Any) -> Any:
     return size
 
 
-@kernel
 def search_path(
     costs: ByteArray,
     start: int,
@@ -81,27 +83,44 @@ def search_path(
         costs: Costmap, shape (H, W).
         start: Flat index of the first cell.
         goal: Flat index of the last cell, or -1.
-        wanted: Flat indices of the cells that Dijkstra's search may end with; of shape (0,) for all, as for A*.
+        wanted: Flat indices (N,) of the cells that Dijkstra's search may end with; of shape (0,) for all.
         limit: Cells at or above this cost are not entered.
         factor: Weight of the costs.
         enough: Dijkstra's search ends with so many of the wanted cells, the cheapest to get to.
 
     Returns:
-        The cost from the start to each cell [cells], inf where the search didn't come, and the flat index of
-        each cell's predecessor, which only cells that it came to have, both of shape (H * W,). They are final for what
-        is wanted; others cost no less than these.
+        The cost from the start to each wanted cell [cells], shape (N,), inf where the search didn't come; final for as
+        many as are enough, others cost no less. And the flat index of each cell's predecessor, shape (H * W,), which
+        only cells that it came to have.
     """
+    # Memory that the search doesn't touch costs nothing.
+    distance, parent = np.empty(costs.size, np.float32), np.empty(costs.size, np.int32)
+    state = np.zeros(costs.size, np.uint8)
+    _search(costs, start, goal, wanted, limit, factor, enough, distance, parent, state)
+    cells: Any = wanted if len(wanted) else slice(None)
+    return np.where(state[cells] & _REACHED, distance[cells], np.float32(np.inf)), parent
+
+
+@kernel
+def _search(
+    costs: ByteArray,
+    start: int,
+    goal: int,
+    wanted: IntArray,
+    limit: int,
+    factor: float,
+    enough: int,
+    distance: Float32Array,
+    parent: Int32Array,
+    state: ByteArray,
+) -> None:
+    """Search as :func:`search_path` says; the last three, shape (H * W,), receive what is found, ``state`` from 0."""
     height, width = costs.shape
     flat = costs.reshape(-1)
-    distance = np.full(height * width, np.float32(np.inf), np.float32)
-    parent = np.empty(height * width, np.int32)
-    closed = flat >= limit  # entered no more: done with, or an obstacle
-    closed[start] = False
-    awaited = np.zeros(height * width, np.bool_)
     num_awaited = 0
     for end in wanted:
-        num_awaited += int(not awaited[end])
-        awaited[end] = True
+        num_awaited += int(state[end] == 0)
+        state[end] = _AWAITED
     num_awaited = min(num_awaited, enough)
     steps = np.empty(256, np.float32)
     for cost in range(256):
@@ -113,15 +132,16 @@ def search_path(
     bits = single.view(np.uint32)
     goal_row, goal_col = goal // width, goal % width
     distance[start] = 0.0
+    state[start] |= _REACHED
     size = _push(heap, np.uint64(0), np.uint64(start), np.uint64(0))
     while size > 0:
         cell = np.int64(heap[0] & _CELL)
         size = _pop(heap, size)
         here = np.uint64(cell)
-        if closed[here]:
+        if state[here] & _CLOSED:
             continue
-        closed[here] = True
-        num_awaited -= int(awaited[here])
+        state[here] |= _CLOSED
+        num_awaited -= int(state[here] & _AWAITED)
         if cell == goal or (len(wanted) > 0 and num_awaited == 0):
             break
         row, col = cell // width, cell % width
@@ -133,7 +153,7 @@ def search_path(
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 neighbour = np.uint64(cell + dr * width + dc)
-                if closed[neighbour]:  # the cell itself, too
+                if state[neighbour] & _CLOSED or flat[neighbour] >= limit:  # closed is the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
@@ -141,7 +161,8 @@ def search_path(
                         continue
                     length = _SQRT2
                 reached = so_far + length * steps[flat[neighbour]]
-                if reached < distance[neighbour]:
+                if not state[neighbour] & _REACHED or reached < distance[neighbour]:
+                    state[neighbour] |= _REACHED
                     distance[neighbour] = reached
                     parent[neighbour] = cell
                     key = np.float64(reached)
@@ -153,7 +174,6 @@ def search_path(
                     # A key that was rounded up stays behind those that are larger than what it was.
                     compared = kept - _ONE if single[0] > key else kept
                     size = _push(heap, size, (kept << _HALF) | neighbour, compared)
-    return distance, parent
 
 
 @kernel
