@@ -7,12 +7,7 @@ import numpy as np
 from slamgym.core.types import Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, Costmap, cells_inside
 from slamgym.planning.frontiers import ANY, Point, Reachable, nearest_open_cell, reachable_space
-from slamgym.planning.grid_path_kernels import (
-    EVERYWHERE,
-    search_path,
-    shortcut,
-    trace_path,
-)
+from slamgym.planning.grid_path_kernels import search_path, shortcut, trace_path
 
 COST_FACTOR = 0.8 / 50.0
 """Weight of a cell's cost relative to its length: navfn's COST_FACTOR 0.8 over COST_NEUTRAL 50."""
@@ -129,7 +124,7 @@ class CoarsePaths:
         row, col = (int(cell) // SHRINK for cell in self._frame.to_cell(*point))
         return int(nearest_open_cell(self._crossable, row, col, 1, ANY, self._crossable.size))
 
-    def lengths_from(self, place: int, wanted: IntArray = EVERYWHERE) -> Float32Array:
+    def lengths_from(self, place: int, wanted: IntArray | None = None) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
 
         Args:
@@ -139,8 +134,9 @@ class CoarsePaths:
         Returns:
             Shape (N,) [m].
         """
+        wanted = np.arange(self._costs.size) if wanted is None else wanted
         if place < 0:
-            return np.full(len(wanted) or self._costs.size, np.inf, dtype=np.float32)
+            return np.full(len(wanted), np.inf, dtype=np.float32)
         lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
         return lengths * np.float32(self.cell)
 

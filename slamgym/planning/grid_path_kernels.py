@@ -12,17 +12,10 @@ UInt64Array = NDArray[np.uint64]
 
 _SQRT2 = np.float32(1.4142135)
 
-EVERYWHERE: IntArray = np.empty(0, dtype=np.int64)
-"""Cells wanted of a search that continues as far as it can."""
-
-
 # An entry of the heap is one number: the bits of its key, a positive float32, above those of its cell. Such bits are
 # in the order of the floats. All is unsigned, for an unsigned index isn't asked whether it counts from the end.
 _ONE, _HALF = np.uint64(1), np.uint64(32)
 _CELL = np.uint64(0xFFFFFFFF)
-
-_AWAITED, _REACHED, _CLOSED = 1, 2, 4
-"""Bits of a cell's state in a search: wanted, reached, and done with."""
 
 
 @kernel
@@ -65,6 +58,7 @@ def _pop(heap: UInt64Array, size: Any) -> Any:
     return size
 
 
+@kernel
 def search_path(
     costs: ByteArray,
     start: int,
@@ -82,8 +76,8 @@ def search_path(
     Args:
         costs: Costmap, shape (H, W).
         start: Flat index of the first cell.
-        goal: Flat index of the last cell, or -1.
-        wanted: Flat indices (N,) of the cells that Dijkstra's search may end with; of shape (0,) for all.
+        goal: Flat index of the only wanted cell, or -1.
+        wanted: Flat indices (N,) of the cells that the search may end with.
         limit: Cells at or above this cost are not entered.
         factor: Weight of the costs.
         enough: Dijkstra's search ends with so many of the wanted cells, the cheapest to get to.
@@ -93,34 +87,16 @@ def search_path(
         many as are enough, others cost no less. And the flat index of each cell's predecessor, shape (H * W,), which
         only cells that it came to have.
     """
-    # Memory that the search doesn't touch costs nothing.
-    distance, parent = np.empty(costs.size, np.float32), np.empty(costs.size, np.int32)
-    state = np.zeros(costs.size, np.uint8)
-    _search(costs, start, goal, wanted, limit, factor, enough, distance, parent, state)
-    cells: Any = wanted if len(wanted) else slice(None)
-    return np.where(state[cells] & _REACHED, distance[cells], np.float32(np.inf)), parent
-
-
-@kernel
-def _search(
-    costs: ByteArray,
-    start: int,
-    goal: int,
-    wanted: IntArray,
-    limit: int,
-    factor: float,
-    enough: int,
-    distance: Float32Array,
-    parent: Int32Array,
-    state: ByteArray,
-) -> None:
-    """Search as :func:`search_path` says; the last three, shape (H * W,), receive what is found, ``state`` from 0."""
     height, width = costs.shape
     flat = costs.reshape(-1)
+    # Memory that isn't written to costs nothing, so most of it isn't filled.
+    distance, parent = np.empty(height * width, np.float32), np.empty(height * width, np.int32)
+    is_awaited, is_reached, is_closed = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of a cell's state
+    state = np.zeros(height * width, np.uint8)
     num_awaited = 0
     for end in wanted:
-        num_awaited += int(state[end] == 0)
-        state[end] = _AWAITED
+        num_awaited += int(not state[end] & is_awaited)
+        state[end] |= is_awaited
     num_awaited = min(num_awaited, enough)
     steps = np.empty(256, np.float32)
     for cost in range(256):
@@ -132,17 +108,17 @@ def _search(
     bits = single.view(np.uint32)
     goal_row, goal_col = goal // width, goal % width
     distance[start] = 0.0
-    state[start] |= _REACHED
+    state[start] |= is_reached
     size = _push(heap, np.uint64(0), np.uint64(start), np.uint64(0))
     while size > 0:
         cell = np.int64(heap[0] & _CELL)
         size = _pop(heap, size)
         here = np.uint64(cell)
-        if state[here] & _CLOSED:
+        if state[here] & is_closed:
             continue
-        state[here] |= _CLOSED
-        num_awaited -= int(state[here] & _AWAITED)
-        if cell == goal or (len(wanted) > 0 and num_awaited == 0):
+        state[here] |= is_closed
+        num_awaited -= int(state[here] & is_awaited)
+        if num_awaited == 0:
             break
         row, col = cell // width, cell % width
         if np.int64(size) + 8 > capacity:
@@ -153,7 +129,7 @@ def _search(
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 neighbour = np.uint64(cell + dr * width + dc)
-                if state[neighbour] & _CLOSED or flat[neighbour] >= limit:  # closed is the cell itself, too
+                if state[neighbour] & is_closed or flat[neighbour] >= limit:  # closed is the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
@@ -161,8 +137,8 @@ def _search(
                         continue
                     length = _SQRT2
                 reached = so_far + length * steps[flat[neighbour]]
-                if not state[neighbour] & _REACHED or reached < distance[neighbour]:
-                    state[neighbour] |= _REACHED
+                if not state[neighbour] & is_reached or reached < distance[neighbour]:
+                    state[neighbour] |= is_reached
                     distance[neighbour] = reached
                     parent[neighbour] = cell
                     key = np.float64(reached)
@@ -174,6 +150,8 @@ def _search(
                     # A key that was rounded up stays behind those that are larger than what it was.
                     compared = kept - _ONE if single[0] > key else kept
                     size = _push(heap, size, (kept << _HALF) | neighbour, compared)
+    lengths = np.where(state[wanted] & is_reached, distance[wanted], np.float32(np.inf))
+    return lengths, parent
 
 
 @kernel

@@ -16,7 +16,7 @@ from slamgym.planning import (
 )
 from slamgym.planning.costmap import INSCRIBED_COST
 from slamgym.planning.grid_path import COST_FACTOR
-from slamgym.planning.grid_path_kernels import EVERYWHERE, line_cost, search_path, trace_path
+from slamgym.planning.grid_path_kernels import line_cost, search_path, trace_path
 
 RESOLUTION = 0.05
 
@@ -88,7 +88,7 @@ def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
     reachable = reachable_space(costmap, start)
     assume(reachable is not None)
     distance, _ = search_path(
-        costmap.costs, int(reachable.order[0]), -1, EVERYWHERE, INSCRIBED_COST, COST_FACTOR
+        costmap.costs, int(reachable.order[0]), -1, np.arange(costmap.costs.size), INSCRIBED_COST, COST_FACTOR
     )
     costs = distance.reshape(costmap.costs.shape) * RESOLUTION
     last = divmod(int(reachable.order[reachable.num_centre - 1]), grid.cells.shape[1])
@@ -108,7 +108,9 @@ def test_a_search_that_ends_early_finds_the_paths_of_the_whole_search(seed, coun
     rng = np.random.default_rng(seed)
     # Among the cells wanted are walls and places that no path leads to.
     wanted = rng.choice(np.append(reachable.order, rng.integers(0, grid.cells.size, 20)), count)
-    whole, parents = search_path(costmap.costs, start, -1, EVERYWHERE, INSCRIBED_COST, COST_FACTOR)
+    whole, parents = search_path(
+        costmap.costs, start, -1, np.arange(costmap.costs.size), INSCRIBED_COST, COST_FACTOR
+    )
     part, their_parents = search_path(
         costmap.costs, start, -1, wanted.astype(np.int64), INSCRIBED_COST, COST_FACTOR
     )
