@@ -9,12 +9,7 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, Pilot
-from slamgym.agents.pretrained_policy import (
-    fingerprint_of,
-    linear_shapes,
-    read_weights,
-    write_weights,
-)
+from slamgym.agents.pretrained_policy import fingerprint_of, linear_shapes, read_weights, write_weights
 from slamgym.agents.rl.train_config import CROP_SIDE, HOLD, LAYER_UNITS, WHEELS_NETWORK
 from slamgym.core.errors import ConfigError
 from slamgym.core.portable import product
@@ -24,6 +19,7 @@ from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.far_look import FAR_SIZE, SECTORS
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import crop_known
+from slamgym.planning.path_follower import PathFollower
 
 WHEELS = Path(__file__).parent / "pretrained" / "wheels_policy.safetensors"
 """The policy that comes with the package."""
@@ -101,13 +97,15 @@ class WheelsPilot(Pilot):
     Args:
         context: What the environment says about the robot and its map.
         policy: The network.
+        avoids: True to drive round what the scan shows in the way, whatever the network says.
     """
 
-    def __init__(self, context: ExplorerContext, policy: WheelsPolicy) -> None:
+    def __init__(self, context: ExplorerContext, policy: WheelsPolicy, avoids: bool = True) -> None:
         self._context, self._policy = context, policy
         limits = context.max_linear, context.max_angular, context.geometry.range_max
         self._observer = CompactObserver(context.geometry.num_beams, limits, CROP_SIDE, looks_far=True)
         self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
+        self._follower = PathFollower(context) if avoids else None
         self._steps = 0
         self._command = Twist2D(0.0, 0.0)
         self._publication = round(context.map_update_interval / context.control_step) or 1
@@ -128,7 +126,9 @@ class WheelsPilot(Pilot):
             self._command = Twist2D(linear * context.max_linear, angular * context.max_angular)
             self.decisions += 1
         self._steps += 1
-        return self._command
+        if self._follower is None:
+            return self._command
+        return self._follower.avoid(self._command, observation["scan"])
 
 
 class WheelsExplorer(BatchedExplorer):
@@ -137,16 +137,19 @@ class WheelsExplorer(BatchedExplorer):
     Args:
         context: What the environment says about the robot and its map.
         policy: Weights, as ``slamgym agents train wheels`` writes them; by default those of the package.
+        avoids: See :class:`WheelsPilot`.
 
     Raises:
         ConfigError: If the scanner has too few beams.
         InputFileError: If the weights are missing, damaged, or made for other observations.
     """
 
-    def __init__(self, context: ExplorerContext, policy: Path | str = WHEELS) -> None:
+    def __init__(self, context: ExplorerContext, policy: Path | str = WHEELS, avoids: bool = True) -> None:
         if context.geometry.num_beams < SCAN_SECTORS:
             raise ConfigError(
                 f"the explorer wheels needs a scanner of {SCAN_SECTORS} beams or more, not {context.geometry.num_beams}"
             )
         found = read_wheels(policy)
-        super().__init__(context, fingerprint_of(found.weights), lambda _: WheelsPilot(context, found))
+        super().__init__(
+            context, fingerprint_of(found.weights), lambda _: WheelsPilot(context, found, avoids)
+        )

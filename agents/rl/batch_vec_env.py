@@ -8,8 +8,10 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FloatArray
+from slamgym.core.types import FloatArray, Twist2D
 from slamgym.envs.batch.env import BatchExploreEnv
+from slamgym.envs.explore_env import explorer_context
+from slamgym.planning.path_follower import PathFollower
 
 
 class BatchVecEnv(VecEnv):
@@ -24,16 +26,23 @@ class BatchVecEnv(VecEnv):
         seconds: Shortest and longest episode [s], each cut off at a time drawn evenly between, the first ones earlier
             so that they don't end together; None leaves that to the environment.
         seed: Random seed of that draw and, until :meth:`seed` is called, of the environments.
+        avoids: True to drive round what scans show in the way, whatever the actions say.
     """
 
     def __init__(
-        self, env: BatchExploreEnv, hold: int = 1, seconds: tuple[float, float] | None = None, seed: int = 0
+        self,
+        env: BatchExploreEnv,
+        hold: int = 1,
+        seconds: tuple[float, float] | None = None,
+        seed: int = 0,
+        avoids: bool = False,
     ) -> None:
         if env.metadata["autoreset_mode"] != AutoresetMode.SAME_STEP:
             raise ConfigError("Stable-Baselines3 needs autoreset_mode='same_step'")
         self.env = env  # which the base class asks for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
         self._hold, self._seconds = hold, seconds
+        self._follower = PathFollower(explorer_context(env.config)) if avoids else None
         self._rng = np.random.default_rng(seed)
         self.seed(seed)
         self._actions: Any = None
@@ -58,7 +67,7 @@ class BatchVecEnv(VecEnv):
         rewards, over = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for _ in range(self._hold):
-            observations, reward, terminations, truncations, all_infos = self.env.step(self._actions)
+            observations, reward, terminations, truncations, all_infos = self.env.step(self._safe())
             rewards += np.where(over, 0.0, reward)  # what follows an end belongs to no episode
             for i in np.flatnonzero((terminations | truncations) & ~over).tolist():
                 is_cut = bool(truncations[i] and not terminations[i])
@@ -73,6 +82,16 @@ class BatchVecEnv(VecEnv):
             observations, _ = self.env.reset(options={"reset_mask": late})
         self._close_episodes(np.flatnonzero(over | late), infos)
         return observations, rewards.astype(np.float32), over | late, infos
+
+    def _safe(self) -> Any:
+        """The actions, or what drives round what the scans show."""
+        follower = self._follower
+        if follower is None:
+            return self._actions
+        limits = follower.context.max_linear, follower.context.max_angular
+        commands = zip((self._actions * limits).tolist(), self.env.ranges, strict=True)
+        safe = [follower.avoid(Twist2D(*command), ranges) for command, ranges in commands]
+        return (np.array(safe) / limits).astype(np.float32)
 
     def _close_episodes(self, ids: Any, infos: list[dict[str, Any]]) -> None:
         """Add what the monitor of Stable-Baselines3 would, and begin to count again."""

@@ -73,7 +73,12 @@ def make_batch(config: WheelsConfig, plans: Any, reward_terms: RewardTerms | Non
 
 
 def explore_plan(
-    config: TrainConfig | WheelsConfig, policy: Path, plan: FloorPlan, seed: int, **changes: Any
+    config: TrainConfig | WheelsConfig,
+    policy: Path,
+    plan: FloorPlan,
+    seed: int,
+    avoids: bool = True,
+    **changes: Any,
 ) -> Trial:
     """Explore a building by trained weights, frontiers to the end and the wheels for ``evaluate_seconds``.
 
@@ -82,12 +87,15 @@ def explore_plan(
         policy: Its weights.
         plan: The building.
         seed: Of start and noise.
+        avoids: See :class:`slamgym.agents.wheels.WheelsPilot`.
         **changes: Settings of the environment that differ from the run's, where frontiers are chosen.
     """
     if isinstance(config, WheelsConfig):
         env = resolve_config(None, {"localization": "ground_truth"})
         trial = TrialConfig(config.evaluate_seconds / 60.0, None, env)
-        return run_trial(Task("wheels", plan, seed), trial, lambda context: WheelsExplorer(context, policy))
+        return run_trial(
+            Task("wheels", plan, seed), trial, lambda context: WheelsExplorer(context, policy, avoids)
+        )
     env = resolve_config(None, {**_simulation(config), **changes})
     trial = TrialConfig(config.time_limit / 60.0, None, env)
     return run_trial(Task("rl", plan, seed), trial, lambda context: LearnedExplorer(context, policy))

@@ -6,7 +6,7 @@ Your own term needs no preset: ``slamgym agents shape --term my_module:my_functi
 
 from dataclasses import field, replace
 
-from slamgym.agents.rl.train_config import DISCOUNT, HOLD, WHEELS_REWARD, WheelsConfig
+from slamgym.agents.rl.train_config import DISCOUNT, HOLD, WheelsConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
@@ -23,10 +23,10 @@ _NOTHING = RewardConfig(coverage_gain=0.0, time=0.0, collision=0.0, completion=0
 REWARD_PRESETS: dict[str, RewardConfig] = {
     # A point for each new hundredth of the floor.
     "coverage": replace(_NOTHING, coverage_gain=100.0),
-    # The same, less contacts: what the pretrained driver learned from.
-    "collision": WHEELS_REWARD,
+    # The same, less contacts.
+    "collision": replace(_NOTHING, coverage_gain=100.0, collision=2.0),
     # The same, four times as much for a contact.
-    "careful": replace(WHEELS_REWARD, collision=8.0),
+    "careful": replace(_NOTHING, coverage_gain=100.0, collision=8.0),
     # Square metres in place of shares: large buildings count more.
     "floor": replace(_NOTHING, floor_gain=1.0),
     # Coverage, less the path driven.
@@ -59,7 +59,9 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
     """Runs of each preset."""
     test_plans: Count = 40
     """Held-out plans that every policy explores at the end."""
-    train: WheelsConfig = field(default_factory=lambda: WheelsConfig(steps=150_000, evaluate_every=0))
+    train: WheelsConfig = field(
+        default_factory=lambda: WheelsConfig(steps=150_000, evaluate_every=0, evaluate_seconds=90.0)
+    )
     """Each run, but for its reward and seed."""
 
     def _check(self) -> None:

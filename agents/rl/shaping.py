@@ -60,7 +60,7 @@ class Experiment:
 
     Args:
         config: The experiment.
-        learn: :func:`slamgym.agents.rl.wheels.train_wheels`.
+        learn: :func:`slamgym.agents.rl.wheels.train_wheels`; policies are tested without avoidance.
         term: A term of the user's own, for the preset ``own``.
     """
 
@@ -80,7 +80,7 @@ class Experiment:
     def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
         """Explore a plan with the trained policy; start and noise follow from the plan's id."""
         settings, start = self.config.settings(preset, seed), exploration_seed(0, plan.id, 0)
-        return explore_plan(settings, folder / POLICY, plan, start)
+        return explore_plan(settings, folder / POLICY, plan, start, avoids=False)
 
 
 def run_shaping(experiment: Experiment, out: Path) -> list[ShapingRun]:

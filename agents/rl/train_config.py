@@ -28,7 +28,7 @@ CROP_SIDE = 8.4
 """Side of the map's crop that the driver of the wheels sees [m]."""
 HOLD = 3
 """An action holds for so many control steps."""
-DISCOUNT = 0.99
+DISCOUNT = 0.995
 """Of the return, per decision."""
 LAYER_UNITS = (256, 128)
 """Units of the first layer, which action and value share, and of the second of each."""
@@ -36,17 +36,8 @@ WHEELS_NETWORK = {"crop_side": CROP_SIDE, "hold": HOLD, "first": LAYER_UNITS[0],
 """Description of the network in files."""
 WHEELS_GOAL = 0.98
 """An episode of driving the wheels ends at this true coverage; privileged, never observed."""
-WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.0, collision=2.0, completion=0.0)
-"""A point for each new hundredth of the floor, two off for each control step in contact."""
-
-DROPPED: dict[str, Any] = {
-    "network": {"prior_feature": "tour_detour", "prior_weight": -5.0},
-    "imitation": {"decisions": 0, "rounds": 1},
-    "start_from": "",
-    "odometry": "medium",
-    "promise": None,
-}
-"""Settings of earlier versions."""
+WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.2, collision=2.0, completion=0.0)
+"""A point for each new hundredth of the floor, a fifth off per second and two for each control step in contact."""
 
 
 class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
@@ -90,7 +81,7 @@ class RunConfig(Settings):
     """Plans of an evaluation."""
 
 
-class TrainConfig(RunConfig, dropped=DROPPED):
+class TrainConfig(RunConfig):
     """A training run on ``slamgym/ExploreFrontiers-v2``."""
 
     furnished: Share = 0.0
@@ -105,18 +96,7 @@ class TrainConfig(RunConfig, dropped=DROPPED):
     """Robot time of an episode of training [s]."""
 
 
-class WheelsConfig(
-    RunConfig,
-    dropped={
-        "localization": "ground_truth",
-        "odometry": "medium",
-        "coverage_goal": WHEELS_GOAL,
-        "network": WHEELS_NETWORK,
-        "checkpoint_every": 20_000,
-        "discount": DISCOUNT,
-        "episode_seconds": [90.0, 180.0],
-    },
-):
+class WheelsConfig(RunConfig):
     """A training run on ``slamgym/Explore-v2`` with the observations ``compact_far``, at true poses."""
 
     steps: Count = 6_000_000
@@ -131,5 +111,5 @@ class WheelsConfig(
     """Decisions between two evaluations on validation plans; 0 for none."""
     evaluate_plans: Count = 64
     """Plans of an evaluation."""
-    evaluate_seconds: Positive = 90.0
+    evaluate_seconds: Positive = 600.0
     """Time for which each plan of an evaluation is explored [s]."""

@@ -22,11 +22,11 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
 from slamgym.envs.rewards import RewardTerms
 
-EPISODE_SECONDS = (90.0, 180.0)
+EPISODE_SECONDS = (60.0, 600.0)
 """Shortest and longest episode [s]; each is cut off at a time drawn evenly between, and the value of what would have
 followed counts."""
-_CONTACT_PRICE = 0.02
-"""Cost of a contact in five minutes, in coverage, when the best weights are chosen."""
+_CONTACT_PRICE = 10.0
+"""Cost of a contact in five minutes when the best weights are chosen [s]."""
 _FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
 """Shares of the largest speed and turning rate of the untrained network: it sees more than one that stands."""
 
@@ -43,9 +43,11 @@ class FirstLayer(BaseFeaturesExtractor):
         return torch.relu(self.layer(observations))
 
 
-def train_wheels(config: WheelsConfig, out: Path, reward_terms: RewardTerms | None = None) -> PPO:
+def train_wheels(
+    config: WheelsConfig, out: Path, reward_terms: RewardTerms | None = None, avoids: bool = True
+) -> PPO:
     """Train a policy that drives the wheels; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
-    return learn_policy(WheelsLearner(config, reward_terms), out)
+    return learn_policy(WheelsLearner(config, reward_terms, avoids), out)
 
 
 class WheelsLearner(PolicyLearner[WheelsConfig]):
@@ -54,20 +56,24 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
     Args:
         config: The run.
         reward_terms: Terms of the user's own.
+        avoids: True if what the scan shows in the way is driven round, whatever the policy says.
     """
 
     unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {f"rollout/{key}": key for key in ("coverage", "collisions")}
 
-    def __init__(self, config: WheelsConfig, reward_terms: RewardTerms | None = None) -> None:
+    def __init__(
+        self, config: WheelsConfig, reward_terms: RewardTerms | None = None, avoids: bool = True
+    ) -> None:
         super().__init__(config)
-        self._terms = reward_terms
+        self._terms, self._avoids = reward_terms, avoids
 
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
         config = self.config
-        batch = BatchVecEnv(make_batch(config, plans, self._terms), HOLD, EPISODE_SECONDS, config.seed)
-        normalised = VecNormalize(batch, clip_obs=CLIP, clip_reward=CLIP, gamma=DISCOUNT)
+        batch = make_batch(config, plans, self._terms)
+        envs = BatchVecEnv(batch, HOLD, EPISODE_SECONDS, config.seed, self._avoids)
+        normalised = VecNormalize(envs, clip_obs=CLIP, clip_reward=CLIP, gamma=DISCOUNT)
         layers = {
             "features_extractor_class": FirstLayer,
             "net_arch": {"pi": [LAYER_UNITS[1]], "vf": [LAYER_UNITS[1]]},
@@ -79,9 +85,11 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
         return model
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
-        """Means over validation plans; a contact takes :data:`_CONTACT_PRICE` off the coverage."""
-        means = mean_figures([explore_plan(self.config, policy, plan, i) for i, plan in enumerate(plans)])
-        return {**means, "score": _CONTACT_PRICE * means["contacts"] - means["coverage"]}
+        """Means over validation plans; the score is the time to 99 %, a contact costs :data:`_CONTACT_PRICE`."""
+        means = mean_figures(
+            [explore_plan(self.config, policy, plan, i, self._avoids) for i, plan in enumerate(plans)]
+        )
+        return {**means, "score": _CONTACT_PRICE * means["contacts"] + means["time_99"]}
 
     def export(self, model: PPO, path: Path) -> None:
         """Write the weights as the explorer ``wheels`` reads them, with the normalisation of the observations."""

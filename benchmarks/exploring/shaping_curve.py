@@ -1,6 +1,6 @@
 """Draw the curves of ``slamgym agents shape``: ``python benchmarks/exploring/shaping_curve.py OUT PNG``.
 
-Left: share of the floor seen in the latest hundred episodes of training, of 90 to 180 s each. Right: contacts in one of
+Left: share of the floor seen in the latest hundred episodes of training, of 60 to 600 s each. Right: contacts in one of
 them. A line for each seed, with exploration noise.
 """
 

@@ -292,17 +292,7 @@ class ExploreEnv(gym.Env[Any, Any]):
                 'explorers need observation={"preset": "dict", "map": "global"} and velocities as actions; '
                 "ExploreConfig.for_explorer() sets both"
             )
-        robot = config.robot
-        return ExplorerContext(
-            frame=observation.frame(),
-            geometry=self._lidar.geometry,
-            robot_radius=robot.radius,
-            max_linear=robot.max_linear,
-            max_angular=robot.max_angular,
-            control_step=config.control_step,
-            map_update_interval=MAP_UPDATE_INTERVAL,
-            normalized_actions=config.actions == "normalized",
-        )
+        return explorer_context(config)
 
     # The parts of reset and step.
 
@@ -356,3 +346,13 @@ class ExploreEnv(gym.Env[Any, Any]):
     def _draw(self) -> ByteArray:
         """A picture of the episode."""
         return self._renderer.draw(self.scene())
+
+
+def explorer_context(config: ExploreConfig) -> ExplorerContext:
+    """What an explorer may know in advance of an environment with these settings."""
+    robot = config.robot
+    return ExplorerContext(
+        config.observation.frame(), Lidar(config.lidar).geometry,
+        robot.radius, robot.max_linear, robot.max_angular,
+        config.control_step, MAP_UPDATE_INTERVAL, config.actions == "normalized",
+    )  # fmt: skip

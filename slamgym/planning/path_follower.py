@@ -134,6 +134,22 @@ class PathFollower:
         self.blocked = slowed < 0.02
         return Twist2D(slowed, slowed * curvature)
 
+    def avoid(self, command: Twist2D, ranges: Float32Array) -> Twist2D:
+        """A velocity or, where the scan shows that it isn't free, the free arc that ends nearest to where it leads.
+
+        Nothing is seen behind, so a velocity back stays as it is.
+        """
+        (linear, angular), fastest = command, (self.context.max_linear, self.context.max_angular)
+        obstacles, turned = self.points(ranges), 0.5 * angular * _HORIZON
+        near = obstacles[(obstacles**2).sum(axis=1) < (fastest[0] * _HORIZON + self._apart) ** 2]
+        free = self._free_time(near, linear, angular)
+        if linear <= 0.0 or free >= _HORIZON:
+            return command
+        chord = linear * _HORIZON * (math.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
+        end, step = (chord * math.cos(turned), chord * math.sin(turned)), self.context.control_step / 2
+        *arc, gain = best_arc(near, end, fastest, self._apart, step)
+        return Twist2D(*arc) if gain > 0.02 else Twist2D(linear * free / _HORIZON, angular)
+
     def _free_time(self, obstacles: FloatArray, linear: float, angular: float) -> float:
         """For how long a velocity can be held, up to the horizon [s]."""
         step = self.context.control_step / 2

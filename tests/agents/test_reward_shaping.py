@@ -121,7 +121,8 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
 def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch, make_trial):
     explored = []
 
-    def explore_plan(config, policy, plan, seed):
+    def explore_plan(config, policy, plan, seed, avoids):
+        assert not avoids
         if len(explored) == 2:
             explored.append("interrupted")
             raise KeyboardInterrupt

@@ -11,8 +11,7 @@ from source_tree import ROOT
 
 from slamgym.agents import make_explorer
 from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
-from slamgym.agents.wheels import WheelsPolicy, read_wheels, wheels_shapes, write_wheels
-from slamgym.core.config import from_dict, to_dict
+from slamgym.agents.wheels import WheelsExplorer, WheelsPolicy, read_wheels, wheels_shapes, write_wheels
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
 from slamgym.envs.compact import MapTiles
@@ -123,18 +122,6 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
         train_wheels(dataclasses.replace(TINY, seed=1), tmp_path)
 
 
-def test_the_settings_of_an_older_run_are_read():
-    older = {
-        "odometry": "medium",
-        "checkpoint_every": 20_000,
-        "network": {"crop_side": 8.4, "hold": 3, "first": 256},
-    }
-    older["network"]["second"] = 128
-    assert from_dict(WheelsConfig, to_dict(TINY) | older) == TINY
-    with pytest.raises(ConfigError, match="odometry of WheelsConfig is always"):
-        from_dict(WheelsConfig, {"odometry": "high"})
-
-
 def test_the_explorer_sees_what_it_was_trained_on(weights):
     """Its observation of the published map is that of the environment's preset, and an action holds for its steps."""
     env = ExploreEnv("bundled", ExploreConfig().for_explorer(), localization="ground_truth")
@@ -158,6 +145,22 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
         observation, *_ = env.step(action)
         twin_observation, *_ = twin.step(action)
     assert explorer.decisions == 5
+
+
+@pytest.mark.parametrize("avoids", [True, False])
+def test_who_drives_straight_ahead_touches_nothing_if_it_avoids(weights, avoids):
+    env = ExploreEnv("bundled", ExploreConfig().for_explorer(), localization="ground_truth")
+    explorer = WheelsExplorer(env.explorer_context(), weights, avoids)
+    observation, _ = env.reset(seed=3)
+    for _ in range(200):
+        observation, *_, info = env.step(explorer.predict(observation)[0])
+    batch = BatchExploreEnv(3, "bundled", autoreset_mode="same_step", time_limit=None, **SETTINGS)
+    face = BatchVecEnv(batch, avoids=avoids)
+    face.reset()
+    for _ in range(150):
+        face.step(np.tile(np.float32([1.0, 0.0]), (3, 1)))
+    *_, infos = batch.step(np.zeros((3, 2), dtype=np.float32))
+    assert (info["collisions"] == 0) == (infos["collisions"] == 0).all() == avoids
 
 
 def test_it_explores_whole_episodes(weights, tmp_path):

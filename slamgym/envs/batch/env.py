@@ -14,7 +14,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import announce_compilation
-from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.assessment import MapError
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.observing import BatchObserver
@@ -90,6 +90,11 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._over = np.zeros(num_envs, dtype=np.bool_)
         self._fleet = Fleet(config, num_envs, threads)
         self._observer = BatchObserver(config, self._fleet)
+
+    @property
+    def ranges(self) -> Float32Array:
+        """The newest scans, shape (N, num_beams) [m]."""
+        return self._fleet.scans.ranges
 
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
