@@ -58,10 +58,7 @@ class LearnedExplorer(BatchedExplorer):
     """
 
     def __init__(
-        self,
-        context: ExplorerContext,
-        policy: Path | str,
-        config: ExplorationLoopConfig | None = None,
+        self, context: ExplorerContext, policy: Path | str, config: ExplorationLoopConfig | None = None
     ) -> None:
         self.config = loop = config or ExplorationLoopConfig()
         weights, _ = read_policy(policy)

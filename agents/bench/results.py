@@ -79,11 +79,7 @@ class BenchResult:
 
 
 def run_bench(
-    explorer: str,
-    track: Track,
-    source: PlanSource,
-    out: Path,
-    execution: Execution = Execution(),
+    explorer: str, track: Track, source: PlanSource, out: Path, execution: Execution = Execution()
 ) -> Evaluation:
     """Explore every building of a track, or what is left of them from an earlier run.
 

@@ -143,10 +143,7 @@ class Evaluation:
 
 
 def evaluate(
-    source: PlanSource,
-    config: EvaluationConfig,
-    out: Path,
-    execution: Execution = Execution(),
+    source: PlanSource, config: EvaluationConfig, out: Path, execution: Execution = Execution()
 ) -> Evaluation:
     """Run every explorer on every plan, or what is left of that from an earlier run.
 
@@ -172,10 +169,7 @@ def evaluate(
 
 
 def run_trials(
-    wanted: Sequence[Task],
-    config: EvaluationConfig,
-    out: Path,
-    execution: Execution = Execution(),
+    wanted: Sequence[Task], config: EvaluationConfig, out: Path, execution: Execution = Execution()
 ) -> Evaluation:
     """Run explorations, at least one, by any of the explorers of ``config``; :func:`evaluate` says the rest."""
     workers = max(1, min(execution.workers, len(wanted)))

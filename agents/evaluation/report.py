@@ -10,13 +10,7 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig
-from slamgym.agents.evaluation.summary import (
-    DONE,
-    Comparison,
-    ExplorerSummary,
-    Summary,
-    summarise_trials,
-)
+from slamgym.agents.evaluation.summary import DONE, Comparison, ExplorerSummary, Summary, summarise_trials
 from slamgym.agents.evaluation.trial import ORACLE, Trial
 from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text

@@ -172,8 +172,7 @@ class ResidualUNet(nn.Module):
             nn.Conv2d(channels[level], channels[level + 1], 2, stride=2) for level in range(self.depth)
         )
         self.bottom = nn.Sequential(
-            ResidualBlock(channels[-1], dilation=2),
-            ResidualBlock(channels[-1], dilation=4),
+            ResidualBlock(channels[-1], dilation=2), ResidualBlock(channels[-1], dilation=4)
         )
         self.widen = nn.ModuleList(
             nn.Conv2d(channels[level + 1], channels[level], 1, bias=False) for level in range(self.depth)

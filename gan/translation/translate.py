@@ -283,9 +283,7 @@ class LearnedTranslator:
 
 
 def load_translator(
-    name_or_path: str | Path = "slam2cad",
-    direction: Direction | None = None,
-    device: DeviceName = "cpu",
+    name_or_path: str | Path = "slam2cad", direction: Direction | None = None, device: DeviceName = "cpu"
 ) -> LearnedTranslator:
     """Load a translator, ready to use; no network is needed.
 

@@ -54,11 +54,7 @@ class _Neighbours:
 
 
 def join_rooms(
-    cells: Sequence[Cell],
-    thickness: float,
-    rng: np.random.Generator,
-    open_plan: float,
-    loops: float,
+    cells: Sequence[Cell], thickness: float, rng: np.random.Generator, open_plan: float, loops: float
 ) -> list[Opening] | None:
     """Join all rooms by a tree of openings, and some by one more so that there are loops.
 

@@ -241,10 +241,7 @@ def _pillar(x: float, y: float, size: float, is_round: bool) -> Polygon:
 
 
 def _wall_blocks(
-    cells: Sequence[Cell],
-    openings: Sequence[Opening],
-    thickness: float,
-    rng: np.random.Generator,
+    cells: Sequence[Cell], openings: Sequence[Opening], thickness: float, rng: np.random.Generator
 ) -> list[Polygon]:
     """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
     keep_free = shapely.union_all(

@@ -15,14 +15,7 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.drawn_plan import (
-    LINE_GRID,
-    DrawnWalls,
-    floor_of_walls,
-    middle_line,
-    outline_edges,
-    stacked,
-)
+from slamgym.cad.drawn_plan import LINE_GRID, DrawnWalls, floor_of_walls, middle_line, outline_edges, stacked
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import PlanError, needing_extra

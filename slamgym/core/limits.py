@@ -68,10 +68,7 @@ WEIGHT_BYTES = Limit("SLAMGYM_MAX_WEIGHT_BYTES", 4 << 30, "bytes", "weights, or 
 YAML_BYTES = Limit("SLAMGYM_MAX_YAML_BYTES", 1 << 16, "bytes", "a YAML file: a map's description, a recipe")
 DEPTH = Limit("SLAMGYM_MAX_DEPTH", 32, "levels of nesting", "a JSON or YAML document")
 EXPANSION = Limit(
-    "SLAMGYM_MAX_EXPANSION",
-    200,
-    "bytes for each compressed one",
-    "a compressed file above 4 MB",
+    "SLAMGYM_MAX_EXPANSION", 200, "bytes for each compressed one", "a compressed file above 4 MB"
 )
 ENTRIES = Limit(
     "SLAMGYM_MAX_ENTRIES",

@@ -116,8 +116,7 @@ class DatasetFolder:
         missing = self.committed - self._manifest.listed
         names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
         self._manifest.agree_with(
-            self.committed,
-            lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes(),
+            self.committed, lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes()
         )
 
     def _scan(self) -> set[int]:

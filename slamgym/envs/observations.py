@@ -10,15 +10,7 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import (
-    UNKNOWN,
-    ByteArray,
-    Float32Array,
-    FloatArray,
-    Observation,
-    Pose2D,
-    Twist2D,
-)
+from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, Observation, Pose2D, Twist2D
 from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.turned_reading import Tiles, fetch_rows, line_table, read_turned, turned_grid

@@ -14,13 +14,7 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
-from slamgym.core.types import (
-    FloatArray,
-    LaserGeometry,
-    LaserScan,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.odometry import merged_track, without_jumps
 from slamgym.interop.ranges import range_limit
 from slamgym.interop.records import (

@@ -20,15 +20,7 @@ import numpy as np
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, PIXELS, shown
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    BoolArray,
-    GridFrame,
-    IntArray,
-    OccupancyGrid,
-)
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, GridFrame, IntArray, OccupancyGrid
 
 CHUNK = b"ValetudoMap"
 """Name of the text chunk that holds the map in a PNG."""

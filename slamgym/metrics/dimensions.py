@@ -62,9 +62,7 @@ class Dimensions:
 
 
 def measure_dimensions(
-    floor: BoolArray | Float32Array,
-    true_floor: BoolArray | Float32Array,
-    metres_per_px: float,
+    floor: BoolArray | Float32Array, true_floor: BoolArray | Float32Array, metres_per_px: float
 ) -> Dimensions:
     """Compare the lengths of a drawing with the true ones.
 

@@ -13,14 +13,7 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray
-from slamgym.metrics.dimensions import (
-    FLOOR,
-    MAX_THICKNESS,
-    Run,
-    floor_runs,
-    straight_pieces,
-    wall_runs,
-)
+from slamgym.metrics.dimensions import FLOOR, MAX_THICKNESS, Run, floor_runs, straight_pieces, wall_runs
 from slamgym.metrics.maps import check_same_shape
 from slamgym.metrics.rooms import label_rooms
 
@@ -66,9 +59,7 @@ class Openings:
 
 
 def compare_openings(
-    floor: BoolArray | Float32Array,
-    true_floor: BoolArray | Float32Array,
-    metres_per_px: float,
+    floor: BoolArray | Float32Array, true_floor: BoolArray | Float32Array, metres_per_px: float
 ) -> Openings:
     """Compare doors and walls between rooms with the true ones; arguments as of :func:`measure_dimensions`.
 

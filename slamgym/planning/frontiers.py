@@ -8,15 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import (
-    BoolArray,
-    ByteArray,
-    GridFrame,
-    Int32Array,
-    IntArray,
-    LaserGeometry,
-    Pose2D,
-)
+from slamgym.core.types import BoolArray, ByteArray, GridFrame, Int32Array, IntArray, LaserGeometry, Pose2D
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
 from slamgym.planning.frontier_feature_kernels import unknown_by_ray
 

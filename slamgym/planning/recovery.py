@@ -11,13 +11,7 @@ import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap, cells_inside, make_costmap
-from slamgym.planning.frontiers import (
-    Point,
-    Reachable,
-    find_frontiers,
-    fits_through,
-    frontier_cells,
-)
+from slamgym.planning.frontiers import Point, Reachable, find_frontiers, fits_through, frontier_cells
 from slamgym.planning.grid_path import plan_path
 from slamgym.planning.navigator import PLAN_TOLERANCE, Goal, Navigator
 from slamgym.planning.unmapped import find_open_space, is_unmapped

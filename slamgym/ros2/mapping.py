@@ -16,14 +16,7 @@ from slamgym.core.files import exclusive_lock, storage_errors
 from slamgym.core.types import Pose2D
 from slamgym.interop import read_ros_map
 from slamgym.interop.records import BrokenMessageError
-from slamgym.interop.ros_messages import (
-    Fields,
-    grid_fields,
-    pose_fields,
-    pose_of,
-    stamp_of,
-    transform_fields,
-)
+from slamgym.interop.ros_messages import Fields, grid_fields, pose_fields, pose_of, stamp_of, transform_fields
 from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
 from slamgym.ros2.map_run import Configure, KnownPlace, MapRun
 from slamgym.ros2.node import LATCHED, RosNode

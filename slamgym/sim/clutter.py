@@ -247,10 +247,7 @@ def make_clutter(
     return Clutter(
         furniture=furniture,
         outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(-1, 6),
-        movables=(
-            *chairs,
-            *(tuple((_corners(leaf),) for leaf in places) for places in leaves),
-        ),
+        movables=(*chairs, *(tuple((_corners(leaf),) for leaf in places) for places in leaves)),
         people=people,
         walkable=walkable,
         passages=passages,
@@ -352,9 +349,7 @@ def _populate(
         return (), None
     people = tuple(
         Person(
-            passages.sample_point(cells, rng),
-            float(rng.uniform(*_WALKING_SPEED)),
-            int(rng.integers(2**32)),
+            passages.sample_point(cells, rng), float(rng.uniform(*_WALKING_SPEED)), int(rng.integers(2**32))
         )
         for _ in range(config.people)
     )

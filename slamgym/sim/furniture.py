@@ -72,12 +72,7 @@ class Shape:
 
 
 def shape_of(
-    piece: Piece,
-    width: float,
-    depth: float,
-    rng: np.random.Generator,
-    places: int,
-    untidiness: float = 0.0,
+    piece: Piece, width: float, depth: float, rng: np.random.Generator, places: int, untidiness: float = 0.0
 ) -> Shape:
     """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now.
 

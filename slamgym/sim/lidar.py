@@ -10,14 +10,7 @@ from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.jit import plain
-from slamgym.core.types import (
-    FloatArray,
-    IntArray,
-    LaserGeometry,
-    LaserScan,
-    Pose2D,
-    Twist2D,
-)
+from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Twist2D
 from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
 from slamgym.sim.raycast import cast_sweep

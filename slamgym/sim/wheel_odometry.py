@@ -24,9 +24,7 @@ OdometryLevel = Literal["ideal", "low", "medium", "high"]
 
 
 class OdometryConfig(
-    Settings,
-    section="odometry",
-    dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0},
+    Settings, section="odometry", dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0}
 ):
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 

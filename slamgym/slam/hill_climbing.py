@@ -104,13 +104,7 @@ def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
 
 @kernel
 def score(
-    cells: np.ndarray,
-    table: np.ndarray,
-    turned: FloatArray,
-    u: float,
-    v: float,
-    gain: float,
-    to_beat: float,
+    cells: np.ndarray, table: np.ndarray, turned: FloatArray, u: float, v: float, gain: float, to_beat: float
 ) -> float:
     """GMapping's matching score of a position; ``gain`` in 1/cells^2.
 

@@ -6,14 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import (
-    BoolArray,
-    FloatArray,
-    GridFrame,
-    OccupancyGrid,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.laser_odometry import with_laser_odometry

@@ -7,15 +7,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    BoolArray,
-    ByteArray,
-    FloatArray,
-    GridFrame,
-)
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
 from slamgym.metrics.map_error import wall_faces
 from slamgym.metrics.maps import distance_to
 from slamgym.viz.canvas import (

@@ -38,11 +38,7 @@ from slamgym.gan.evaluation.generated_maps import (
     parse_named_folders,
     translated_maps,
 )
-from slamgym.gan.evaluation.pictures import (
-    Results,
-    write_generated_grid,
-    write_pictures,
-)
+from slamgym.gan.evaluation.pictures import Results, write_generated_grid, write_pictures
 from slamgym.gan.evaluation.summary import (
     dimensions_table,
     main_table,

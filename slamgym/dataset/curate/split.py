@@ -65,11 +65,7 @@ def split_path(root: Path | str) -> Path:
 
 
 def make_split(
-    root: Path | str,
-    *,
-    test: float = 0.1,
-    seed: int = 0,
-    forced: Collection[str] = (),
+    root: Path | str, *, test: float = 0.1, seed: int = 0, forced: Collection[str] = ()
 ) -> SplitTable:
     """Split the plans of a dataset and write its ``split.json``.
 

@@ -73,10 +73,7 @@ class ImageConfig(Settings, dropped={"as_mapped": False}):
 
 
 def draw_pair(
-    plan: FloorPlan,
-    start: tuple[float, float],
-    slam_map: OccupancyGrid,
-    config: ImageConfig,
+    plan: FloorPlan, start: tuple[float, float], slam_map: OccupancyGrid, config: ImageConfig
 ) -> tuple[ByteArray, ByteArray, GridFrame]:
     """Draw the two images of a pair.
 

@@ -21,13 +21,7 @@ from slamgym.metrics.map_statistics import (
     cut_to_floor,
     look_statistics,
 )
-from slamgym.metrics.two_sample import (
-    MapLearner,
-    distinguish,
-    half_against_half,
-    ks_distance,
-    tree_learner,
-)
+from slamgym.metrics.two_sample import MapLearner, distinguish, half_against_half, ks_distance, tree_learner
 
 TREES = "trees on statistics"
 """Name of the learner that :func:`learn_by_trees` makes."""

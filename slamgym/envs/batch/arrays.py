@@ -115,10 +115,7 @@ class Maps(NamedTuple):
     @classmethod
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
-        poses, places = (
-            zeros(count, np.float64, *[(3,)] * 5),
-            zeros(count, np.int64, (2,), (2,), (4,)),
-        )
+        poses, places = (zeros(count, np.float64, *[(3,)] * 5), zeros(count, np.int64, (2,), (2,), (4,)))
         counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
         return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)
 

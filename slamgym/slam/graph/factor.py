@@ -223,14 +223,13 @@ def fill_factor(
 @kernel
 def ancestors(starts: IntArray, rows: IntArray, col: int) -> IntArray:
     """A column of L and all later ones that depend on it, in order: its path in the elimination tree."""
-    path = np.empty(len(starts) - 1, dtype=np.int64)
-    length = 0
-    while True:
+    path, length = np.empty(len(starts) - 1, dtype=np.int64), 1
+    path[0] = col
+    while starts[col] < starts[col + 1]:
+        col = rows[starts[col]]
         path[length] = col
         length += 1
-        if starts[col] == starts[col + 1]:
-            return path[:length]
-        col = rows[starts[col]]
+    return path[:length]
 
 
 @kernel

@@ -17,13 +17,7 @@ import numpy as np
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.portable import inverted
-from slamgym.core.types import (
-    FloatArray,
-    LaserGeometry,
-    LaserScan,
-    Pose2D,
-    Trajectory,
-)
+from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
@@ -199,11 +193,9 @@ class PoseGraphMapper(Mapper):
         y = frames[:, 1] + sin * centres[:, 0] + cos * centres[:, 1]
         middle = moved_by(pose, np.array([*points.mean(axis=0), 0.0]))
         away = np.hypot(x - middle[0], y - middle[1])
-        near = np.argsort(away, kind="stable")[:MOST_TRIED]
+        nearest = np.argsort(away, kind="stable")[:MOST_TRIED]
         known = [
-            number
-            for number in near.tolist()
-            if away[number] < self._reach and self._graph.is_tied(int(firsts[number]))
+            n for n in nearest[away[nearest] < self._reach].tolist() if self._graph.is_tied(int(firsts[n]))
         ]
         found: list[tuple[float, int]] = []
         for begin in range(0, len(known), MOST_SUBMAPS):
