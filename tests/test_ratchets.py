@@ -23,7 +23,7 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1141),
-    "agents": (2454, 42, 0, 100, 0),
+    "agents": (2453, 42, 0, 100, 0),
     "cad": (2096, 3, 0, 101, 0),
     "commands": (2483, 0, 211, 59, 0),
     "core": (1725, 0, 0, 74, 0),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31563, 242, 241, 1344, 32821)
+TOTAL = (31562, 242, 241, 1344, 32821)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

@@ -11,6 +11,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.types import FloatArray, Twist2D
 from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.explore_env import explorer_context
+from slamgym.envs.simulation import Actions
 from slamgym.planning.path_follower import PathFollower
 
 
@@ -88,10 +89,9 @@ class BatchVecEnv(VecEnv):
         follower = self._follower
         if follower is None:
             return self._actions
-        limits = follower.context.max_linear, follower.context.max_angular
-        commands = zip((self._actions * limits).tolist(), self.env.ranges, strict=True)
-        safe = [follower.avoid(Twist2D(*command), ranges) for command, ranges in commands]
-        return (np.array(safe) / limits).astype(np.float32)
+        commands, to_action = Actions(self.env.config).to_commands(self._actions), follower.context.to_action
+        pairs = zip(commands.tolist(), self.env.ranges, strict=True)
+        return np.array([to_action(follower.avoid(Twist2D(*command), ranges)) for command, ranges in pairs])
 
     def _close_episodes(self, ids: Any, infos: list[dict[str, Any]]) -> None:
         """Add what the monitor of Stable-Baselines3 would, and begin to count again."""

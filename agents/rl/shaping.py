@@ -60,7 +60,7 @@ class Experiment:
 
     Args:
         config: The experiment.
-        learn: :func:`slamgym.agents.rl.wheels.train_wheels`; policies are tested without avoidance.
+        learn: :func:`slamgym.agents.rl.wheels.train_wheels`; nothing is avoided, in training or test.
         term: A term of the user's own, for the preset ``own``.
     """
 
@@ -75,7 +75,7 @@ class Experiment:
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
         own = {"reward_terms": {self._term[0]: self._term[1:]}} if preset == OWN and self._term else {}
-        self._learn(self.config.settings(preset, seed), folder, **own)
+        self._learn(self.config.settings(preset, seed), folder, avoids=False, **own)
 
     def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
         """Explore a plan with the trained policy; start and noise follow from the plan's id."""

@@ -88,7 +88,8 @@ def fear(step):
 
 
 def learn_nothing(calls):
-    def learn(settings, folder, reward_terms=None):
+    def learn(settings, folder, avoids, reward_terms=None):
+        assert not avoids
         calls.append((settings.seed, settings.reward, reward_terms))
         write_wheels(folder / "policy.safetensors", read_wheels())
 

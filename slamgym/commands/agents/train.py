@@ -2,7 +2,6 @@
 
 import dataclasses
 import sys
-from functools import partial
 from typing import TYPE_CHECKING
 
 from slamgym.agents.rl.reward_presets import ShapingConfig
@@ -109,4 +108,4 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
             config = dataclasses.replace(config, presets=(OWN, *config.presets))  # if it fails, then at once
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
-    return Experiment(config, partial(train_wheels, avoids=False), term)
+    return Experiment(config, train_wheels, term)
