@@ -70,14 +70,14 @@ def _tally(
             dx = points[p, 0] - (poses[t, 0] + cos * x - sin * y)
             dy = points[p, 1] - (poses[t, 1] + sin * x + cos * y)
             away = math.sqrt(dx * dx + dy * dy)
+            if away >= longest - 0.05:
+                continue
             angle = math.atan2(dy, dx) - poses[t, 2] - turn - first
             angle -= 2.0 * math.pi * math.floor((angle + 0.5 * step) / (2.0 * math.pi))
             index = math.floor(angle / step + 0.5)
-            if away >= longest - 0.05 or index >= scans.shape[1]:
+            if index >= scans.shape[1] or scans[t, index] < away - _BESIDE:
                 continue
             read = scans[t, index]
-            if read < away - _BESIDE:
-                continue
             looks += 1
             nearest = min(nearest, away)
             if read >= 0.999 * longest:
