@@ -133,16 +133,12 @@ class TourSearch:
     def __init__(
         self, viewpoints: Viewpoints, start: Point, wanted: BoolArray, rng: np.random.Generator
     ) -> None:
-        self._viewpoints, self._start, self._rng = viewpoints, start, rng
-        self._wanted = wanted
+        self._viewpoints, self._start, self._wanted, self._rng = viewpoints, start, wanted, rng
         self._views = viewpoints.views & wanted
         self._matrix = np.ascontiguousarray(self._views.T, np.float32)
-        count = len(viewpoints.places)
-        self._home = count  # index of the start in the lengths
-        self._lengths = np.empty((count + 1, count + 1))
-        self._lengths[:count, :count] = viewpoints.lengths
+        self._home = count = len(viewpoints.places)  # index of the start in the lengths
+        self._lengths = np.pad(viewpoints.lengths, (0, 1)).astype(np.float64)
         self._lengths[count, :count] = self._lengths[:count, count] = viewpoints.lengths_from(start)
-        self._lengths[count, count] = 0.0
         self._first_legs: dict[int, BoolArray] = {}  # what is seen on the way from the start to each place
         self._usable = np.isfinite(self._lengths[count, :count])
 

@@ -8,6 +8,7 @@ from slamgym.agents.pretrained_policy import LearnedExplorer
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
+    TOUR_LOOP,
     CostUtility,
     ExploreLite,
     FrontierTour,
@@ -42,7 +43,7 @@ CLASSICAL: dict[str, Make] = {
     "nearest": by_rule(Nearest()),
     "cost_utility": by_rule(CostUtility()),
     "next_best_view": by_rule(NextBestView()),
-    "tour": by_rule(FrontierTour()),
+    "tour": by_rule(FrontierTour(), TOUR_LOOP),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 
@@ -51,7 +52,7 @@ OWN_END = ("explore_lite", "wheels", "random", "teleop")
 
 EXPLORERS: Mapping[str, Make] = {
     **CLASSICAL,
-    "rl": lambda context, seed, promise: SelectiveTour(context, ExplorationLoopConfig(promise=promise)),  # noqa: ARG005
+    "rl": lambda context, seed, promise: SelectiveTour(context, replace(TOUR_LOOP, promise=promise)),  # noqa: ARG005
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends
     "teleop": lambda context, seed, promise: Teleop(context, seed),  # noqa: ARG005 - a person ends it

@@ -35,7 +35,7 @@ from slamgym.agents.hidden_floor import (
 from slamgym.agents.plan_splits import draw_plans, ids_of
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.rl.train_config import FURNISHED
-from slamgym.agents.rules import tour_scores
+from slamgym.agents.rules import TOUR_LOOP, tour_scores
 from slamgym.agents.selective_tour import SelectiveTour
 from slamgym.cad import FloorPlan, check_plan, open_plans
 from slamgym.cad.generator import PlanGeneratorConfig, generate_plan
@@ -47,7 +47,7 @@ from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.config import resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
-from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig
@@ -302,9 +302,8 @@ def is_kept_often_enough(path: Path, risk: float, arguments: Arguments) -> bool:
             if row is None:
                 env_config = explored_env(ExploreConfig(clutter=clutter[number % len(clutter)]))
                 env = ExploreEnv(plan, fitted_env(plan, env_config, "auto"))
-                explorer = SelectiveTour(
-                    env.explorer_context(), ExplorationLoopConfig(promise=Promise()), path
-                )
+                loop = dataclasses.replace(TOUR_LOOP, promise=Promise())
+                explorer = SelectiveTour(env.explorer_context(), loop, path)
                 for _ in episode_steps(env, explorer, env.reset(seed=exploration_seed(5, plan.id, 0))):
                     pass
                 time, share = round(env.simulation.time), 1.0 - env.coverage.share

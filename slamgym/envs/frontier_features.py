@@ -18,7 +18,7 @@ from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import COARSENING, FrontierCandidate, unknown_regions
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
 from slamgym.planning.frontiers import expected_gain, fits_through
-from slamgym.planning.grid_path import tour_lengths
+from slamgym.planning.grid_path import CoarsePaths, PathLengths
 from slamgym.planning.open_tour import lengths_by_first, open_tour
 
 FEATURE_VERSION = 3
@@ -140,7 +140,7 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
     classes, cell, regions = unknown_regions(costmap, [one.frontier.cells for one in candidates])
     others = _nearest_and_mean(np.array([one.frontier.middle for one in candidates]))
     steps = max(1, round(_STRETCH / cell))  # of a path, over which its direction is taken
-    lengths = candidate_tour_lengths(loop)
+    lengths = candidate_tour_lengths(loop, PathLengths())
     tour, by_first = np.argsort(open_tour(lengths)), lengths_by_first(lengths)
     measured = []
     for index, one in enumerate(candidates):
@@ -203,17 +203,13 @@ def candidate_places(loop: ExplorationLoop) -> FloatArray:
     return np.column_stack(costmap.frame.to_point(rows, cols))
 
 
-def candidate_tour_lengths(loop: ExplorationLoop, turn_weight: float = TURN_WEIGHT) -> FloatArray:
-    """Path lengths between the robot and the candidates, shape (N + 1, N + 1) [m].
-
-    Args:
-        loop: An exploration with a map.
-        turn_weight: Turning before the first leg counts as so much length [m/rad].
-    """
+def candidate_tour_lengths(loop: ExplorationLoop, known: PathLengths) -> FloatArray:
+    """Path lengths between the robot and the candidates, shape (N + 1, N + 1) [m]; turning to the first counts, too."""
     costmap, space = loop.navigator.costmap, loop.navigator.reachable
     assert costmap is not None
     assert space is not None
-    return tour_lengths(costmap, space, loop.pose, candidate_places(loop), turn_weight)
+    paths, places = CoarsePaths(costmap, space), candidate_places(loop)
+    return known.matrix(paths, loop.pose, places, TURN_WEIGHT)
 
 
 def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:

@@ -15,6 +15,10 @@ COST_FACTOR = 0.8 / 50.0
 SHRINK = 3
 """Cells of the costmap along the side of a coarse one."""
 
+NEAR_PLACES = 16
+"""From so many places about the robot, and from new ones, paths are searched anew on every map. Searched only from new
+ones, ``rl`` took 1.05 [1.01, 1.09] times as long in 91 furnished homes."""
+
 _STANDS_AT = 0.3
 """A robot need not turn to face a place that is nearer than this [m]: it stands there."""
 
@@ -124,38 +128,20 @@ class CoarsePaths:
         row, col = (int(cell) // SHRINK for cell in self._frame.to_cell(*point))
         return int(nearest_open_cell(self._crossable, row, col, 1, ANY, self._crossable.size))
 
-    def lengths_from(self, place: int, wanted: IntArray | None = None) -> Float32Array:
+    def lengths_from(self, place: int, wanted: IntArray) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
 
         Args:
             place: Flat index, from :meth:`place`; from -1 none leads anywhere.
-            wanted: Flat indices of coarse cells, shape (N,); by default all of them.
+            wanted: Flat indices of coarse cells, shape (N,).
 
         Returns:
             Shape (N,) [m].
         """
-        wanted = np.arange(self._costs.size) if wanted is None else wanted
         if place < 0:
             return np.full(len(wanted), np.inf, dtype=np.float32)
         lengths, _ = search_path(self._costs, place, -1, wanted, INSCRIBED_COST, 0.0)
         return lengths * np.float32(self.cell)
-
-    def matrix(self, pose: Pose2D, places: FloatArray) -> FloatArray:
-        """Path lengths between the robot and some places.
-
-        Args:
-            pose: The robot.
-            places: Shape (N, 2) [m], each on or near a cell where the robot's centre can be.
-
-        Returns:
-            Shape (N + 1, N + 1) [m], symmetric, the robot first; inf between places that no path joins.
-        """
-        cells = np.array([self.place((pose.x, pose.y)), *(self.place((x, y)) for x, y in places.tolist())])
-        lengths = np.full((len(cells), len(cells)), math.inf)
-        on_map = np.flatnonzero(cells >= 0)
-        for i in on_map:
-            lengths[i, on_map] = self.lengths_from(int(cells[i]), cells[on_map])
-        return np.minimum(lengths, lengths.T)
 
     def path(self, start: Point, goal: Point) -> FloatArray:
         """Points of a shortest path, a coarse cell apart, shape (N, 2) [m]; empty where none leads."""
@@ -170,24 +156,41 @@ class CoarsePaths:
         return np.column_stack(self._frame.to_point(SHRINK * row + half, SHRINK * col + half))
 
 
-def tour_lengths(
-    costmap: Costmap, reachable: Reachable, pose: Pose2D, places: FloatArray, turn_weight: float
-) -> FloatArray:
-    """Path lengths between the robot and some places where turning before the first leg counts as length.
+class PathLengths:
+    """Lengths of the paths between places: those between old places that are far away are kept from map to map.
 
-    Args:
-        costmap: The costmap.
-        reachable: The robot's reachable space.
-        pose: The robot.
-        places: Shape (N, 2) [m].
-        turn_weight: What a radian of turning counts [m/rad].
-
-    Returns:
-        Shape (N + 1, N + 1) [m], as :meth:`CoarsePaths.matrix` gives them.
+    A map that grows opens shorter ways. So each path that is kept is held against those by way of all other places.
     """
-    lengths = CoarsePaths(costmap, reachable).matrix(pose, places)
-    lengths[0, 1:] += turn_weight * straight_turns(pose, places)
-    return lengths
+
+    def __init__(self) -> None:
+        self._places, self._lengths = np.zeros((0, 2)), np.zeros((0, 0))
+
+    def matrix(self, paths: CoarsePaths, pose: Pose2D, places: FloatArray, per_turn: float) -> FloatArray:
+        """Path lengths between the robot and some places.
+
+        Args:
+            paths: Over the newest map.
+            pose: The robot.
+            places: Shape (N, 2) [m], each on or near a cell where the robot's centre can be.
+            per_turn: What a radian of the robot's first turn counts [m/rad].
+
+        Returns:
+            Shape (N + 1, N + 1) [m], the robot first; inf between places that no path joins.
+        """
+        count, points = len(self._places), np.vstack([pose[:2], places])
+        known = np.vstack([self._places, points])
+        away = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
+        # A place that has moved by less than a cell is the old one.
+        same = np.argmax(away < paths.cell, axis=1)
+        lengths = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)[np.ix_(same, same)]
+        cells = np.array([paths.place((x, y)) for x, y in points.tolist()])
+        near = np.argsort(paths.lengths_from(int(cells[0]), cells), kind="stable")[: 1 + NEAR_PLACES]
+        for i in np.union1d(near, np.flatnonzero(same >= count)):
+            lengths[i] = lengths[:, i] = paths.lengths_from(int(cells[i]), cells)
+            lengths = np.minimum(lengths, lengths[i] + lengths[i][:, None])
+        self._places, self._lengths = known[same[1:]], lengths[1:, 1:]
+        lengths[0, 1:] += per_turn * straight_turns(pose, places)
+        return lengths
 
 
 def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:

@@ -26,7 +26,7 @@ from slamgym.planning.costmap import (
     make_costmap,
 )
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
-from slamgym.planning.grid_path import path_is_free, plan_path
+from slamgym.planning.grid_path import PathLengths, path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 from slamgym.planning.unmapped import MapCorrections
 
@@ -125,6 +125,7 @@ class Navigator:
         self.goal: Goal | None = None
         self.inscribed_radius = context.robot_radius
         self.costmap: Costmap | None = None
+        self.lengths = PathLengths()
         self._reachable: Reachable | None = None
         # Where to search the reachable space from, until that was done.
         self._searched_from: Pose2D | None = None

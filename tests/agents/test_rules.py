@@ -9,6 +9,7 @@ from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.registry import CLASSICAL, make_explorer
 from slamgym.agents.rules import FrontierTour, NextBestView, path_lengths
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D
+from slamgym.envs import frontier_features
 
 
 def corridor(make_world, left, right):
@@ -49,11 +50,12 @@ def test_the_next_best_view_prefers_gain_until_the_path_outweighs_it(make_world)
         assert (first_target(NextBestView(path_weight=weight), world) > 70) == (side == "right"), weight
 
 
-def test_turning_round_counts_as_path(make_world):
+@pytest.mark.parametrize(("weight", "is_left"), [(0.0, True), (1.0, False)])
+def test_turning_round_counts_as_path(make_world, monkeypatch, weight, is_left):
+    monkeypatch.setattr(frontier_features, "TURN_WEIGHT", weight)
     world = corridor(make_world, left=20, right=60)
     # Alike far: 50 cells to the left, 69 to the right; the robot looks to the right.
-    assert first_target(FrontierTour(turn_weight=0.0), world) < 70
-    assert first_target(FrontierTour(turn_weight=1.0), world) > 70
+    assert (first_target(FrontierTour(), world) < 70) == is_left
 
 
 def test_the_nearest_is_the_shortest_path_and_explore_lite_weighs_the_straight_distance(make_world):

@@ -6,7 +6,7 @@ import pytest
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
 from slamgym.planning import expected_gain, make_costmap, reachable_space
 from slamgym.planning.frontiers import view_gain
-from slamgym.planning.grid_path import SHRINK, CoarsePaths
+from slamgym.planning.grid_path import SHRINK, CoarsePaths, PathLengths
 
 RESOLUTION = 0.05
 HALF_TURN = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5)
@@ -84,7 +84,7 @@ def test_coarse_lengths_agree_with_straight_lines_and_the_path_through_a_door():
     start = point(grid, 10, 10)
     paths = CoarsePaths(costmap, reachable_space(costmap, Pose2D(*start, 0.0)))
     places = np.array([point(grid, 10, 40), point(grid, 50, 110)])
-    lengths = paths.matrix(Pose2D(*start, 0.0), places)
+    lengths = PathLengths().matrix(paths, Pose2D(*start, 0.0), places, 0.0)
     assert lengths[0, 1] == pytest.approx(1.5, abs=0.2)
     # Round the door's post: two straight stretches, at most 8 % longer on an 8-connected grid.
     door = np.array(point(grid, 31, 62))
@@ -94,6 +94,23 @@ def test_coarse_lengths_agree_with_straight_lines_and_the_path_through_a_door():
     assert np.all(np.diag(lengths) == 0.0)
 
 
+def test_lengths_that_are_kept_are_those_of_new_searches_once_the_robot_has_found_a_shorter_way():
+    known, places = PathLengths(), [(8, 30), (55, 100), (55, 140), (30, 220)]
+    cells = walled(62, 244)
+    cells[20:, 121:123] = OCCUPIED
+    for robot, door, least, most in (((31, 40), 0, 4.5, 5.5), ((47, 122), 16, 2.0, 2.8)):
+        cells[40 : 40 + door, 121:123] = FREE
+        grid = grid_of(cells)
+        costmap, pose = make_costmap(grid), Pose2D(*point(grid, *robot), 0.0)
+        paths = CoarsePaths(costmap, reachable_space(costmap, pose))
+        at = np.array([point(grid, row, col) for row, col in places])
+        lengths = known.matrix(paths, pose, at, 0.0)
+        # Places that lie within a cell are one: both ends of a path may be off by so much.
+        np.testing.assert_allclose(lengths, PathLengths().matrix(paths, pose, at, 0.0), atol=2.0 * paths.cell)
+        assert least < lengths[2, 3] < most
+        places = [(row + 1, col) for row, col in places]
+
+
 def test_coarse_cells_lose_no_doorway_and_open_no_wall():
     for door, joined in ((11, True), (16, True), (6, False), (0, False)):
         grid = two_rooms(door)
@@ -101,11 +118,10 @@ def test_coarse_cells_lose_no_doorway_and_open_no_wall():
         pose = Pose2D(*point(grid, 31, 30), 0.0)
         space = reachable_space(costmap, pose)
         paths = CoarsePaths(costmap, space)
-        lengths = paths.lengths_from(paths.place(pose[:2]))
         row, col = (int(cell) // SHRINK for cell in costmap.frame.to_cell(*point(grid, 31, 95)))
-        found = lengths[row * -(-costmap.frame.width_px // SHRINK) + col]
-        assert np.isfinite(found) == joined, door
-        assert np.isinf(paths.lengths_from(paths.place((-5.0, 0.0)))).all()  # off the map
+        wanted = np.array([row * -(-costmap.frame.width_px // SHRINK) + col])
+        assert np.isfinite(paths.lengths_from(paths.place(pose[:2]), wanted)) == joined, door
+        assert np.isinf(paths.lengths_from(paths.place((-5.0, 0.0)), wanted))  # off the map
 
 
 def test_a_path_leads_from_start_to_goal_in_small_steps():
