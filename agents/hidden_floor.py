@@ -101,18 +101,20 @@ class HiddenFloor:
             raise InputFileError(Path(path), "doesn't say what share of a risk it may take; train it again")
         return HiddenFloor(weights, risk)
 
-    def moments(
-        self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier], most: float
-    ) -> FloatArray:
-        """Mean and mean square of what each of some frontiers hides, up to ``most`` [m2], shape (2, N) [m2, m4]."""
+    def chances(self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]) -> FloatArray:
+        """Probabilities that each of some frontiers hides at least :data:`AREAS`, shape (N, areas)."""
         values = describe_frontiers(loop, looks, frontiers)
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
-        chances = 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
-        # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
-        ends = np.minimum((0.0, *AREAS, math.inf), most)
-        between = 0.5 * (np.hstack([chances[:, :1], chances]) + np.hstack([chances, chances[:, -1:]]))
-        return np.cumsum(between * np.diff([ends, ends**2])[:, None], axis=2)[..., -1]
+        return 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
         return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]
+
+
+def moments(chances: FloatArray, most: float) -> FloatArray:
+    """Mean and mean square of what frontiers hide, up to ``most`` [m2] each, shape (2, N) [m2, m4]."""
+    # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
+    ends = np.minimum((0.0, *AREAS, math.inf), most)
+    between = 0.5 * (np.hstack([chances[:, :1], chances]) + np.hstack([chances, chances[:, -1:]]))
+    return np.cumsum(between * np.diff([ends, ends**2])[:, None], axis=2)[..., -1]

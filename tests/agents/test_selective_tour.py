@@ -12,6 +12,7 @@ from slamgym.agents.hidden_floor import (
     FRONTIER_FIGURES,
     HIDDEN_FLOOR,
     HiddenFloor,
+    moments,
 )
 from slamgym.agents.pretrained_policy import write_weights
 from slamgym.agents.registry import make_explorer
@@ -130,7 +131,7 @@ def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, 
     looks = Looks(env.explorer_context())
     looks.note(loop.pose, observation["scan"])
     for most, mean, square in ((0.05, 0.05, 0.0025), (1.0, 1.0, 1.0), (2.0, 1.5, 2.5), (100.0, 2.0, 5.0)):
-        found = read.moments(loop, looks, loop.wanted, most)
+        found = moments(read.chances(loop, looks, loop.wanted), most)
         assert found.shape == (2, len(loop.wanted))
         np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
     for path, reason in ((tmp_path / "nowhere.safetensors", "nowhere"), (network(1.0, risk=2.0), "risk")):
