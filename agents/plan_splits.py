@@ -28,9 +28,8 @@ def split_of(plan_id: str) -> PlanSplit:
         plan_id: Name of the plan, as its source lists it.
     """
     fold = int.from_bytes(hashlib.sha256(plan_id.encode()).digest(), "big") % _FOLDS
-    if fold == 0:
-        return "test"
-    return "validation" if fold == 1 else "train"
+    held_out: dict[int, PlanSplit] = {0: "test", 1: "validation"}
+    return held_out.get(fold, "train")
 
 
 def ids_of(ids: Iterable[str], split: PlanSplit) -> list[str]:

@@ -68,8 +68,7 @@ class WheelsPolicy:
 
 def wheels_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
-    size = compact_size(SCAN_SECTORS) + FAR_SIZE
-    first, second = LAYER_UNITS
+    size, (first, second) = compact_size(SCAN_SECTORS) + FAR_SIZE, LAYER_UNITS
     layers = {"first": (size, first), "second": (first, second), "action": (second, 2)}
     return {"mean": (size,), "variance": (size,), **linear_shapes(layers)}
 

@@ -1,7 +1,7 @@
 """Coverage of a building over time and over path length: explorers are compared by it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
@@ -83,7 +83,4 @@ class CoverageCurve:
         Raises:
             ValueError: If it is no curve.
         """
-        return CoverageCurve(*(np.array(values.get(name, ()), dtype=np.float64) for name in _FIELDS))
-
-
-_FIELDS = ("time", "path", "coverage")
+        return CoverageCurve(*(np.array(values.get(f.name, ()), np.float64) for f in fields(CoverageCurve)))

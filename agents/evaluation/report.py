@@ -10,7 +10,14 @@ import numpy as np
 
 from slamgym import __version__
 from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig
-from slamgym.agents.evaluation.summary import DONE, Comparison, ExplorerSummary, Summary, summarise_trials
+from slamgym.agents.evaluation.summary import (
+    DONE,
+    SHARES,
+    Comparison,
+    ExplorerSummary,
+    Summary,
+    summarise_trials,
+)
 from slamgym.agents.evaluation.trial import ORACLE, Trial
 from slamgym.core.config import to_dict
 from slamgym.core.documents import json_text
@@ -20,7 +27,6 @@ from slamgym.core.progress import counted
 from slamgym.core.text import markdown
 from slamgym.viz.plots import Curve, plot_curves
 
-_SHOWN = ("0.5", "0.8", "0.9", "0.95", "0.99")
 _RATIO_LEVELS = ("0.95", "0.99")
 _POINTS = 200
 """Points of a plotted curve."""
@@ -73,9 +79,11 @@ def _done_table(summary: Summary) -> str:
 def _levels_table(explorers: Sequence[ExplorerSummary]) -> str:
     rows = []
     for e in explorers:
-        means = [(e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in _SHOWN]
+        means = [
+            (e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in SHARES[:-1]
+        ]
         rows.append([f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)])
-    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in _SHOWN)], rows)
+    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in SHARES[:-1])], rows)
 
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:

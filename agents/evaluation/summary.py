@@ -27,7 +27,8 @@ TAIL_FROM = "0.99"
 """The drive after this level is an explorer's tail."""
 
 
-_LEVELS = (*map(level_name, COVERAGE_LEVELS), DONE)
+SHARES = (*map(level_name, COVERAGE_LEVELS), DONE)
+"""Shares of the floor, and the end: what explorers are compared at."""
 
 _Figure = Callable[[Trial], float]
 """A figure of a trial."""
@@ -133,7 +134,7 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         reference: The same pairs in the same order.
     """
     time_to, path_to = (
-        {level: _compare_level(trials, reference, quantity, level) for level in _LEVELS}
+        {level: _compare_level(trials, reference, quantity, level) for level in SHARES}
         for quantity in ("time", "path")
     )
     ours, theirs = (_by_plan(found, _FIGURES["map_error"]) for found in (trials, reference))
@@ -209,10 +210,10 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         return mean_interval(_by_plan(trials, figure))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
-        return {level: mean(functools.partial(censored, quantity=quantity, level=level)) for level in _LEVELS}
+        return {level: mean(functools.partial(censored, quantity=quantity, level=level)) for level in SHARES}
 
     reached = {
-        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials])) for level in _LEVELS
+        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials])) for level in SHARES
     }
     successes = [trial for trial in trials if succeeded(trial)]
     return ExplorerSummary(

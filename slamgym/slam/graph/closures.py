@@ -116,14 +116,12 @@ class LoopCloser:
         """Submaps that may be seen again and whose place isn't known to within what an alignment finds."""
         firsts = np.array([submap.first for submap in submaps])
         old = firsts[graph.driven[-1] - graph.driven[firsts] > self._settings.loop_length]
-        apart = graph.poses[old, :2] - graph.poses[-1, :2]
-        away = np.hypot(apart[:, 0], apart[:, 1])
+        away = np.hypot(*(graph.poses[old, :2] - graph.poses[-1, :2]).T)
         chosen: list[int] = []
         for number in np.argsort(away, kind="stable").tolist():
-            if away[number] > LOOP_RADIUS or submaps[number].is_older_map:
-                continue
             is_beside = any(abs(number - other) < SEPARATION for other in chosen)
-            if is_beside or graph.is_tied(submaps[number].first):
+            is_far = away[number] > LOOP_RADIUS or submaps[number].is_older_map
+            if is_far or is_beside or graph.is_tied(submaps[number].first):
                 continue
             chosen.append(number)
             if len(chosen) == MOST_PLACES:
@@ -164,10 +162,9 @@ class LoopCloser:
         pose, bound, fit = choose(nearest).align(points, sides, start, start, np.zeros((3, 3)))
         if fit < CLOSURE_FIT:
             return None
-        if math.hypot(*(start - here)[:2]) > AMBIGUOUS_METRES:
-            nearly = score - AMBIGUOUS_SCORE
-            if space.search(points, sides, nearly, start)[1] > nearly:
-                return None
+        is_far, nearly = math.hypot(*(start - here)[:2]) > AMBIGUOUS_METRES, score - AMBIGUOUS_SCORE
+        if is_far and space.search(points, sides, nearly, start)[1] > nearly:
+            return None
         return match_with(graph.poses, old, len(graph) - 1, pose, bound.sums.sum(axis=0) / len(nearest), 1)
 
 
