@@ -28,7 +28,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "commands": (2483, 0, 211, 59, 0),
     "core": (1725, 0, 0, 74, 0),
     "dataset": (2678, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22538),
+    "docs": (0, 0, 0, 0, 22533),
     "docs/drawing": (0, 0, 0, 0, 3890),
     "docs/notes": (0, 0, 0, 0, 3676),
     "docs/tutorials": (0, 0, 0, 0, 431),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31561, 242, 241, 1344, 32826)
+TOTAL = (31561, 242, 241, 1344, 32821)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
