@@ -204,7 +204,12 @@ def candidate_places(loop: ExplorationLoop) -> FloatArray:
 
 
 def candidate_tour_lengths(loop: ExplorationLoop, known: PathLengths) -> FloatArray:
-    """Path lengths between the robot and the candidates, shape (N + 1, N + 1) [m]; turning to the first counts, too."""
+    """Path lengths between the robot and the candidates, shape (N + 1, N + 1) [m]; turning to the first counts, too.
+
+    Args:
+        loop: An exploration with a map.
+        known: Lengths that were found before, to which these are added.
+    """
     costmap, space = loop.navigator.costmap, loop.navigator.reachable
     assert costmap is not None
     assert space is not None

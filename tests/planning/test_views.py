@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
-from slamgym.planning import expected_gain, make_costmap, reachable_space
+from slamgym.planning import expected_gain, grid_path, make_costmap, reachable_space
 from slamgym.planning.frontiers import view_gain
 from slamgym.planning.grid_path import SHRINK, CoarsePaths, PathLengths
 
@@ -94,7 +94,10 @@ def test_coarse_lengths_agree_with_straight_lines_and_the_path_through_a_door():
     assert np.all(np.diag(lengths) == 0.0)
 
 
-def test_lengths_that_are_kept_are_those_of_new_searches_once_the_robot_has_found_a_shorter_way():
+@pytest.mark.parametrize("near", [0, 1])
+def test_lengths_that_are_kept_are_those_of_new_searches_once_the_robot_has_found_a_shorter_way(
+    monkeypatch, near
+):
     known, places = PathLengths(), [(8, 30), (55, 100), (55, 140), (30, 220)]
     cells = walled(62, 244)
     cells[20:, 121:123] = OCCUPIED
@@ -104,9 +107,12 @@ def test_lengths_that_are_kept_are_those_of_new_searches_once_the_robot_has_foun
         costmap, pose = make_costmap(grid), Pose2D(*point(grid, *robot), 0.0)
         paths = CoarsePaths(costmap, reachable_space(costmap, pose))
         at = np.array([point(grid, row, col) for row, col in places])
-        lengths = known.matrix(paths, pose, at, 0.0)
+        anew = PathLengths().matrix(paths, pose, at, 0.0)
+        with monkeypatch.context() as patched:
+            patched.setattr(grid_path, "NEAR_PLACES", near)  # else all of these would be searched anew
+            lengths = known.matrix(paths, pose, at, 0.0)
         # Places that lie within a cell are one: both ends of a path may be off by so much.
-        np.testing.assert_allclose(lengths, PathLengths().matrix(paths, pose, at, 0.0), atol=2.0 * paths.cell)
+        np.testing.assert_allclose(lengths, anew, atol=2.0 * paths.cell)
         assert least < lengths[2, 3] < most
         places = [(row + 1, col) for row, col in places]
 
