@@ -6,7 +6,6 @@ import importlib
 import importlib.metadata
 import os
 import platform
-import re
 import subprocess
 import sys
 import tempfile
@@ -15,6 +14,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import tyro
+from packaging.requirements import Requirement
 
 from slamgym import __version__
 from slamgym.commands.log_input import LogReading
@@ -22,9 +22,7 @@ from slamgym.core.config import Arguments
 from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import tell
 
-_NAME = re.compile(r"[A-Za-z0-9_.-]+")
-_EXTRA = re.compile(r"extra == [\"']([a-z]+)[\"']")
-_FOR_DEVELOPERS = ("dev", "all", "site")
+_FOR_DEVELOPERS = {"dev", "all", "site"}
 _FAILURES = (SlamgymError, ImportError, OSError, RuntimeError, ValueError, subprocess.SubprocessError)
 """Errors of a damaged installation."""
 
@@ -101,18 +99,19 @@ def installed() -> Iterator[Finding]:
     system = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}, {os.cpu_count()} cores"
     yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
     try:
-        requirements = importlib.metadata.requires("slamgym") or []
+        requirements = [Requirement(line) for line in importlib.metadata.requires("slamgym") or []]
+        extras = set(importlib.metadata.metadata("slamgym").get_all("Provides-Extra") or [])
     except importlib.metadata.PackageNotFoundError:
         fix = f"pip install {Path(__file__).parents[2]}"
         yield Finding("packages", "broken", "slamgym is not installed, only on the path", fix)
         return
-    groups: dict[str, list[str]] = {}
-    for requirement in requirements:
-        extra, name = _EXTRA.search(requirement), _NAME.match(requirement)
-        if name is not None:
-            groups.setdefault(extra[1] if extra else "", []).append(name[0])
-    for extra_name, names in sorted(groups.items()):
-        if extra_name in _FOR_DEVELOPERS:
+    groups: dict[str, list[str]] = {name: [] for name in ["", *sorted(extras - _FOR_DEVELOPERS)]}
+    for one in requirements:
+        askers = [name for name in groups if one.marker is None or one.marker.evaluate({"extra": name})]
+        if askers:  # none on this platform, or developers only
+            groups[askers[0]].append(one.name)
+    for extra_name, names in groups.items():
+        if not names:  # on this platform
             continue
         found = {name: _version(name) for name in names}
         shown = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())

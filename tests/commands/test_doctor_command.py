@@ -18,7 +18,7 @@ def test_a_whole_installation_is_in_order(capsys):
 def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     installed = doctor._version
     monkeypatch.setattr(
-        doctor, "_version", lambda name: "" if name in {"rosbags", "numba"} else installed(name)
+        doctor, "_version", lambda name: "" if name in {"rosbags", "numba", "ros-rclpy"} else installed(name)
     )
     monkeypatch.setattr(doctor, "_films", lambda: (_ for _ in ()).throw(RuntimeError("no ffmpeg\nat all")))
     found = {finding.what: finding for finding in findings()}
@@ -26,6 +26,7 @@ def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     assert found["extra ros"].fix == "pip install 'slamgym[ros]'"
     assert found["packages"].state == "broken"
     assert "numba missing" in found["packages"].found
+    assert "ros-rclpy" not in found["packages"].found  # of an extra with a figure in its name
     assert found["packages"].fix == "pip install slamgym"  # brings what the installed one needs
     assert found["films (ffmpeg)"][1:3] == ("missing", "no ffmpeg at all")
     assert cli.main(["doctor"]) == 1
