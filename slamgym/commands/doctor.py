@@ -78,8 +78,8 @@ def main(arguments: DoctorArguments) -> int:
     states = []
     for finding in findings():
         states.append(finding.state)
-        fix = f"\n{'':>9}fix: {finding.fix}" if finding.fix else ""
-        tell(f"{finding.state:<7}  {finding.what}: {finding.found}{fix}")
+        fix = [f"{'':>9}fix: {finding.fix}"] if finding.fix else []
+        tell(f"{finding.state:<7}  {finding.what}: {finding.found}", *fix)
         sys.stdout.flush()
     return 1 if "broken" in states else 0
 
