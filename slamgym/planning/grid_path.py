@@ -184,9 +184,9 @@ class PathLengths:
         same = np.argmax(away < paths.cell, axis=1)
         lengths = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)[np.ix_(same, same)]
         cells = np.array([paths.place((x, y)) for x, y in points.tolist()])
-        near = np.argsort(paths.lengths_from(int(cells[0]), cells), kind="stable")[: 1 + NEAR_PLACES]
+        near = np.argsort(first := paths.lengths_from(int(cells[0]), cells), kind="stable")[: 1 + NEAR_PLACES]
         for i in np.union1d(near, np.flatnonzero(same >= count)):
-            lengths[i] = lengths[:, i] = paths.lengths_from(int(cells[i]), cells)
+            lengths[i] = lengths[:, i] = paths.lengths_from(int(cells[i]), cells) if i else first
             lengths = np.minimum(lengths, lengths[i] + lengths[i][:, None])
         self._places, self._lengths = known[same[1:]], lengths[1:, 1:]
         lengths[0, 1:] += per_turn * straight_turns(pose, places)
