@@ -25,12 +25,12 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "README.md": (0, 0, 0, 0, 1141),
     "agents": (2449, 42, 0, 99, 0),
     "cad": (2096, 3, 0, 101, 0),
-    "commands": (2483, 0, 211, 59, 0),
+    "commands": (2482, 0, 211, 57, 0),
     "core": (1725, 0, 0, 74, 0),
     "dataset": (2678, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22533),
+    "docs": (0, 0, 0, 0, 22531),
     "docs/drawing": (0, 0, 0, 0, 3890),
-    "docs/notes": (0, 0, 0, 0, 3676),
+    "docs/notes": (0, 0, 0, 0, 3673),
     "docs/tutorials": (0, 0, 0, 0, 431),
     "drawing": (2331, 2, 0, 137, 0),
     "envs": (2538, 33, 0, 51, 0),
@@ -41,13 +41,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "planning": (2025, 19, 0, 79, 0),
     "ros2": (1514, 0, 30, 40, 0),
     "sim": (2222, 45, 0, 156, 0),
-    "slam": (3327, 29, 0, 198, 0),
+    "slam": (3327, 29, 0, 197, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (784, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31561, 242, 241, 1344, 32821)
+TOTAL = (31560, 242, 241, 1341, 32816)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
