@@ -23,9 +23,9 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1141),
-    "agents": (2449, 42, 0, 99, 0),
+    "agents": (2447, 42, 0, 99, 0),
     "cad": (2096, 3, 0, 101, 0),
-    "commands": (2482, 0, 211, 57, 0),
+    "commands": (2480, 0, 211, 57, 0),
     "core": (1725, 0, 0, 74, 0),
     "dataset": (2678, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 22531),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31560, 242, 241, 1341, 32816)
+TOTAL = (31556, 242, 241, 1341, 32816)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}

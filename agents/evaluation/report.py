@@ -77,13 +77,11 @@ def _done_table(summary: Summary) -> str:
 
 
 def _levels_table(explorers: Sequence[ExplorerSummary]) -> str:
-    rows = []
+    rows, levels = [], SHARES[:-1]
     for e in explorers:
-        means = [
-            (e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in SHARES[:-1]
-        ]
+        means = [(e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in levels]
         rows.append([f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)])
-    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in SHARES[:-1])], rows)
+    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in levels)], rows)
 
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:

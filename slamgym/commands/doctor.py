@@ -100,19 +100,17 @@ def installed() -> Iterator[Finding]:
     yield Finding("slamgym", "ok", f"{__version__} in {Path(__file__).parents[1]}; {system}")
     try:
         requirements = [Requirement(line) for line in importlib.metadata.requires("slamgym") or []]
-        extras = set(importlib.metadata.metadata("slamgym").get_all("Provides-Extra") or [])
+        named = set(importlib.metadata.metadata("slamgym").get_all("Provides-Extra") or [])
     except importlib.metadata.PackageNotFoundError:
         fix = f"pip install {Path(__file__).parents[2]}"
         yield Finding("packages", "broken", "slamgym is not installed, only on the path", fix)
         return
-    groups: dict[str, list[str]] = {name: [] for name in ["", *sorted(extras - _FOR_DEVELOPERS)]}
+    extras, groups = ["", *(named - _FOR_DEVELOPERS)], dict[str, list[str]]()
     for one in requirements:
-        askers = [name for name in groups if one.marker is None or one.marker.evaluate({"extra": name})]
+        askers = [name for name in extras if one.marker is None or one.marker.evaluate({"extra": name})]
         if askers:  # none on this platform, or developers only
-            groups[askers[0]].append(one.name)
-    for extra_name, names in groups.items():
-        if not names:  # on this platform
-            continue
+            groups.setdefault(askers[0], []).append(one.name)
+    for extra_name, names in sorted(groups.items()):
         found = {name: _version(name) for name in names}
         shown = ", ".join(f"{name} {version or 'missing'}" for name, version in found.items())
         what = f"extra {extra_name}" if extra_name else "packages"
