@@ -208,7 +208,7 @@ class ExplorationLoop:
         if costmap is None or space is None:
             return []
         found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
-        return self._blacklist.unreached(costmap, [one.centroid for one, _ in found])
+        return self._blacklist.unreached(costmap, [one.centroid for one, *_ in found])
 
     def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
@@ -290,8 +290,10 @@ class ExplorationLoop:
             return True
         if not self._is_still_there(self.target):
             return True
-        is_stalled = time - self._growth.grown_at > _STALL_TIME
-        return not is_stalled and time - choice.made_at >= self.config.horizon - 1e-6
+        return (
+            time - self._growth.grown_at <= _STALL_TIME
+            and time - choice.made_at >= self.config.horizon - 1e-6
+        )
 
     def _offer(self) -> None:
         """Search the candidates; without any, try what is left to try."""
@@ -307,10 +309,11 @@ class ExplorationLoop:
             found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
             ahead = [one for one in found if not self._blacklist.holds(one[0].centroid)]
             # The next round offers again what was given up in the first.
-            self.wanted = [frontier for frontier, _ in (ahead if self.round else found)]
-            # A robot that sees no wall soon doesn't know where it is: in halls, such places come last.
+            self.wanted = [frontier for frontier, *_ in (ahead if self.round else found)]
+            # A robot that sees no wall soon doesn't know where it is: the middle of a hall comes after its walls.
             if self.known_area > _HOME:
-                ahead = [one for one in ahead if costmap.distance[one[1]] < np.inf] or ahead
+                near = [one for one in ahead if costmap.distance[one[1]] < np.inf]
+                ahead = near + [one for one in ahead if all(one[2] != other[2] for other in near)]
             self.num_frontiers = len(ahead)
             self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
         if not self.candidates:

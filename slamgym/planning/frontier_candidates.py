@@ -70,8 +70,8 @@ def frontiers_in_reach(
     min_size: float,
     split_extent: float,
     tolerance: float,
-) -> list[tuple[Frontier, tuple[int, int]]]:
-    """Search the frontiers, each with the cell (row, col) where its path ends.
+) -> list[tuple[Frontier, tuple[int, int], int]]:
+    """Search the frontiers, each with the cell (row, col) where its path ends, and the number of its uncut frontier.
 
     Args:
         costmap: The costmap.
@@ -81,19 +81,19 @@ def frontiers_in_reach(
         split_extent: A frontier that extends farther than this is cut into parts [m].
         tolerance: How far from a frontier its path may end [m].
     """
-    found: list[tuple[Frontier, tuple[int, int]]] = []
-    for whole in find_frontiers(costmap, pose, min_size, reachable=reachable):
+    found: list[tuple[Frontier, tuple[int, int], int]] = []
+    for number, whole in enumerate(find_frontiers(costmap, pose, min_size, reachable=reachable)):
         for one in split_frontier(whole, costmap.frame, pose, split_extent):
             place = place_near(costmap, one.middle, tolerance, reachable)
             place = place or place_near(costmap, one.nearest, tolerance, reachable)
-            found += [(one, place)] if place is not None else []
+            found += [(one, place, number)] if place is not None else []
     return found
 
 
 def make_candidates(
     costmap: Costmap,
     reachable: Reachable,
-    frontiers: Sequence[tuple[Frontier, tuple[int, int]]],
+    frontiers: Sequence[tuple[Frontier, tuple[int, int], int]],
     most: int,
     keep: Point | None = None,
 ) -> list[FrontierCandidate]:
@@ -114,11 +114,11 @@ def make_candidates(
         return []
     costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
     start = _coarse_cell(divmod(int(reachable.order[0]), costmap.frame.width_px), frame)
-    ends = np.array([_coarse_cell(place, frame) for _, place in frontiers], dtype=np.int64)
+    ends = np.array([_coarse_cell(place, frame) for _, place, _ in frontiers], dtype=np.int64)
     lengths, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
     found = []
     for index in np.argsort(lengths, kind="stable")[:most].tolist():
-        (frontier, place), end = frontiers[index], int(ends[index])
+        (frontier, place, _), end = frontiers[index], int(ends[index])
         if math.isfinite(lengths[index]):
             path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
             points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])

@@ -24,6 +24,7 @@ from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.alignment import ALIGN_WIDTH, MOST_SUBMAPS, POINT_SHARE, Chosen, Placed
 from slamgym.slam.graph.closures import LoopCloser
+from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph
@@ -84,7 +85,7 @@ class PoseGraphMapper(Mapper):
         self._closed = Columns({"first": np.int64}, first=(), centre=(2,))  # of all submaps but the newest
         self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
-        self._loops = LoopCloser(config.pose_graph)
+        self._loops, self._compass = LoopCloser(config.pose_graph), Compass()
         self._consistency = Consistency(geometry)
         self._drawn_poses = np.zeros((0, 3))
         self._suspicion = 0.0  # against the odometry, of the scans since one fitted well
@@ -137,10 +138,9 @@ class PoseGraphMapper(Mapper):
             self._place(step, points, sides)
         self._remember(scan, step, points, sides)
         if self._loops.is_due(self._graph):
-            closures = self._loops.close(self._graph, self._submaps, self._choose)
-            for closure in closures:
+            closure = self._loops.close(self._graph, self._submaps, self._choose)
+            if closure is not None:
                 self._graph.tie(closure)
-            if closures:
                 self._optimise(4, is_closing=True)
         interval = max(OPTIMISE_INTERVAL, OPTIMISE_SHARE * len(self._graph))
         if len(self._graph) - self._graph.optimised >= interval:
@@ -288,6 +288,7 @@ class PoseGraphMapper(Mapper):
         submap.size += abs(float(step.moved[2])) / SUBMAP_RADIANS
         if submap.size > 1.0 and len(submap.poses) >= SUBMAP_SCANS:
             submap.close()
+            self._compass.read(submap, self._graph)
             self._closed.append(first=submap.first, centre=submap.centre)
             self._submap_bytes += submap.grid.nbytes + submap.pieces.nbytes
             self._judge([len(self._submaps) - 1])
