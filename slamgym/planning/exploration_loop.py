@@ -290,15 +290,12 @@ class ExplorationLoop:
             return True
         if not self._is_still_there(self.target):
             return True
-        return (
-            time - self._growth.grown_at <= _STALL_TIME
-            and time - choice.made_at >= self.config.horizon - 1e-6
-        )
+        is_stalled = time - self._growth.grown_at > _STALL_TIME
+        return not is_stalled and time - choice.made_at >= self.config.horizon - 1e-6
 
     def _offer(self) -> None:
         """Search the candidates; without any, try what is left to try."""
-        self._choice.is_new_map = self._choice.is_stale = False
-        self._choice.is_open = True
+        self._choice.is_new_map, self._choice.is_stale, self._choice.is_open = False, False, True
         self._has_tried_all = self.round == len(RELAXED_FOOTPRINTS)
         self.candidates, self.num_frontiers, self.wanted = [], 0, []
         costmap, space = self.navigator.costmap, self.navigator.reachable
