@@ -56,9 +56,9 @@ def test_numpy_and_torch_agree(seed, count):
     network = make_network()
     observation = make_observation(seed, count)
     scorer = FrontierScorer(weights_of(network))
-    # float32 sums of some hundred terms in another order
+    # float32 sums of some hundred terms in another order, up to 20, which cancel: 2e-4 with AVX-512
     np.testing.assert_allclose(
-        scorer.scores(observation), torch_scores(network, observation)[0][:count], rtol=1e-4, atol=1e-4
+        scorer.scores(observation), torch_scores(network, observation)[0][:count], rtol=1e-4, atol=1e-3
     )
 
 
