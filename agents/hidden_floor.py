@@ -101,9 +101,8 @@ class HiddenFloor:
             raise InputFileError(Path(path), "doesn't say what share of a risk it may take; train it again")
         return HiddenFloor(weights, risk)
 
-    def chances(self, loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]) -> FloatArray:
-        """Probabilities that each of some frontiers hides at least :data:`AREAS`, shape (N, areas)."""
-        values = describe_frontiers(loop, looks, frontiers)
+    def chances(self, values: Float32Array) -> FloatArray:
+        """Probabilities that frontiers of some figures (N, figures) hide at least :data:`AREAS`, shape (N, areas)."""
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
         return 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))

@@ -257,6 +257,4 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
 
 def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
-    if task.explorer == ORACLE:
-        return bound_trial(task, config.trial)
-    return run_trial(task, config.trial)
+    return bound_trial(task, config.trial) if task.explorer == ORACLE else run_trial(task, config.trial)

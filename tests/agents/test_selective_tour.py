@@ -12,6 +12,7 @@ from slamgym.agents.hidden_floor import (
     FRONTIER_FIGURES,
     HIDDEN_FLOOR,
     HiddenFloor,
+    describe_frontiers,
     moments,
 )
 from slamgym.agents.pretrained_policy import write_weights
@@ -82,6 +83,14 @@ def test_where_none_does_it_is_done_as_soon_as_it_may_promise_that(env, network)
     assert explored(env, selective(env, network(-20.0)))[1] > 0.98
 
 
+def test_in_large_buildings_only_what_the_map_encloses_is_passed_over(env, network, monkeypatch):
+    monkeypatch.setattr("slamgym.agents.selective_tour.LARGEST_SKIPPED", 10.0)
+    tour = explored(env, make_explorer("tour", env.explorer_context(), promise=Promise()))
+    time, coverage, _ = explored(env, selective(env, network(-20.0), Promise()))
+    assert 40.0 < time <= tour[0]  # the rule at home is done by then
+    assert coverage > 0.9
+
+
 def test_a_small_share_of_the_risk_passes_over_nothing(env, network):
     """Each frontier hides something with a probability of 0.018: two may be left at a risk of 0.05, none at 0.015."""
     tour = explored(env, make_explorer("tour", env.explorer_context(), promise=Promise()))
@@ -131,7 +140,7 @@ def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, 
     looks = Looks(env.explorer_context())
     looks.note(loop.pose, observation["scan"])
     for most, mean, square in ((0.05, 0.05, 0.0025), (1.0, 1.0, 1.0), (2.0, 1.5, 2.5), (100.0, 2.0, 5.0)):
-        found = moments(read.chances(loop, looks, loop.wanted), most)
+        found = moments(read.chances(describe_frontiers(loop, looks, loop.wanted)), most)
         assert found.shape == (2, len(loop.wanted))
         np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
     for path, reason in ((tmp_path / "nowhere.safetensors", "nowhere"), (network(1.0, risk=2.0), "risk")):
