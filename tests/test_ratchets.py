@@ -23,14 +23,14 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1141),
-    "agents": (2447, 42, 0, 99, 0),
+    "agents": (2446, 42, 0, 99, 0),
     "cad": (2096, 3, 0, 101, 0),
     "commands": (2480, 0, 211, 57, 0),
     "core": (1725, 0, 0, 74, 0),
     "dataset": (2678, 19, 0, 76, 0),
     "docs": (0, 0, 0, 0, 22531),
     "docs/drawing": (0, 0, 0, 0, 3890),
-    "docs/notes": (0, 0, 0, 0, 3673),
+    "docs/notes": (0, 0, 0, 0, 3670),
     "docs/tutorials": (0, 0, 0, 0, 431),
     "drawing": (2331, 2, 0, 137, 0),
     "envs": (2538, 33, 0, 51, 0),
@@ -41,13 +41,13 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "planning": (2025, 19, 0, 79, 0),
     "ros2": (1514, 0, 30, 40, 0),
     "sim": (2222, 45, 0, 156, 0),
-    "slam": (3327, 29, 0, 197, 0),
+    "slam": (3324, 29, 0, 195, 0),
     "slamgym": (19, 0, 0, 0, 0),
     "viz": (784, 0, 0, 61, 0),
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31556, 242, 241, 1341, 32816)
+TOTAL = (31552, 242, 241, 1339, 32813)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
