@@ -31,9 +31,8 @@ LOOP_DEVIATIONS, WINDOW_FLOOR, LARGEST_WINDOW = 5.0, (0.15, 0.05), (6.0, 0.8)
 AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
 """A search that leads further than this must find no other place whose score is so near [m]."""
 EXPECTED_CHI2 = 16.3
-"""A closure may disagree so much with the path, its uncertainty and ``WINDOW_FLOOR``: one true one in a thousand
-disagrees more. In 13 drives through offices and schools true ones had up to 16.2, false ones, of like rooms, from 19.3
-on."""
+"""A closure may disagree so much with the path, its uncertainty and ``WINDOW_FLOOR``: the 0.999 quantile. In 13 drives
+through offices and schools without the compass 2 of 104 true ones had more, and 7 of 8 false ones."""
 
 
 class LoopCloser:
