@@ -309,8 +309,8 @@ class ExplorationLoop:
             self.wanted = [frontier for frontier, *_ in (ahead if self.round else found)]
             # A robot that sees no wall soon doesn't know where it is: the middle of a hall comes after its walls.
             if self.known_area > _HOME:
-                near = [one for one in ahead if costmap.distance[one[1]] < np.inf]
-                ahead = near + [one for one in ahead if all(one[2] != other[2] for other in near)]
+                near = {whole for _, place, whole in ahead if costmap.distance[place] < np.inf}
+                ahead = [one for one in ahead if one[2] not in near or costmap.distance[one[1]] < np.inf]
             self.num_frontiers = len(ahead)
             self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
         if not self.candidates:

@@ -90,10 +90,9 @@ class LoopCloser:
         old = firsts[graph.driven[-1] - graph.driven[firsts] > self._settings.loop_length]
         away = np.hypot(*(graph.poses[old, :2] - graph.poses[-1, :2]).T)
         chosen: list[int] = []
-        for number in np.argsort(away, kind="stable").tolist():
-            is_beside = any(abs(number - other) < SEPARATION for other in chosen)
-            is_far = away[number] > LOOP_RADIUS or submaps[number].is_older_map
-            if len(chosen) < MOST_PLACES and not (is_far or is_beside or graph.is_tied(int(firsts[number]))):
+        for number in np.argsort(away, kind="stable")[: np.count_nonzero(away <= LOOP_RADIUS)].tolist():
+            is_out = submaps[number].is_older_map or any(abs(number - other) < SEPARATION for other in chosen)
+            if len(chosen) < MOST_PLACES and not (is_out or graph.is_tied(submaps[number].first)):
                 chosen.append(number)
         return chosen
 

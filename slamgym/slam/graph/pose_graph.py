@@ -134,7 +134,8 @@ class PoseGraph:
         self.wheels.learn(wheels, covariance, errors, self._nodes["slips"][1:], seen)
         lengths = np.hypot(*np.diff(poses[:, :2], axis=0).T)
         self._of_newest = self._factor.covariance(len(self) - 1, len(self) - 1)
-        old, new = (self._matches[end][self._matches["information"][:, 0, 0] > 0.0] for end in ("old", "new"))
+        placed = self._matches["information"][:, 0, 0] > 0.0  # the others tell headings alone
+        old, new = self._matches["old"][placed], self._matches["new"][placed]
         self._distances = graph_distances(lengths, old, new, len(self) - 1)
         self._relative, self._added = {}, np.zeros((3, 3))
 
