@@ -20,9 +20,10 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents import make_explorer
+from slamgym.agents.evaluation.report import with_bounds
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.cad import FloorPlan
-from slamgym.core.intervals import Interval, mean_interval, ratio_of_means
+from slamgym.core.intervals import mean_interval, ratio_of_means
 from slamgym.core.types import FloatArray
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps
@@ -56,7 +57,7 @@ def main() -> None:
     for name in arguments.explorers:
         row, spent = measure(name, plans, arguments)
         times.append(spent)
-        row["time / first"] = shown(ratio_of_means(spent, times[0]))
+        row["time / first"] = with_bounds(ratio_of_means(spent, times[0]))
         print(row, flush=True)
         rows.append(row)
     whole = "_whole" if arguments.until <= 1.0 else ""
@@ -72,15 +73,10 @@ def measure(
     outcomes = np.array([explore(name, plan, seed, arguments) for seed, plan in enumerate(plans)])
     row: dict[str, Any] = {"explorer": name, "plans": len(plans)}
     for column, values in zip(COLUMNS, outcomes.T, strict=True):
-        row[column] = shown(mean_interval(values))
+        row[column] = with_bounds(mean_interval(values))
     if arguments.until <= 1.0:
         row["time over"] = int((outcomes[:, 0] < arguments.until).sum())
     return row | {"CPU s a plan": (time.process_time() - begin) / len(plans)}, outcomes[:, -1]
-
-
-def shown(found: Interval) -> str:
-    """A figure with its interval."""
-    return f"{found.value:.3g} [{found.low:.3g}, {found.high:.3g}]"
 
 
 def draw_curve(path: Path) -> None:

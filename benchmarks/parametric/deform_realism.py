@@ -23,9 +23,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
 
 import numpy as np
 
+from slamgym.agents.evaluation.report import with_bounds
 from slamgym.cad import FloorPlan
 from slamgym.commands.deforming.hypotheses import furnished, recorded_drive
-from slamgym.core.intervals import Interval
 from slamgym.core.pictures import read_png
 from slamgym.core.types import FREE, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Trajectory
 from slamgym.dataset.format import Layout, read_manifest
@@ -147,7 +147,7 @@ def judge(
     own = [look_statistics(cut_to_floor(looks(grid))) for _, _, grid in true]
     null = half_against_half(plans, tree_learner(own), 5, 5)
     rows: list[tuple[object, ...]] = [
-        (name, "simulated, half against half", len(own), shown(null),
+        (name, "simulated, half against half", len(own), with_bounds(null),
          round(float(spread.mean()), 3) if len(spread) else None, None, None, None)
     ]  # fmt: skip
     for method in methods:
@@ -168,17 +168,12 @@ def judge(
             ratio = f"{differs.mean() / spread.mean():.2f} [{low:.2f}, {high:.2f}]"
         seconds = [taken for _, taken in made]
         rows.append(
-            (name, method, len(made), shown(trees),
+            (name, method, len(made), with_bounds(trees),
              round(float(differs.mean()), 3) if len(differs) else None, ratio,
              round(float(np.median(seconds)), 3), round(float(np.percentile(seconds, 90)), 3))
         )  # fmt: skip
         print(rows[-1], flush=True)
     return rows
-
-
-def shown(interval: Interval) -> str:
-    """An accuracy with its interval."""
-    return f"{interval.value:.2f} [{interval.low:.2f}, {interval.high:.2f}]"
 
 
 if __name__ == "__main__":

@@ -69,7 +69,7 @@ def render_and_report(
     for reason, count in report.left_out.items():
         tell(f"  left out: {counted(count, 'pair')}, {reason}; see skipped.jsonl")
     for side in SPLITS:
-        if not report.sides.get(side):
+        if not report.sides.get(side) and split.test < 1.0:
             say(
                 f"No pair is on the side {side}: make more pairs, or run `slamgym dataset split {dataset} --test 0.3` "
                 "and render into another folder."

@@ -10,6 +10,7 @@ import re
 import signal
 import threading
 import time
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from concurrent.futures.process import BrokenProcessPool
@@ -66,6 +67,8 @@ class LocalEngine(Engine):
     def __init__(self, workers: int, timeout: float | None = None) -> None:
         if workers < 1:
             raise ConfigError(f"the number of workers must be at least 1, not {workers}")
+        # loky ends a worker that holds much memory between two tasks, and says so; the next one takes over.
+        warnings.filterwarnings("ignore", "A worker stopped while some jobs were given")
         self._workers = [_Worker() for _ in range(workers)]
         self._timeout = timeout
 
@@ -111,8 +114,7 @@ def _result_of(
     try:
         result = future.result()
     except BrokenProcessPool as error:
-        signal_name = re.search(r"\{(SIG\w+)\(", str(error))
-        how = f" ({signal_name[1]})" if signal_name else ""
+        how = "".join(f" ({name})" for name in re.findall(r"\{(SIG\w+)\(", str(error)))
         return backlog.worker_died(attempt, f"a worker process died{how}")
     backlog.succeeded()
     return result

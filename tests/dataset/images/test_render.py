@@ -213,6 +213,16 @@ def test_the_command_makes_a_split_and_reports_what_is_left_out(dataset_copy, tm
     assert "must lie in [0, 1]" in capsys.readouterr().err
 
 
+@pytest.mark.parametrize(("test", "is_missed"), [("1.0", False), ("0.0", True)])
+def test_a_side_without_pairs_is_missed_unless_all_are_for_testing(
+    dataset_copy, tmp_path, capsys, test, is_missed
+):
+    assert cli.main(["dataset", "split", str(dataset_copy), "--test", test]) == 0
+    command = ["dataset", "render", str(dataset_copy), "--out", str(tmp_path / "images"), "--size", "64"]
+    assert cli.main([*command, "--workers", "1", "--min-coverage", "0"]) == 0
+    assert ("No pair is on the side" in capsys.readouterr().err) == is_missed
+
+
 def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path, capsys):
     out, images = tmp_path / "pairs", tmp_path / "images"
     for name in ("a", "b", "c"):
