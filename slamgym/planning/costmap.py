@@ -70,9 +70,7 @@ class Costmap:
     """Costs of the known part of a map."""
 
     costs: ByteArray  # (H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown
-    distance: (
-        Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf where it is far
-    )
+    distance: Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf: it is far
     frame: GridFrame
     cells: ByteArray  # (H, W) the map that it was made of
     config: CostmapConfig

@@ -22,7 +22,7 @@ from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
 from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
 from slamgym.planning.frontiers import Frontier, fits_through
-from slamgym.planning.navigator import PLAN_TOLERANCE, STOP, Goal, GoalStatus, Navigator, NavigatorConfig
+from slamgym.planning.navigator import STOP, Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.promise import Promise, is_kept
 from slamgym.planning.recovery import RELAXED_FOOTPRINTS, RecoveryBehaviours
 
@@ -207,8 +207,8 @@ class ExplorationLoop:
         size, split = self.config.last_frontier_size, self.config.split_extent
         if costmap is None or space is None:
             return []
-        found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
-        return self._blacklist.unreached(costmap, [one.centroid for one, *_ in found])
+        found = frontiers_in_reach(costmap, space, self.pose, size, split)
+        return self._blacklist.unreached(costmap, [one.frontier.centroid for one in found])
 
     def forgive(self) -> None:
         """Go on after the end: offer again what was given up on the way, and forget what stopped the robot there.
@@ -303,14 +303,14 @@ class ExplorationLoop:
             last = self.config.last_frontier_size if self.round else math.inf
             size, split = min(self.config.min_frontier_size, last), self.config.split_extent
             keep = self.target.target if self.target else None
-            found = frontiers_in_reach(costmap, space, self.pose, size, split, PLAN_TOLERANCE)
-            ahead = [one for one in found if not self._blacklist.holds(one[0].centroid)]
+            found = frontiers_in_reach(costmap, space, self.pose, size, split)
+            ahead = [one for one in found if not self._blacklist.holds(one.frontier.centroid)]
             # The next round offers again what was given up in the first.
-            self.wanted = [frontier for frontier, *_ in (ahead if self.round else found)]
+            self.wanted = [one.frontier for one in (ahead if self.round else found)]
             # A robot that sees no wall soon doesn't know where it is: the middle of a hall comes after its walls.
             if self.known_area > _HOME:
-                near = {whole for _, place, whole in ahead if costmap.distance[place] < np.inf}
-                ahead = [one for one in ahead if one[2] not in near or costmap.distance[one[1]] < np.inf]
+                near = {one.whole for one in ahead if one.is_by_wall}
+                ahead = [one for one in ahead if one.is_by_wall or one.whole not in near]
             self.num_frontiers = len(ahead)
             self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
         if not self.candidates:

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from slamgym.planning.frontier_feature_kernels import (
 from slamgym.planning.frontiers import Frontier, Point, Reachable, describe_frontier, find_frontiers
 from slamgym.planning.grid_path import COST_FACTOR, place_near
 from slamgym.planning.grid_path_kernels import search_path, trace_path
+from slamgym.planning.navigator import PLAN_TOLERANCE
 
 COARSENING = 2
 """Paths to candidates are measured on a grid whose cells are so many cells of the map wide."""
@@ -63,15 +65,19 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
     return joined, GridFrame(size, frame.origin_x, bottom, height, width)
 
 
+class FrontierInReach(NamedTuple):
+    """A frontier, or a part of one, that a path leads to within ``PLAN_TOLERANCE``."""
+
+    frontier: Frontier
+    place: tuple[int, int]  # the cell (row, col) of the costmap where its path ends
+    whole: int  # the number of the frontier that it was cut from
+    is_by_wall: bool  # the costmap knows how far the place is from an obstacle
+
+
 def frontiers_in_reach(
-    costmap: Costmap,
-    reachable: Reachable,
-    pose: Pose2D,
-    min_size: float,
-    split_extent: float,
-    tolerance: float,
-) -> list[tuple[Frontier, tuple[int, int], int]]:
-    """Search the frontiers, each with the cell (row, col) where its path ends, and the number of its uncut frontier.
+    costmap: Costmap, reachable: Reachable, pose: Pose2D, min_size: float, split_extent: float
+) -> list[FrontierInReach]:
+    """Search the frontiers.
 
     Args:
         costmap: The costmap.
@@ -79,21 +85,22 @@ def frontiers_in_reach(
         pose: The robot, in the frame of the costmap.
         min_size: Frontiers shorter than this are left out [m].
         split_extent: A frontier that extends farther than this is cut into parts [m].
-        tolerance: How far from a frontier its path may end [m].
     """
-    found: list[tuple[Frontier, tuple[int, int], int]] = []
+    found: list[FrontierInReach] = []
     for number, whole in enumerate(find_frontiers(costmap, pose, min_size, reachable=reachable)):
         for one in split_frontier(whole, costmap.frame, pose, split_extent):
-            place = place_near(costmap, one.middle, tolerance, reachable)
-            place = place or place_near(costmap, one.nearest, tolerance, reachable)
-            found += [(one, place, number)] if place is not None else []
+            place = place_near(costmap, one.middle, PLAN_TOLERANCE, reachable)
+            place = place or place_near(costmap, one.nearest, PLAN_TOLERANCE, reachable)
+            if place is not None:
+                is_by_wall = bool(costmap.distance[place] < np.inf)
+                found.append(FrontierInReach(one, place, number, is_by_wall))
     return found
 
 
 def make_candidates(
     costmap: Costmap,
     reachable: Reachable,
-    frontiers: Sequence[tuple[Frontier, tuple[int, int], int]],
+    frontiers: Sequence[FrontierInReach],
     most: int,
     keep: Point | None = None,
 ) -> list[FrontierCandidate]:
@@ -114,11 +121,11 @@ def make_candidates(
         return []
     costs, frame = coarsen_costmap(costmap.costs, costmap.frame)
     start = _coarse_cell(divmod(int(reachable.order[0]), costmap.frame.width_px), frame)
-    ends = np.array([_coarse_cell(place, frame) for _, place, _ in frontiers], dtype=np.int64)
+    ends = np.array([_coarse_cell(one.place, frame) for one in frontiers], dtype=np.int64)
     lengths, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
     found = []
     for index in np.argsort(lengths, kind="stable")[:most].tolist():
-        (frontier, place, _), end = frontiers[index], int(ends[index])
+        (frontier, place, *_), end = frontiers[index], int(ends[index])
         if math.isfinite(lengths[index]):
             path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
             points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])

@@ -50,7 +50,7 @@ def planned(grid):
 
 def candidates_of(grid, **changes):
     costmap, space = planned(grid)
-    found = frontiers_in_reach(costmap, space, HERE, min_size=0.3, split_extent=3.0, tolerance=0.6)
+    found = frontiers_in_reach(costmap, space, HERE, min_size=0.3, split_extent=3.0)
     return make_candidates(costmap, space, found, **{"most": 16} | changes)
 
 
