@@ -157,8 +157,8 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
 
 def _board_table(board: TrackBoard) -> str:
     header = [
-        "entry", "rank", "score", "success [%]", "time until done [s]", "path until done [m]", "contacts",
-        "map error [cm]", "quicker [%]", "CPU [s]", "runs", "slamgym",
+        "entry", "rank", "score", "success [%]", "time until done [s]", "contacts", "map error [cm]", "quicker [%]",
+        "CPU [s]", "runs",
     ]  # fmt: skip
     rows = []
     for place, one in enumerate(board.standings, start=1):
@@ -170,13 +170,11 @@ def _board_table(board: TrackBoard) -> str:
                 with_bounds(one.score),
                 with_bounds(one.success, 0, 100.0),
                 with_bounds(one.done, 0),
-                with_bounds(one.path, 1),
                 f"{one.contacts:.2f}",
                 f"{100.0 * one.map_error:.1f}",
                 with_bounds(one.quicker, 0, 100.0),
                 f"{one.cpu:.1f}",
                 str(one.runs),
-                ", ".join(one.versions),
             ]
         )
     return markdown(header, rows)
