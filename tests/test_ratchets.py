@@ -23,12 +23,12 @@ MAX_ATTRIBUTES = 15
 BUDGET: dict[str, tuple[int, int, int, int, int]] = {
     "CONTRIBUTING.md": (0, 0, 0, 0, 1150),
     "README.md": (0, 0, 0, 0, 1141),
-    "agents": (2446, 42, 0, 99, 0),
+    "agents": (2444, 42, 0, 99, 0),
     "cad": (2096, 3, 0, 101, 0),
     "commands": (2480, 0, 211, 57, 0),
     "core": (1725, 0, 0, 74, 0),
     "dataset": (2678, 19, 0, 76, 0),
-    "docs": (0, 0, 0, 0, 22531),
+    "docs": (0, 0, 0, 0, 22529),
     "docs/drawing": (0, 0, 0, 0, 3890),
     "docs/notes": (0, 0, 0, 0, 3670),
     "docs/tutorials": (0, 0, 0, 0, 431),
@@ -47,7 +47,7 @@ BUDGET: dict[str, tuple[int, int, int, int, int]] = {
 }
 """Lines of code (without docstrings, comments, blank lines and imports), settings, options of commands, constants and
 words: of each package, and of the pages in each folder of documentation."""
-TOTAL = (31552, 242, 241, 1339, 32813)
+TOTAL = (31550, 242, 241, 1339, 32811)
 """Of all of them together; it never rises."""
 MORE_LINES: dict[str, int] = {}
 MORE_PARAMETERS: dict[str, int] = {}
