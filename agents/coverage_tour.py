@@ -77,10 +77,14 @@ class Viewpoints:
         self.cells: IntArray = np.flatnonzero(kept)
         segments = segments.view()
         segments.flags.writeable = False
-        in_sight = [_in_sight(x, y, floor, frame, segments, max_range) for x, y in self.places.tolist()]
+        in_sight = [
+            _in_sight(x, y, floor, frame, segments, max_range) for x, y in self.places.tolist()
+        ]
         self.views: BoolArray = np.vstack([seen.reshape(-1)[self.cells] for seen in in_sight])
         self._lists = [np.flatnonzero(seen) for seen in self.views]
-        self._legs: dict[tuple[int, int], BoolArray] = {}  # what is seen while driving from place to place
+        self._legs: dict[
+            tuple[int, int], BoolArray
+        ] = {}  # what is seen while driving from place to place
         self._at: IntArray = np.array([self.paths.place((x, y)) for x, y in self.places.tolist()])
         lengths = np.vstack([self.paths.lengths_from(cell, self._at) for cell in self._at])
         # Rounding makes a way back longer by micrometres, and improving a tour by such lengths may never end.
@@ -88,7 +92,10 @@ class Viewpoints:
         self.near: IntArray = np.argsort(self.lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
         row, col = np.divmod(self.cells, frame.width_px)
         self._centres = np.column_stack(
-            [frame.origin_x + (col + 0.5) * frame.resolution, frame.origin_y + (row + 0.5) * frame.resolution]
+            [
+                frame.origin_x + (col + 0.5) * frame.resolution,
+                frame.origin_y + (row + 0.5) * frame.resolution,
+            ]
         )
 
     def nearest(self, point: Sequence[float] | FloatArray) -> int:
@@ -139,7 +146,9 @@ class TourSearch:
         self._home = count = len(viewpoints.places)  # index of the start in the lengths
         self._lengths = np.pad(viewpoints.lengths, (0, 1)).astype(np.float64)
         self._lengths[count, :count] = self._lengths[:count, count] = viewpoints.lengths_from(start)
-        self._first_legs: dict[int, BoolArray] = {}  # what is seen on the way from the start to each place
+        self._first_legs: dict[
+            int, BoolArray
+        ] = {}  # what is seen on the way from the start to each place
         self._usable = np.isfinite(self._lengths[count, :count])
 
     def shortest(self, needed: int, iterations: int, begin: Sequence[int] = ()) -> list[int]:
@@ -158,7 +167,9 @@ class TourSearch:
         current = self._reduced(self._ordered(self._repaired(usable, needed)), needed)
         best = current
         for number in range(iterations):
-            tried = self._reduced(self._ordered(self._repaired(self._destroyed(current), needed)), needed)
+            tried = self._reduced(
+                self._ordered(self._repaired(self._destroyed(current), needed)), needed
+            )
             if number % 10 == 0:
                 tried = self._slid(tried, needed)
             allowed = 1.0 + _WARMTH * (1.0 - number / iterations)
@@ -261,7 +272,9 @@ class TourSearch:
         if here is not None:
             return (self._wanted & self._viewpoints.seen_between(here, there)).astype(np.int64)
         if there not in self._first_legs:
-            self._first_legs[there] = self._wanted & self._viewpoints.seen_on_leg(self._start, there)
+            self._first_legs[there] = self._wanted & self._viewpoints.seen_on_leg(
+                self._start, there
+            )
         return self._first_legs[there].astype(np.int64)
 
 

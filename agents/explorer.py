@@ -83,7 +83,9 @@ class BatchedExplorer:
         begin: Makes a fresh pilot for the environment of an index.
     """
 
-    def __init__(self, context: ExplorerContext, fingerprint: str, begin: Callable[[int], Pilot]) -> None:
+    def __init__(
+        self, context: ExplorerContext, fingerprint: str, begin: Callable[[int], Pilot]
+    ) -> None:
         self.context, self.fingerprint, self.begin = context, fingerprint, begin
         self._pilots: list[Pilot] = []
         self._times: list[float] = []
@@ -124,7 +126,9 @@ class BatchedExplorer:
         """
         batched = np.ndim(observation["pose"]) == 2
         count = len(observation["pose"]) if batched else 1
-        starts = np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start)
+        starts = (
+            np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start)
+        )
         if len(self._pilots) != count:
             self._pilots = [self.begin(i) for i in range(count)]
             self._times = [-np.inf] * count

@@ -43,7 +43,9 @@ DESCRIPTION = ({"env": "hidden floor", "figures": list(FRONTIER_FIGURES)}, {"are
 _RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-2, -2)])
 
 
-def describe_frontiers(loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]) -> Float32Array:
+def describe_frontiers(
+    loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]
+) -> Float32Array:
     """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
     costmap = loop.navigator.costmap
     assert costmap is not None
@@ -98,7 +100,9 @@ class HiddenFloor:
         weights, about = read_weights(Path(path), "predictor of hidden floor", DESCRIPTION, shapes)
         risk = about.get("risk") if isinstance(about, dict) else None
         if not isinstance(risk, float) or not 0.0 < risk <= 1.0:
-            raise InputFileError(Path(path), "doesn't say what share of a risk it may take; train it again")
+            raise InputFileError(
+                Path(path), "doesn't say what share of a risk it may take; train it again"
+            )
         return HiddenFloor(weights, risk)
 
     def chances(self, values: Float32Array) -> FloatArray:

@@ -82,7 +82,9 @@ def bound_exploration(
     seen_first = viewpoints.views[viewpoints.nearest(start)]
     search = TourSearch(viewpoints, start, ~seen_first, np.random.default_rng(seed))
     robot, lidar = env.config.robot, env.config.lidar
-    look = max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular  # [s]
+    look = (
+        max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular
+    )  # [s]
     found: list[Bound] = []
     tour: list[int] = []
     for share in shares:

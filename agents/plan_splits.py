@@ -72,7 +72,9 @@ def draw_plans(
             if plan is not None:
                 plans[plan.id] = plan
     if not plans:
-        raise ConfigError(f"{', '.join(specs)}: no plan of the split {split!r} is worth exploring; give more")
+        raise ConfigError(
+            f"{', '.join(specs)}: no plan of the split {split!r} is worth exploring; give more"
+        )
     return list(plans.values())
 
 

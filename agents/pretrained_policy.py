@@ -58,7 +58,10 @@ class LearnedExplorer(BatchedExplorer):
     """
 
     def __init__(
-        self, context: ExplorerContext, policy: Path | str, config: ExplorationLoopConfig | None = None
+        self,
+        context: ExplorerContext,
+        policy: Path | str,
+        config: ExplorationLoopConfig | None = None,
     ) -> None:
         self.config = loop = config or ExplorationLoopConfig()
         weights, _ = read_policy(policy)
@@ -90,7 +93,9 @@ def write_policy(path: Path, weights: Mapping[str, Float32Array], about: Mapping
     write_weights(path, weights, {"space": _SPACE, "network": _NETWORK, "about": dict(about)})
 
 
-def write_weights(path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]) -> None:
+def write_weights(
+    path: Path, weights: Mapping[str, Float32Array], description: Mapping[str, Any]
+) -> None:
     """Write weights as safetensors with their description in the header, and that as JSON next to them."""
     tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in weights.items()}
     write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
@@ -131,7 +136,9 @@ def read_weights(
             weights: dict[str, Float32Array] = {}
             for name in file.keys():  # noqa: SIM118 - not a mapping
                 if file.get_slice(name).get_dtype() != "F32":
-                    raise InputFileError(path, f"is damaged at {name!r}; download or train it again")
+                    raise InputFileError(
+                        path, f"is damaged at {name!r}; download or train it again"
+                    )
                 weights[name] = file.get_tensor(name)
             metadata = file.metadata() or {}
     except (SafetensorError, OSError) as error:
@@ -140,7 +147,9 @@ def read_weights(
         ) from None
     for name, array in weights.items():
         if not np.isfinite(array).all():
-            raise InputFileError(path, f"has weights that are no numbers at {name!r}; train it again")
+            raise InputFileError(
+                path, f"has weights that are no numbers at {name!r}; train it again"
+            )
     try:
         found = load_json(metadata["slamgym"])
         theirs, about = (found["space"], found["network"]), found["about"]
@@ -174,7 +183,8 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
         if name == "env":
             fix = "rl:FILE takes frontier policies, wheels:FILE drivers of the wheels"
         raise InputFileError(
-            path, f"was trained on another observation space ({name} {their}, this version has {mine}); {fix}"
+            path,
+            f"was trained on another observation space ({name} {their}, this version has {mine}); {fix}",
         )
 
 

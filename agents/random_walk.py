@@ -47,5 +47,7 @@ class RandomWalk(BatchedExplorer):
 
     def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
         super().__init__(
-            context, "random walk", lambda index: _Walk(context, np.random.default_rng([seed, index]))
+            context,
+            "random walk",
+            lambda index: _Walk(context, np.random.default_rng([seed, index])),
         )

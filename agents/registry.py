@@ -33,7 +33,9 @@ def by_rule(rule: Rule, loop: ExplorationLoopConfig | None = None) -> Make:
     """Explorers by a hand-written rule, with their own settings of the loop."""
 
     def make(context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:  # noqa: ARG001 - no rule draws
-        return FrontierExplorer(context, rule, replace(loop or ExplorationLoopConfig(), promise=promise))
+        return FrontierExplorer(
+            context, rule, replace(loop or ExplorationLoopConfig(), promise=promise)
+        )
 
     return make
 
@@ -52,7 +54,9 @@ OWN_END = ("explore_lite", "wheels", "random", "teleop")
 
 EXPLORERS: Mapping[str, Make] = {
     **CLASSICAL,
-    "rl": lambda context, seed, promise: SelectiveTour(context, replace(TOUR_LOOP, promise=promise)),  # noqa: ARG005
+    "rl": lambda context, seed, promise: SelectiveTour(  # noqa: ARG005 - it draws nothing
+        context, replace(TOUR_LOOP, promise=promise)
+    ),
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends
     "teleop": lambda context, seed, promise: Teleop(context, seed),  # noqa: ARG005 - a person ends it
@@ -98,7 +102,9 @@ def make_explorer(
     return EXPLORERS[base](context, seed, promise)
 
 
-def _own(spec: str, context: ExplorerContext, seed: int, promise: Promise | None) -> BatchedExplorer:
+def _own(
+    spec: str, context: ExplorerContext, seed: int, promise: Promise | None
+) -> BatchedExplorer:
     """An explorer that a function of the user's own makes."""
     try:
         explorer: BatchedExplorer = own_function(spec, "the explorer")(context, seed, promise)

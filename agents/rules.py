@@ -87,7 +87,9 @@ class CostUtility:
         """Score the loop's candidates, shape (N,)."""
         costmap, max_range = loop.navigator.costmap, loop.context.geometry.range_max
         assert costmap is not None
-        areas = np.array([expected_gain(costmap, one.frontier.middle, max_range) for one in loop.candidates])
+        areas = np.array(
+            [expected_gain(costmap, one.frontier.middle, max_range) for one in loop.candidates]
+        )
         costs = np.array([one.path_cost for one in loop.candidates])
         return areas / (math.pi * max_range**2) - self.cost_weight * costs
 
@@ -112,7 +114,9 @@ class NextBestView:
         places = candidate_places(loop).tolist()
         gains = [view_gain(costmap, (x, y), _TRUSTED_RANGE, geometry) for x, y in places]
         # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
-        return np.array([math.log(max(gain, 1e-3)) for gain in gains]) - self.path_weight * path_lengths(loop)
+        return np.array(
+            [math.log(max(gain, 1e-3)) for gain in gains]
+        ) - self.path_weight * path_lengths(loop)
 
 
 @dataclass(frozen=True)

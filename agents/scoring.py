@@ -25,7 +25,9 @@ class FrontierScorer:
 
     def __init__(self, weights: Mapping[str, Float32Array]) -> None:
         # Of layers (inputs, outputs), as products take them.
-        self._weights = {name: np.ascontiguousarray(value.T, np.float32) for name, value in weights.items()}
+        self._weights = {
+            name: np.ascontiguousarray(value.T, np.float32) for name, value in weights.items()
+        }
 
     def scores(self, observation: Mapping[str, Any]) -> Float32Array:
         """Score of each candidate, shape (N,) for the N rows that the mask shows.
@@ -36,12 +38,18 @@ class FrontierScorer:
         there = observation["mask"] > 0.5
         features = observation["candidates"][there]
         crops = _relu(self._linear("crop", observation["crops"][there].reshape(len(features), -1)))
-        overall = np.broadcast_to(observation["globals"], (len(features), len(observation["globals"])))
-        vectors = _relu(self._linear("embed_in", np.concatenate([features, crops, overall], axis=1)))
+        overall = np.broadcast_to(
+            observation["globals"], (len(features), len(observation["globals"]))
+        )
+        vectors = _relu(
+            self._linear("embed_in", np.concatenate([features, crops, overall], axis=1))
+        )
         vectors = _relu(self._linear("embed_out", vectors))
         vectors = self._normalise(vectors + self._attend(vectors))
         pooled = np.concatenate([vectors.mean(axis=0), vectors.max(axis=0)])
-        own = np.concatenate([vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1)
+        own = np.concatenate(
+            [vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1
+        )
         learned = self._linear("score_out", _relu(self._linear("score_in", own)))
         return (learned + product(features, self._weights["prior.weight"]))[:, 0]
 
@@ -52,7 +60,9 @@ class FrontierScorer:
         count = len(vectors)
         parts = self._linear("query_key_value", vectors).reshape(count, 3, HEADS, WIDTH // HEADS)
         attended = []
-        for query, key, value in parts.transpose(2, 1, 0, 3):  # of each head, (N, width / heads) each
+        for query, key, value in parts.transpose(
+            2, 1, 0, 3
+        ):  # of each head, (N, width / heads) each
             weights = product(query, key.T) / np.sqrt(np.float32(WIDTH // HEADS))
             weights = exp(weights - weights.max(axis=1, keepdims=True))
             attended.append(product(weights / weights.sum(axis=1, keepdims=True), value))

@@ -50,7 +50,9 @@ class SelectivePilot(FrontierPilot):
         network: Says what frontiers hide.
     """
 
-    def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor) -> None:
+    def __init__(
+        self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor
+    ) -> None:
         super().__init__(context, config, self._scores)
         self._network, self._looks = network, Looks(context)
         self._promise, self._may_stop = config.promise or CALIBRATED, config.promise == CALIBRATED
@@ -71,12 +73,18 @@ class SelectivePilot(FrontierPilot):
         enclosed = figures[:, FRONTIER_FIGURES.index("unknown_enclosed")]
         worth |= {id(loop.wanted[k]) for k in np.flatnonzero(is_large & (enclosed == 0.0))}
         ways_on = loop.ways_on() if self._may_stop else None
-        if is_kept(CALIBRATED, ways_on and [one for one in ways_on if id(one) in worth], loop.known_area):
+        if is_kept(
+            CALIBRATED, ways_on and [one for one in ways_on if id(one) in worth], loop.known_area
+        ):
             return np.full(len(loop.candidates), -np.inf)
         is_all = is_large and not (self._may_stop and hidden[0].sum() <= left)
-        return tour_scores(loop, np.array([is_all or id(one.frontier) in worth for one in loop.candidates]))
+        return tour_scores(
+            loop, np.array([is_all or id(one.frontier) in worth for one in loop.candidates])
+        )
 
-    def _worth_a_visit(self, frontiers: Sequence[Frontier], hidden: FloatArray, left: float) -> set[int]:
+    def _worth_a_visit(
+        self, frontiers: Sequence[Frontier], hidden: FloatArray, left: float
+    ) -> set[int]:
         """Identities of the frontiers that are worth a visit, by the moments of what they hide."""
         mean, square = hidden
         order = np.argsort(square, kind="stable")

@@ -83,7 +83,11 @@ class _Driver(Pilot):
     def _with_floor(self, observation: Observation) -> ByteArray:
         """The map, with the floor that was seen where scans met nothing."""
         published: ByteArray = observation["map"]
-        if self._shown is not None and published is self._published and not published.flags.writeable:
+        if (
+            self._shown is not None
+            and published is self._published
+            and not published.flags.writeable
+        ):
             return self._shown
         context = self._explorer.loop.context
         laser, frame, scan = context.geometry, context.frame, observation["scan"]
@@ -109,7 +113,9 @@ class _Driver(Pilot):
         self._visits_left -= 1
         for _ in range(_TRIES):
             self.decisions += 1
-            row, col = divmod(int(space.order[self._rng.integers(space.num_centre)]), costmap.costs.shape[1])
+            row, col = divmod(
+                int(space.order[self._rng.integers(space.num_centre)]), costmap.costs.shape[1]
+            )
             x, y = costmap.frame.to_point(row, col)
             navigator.set_goal(Goal(float(x), float(y)), loop.pose, loop.time)
             if navigator.is_active:

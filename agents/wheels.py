@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, Pilot
-from slamgym.agents.pretrained_policy import fingerprint_of, linear_shapes, read_weights, write_weights
+from slamgym.agents.pretrained_policy import (
+    fingerprint_of,
+    linear_shapes,
+    read_weights,
+    write_weights,
+)
 from slamgym.agents.rl.train_config import CROP_SIDE, HOLD, LAYER_UNITS, WHEELS_NETWORK
 from slamgym.core.errors import ConfigError
 from slamgym.core.portable import product
@@ -76,7 +81,9 @@ def wheels_shapes() -> dict[str, tuple[int, ...]]:
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:
     """Write weights with their description, also as JSON next to them."""
     write_weights(
-        path, policy.weights, {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)}
+        path,
+        policy.weights,
+        {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)},
     )
 
 
@@ -87,7 +94,9 @@ def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
         InputFileError: If the file is missing, damaged, or made for another observation.
     """
     known = _SPACE, WHEELS_NETWORK
-    return WheelsPolicy(*read_weights(Path(path), "policy that drives the wheels", known, wheels_shapes()))
+    return WheelsPolicy(
+        *read_weights(Path(path), "policy that drives the wheels", known, wheels_shapes())
+    )
 
 
 class WheelsPilot(Pilot):
@@ -102,7 +111,9 @@ class WheelsPilot(Pilot):
     def __init__(self, context: ExplorerContext, policy: WheelsPolicy, avoids: bool = True) -> None:
         self._context, self._policy = context, policy
         limits = context.max_linear, context.max_angular, context.geometry.range_max
-        self._observer = CompactObserver(context.geometry.num_beams, limits, CROP_SIDE, looks_far=True)
+        self._observer = CompactObserver(
+            context.geometry.num_beams, limits, CROP_SIDE, looks_far=True
+        )
         self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
         self._follower = PathFollower(context) if avoids else None
         self._steps = 0
@@ -143,7 +154,9 @@ class WheelsExplorer(BatchedExplorer):
         InputFileError: If the weights are missing, damaged, or made for other observations.
     """
 
-    def __init__(self, context: ExplorerContext, policy: Path | str = WHEELS, avoids: bool = True) -> None:
+    def __init__(
+        self, context: ExplorerContext, policy: Path | str = WHEELS, avoids: bool = True
+    ) -> None:
         if context.geometry.num_beams < SCAN_SECTORS:
             raise ConfigError(
                 f"the explorer wheels needs a scanner of {SCAN_SECTORS} beams or more, not {context.geometry.num_beams}"

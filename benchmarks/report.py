@@ -26,7 +26,15 @@ from rich.table import Table
 
 RESULTS = Path(__file__).resolve().parent / "results"
 
-_PACKAGES = ("slamgym", "numpy", "numba", "pymunk", "shapely", "opencv-python-headless", "gymnasium")
+_PACKAGES = (
+    "slamgym",
+    "numpy",
+    "numba",
+    "pymunk",
+    "shapely",
+    "opencv-python-headless",
+    "gymnasium",
+)
 
 ADDITIONS = 10_000_000
 """Number of additions in the Python loop."""
@@ -44,7 +52,9 @@ class Yardsticks(NamedTuple):
     def measure(count: int = 5) -> "Yardsticks":
         """Medians of so many runs, one after the other."""
         walk, table = compiled_walk(), np.zeros(1 << 16, dtype=np.int64)
-        both = [(cpu_seconds(add_up, ADDITIONS), cpu_seconds(walk, table, STEPS)) for _ in range(count)]
+        both = [
+            (cpu_seconds(add_up, ADDITIONS), cpu_seconds(walk, table, STEPS)) for _ in range(count)
+        ]
         return Yardsticks(*(statistics.median(times) for times in zip(*both, strict=True)))
 
 
@@ -112,7 +122,13 @@ def print_and_save(
         ValueError: If a row doesn't fit the columns.
     """
     records = [_record(row, columns) for row in rows]
-    document = {"name": name, "title": title, **environment(), "columns": list(columns), "rows": records}
+    document = {
+        "name": name,
+        "title": title,
+        **environment(),
+        "columns": list(columns),
+        "rows": records,
+    }
     if times:
         measured = yardsticks or Yardsticks.measure()
         title += f". One loop took {measured.loop:.3f} CPU s, {measured.loop / measured.kernel:.2f} kernels"
@@ -137,7 +153,9 @@ def environment() -> dict[str, Any]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {"cpu": _cpu_name(), "cores": os.cpu_count(), "system": platform.platform()},
         "versions": {"python": platform.python_version()} | _package_versions(),
-        "command": " ".join(["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *sys.argv[1:]]),
+        "command": " ".join(
+            ["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *sys.argv[1:]]
+        ),
     }
 
 
@@ -175,21 +193,27 @@ def _with_loops(
                 one[_in_units(column, "loop")] = _divided(value, column, loop)
             one[column] = value
         wide.append(one)
-    headings = [[_in_units(column, "loop"), column] if column in times else [column] for column in columns]
+    headings = [
+        [_in_units(column, "loop"), column] if column in times else [column] for column in columns
+    ]
     return wide, [heading for some in headings for heading in some]
 
 
 def _record(row: Sequence[Any] | Mapping[str, Any], columns: Sequence[str]) -> dict[str, Any]:
     values = [row[column] for column in columns] if isinstance(row, Mapping) else list(row)
     if len(values) != len(columns):
-        raise ValueError(f"a row has {len(values)} values but there are {len(columns)} columns: {row!r}")
+        raise ValueError(
+            f"a row has {len(values)} values but there are {len(columns)} columns: {row!r}"
+        )
     return dict(zip(columns, values, strict=True))
 
 
 def _print(title: str, records: list[dict[str, Any]], columns: Sequence[str]) -> None:
     table = Table(title=title, title_justify="left")
     for column in columns:
-        numeric = all(isinstance(record[column], int | float) or record[column] is None for record in records)
+        numeric = all(
+            isinstance(record[column], int | float) or record[column] is None for record in records
+        )
         table.add_column(escape(column), justify="right" if numeric else "left")
     for record in records:
         table.add_row(*[_cell(record[column]) for column in columns])
@@ -202,7 +226,9 @@ def _cell(value: Any) -> str:
     if value is None:
         return "-"
     if isinstance(value, bool) or not isinstance(value, float):
-        return f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+        return (
+            f"{value:,}" if isinstance(value, int) and not isinstance(value, bool) else str(value)
+        )
     if value == 0 or 0.001 <= abs(value) < 1e6:
         return f"{value:,.0f}" if abs(value) >= 1000 else f"{value:.4g}"
     return f"{value:.3g}"

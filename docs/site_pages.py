@@ -16,14 +16,21 @@ from help_pages import help_pages
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[1]
-BROUGHT_IN = {"README.md": "index.md", "CONTRIBUTING.md": "contributing.md", "CHANGELOG.md": "changelog.md"}
+BROUGHT_IN = {
+    "README.md": "index.md",
+    "CONTRIBUTING.md": "contributing.md",
+    "CHANGELOG.md": "changelog.md",
+}
 FACES = (
     "slamgym", "slamgym.core", "slamgym.cad", "slamgym.sim", "slamgym.slam", "slamgym.planning", "slamgym.envs",
     "slamgym.dataset", "slamgym.interop", "slamgym.metrics", "slamgym.parametric", "slamgym.viz", "slamgym.agents",
     "slamgym.drawing",
 )  # fmt: skip
 """Packages whose public names are the API."""
-ENVIRONMENTS = {"slamgym/Explore-v2": "ExploreEnv", "slamgym/ExploreFrontiers-v2": "ExploreFrontiersEnv"}
+ENVIRONMENTS = {
+    "slamgym/Explore-v2": "ExploreEnv",
+    "slamgym/ExploreFrontiers-v2": "ExploreFrontiersEnv",
+}
 _PICTURE = re.compile(r"!\[([^\]]+)\]\((?:\.\./)*(images/[\w.]+)\)")
 _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")
 _TO_SOURCE = re.compile(
@@ -62,7 +69,11 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def brought_in(path: Path) -> str:
     """A page of the repository's top as it has to be within docs/."""
-    text = path.read_text().replace("](docs/", "](").replace("](CITATION.cff)", "](faq.md#how-do-i-cite-it)")
+    text = (
+        path.read_text()
+        .replace("](docs/", "](")
+        .replace("](CITATION.cff)", "](faq.md#how-do-i-cite-it)")
+    )
     for source, name in BROUGHT_IN.items():
         text = text.replace(f"]({source})", f"]({name})")
     return text
@@ -70,7 +81,10 @@ def brought_in(path: Path) -> str:
 
 def tutorials() -> list[Path]:
     """The scripts that the tutorials' pages show."""
-    found = (_SNIPPET.search(page.read_text()) for page in sorted((ROOT / "docs" / "tutorials").glob("*.md")))
+    found = (
+        _SNIPPET.search(page.read_text())
+        for page in sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+    )
     return [ROOT / match[1] for match in found if match]
 
 
@@ -125,7 +139,9 @@ def gallery_page() -> str:
 def commands_page() -> str:
     """Every command with its help."""
     parts = ["# Commands\n\nWhat `--help` shows."]
-    parts += [f"## slamgym {name}\n\n```text\n{page.strip()}\n```" for name, page in help_pages().items()]
+    parts += [
+        f"## slamgym {name}\n\n```text\n{page.strip()}\n```" for name, page in help_pages().items()
+    ]
     return "\n\n".join(parts)
 
 
@@ -154,7 +170,9 @@ def api_page() -> str:
     for face in FACES:
         package = importlib.import_module(face)
         parts.append(f"## {face}\n\n{(inspect.getdoc(package) or '').splitlines()[0]}")
-        homes = [_home(getattr(package, name), name) for name in sorted(getattr(package, "__all__", ()))]
+        homes = [
+            _home(getattr(package, name), name) for name in sorted(getattr(package, "__all__", ()))
+        ]
         parts += [f"::: {home}\n    options:\n      heading_level: 3" for home in homes if home]
     return "\n\n".join(parts)
 

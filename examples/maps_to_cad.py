@@ -57,11 +57,19 @@ def main(pairs: int, minutes: float) -> None:
         "your translator": load_translator(out / "run").translate,
         "the pretrained one": load_translator("slam2cad").translate,
     }
-    tests = [(*load_images(images, record), record.metres_per_px) for record in read_images(images, "test")]
+    tests = [
+        (*load_images(images, record), record.metres_per_px)
+        for record in read_images(images, "test")
+    ]
     for name, translate in methods.items():
-        errors = [error(np.asarray(translate(slam, scale), float), cad) for cad, slam, scale in tests]
+        errors = [
+            error(np.asarray(translate(slam, scale), float), cad) for cad, slam, scale in tests
+        ]
         print(f"{name}: mean squared error {np.mean(errors):.3f} on {len(tests)} maps")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 24, float(sys.argv[2]) if len(sys.argv) > 2 else 10.0)
+    main(
+        int(sys.argv[1]) if len(sys.argv) > 1 else 24,
+        float(sys.argv[2]) if len(sys.argv) > 2 else 10.0,
+    )

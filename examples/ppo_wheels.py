@@ -74,7 +74,9 @@ class Agent(nn.Module):
         self.shared = nn.Sequential(layer_init(nn.Linear(size, 128)), nn.ReLU())
         self.memory = nn.GRU(128, 128) if recurrent else None
         self.critic, self.actor = (
-            nn.Sequential(layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, units), std))
+            nn.Sequential(
+                layer_init(nn.Linear(128, 64)), nn.ReLU(), layer_init(nn.Linear(64, units), std)
+            )
             for units, std in ((1, 1.0), (actions, 0.01))
         )
         self.actor[-1].bias.data[0] = 0.9  # a robot that drives sees more than one that stands
@@ -118,7 +120,13 @@ def main(args: Args) -> list[float]:
         plans=args.plans,
         localization="ground_truth",
         observation={"preset": "compact", "map": "global"},
-        reward={"coverage_gain": 0.0, "floor_gain": 0.1, "time": 0.0, "collision": 0.02, "completion": 0.0},
+        reward={
+            "coverage_gain": 0.0,
+            "floor_gain": 0.1,
+            "time": 0.0,
+            "collision": 0.02,
+            "completion": 0.0,
+        },
         time_limit=args.episode_seconds,
         terminate_when_explored=False,
         autoreset_mode=AutoresetMode.SAME_STEP,
@@ -144,7 +152,9 @@ def main(args: Args) -> list[float]:
             with torch.no_grad():
                 hidden, state = agent.remember(next_obs[None], state, begins[None])
                 actions[step], logprobs[step], _, values[step] = agent.get_action_and_value(hidden)
-            seen, reward, terminations, truncations, infos = envs.step(actions[step].clip(-1, 1).numpy())
+            seen, reward, terminations, truncations, infos = envs.step(
+                actions[step].clip(-1, 1).numpy()
+            )
             rewards[step] = torch.as_tensor(reward)
             dones[step] = begins = torch.as_tensor(terminations | truncations).float()
             if "final_info" in infos:
@@ -171,7 +181,9 @@ def main(args: Args) -> list[float]:
         for _ in range(args.update_epochs):
             for picked in torch.randperm(args.num_envs).chunk(args.num_minibatches):
                 hidden, _ = agent.remember(obs[:, picked], first_state[:, picked], fresh[:, picked])
-                _, newlogprob, entropy, newvalue = agent.get_action_and_value(hidden, actions[:, picked])
+                _, newlogprob, entropy, newvalue = agent.get_action_and_value(
+                    hidden, actions[:, picked]
+                )
                 ratio = (newlogprob - logprobs[:, picked]).exp()
                 b_advantages = advantages[:, picked]
                 b_advantages = (b_advantages - b_advantages.mean()) / (b_advantages.std() + 1e-8)

@@ -51,7 +51,9 @@ class Stage(NamedTuple):
 
 
 class GeneratorConfig(
-    Settings, section="generator", dropped={"fold": 2, "displacement": False, "max_displacement_px": 8.0}
+    Settings,
+    section="generator",
+    dropped={"fold": 2, "displacement": False, "max_displacement_px": 8.0},
 ):
     """The network that computes the translation."""
 
@@ -102,7 +104,9 @@ class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
 
     def _check(self) -> None:
         if self.decay > 1.0 - self.warm_up:
-            raise ConfigError(f"optimiser.decay must be at most 1 - optimiser.warm_up, not {self.decay}")
+            raise ConfigError(
+                f"optimiser.decay must be at most 1 - optimiser.warm_up, not {self.decay}"
+            )
 
 
 class TranslatorConfig(
@@ -138,7 +142,9 @@ class TranslatorConfig(
             )
         if self.generator.kind == "residual":
             if self.output_size != self.input_size:
-                raise ConfigError("the residual generator works at the input's size: set output_size to it")
+                raise ConfigError(
+                    "the residual generator works at the input's size: set output_size to it"
+                )
             if self.input_size // FOLD >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
@@ -182,6 +188,8 @@ class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
             if stage.fade_epochs > stage.epochs:
                 raise ConfigError(f"a stage can't fade in longer than it lasts: {tuple(stage)}")
         if (self.loss.overlap > 0.0) != (self.translator.output_encoding == "layers"):
-            raise ConfigError("loss.overlap is for layers, and only for them; set it to 0 or 1 accordingly")
+            raise ConfigError(
+                "loss.overlap is for layers, and only for them; set it to 0 or 1 accordingly"
+            )
         if self.translator.generator.kind == "residual" and len(self.stages) > 1:
             raise ConfigError("the residual generator has one stage")

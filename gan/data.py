@@ -146,12 +146,17 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
         return load_pairs(roots[0], "train", size)
     folders = [(Path(root), _manifest(Path(root))) for root in roots]
     tested = {
-        plan for root, recorded in folders for name in _test_names(root) for plan in _plans_of(name, recorded)
+        plan
+        for root, recorded in folders
+        for name in _test_names(root)
+        for plan in _plans_of(name, recorded)
     }
     parts = []
     for root, recorded in folders:
         pairs = load_pairs(root, "train", size)
-        kept = [i for i, name in enumerate(pairs.names) if tested.isdisjoint(_plans_of(name, recorded))]
+        kept = [
+            i for i, name in enumerate(pairs.names) if tested.isdisjoint(_plans_of(name, recorded))
+        ]
         if not kept:
             raise InputFileError(root, "has only plans that are on the test side of another folder")
         parts.append(pairs.subset(kept))
@@ -216,7 +221,9 @@ def read_grey(path: Path) -> ByteArray:
     """
     image = decode_picture(path, read_bytes(path))
     if image.dtype != np.uint8:
-        raise InputFileError(path, f"has pixels of type {image.dtype}; save it with 8 bits per channel")
+        raise InputFileError(
+            path, f"has pixels of type {image.dtype}; save it with 8 bits per channel"
+        )
     if image.ndim == 3 and np.ptp(image[:, :, :3], axis=2).max() > 8 and image.shape[2] > 2:
         raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
     return grey_picture(image)[0]
@@ -231,14 +238,20 @@ def image_side(root: Path | str, split: str) -> int:
 
 def _split_folder(root: Path, split: str) -> Path:
     if not root.is_dir():
-        raise InputFileError(root, "is not a folder; name one that `slamgym dataset render` has written")
+        raise InputFileError(
+            root, "is not a folder; name one that `slamgym dataset render` has written"
+        )
     if (root / "episodes").is_dir():
-        raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
+        raise InputFileError(
+            root, "holds explorations; make images of them by `slamgym dataset render`"
+        )
     if (root / split / "A").is_dir() or (root / split / "B").is_dir():
         return root / split
     if split == "train" and ((root / "A").is_dir() or (root / "B").is_dir()):
         return root
-    raise InputFileError(root, f"holds no pairs: it needs {split}/A and {split}/B with images of equal names")
+    raise InputFileError(
+        root, f"holds no pairs: it needs {split}/A and {split}/B with images of equal names"
+    )
 
 
 def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
@@ -248,13 +261,17 @@ def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
     if lonely:
         side, other = ("A", "B") if lonely[0] in sides[0] else ("B", "A")
         first = f"the first is {side}/{lonely[0]} without {other}/{lonely[0]}"
-        raise InputFileError(folder, f"holds images without a counterpart, {len(lonely)} of them; {first}")
+        raise InputFileError(
+            folder, f"holds images without a counterpart, {len(lonely)} of them; {first}"
+        )
     return {name: (sides[0][name], sides[1][name]) for name in sides[0]}
 
 
 def _images(folder: Path) -> dict[str, Path]:
     if not folder.is_dir():
-        raise InputFileError(folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)")
+        raise InputFileError(
+            folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)"
+        )
     images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in PICTURE_SUFFIXES]
     if not images:
         raise InputFileError(folder, f"holds no images ({', '.join(PICTURE_SUFFIXES)})")

@@ -29,7 +29,9 @@ class Compute:
 
     def autocast(self) -> AbstractContextManager[None]:
         """Mixed precision inside the block: convolutions in bfloat16 where that is the precision."""
-        return torch.autocast(self.device.type, dtype=torch.bfloat16, enabled=self.precision == "bfloat16")
+        return torch.autocast(
+            self.device.type, dtype=torch.bfloat16, enabled=self.precision == "bfloat16"
+        )
 
     @property
     def memory_format(self) -> torch.memory_format:
@@ -58,7 +60,11 @@ def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -
     Raises:
         ConfigError: If the device isn't there.
     """
-    available = {"cuda": torch.cuda.is_available(), "mps": torch.backends.mps.is_available(), "cpu": True}
+    available = {
+        "cuda": torch.cuda.is_available(),
+        "mps": torch.backends.mps.is_available(),
+        "cpu": True,
+    }
     name = next(n for n, there in available.items() if there) if device == "auto" else device
     if not available[name]:
         raise ConfigError(f"--device {name} isn't available here; use --device auto")

@@ -52,7 +52,9 @@ def enlarge_means(image: Float32Array, shape: tuple[int, ...]) -> Float32Array:
     large = np.zeros(shape, np.float32)
     missing = image
     for _ in range(_BACK_PROJECTIONS):
-        large = np.clip(large + cv2.resize(missing, shape[::-1], interpolation=cv2.INTER_CUBIC), 0.0, 1.0)
+        large = np.clip(
+            large + cv2.resize(missing, shape[::-1], interpolation=cv2.INTER_CUBIC), 0.0, 1.0
+        )
         missing = image - cv2.resize(large, (cols, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(large, dtype=np.float32)
 

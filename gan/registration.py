@@ -44,7 +44,10 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
         found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
         if cache is not None:
             write_bytes(cache, save({checksum: found}))
-    slam = [moved(cells, Similarity(*row)) for cells, row in zip(pairs.slam, found.tolist(), strict=True)]
+    slam = [
+        moved(cells, Similarity(*row))
+        for cells, row in zip(pairs.slam, found.tolist(), strict=True)
+    ]
     return replace(pairs, slam=np.stack(slam)) if slam else pairs
 
 

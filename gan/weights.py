@@ -63,7 +63,9 @@ class Weights:
     card: ModelCard
 
 
-def save_translator(path: Path, generator: Generator, config: TranslatorConfig, card: ModelCard) -> None:
+def save_translator(
+    path: Path, generator: Generator, config: TranslatorConfig, card: ModelCard
+) -> None:
     """Write weights, settings and card.
 
     Args:
@@ -142,7 +144,11 @@ def find_weights(name_or_path: str | Path) -> Path:
         if file.is_file():
             return file
         known = pretrained_names()
-        hint = suggest(path.name, known) if known else "there are none; train some with `slamgym gan train`"
+        hint = (
+            suggest(path.name, known)
+            if known
+            else "there are none; train some with `slamgym gan train`"
+        )
         raise ConfigError(f"no weights are called {path.name!r}; {hint}")
     what = "name pretrained weights, a .safetensors file or a finished run"
     raise InputFileError(path, f"doesn't exist; {what}")
@@ -183,7 +189,11 @@ def _limits(config: TranslatorConfig) -> str:
 
 def _halved(name: str, value: Tensor) -> Tensor:
     keep = "running_" in name or not value.is_floating_point()
-    return value.detach().cpu().contiguous().clone() if keep else value.detach().cpu().half().contiguous()
+    return (
+        value.detach().cpu().contiguous().clone()
+        if keep
+        else value.detach().cpu().half().contiguous()
+    )
 
 
 def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, ModelCard]:
@@ -209,11 +219,18 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
         raise InputFileError(path, "asks for a network of unreasonable size")
     wanted, found = _shapes(generator.state_dict()), _shapes(tensors)
     if wanted != found:
-        odd = sorted(name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name))
+        odd = sorted(
+            name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)
+        )
         what = f"holds tensors of another network ({len(odd)} differ, the first is {odd[0]})"
         raise InputFileError(path, what)
-    whole = {name: value.float() if value.is_floating_point() else value for name, value in tensors.items()}
-    if not all(bool(torch.isfinite(value).all()) for value in whole.values() if value.is_floating_point()):
+    whole = {
+        name: value.float() if value.is_floating_point() else value
+        for name, value in tensors.items()
+    }
+    if not all(
+        bool(torch.isfinite(value).all()) for value in whole.values() if value.is_floating_point()
+    ):
         raise InputFileError(path, "holds weights that are NaN or infinite")
     generator.load_state_dict(whole, assign=True)
     return generator.eval().requires_grad_(False)
@@ -221,7 +238,9 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
 
 def _shapes(tensors: Mapping[str, Tensor]) -> dict[str, tuple[bool, tuple[int, ...]]]:
     """For each tensor: true if it holds floating-point numbers, and its shape."""
-    return {name: (value.is_floating_point(), tuple(value.shape)) for name, value in tensors.items()}
+    return {
+        name: (value.is_floating_point(), tuple(value.shape)) for name, value in tensors.items()
+    }
 
 
 def _why_unreadable(path: Path, error: Exception) -> str:

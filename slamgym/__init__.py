@@ -45,5 +45,6 @@ register(
     kwargs={"actions": "discrete"},
 )
 register(
-    id="slamgym/ExploreFrontiers-v2", entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv"
+    id="slamgym/ExploreFrontiers-v2",
+    entry_point="slamgym.envs.explore_frontiers_env:ExploreFrontiersEnv",
 )

@@ -1,4 +1,17 @@
-from . import agents, cad, dataset, envs, gan, interop, metrics, parametric, planning, sim, slam, viz
+from . import (
+    agents,
+    cad,
+    dataset,
+    envs,
+    gan,
+    interop,
+    metrics,
+    parametric,
+    planning,
+    sim,
+    slam,
+    viz,
+)
 from .agents import make_explorer
 from .cad import FloorPlan, open_plans
 from .core.errors import SlamgymError

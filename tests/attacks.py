@@ -97,7 +97,9 @@ def jagged_outline(folder: Path, count: int = 100_000) -> Path:
     """A valid star whose spikes make every buffer of it explode."""
     rng = np.random.default_rng(0)
     angle, radius = np.sort(rng.uniform(0, 2 * np.pi, count)), rng.uniform(5, 15, count)
-    return _plan(folder / "jagged.json", np.column_stack([radius * np.cos(angle), radius * np.sin(angle)]))
+    return _plan(
+        folder / "jagged.json", np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    )
 
 
 def comb(folder: Path, count: int = 12_000) -> Path:
@@ -184,7 +186,9 @@ def vacuum_picture(folder: Path, size: int = 60 << 20) -> Path:
     head, tail = b'{"pixelSize":5,"layers":[', b"{}]}"
     text = zlib.compress(head + b"{}," * ((size - len(head)) // 3) + tail, 9)
     return _png(
-        folder / "card.png", 4, [(b"zTXt", b"ValetudoMap\0\0" + text), (b"IDAT", zlib.compress(bytes(20)))]
+        folder / "card.png",
+        4,
+        [(b"zTXt", b"ValetudoMap\0\0" + text), (b"IDAT", zlib.compress(bytes(20)))],
     )
 
 
@@ -213,7 +217,9 @@ def _png(path: Path, side: int, chunks: list[tuple[bytes, bytes]]) -> Path:
     header = side.to_bytes(4, "big") * 2 + b"\x08\0\0\0\0"
     content = b"\x89PNG\r\n\x1a\n"
     for kind, data in ((b"IHDR", header), *chunks, (b"IEND", b"")):
-        content += len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+        content += (
+            len(data).to_bytes(4, "big") + kind + data + zlib.crc32(kind + data).to_bytes(4, "big")
+        )
     path.write_bytes(content)
     return path
 
@@ -223,7 +229,9 @@ def _map(folder: Path, image: str) -> Path:
 
 
 def _plan(path: Path, outline: np.ndarray, rings: list | None = None) -> Path:
-    return _write(path, json.dumps({"id": "a", "verts": outline.round(6).tolist(), "holes": rings or []}))
+    return _write(
+        path, json.dumps({"id": "a", "verts": outline.round(6).tolist(), "holes": rings or []})
+    )
 
 
 def _write(path: Path, text: str) -> Path:

@@ -52,7 +52,9 @@ class GridWorld:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         self.obstacles = np.argwhere(self.truth.cells == OCCUPIED)
         self.contacts = 0
-        self.glass = np.zeros(self.truth.cells.shape, np.bool_)  # of what stops the body: seen along x only
+        self.glass = np.zeros(
+            self.truth.cells.shape, np.bool_
+        )  # of what stops the body: seen along x only
         self.map = np.full(self.truth.cells.shape, UNKNOWN, np.uint8)
 
     def place(self, row, col, theta=0.0):
@@ -72,7 +74,10 @@ class GridWorld:
         y = self.pose.y + np.outer(np.sin(angles), steps)
         row, col = self.truth.frame.to_cell(x, y)
         inside = (
-            (row >= 0) & (row < self.truth.cells.shape[0]) & (col >= 0) & (col < self.truth.cells.shape[1])
+            (row >= 0)
+            & (row < self.truth.cells.shape[0])
+            & (col >= 0)
+            & (col < self.truth.cells.shape[1])
         )
         values = np.where(
             inside, self.truth.cells[np.where(inside, row, 0), np.where(inside, col, 0)], OCCUPIED
@@ -86,7 +91,9 @@ class GridWorld:
         for beam in np.flatnonzero(first < len(steps)):
             if inside[beam, first[beam]]:
                 self.map[row[beam, first[beam]], col[beam, first[beam]]] = OCCUPIED
-        return np.where(first < len(steps), first * RESOLUTION / 2, laser.range_max).astype(np.float32)
+        return np.where(first < len(steps), first * RESOLUTION / 2, laser.range_max).astype(
+            np.float32
+        )
 
     def drive(self, command: Twist2D):
         dt = self.context.control_step

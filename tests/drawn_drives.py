@@ -29,7 +29,9 @@ FLAT = np.array([
     (1.2, 3.4, 1.6, 3.4), (1.6, 3.4, 1.6, 3.8), (1.6, 3.8, 1.2, 3.8), (1.2, 3.8, 1.2, 3.4),
 ], dtype=np.float64)  # fmt: skip
 # The same seen from both ends: a closed corridor.
-CORRIDOR = np.array([(0, 0, 7, 0), (7, 0, 7, 1.6), (7, 1.6, 0, 1.6), (0, 1.6, 0, 0)], dtype=np.float64)
+CORRIDOR = np.array(
+    [(0, 0, 7, 0), (7, 0, 7, 1.6), (7, 1.6, 0, 1.6), (0, 1.6, 0, 0)], dtype=np.float64
+)
 # Another building: round, with slanted walls.
 OTHER = np.array([
     (0, 2, 2, 0), (2, 0, 6, 0.5), (6, 0.5, 7, 3), (7, 3, 5, 6), (5, 6, 1, 5.5), (1, 5.5, 0, 2),
@@ -65,7 +67,9 @@ def drive(walls, way, seed=0, step=0.05, noise=0.01, carried=None):
             if index > 0:
                 moved = between(poses[index - 1], pose)
                 slip = noise * rng.standard_normal(3) * (abs(moved.x) + 0.2 * abs(moved.theta))
-                odometry = compose(odometry, Pose2D(moved.x + slip[0], 0.0, moved.theta + 2.0 * slip[2]))
+                odometry = compose(
+                    odometry, Pose2D(moved.x + slip[0], 0.0, moved.theta + 2.0 * slip[2])
+                )
             records.append(
                 LogRecord(0.2 * len(records), odometry, _scan(walls, pose, 0.2 * len(records), rng))
             )
@@ -82,7 +86,8 @@ def _poses(points, step):
             turn = math.remainder(heading - poses[-1].theta, 2.0 * math.pi)
             shares = np.linspace(0.0, 1.0, max(2, math.ceil(abs(turn) / 0.1)))[1:]
             poses += [
-                Pose2D(*start, math.remainder(heading - turn * (1.0 - s), 2.0 * math.pi)) for s in shares
+                Pose2D(*start, math.remainder(heading - turn * (1.0 - s), 2.0 * math.pi))
+                for s in shares
             ]
         shares = np.arange(0.0, 1.0, step / np.hypot(*(end - start)))
         poses += [Pose2D(*(start + share * (end - start)), heading) for share in shares]
@@ -91,7 +96,9 @@ def _poses(points, step):
 
 def _scan(walls, pose, stamp, rng):
     ranges = np.empty(GEOMETRY.num_beams)
-    cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, walls, GEOMETRY.range_max, ranges)
+    cast_rays(
+        *pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, walls, GEOMETRY.range_max, ranges
+    )
     ranges += 0.01 * rng.standard_normal(len(ranges))
     ranges[ranges >= GEOMETRY.range_max - 0.03] = np.inf
     return LaserScan(stamp, ranges.astype(np.float32), GEOMETRY)

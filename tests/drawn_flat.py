@@ -45,7 +45,10 @@ def geojson():
             "geometry": {"type": geometry, "coordinates": coordinates},
         }
 
-    lines = [feature("door", "LineString", np.reshape(line, (2, 2)).tolist()) for line in (DOOR, ENTRANCE)]
+    lines = [
+        feature("door", "LineString", np.reshape(line, (2, 2)).tolist())
+        for line in (DOOR, ENTRANCE)
+    ]
     rooms = [feature("room", "Polygon", [ring(box)], name=name) for name, box in ROOMS.items()]
     walls = [feature("wall", "Polygon", [ring(box)]) for box in bodies()]
     return {"type": "FeatureCollection", "features": [*walls, *lines, *rooms]}
@@ -69,7 +72,11 @@ def dxf(unit="m", walls="WALLS", doors="DOORS", swings=False, block=False):
         if swings:
             angle = np.degrees(np.arctan2(y1 - y0, x1 - x0))
             space.add_arc(
-                (x0, y0), np.hypot(x1 - x0, y1 - y0), angle, angle + 90.0, dxfattribs={"layer": doors}
+                (x0, y0),
+                np.hypot(x1 - x0, y1 - y0),
+                angle,
+                angle + 90.0,
+                dxfattribs={"layer": doors},
             )
         else:
             space.add_line((x0, y0), (x1, y1), dxfattribs={"layer": doors})
@@ -96,7 +103,11 @@ def ifc(storeys=1):
     api.unit.assign_unit(model)  # millimetres
     whole = api.context.add_context(model, context_type="Model")
     body = api.context.add_context(
-        model, context_type="Model", context_identifier="Body", target_view="MODEL_VIEW", parent=whole
+        model,
+        context_type="Model",
+        context_identifier="Body",
+        target_view="MODEL_VIEW",
+        parent=whole,
     )
     building = api.root.create_entity(model, ifc_class="IfcBuilding", name="house")
     api.aggregate.assign_object(model, relating_object=project, products=[building])
@@ -127,14 +138,20 @@ def ifc(storeys=1):
         ("north", (2.0, 3.9, 3.0, 4.3), 1.0, 1.2),
     ]
     for number in range(storeys):
-        storey = api.root.create_entity(model, ifc_class="IfcBuildingStorey", name=f"Level {number}")
+        storey = api.root.create_entity(
+            model, ifc_class="IfcBuildingStorey", name=f"Level {number}"
+        )
         storey.Elevation = 3000.0 * number
         api.aggregate.assign_object(model, relating_object=building, products=[storey])
-        elements = {name: solid("IfcWall", box, 3.0 * number, 2.5, name) for name, box in walls.items()}
+        elements = {
+            name: solid("IfcWall", box, 3.0 * number, 2.5, name) for name, box in walls.items()
+        }
         for name, box, low, height in openings:
             opening = solid("IfcOpeningElement", box, 3.0 * number + low, height)
             api.feature.add_feature(model, feature=opening, element=elements[name])
-        api.spatial.assign_container(model, relating_structure=storey, products=list(elements.values()))
+        api.spatial.assign_container(
+            model, relating_structure=storey, products=list(elements.values())
+        )
     return model.to_string()
 
 

@@ -34,7 +34,9 @@ def header(stamp, frame):
 
 def scan(stamp, ranges, laser=LASER, frame="base_scan", **others):
     """A LaserScan."""
-    return Message(**{**scan_fields(header(stamp, frame), np.asarray(ranges), laser, 0.2), **others})
+    return Message(
+        **{**scan_fields(header(stamp, frame), np.asarray(ranges), laser, 0.2), **others}
+    )
 
 
 def odometry(stamp, pose, frame="odom"):
@@ -51,7 +53,9 @@ def transform(stamp, parent, child, pose, *, flipped=False, z=0.0):
     """A TransformStamped; ``flipped`` is turned half about the x axis of the child first."""
     half = 0.5 * pose.theta
     turn = (
-        (math.cos(half), math.sin(half), 0.0, 0.0) if flipped else (0.0, 0.0, math.sin(half), math.cos(half))
+        (math.cos(half), math.sin(half), 0.0, 0.0)
+        if flipped
+        else (0.0, 0.0, math.sin(half), math.cos(half))
     )
     return Message(
         header=header(stamp, parent),

@@ -7,7 +7,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 PACKAGE = "slamgym"
-FOLDERS = {PACKAGE: ROOT / PACKAGE, f"{PACKAGE}.agents": ROOT / "agents", f"{PACKAGE}.gan": ROOT / "gan"}
+FOLDERS = {
+    PACKAGE: ROOT / PACKAGE,
+    f"{PACKAGE}.agents": ROOT / "agents",
+    f"{PACKAGE}.gan": ROOT / "gan",
+}
 NO_ROOM = {PACKAGE, f"{PACKAGE}.__main__"}
 
 

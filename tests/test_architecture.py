@@ -147,7 +147,9 @@ def table() -> str:
     rows = ["| package | content | may import, besides `core` |", "|---|---|---|"]
     for room, holds in ROOMS.items():
         seen = ", ".join(f"`{second}`" for first, second in ALLOWED if first == room)
-        rows.append(f"| `{room}` | {holds} | {'everything' if room == 'commands' else seen or 'nothing'} |")
+        rows.append(
+            f"| `{room}` | {holds} | {'everything' if room == 'commands' else seen or 'nothing'} |"
+        )
     return "\n".join(rows)
 
 

@@ -49,11 +49,15 @@ def test_modules_and_files_named_in_the_docs_exist(page):
 def exists(name):
     """Whether a dotted name is a module, or what a module holds."""
     module, _, attribute = name.rpartition(".")
-    return name in modules() or (module in modules() and hasattr(importlib.import_module(module), attribute))
+    return name in modules() or (
+        module in modules() and hasattr(importlib.import_module(module), attribute)
+    )
 
 
 def test_the_twelve_files_to_read_first_are_short():
-    listed = re.findall(r"^\| `([\w/]+\.py)`", (ROOT / "docs" / "reading.md").read_text(), re.MULTILINE)
+    listed = re.findall(
+        r"^\| `([\w/]+\.py)`", (ROOT / "docs" / "reading.md").read_text(), re.MULTILINE
+    )
     lines = sum(len((ROOT / name).read_text().splitlines()) for name in listed)
     assert len(set(listed)) == 12
     assert lines <= 2500

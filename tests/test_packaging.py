@@ -46,7 +46,9 @@ BESIDE = (
 
 # Programs see this interpreter's packages, but not by its .pth files: those of an installed slamgym may be among them.
 BEGIN = f"import os, site, sys; sys.path.append({str(Path(np.__file__).parents[1])!r})\n"
-BUILD = BEGIN + "import setuptools.build_meta as meta; meta.{}(sys.argv[1], {{'editable_mode': '{}'}})"
+BUILD = (
+    BEGIN + "import setuptools.build_meta as meta; meta.{}(sys.argv[1], {{'editable_mode': '{}'}})"
+)
 IMPORT = (
     BEGIN
     + """
@@ -127,7 +129,11 @@ def test_the_sdist_holds_what_the_tests_and_the_site_need(built):
         "examples/own_reward.py",
         "tests/test_packaging.py",
     } <= names
-    assert {"docs/images/drawing.png", "docs/tutorials/own_reward.md", "tests/golden/golden.json"} <= names
+    assert {
+        "docs/images/drawing.png",
+        "docs/tutorials/own_reward.md",
+        "tests/golden/golden.json",
+    } <= names
     assert not [name for name in names if "__pycache__" in name]
 
 
@@ -138,7 +144,9 @@ def test_the_index_is_told_who_under_which_licence_and_what_is_needed(about):
     assert about["Requires-Python"] == ">=3.11"
     base = [text for text in about.get_all("Requires-Dist") if "extra ==" not in text]
     assert not [
-        text for text in base if text.startswith(("torch", "matplotlib", "imageio-ffmpeg", "pyarrow"))
+        text
+        for text in base
+        if text.startswith(("torch", "matplotlib", "imageio-ffmpeg", "pyarrow"))
     ]
     assert about.get_payload().startswith("# slamgym")
 
@@ -170,7 +178,9 @@ def test_every_module_of_the_wheel_is_imported_from_it(built, tmp_path):
         archive.extractall(tmp_path / "site")
     lines = run(tmp_path, IMPORT, tmp_path / "site", names=modules().keys() - {"slamgym.__main__"})
     assert len(lines) == len(modules()) - 1
-    assert [line for line in lines if " needs " not in line and str(tmp_path / "site") not in line] == []
+    assert [
+        line for line in lines if " needs " not in line and str(tmp_path / "site") not in line
+    ] == []
 
 
 def test_a_checkout_holds_no_links(source):
@@ -186,7 +196,9 @@ def test_an_editable_installation_leads_to_the_checkout(source, tmp_path, mode, 
     (tmp_path / "site").mkdir()
     run(
         source,
-        BUILD.replace("import setuptools", f"{before}; import setuptools").format("build_editable", mode),
+        BUILD.replace("import setuptools", f"{before}; import setuptools").format(
+            "build_editable", mode
+        ),
         tmp_path,
     )
     (path,) = tmp_path.glob("*.whl")
@@ -215,4 +227,6 @@ def test_the_wheel_holds_the_data(wheel, name):
 
 
 def test_the_wheel_holds_no_caches(wheel):
-    assert [name for name in wheel if "__pycache__" in name or name.endswith((".nbi", ".nbc"))] == []
+    assert [
+        name for name in wheel if "__pycache__" in name or name.endswith((".nbi", ".nbc"))
+    ] == []

@@ -57,7 +57,9 @@ def test_what_acts_leaves_no_sum_to_the_processor():
     acting = [
         module
         for module in modules()
-        if module.split(".")[1:2] and module.split(".")[1] in ACTING and not module.startswith(tuple(APART))
+        if module.split(".")[1:2]
+        and module.split(".")[1] in ACTING
+        and not module.startswith(tuple(APART))
     ]
     assert len(acting) > 100
     assert [call for module in acting for call in calls_by_processor(module)] == []

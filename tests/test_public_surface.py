@@ -14,7 +14,9 @@ PACKAGES = sorted(name for name, path in modules().items() if path.name == "__in
 
 
 def test_all_packages_are_found():
-    assert {"slamgym", "slamgym.agents.rl", "slamgym.gan.training", "slamgym.core.parallel"} <= set(PACKAGES)
+    assert {"slamgym", "slamgym.agents.rl", "slamgym.gan.training", "slamgym.core.parallel"} <= set(
+        PACKAGES
+    )
 
 
 @pytest.mark.parametrize("name", PACKAGES)

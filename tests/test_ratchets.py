@@ -144,13 +144,17 @@ def test_folders_are_small():
     for folder in ("tests", "benchmarks"):
         files.update(path.parent for path in (ROOT / folder).rglob("*.py"))
     check(
-        {str(folder.relative_to(ROOT)): count for folder, count in files.items()}, {}, MAX_FILES_IN_A_FOLDER
+        {str(folder.relative_to(ROOT)): count for folder, count in files.items()},
+        {},
+        MAX_FILES_IN_A_FOLDER,
     )
 
 
 def test_files_are_short():
     check(
-        {name: len(path.read_text().splitlines()) for name, path in modules().items()}, MORE_LINES, MAX_LINES
+        {name: len(path.read_text().splitlines()) for name, path in modules().items()},
+        MORE_LINES,
+        MAX_LINES,
     )
 
 
@@ -193,7 +197,11 @@ def fields_by_module(root: str) -> collections.Counter[str]:
     fields: collections.Counter[str] = collections.Counter()
     for name, (place, node) in found.items():
         if descends(name):
-            declared = [ast.unparse(line.annotation) for line in node.body if isinstance(line, ast.AnnAssign)]
+            declared = [
+                ast.unparse(line.annotation)
+                for line in node.body
+                if isinstance(line, ast.AnnAssign)
+            ]
             fields[place.rpartition(".")[0]] += sum("ClassVar" not in hint for hint in declared)
     return fields
 
@@ -206,7 +214,9 @@ def count_constants(module: str) -> int:
         if isinstance(node, ast.Assign | ast.AnnAssign)
         for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
     ]
-    names = [name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)]
+    names = [
+        name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)
+    ]
     return sum(name.isupper() for name in names)
 
 
@@ -217,7 +227,12 @@ def sizes() -> dict[str, tuple[int, ...]]:
     settings = fields_by_module("Settings") - options  # Arguments are Settings, too
     for module in modules():
         own = module.split(".")[1] if module.count(".") > 1 or module in WITH_MODULES else "slamgym"
-        counts = count_code_lines(module), settings[module], options[module], count_constants(module)
+        counts = (
+            count_code_lines(module),
+            settings[module],
+            options[module],
+            count_constants(module),
+        )
         for index, count in enumerate(counts):
             found[own][index] += count
     for page in [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").rglob("*.md")]:
@@ -243,7 +258,9 @@ def test_nothing_outgrows_its_budget():
     over = {
         name: (counts, BUDGET.get(name))
         for name, counts in found.items()
-        if any(count > limit for count, limit in zip(counts, BUDGET.get(name, nothing), strict=True))
+        if any(
+            count > limit for count, limit in zip(counts, BUDGET.get(name, nothing), strict=True)
+        )
     }
     assert not over, f"(now, budget): {over}"
     assert not BUDGET.keys() - found.keys(), f"delete {sorted(BUDGET.keys() - found.keys())}"

@@ -78,11 +78,17 @@ def test_commands_exist_and_know_their_options(help_of, page, command):
     help_text = help_of(*words[:depth])
     assert "usage: slamgym" in help_text
     for option in (word.split("=")[0] for word in words if word.startswith("--")):
-        assert re.search(rf"{option}(?![\w-])", help_text), f"{page}: {command}: {option} is unknown"
+        assert re.search(rf"{option}(?![\w-])", help_text), (
+            f"{page}: {command}: {option} is unknown"
+        )
 
 
 def test_floor_plans_named_in_commands_exist():
-    named = {plans for _, command in slamgym_commands() for plans in re.findall(r"--plans (\S+)", command)}
+    named = {
+        plans
+        for _, command in slamgym_commands()
+        for plans in re.findall(r"--plans (\S+)", command)
+    }
     for name in {part.partition("=")[0] for plans in named for part in plans.split(",")}:
         if not name.isdigit() and "." not in name:  # neither a number of them nor a file
             assert open_plans(name).ids
@@ -91,7 +97,9 @@ def test_floor_plans_named_in_commands_exist():
 def test_make_targets_named_in_the_readme_exist():
     makefile = (ROOT / "Makefile").read_text()
     targets = {
-        target for _, code in blocks("sh") for target in re.findall(r"^make (\w+)", code, re.MULTILINE)
+        target
+        for _, code in blocks("sh")
+        for target in re.findall(r"^make (\w+)", code, re.MULTILINE)
     }
     assert {"demo", "test"} <= targets
     assert all(re.search(rf"^{target}:", makefile, re.MULTILINE) for target in targets)

@@ -21,7 +21,10 @@ def test_the_site_is_built_in_strict_mode(tmp_path):
         cwd=ROOT, capture_output=True, text=True, timeout=900, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    pages = {path.relative_to(tmp_path / "site").as_posix() for path in (tmp_path / "site").rglob("*.html")}
+    pages = {
+        path.relative_to(tmp_path / "site").as_posix()
+        for path in (tmp_path / "site").rglob("*.html")
+    }
     assert {
         "index.html",
         "reference/commands.html",
@@ -39,7 +42,10 @@ def test_the_site_is_built_in_strict_mode(tmp_path):
     assert 'src="images/coverage_over_time.png"' in gallery
     commands = (tmp_path / "site" / "reference" / "commands.html").read_text()
     assert "slamgym plans fetch" in commands
-    assert "slamgym.cad.sources.open_plans" in (tmp_path / "site" / "reference" / "api.html").read_text()
+    assert (
+        "slamgym.cad.sources.open_plans"
+        in (tmp_path / "site" / "reference" / "api.html").read_text()
+    )
     start = (tmp_path / "site" / "index.html").read_text()
     assert "https://fonts" not in start
     # A line of code that is wider than the page must not be cut off at its edge.
@@ -47,7 +53,9 @@ def test_the_site_is_built_in_strict_mode(tmp_path):
     assert "white-space: pre-wrap" in (tmp_path / "site" / "site.css").read_text()
 
 
-@pytest.mark.parametrize("name", sorted(path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md")))
+@pytest.mark.parametrize(
+    "name", sorted(path.stem for path in (ROOT / "docs" / "tutorials").glob("*.md"))
+)
 def test_a_notebook_holds_its_script_and_nothing_else(name):
     spec = importlib.util.spec_from_file_location("site_pages", ROOT / "docs" / "site_pages.py")
     site_pages = importlib.util.module_from_spec(spec)
@@ -60,4 +68,6 @@ def test_a_notebook_holds_its_script_and_nothing_else(name):
     assert all(cell["cell_type"] == "code" for cell in code)
     # The scripts themselves are run by tests/examples.
     joined = "\n".join(cell["source"] for cell in code)
-    assert ast.dump(ast.parse(joined)) == ast.dump(ast.Module(ast.parse(script.read_text()).body[1:], []))
+    assert ast.dump(ast.parse(joined)) == ast.dump(
+        ast.Module(ast.parse(script.read_text()).body[1:], [])
+    )

@@ -23,7 +23,9 @@ for line in sys.argv[1:]:
 
 @pytest.mark.parametrize("lines", [["--help"], [f"{name} --help" for name in cli.COMMANDS]])
 def test_help_pages_import_nothing_heavy(lines):
-    done = subprocess.run([sys.executable, "-c", CODE, *lines], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", CODE, *lines], capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
 
 

@@ -75,15 +75,20 @@ def rank(results: Sequence[BenchResult], manifest: Manifest) -> list[TrackBoard]
     boards = []
     for track in manifest.tracks:
         for quick in (False, True):
-            own = [result for result in results if (result.track, result.quick) == (track.name, quick)]
+            own = [
+                result for result in results if (result.track, result.quick) == (track.name, quick)
+            ]
             if not own:
                 continue
             entries = {
-                name: [r for r in own if r.entry == name] for name in dict.fromkeys(r.entry for r in own)
+                name: [r for r in own if r.entry == name]
+                for name in dict.fromkeys(r.entry for r in own)
             }
             standings = [_standing(name, entries) for name in entries]
             standings.sort(key=lambda standing: (not standing.passed, standing.score.value))
-            boards.append(TrackBoard(track.name, track.about, quick, len(own[0].rows), tuple(standings)))
+            boards.append(
+                TrackBoard(track.name, track.about, quick, len(own[0].rows), tuple(standings))
+            )
     return boards
 
 
@@ -105,15 +110,21 @@ def _standing(entry: str, entries: Mapping[str, Sequence[BenchResult]]) -> Stand
         contacts=float(np.mean([row.contacts for row in rows])),
         map_error=float(np.mean([row.map_error for row in rows])),
         cpu=float(np.mean([row.cpu for row in rows])),
-        quicker=probability_of_improvement(pace, _table(reference, "pace")) if REFERENCE in others else None,
-        against={name: ratio for name, other in others.items() if (ratio := _done_ratio(runs, other))},
+        quicker=probability_of_improvement(pace, _table(reference, "pace"))
+        if REFERENCE in others
+        else None,
+        against={
+            name: ratio for name, other in others.items() if (ratio := _done_ratio(runs, other))
+        },
         versions=tuple(sorted({result.versions.get("slamgym", "unknown") for result in runs})),
     )
 
 
 def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> Interval | None:
     """Mean time until done over that of another entry, on the plans where both succeed."""
-    times = [np.where(_table(r, "success") > 0.0, _table(r, "done"), np.nan) for r in (runs, others)]
+    times = [
+        np.where(_table(r, "success") > 0.0, _table(r, "done"), np.nan) for r in (runs, others)
+    ]
     if not (np.isfinite(times[0]).any(axis=0) & np.isfinite(times[1]).any(axis=0)).any():
         return None
     return ratio_where_both(times[0], times[1])
@@ -121,7 +132,9 @@ def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> I
 
 def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
     """A figure of the rows, shape (runs, plans)."""
-    return np.array([[getattr(row, field) for row in result.rows] for result in runs], dtype=np.float64)
+    return np.array(
+        [[getattr(row, field) for row in result.rows] for result in runs], dtype=np.float64
+    )
 
 
 def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
@@ -183,7 +196,8 @@ def _board_table(board: TrackBoard) -> str:
 def _ratio_table(board: TrackBoard) -> str:
     names = [one.entry for one in board.standings]
     rows = [
-        [f"`{one.entry}`", *(with_bounds(one.against.get(name)) for name in names)] for one in board.standings
+        [f"`{one.entry}`", *(with_bounds(one.against.get(name)) for name in names)]
+        for one in board.standings
     ]
     return markdown(["time until done", *(f"/ `{name}`" for name in names)], rows)
 

@@ -95,7 +95,9 @@ class Manifest:
         for track in self.tracks:
             if track.name == name:
                 return track
-        raise ConfigError(f"no track {name!r}; {suggest(name, [track.name for track in self.tracks])}")
+        raise ConfigError(
+            f"no track {name!r}; {suggest(name, [track.name for track in self.tracks])}"
+        )
 
 
 def read_bench(path: Path = MANIFEST) -> Manifest:
@@ -113,7 +115,9 @@ def read_bench(path: Path = MANIFEST) -> Manifest:
             from_dict(Track, {"name": name, **track}) for name, track in document["tracks"].items()
         )
     except (KeyError, TypeError, ValueError, AttributeError, ConfigError) as error:
-        raise InputFileError(path, f"is no manifest of {BENCH} ({error}); install slamgym again") from None
+        raise InputFileError(
+            path, f"is no manifest of {BENCH} ({error}); install slamgym again"
+        ) from None
     return Manifest(BENCH_VERSION, tracks, sha256_of(path))
 
 
@@ -188,7 +192,9 @@ def furniture_of(plan: FloorPlan, seed: int, track: Track) -> tuple[int, float]:
 def outline_hash(plan: FloorPlan) -> str:
     """SHA-256 of the free space, to a tenth of a millimetre, wherever its rings begin and however they run."""
     rings = [plan.free_space.exterior, *plan.free_space.interiors]
-    first, *holes = (_canonical(np.asarray(ring.coords, dtype=np.float64)[:-1, :2]) for ring in rings)
+    first, *holes = (
+        _canonical(np.asarray(ring.coords, dtype=np.float64)[:-1, :2]) for ring in rings
+    )
     digest = hashlib.sha256()
     for ring in (first, *sorted(holes, key=lambda ring: ring.tolist())):
         digest.update(len(ring).to_bytes(4, "big") + ring.astype(">i8").tobytes())

@@ -94,7 +94,9 @@ def run_bench(
         ConfigError: If a plan is missing or differs from the manifest, or there is no such explorer.
     """
     tasks = bench_tasks(track, source, explorer)
-    config = EvaluationConfig(explorers=(explorer,), split=None, plans_filter="none", trial=track.trial)
+    config = EvaluationConfig(
+        explorers=(explorer,), split=None, plans_filter="none", trial=track.trial
+    )
     return run_trials(tasks, config, out, execution)
 
 
@@ -112,7 +114,9 @@ def bench_result(
     """
     ended: list[Trial | FailedTrial] = [*evaluation.trials, *evaluation.failed]
     by_key = {(trial.plan, trial.seed): trial for trial in ended}
-    rows = tuple(_row(by_key[building.plan, building.seed], track, source) for building in track.buildings)
+    rows = tuple(
+        _row(by_key[building.plan, building.seed], track, source) for building in track.buildings
+    )
     whole = manifest.track(track.name)
     return BenchResult(
         track=track.name,
@@ -136,12 +140,25 @@ def _row(trial: Trial | FailedTrial, track: Track, source: PlanSource) -> BenchR
         return BenchRow(trial.plan, trial.seed, *measured, error=f"{trial.error}: {trial.reason}")
     done, path = (round(censored(trial, quantity, DONE), 3) for quantity in ("time", "path"))
     success, contacts = succeeded(trial), trial.collisions
-    measured = (trial.area, success, trial.coverage, done, path, contacts, trial.map_error, trial.cpu)
+    measured = (
+        trial.area,
+        success,
+        trial.coverage,
+        done,
+        path,
+        contacts,
+        trial.map_error,
+        trial.cpu,
+    )
     return BenchRow(trial.plan, trial.seed, *measured)
 
 
 def _versions() -> dict[str, str]:
-    found = {"slamgym": __version__, "python": platform.python_version(), "machine": platform.machine()}
+    found = {
+        "slamgym": __version__,
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+    }
     for name in _PACKAGES:
         try:
             found[name] = version(name)
@@ -207,7 +224,9 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
     try:
         result = from_dict(BenchResult, document)
     except (TypeError, ConfigError, ValueError) as error:
-        raise InputFileError(path, f"is no result of {BENCH} ({error}); run the track again") from None
+        raise InputFileError(
+            path, f"is no result of {BENCH} ({error}); run the track again"
+        ) from None
     if (result.bench, result.version, result.manifest) != (BENCH, BENCH_VERSION, manifest.sha256):
         raise InputFileError(
             path,
@@ -219,7 +238,9 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
     except ConfigError as error:
         raise InputFileError(path, str(error)) from None
     wanted = track.quick() if result.quick else track
-    if [(b.plan, b.seed) for b in wanted.buildings] != [(row.plan, row.seed) for row in result.rows]:
+    if [(b.plan, b.seed) for b in wanted.buildings] != [
+        (row.plan, row.seed) for row in result.rows
+    ]:
         raise InputFileError(
             path, f"does not hold the explorations of the track {track.name!r}; run it again"
         )

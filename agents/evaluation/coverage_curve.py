@@ -35,7 +35,9 @@ class CoverageCurve:
 
     def __post_init__(self) -> None:
         if not len(self.time) == len(self.path) == len(self.coverage) > 0:
-            raise ValueError("a coverage curve needs as many times as paths and coverages, and at least one")
+            raise ValueError(
+                "a coverage curve needs as many times as paths and coverages, and at least one"
+            )
 
     @property
     def final(self) -> float:
@@ -83,4 +85,6 @@ class CoverageCurve:
         Raises:
             ValueError: If it is no curve.
         """
-        return CoverageCurve(*(np.array(values.get(f.name, ()), np.float64) for f in fields(CoverageCurve)))
+        return CoverageCurve(
+            *(np.array(values.get(f.name, ()), np.float64) for f in fields(CoverageCurve))
+        )

@@ -111,7 +111,9 @@ class EvaluationConfig(Settings, dropped={"bound": {"iterations": 100}}):
         if not self.names:
             raise ConfigError("name at least one explorer")
         if ORACLE in self.explorers:
-            raise ConfigError(f"{ORACLE} knows the floor plan, so it isn't called by name; set oracle")
+            raise ConfigError(
+                f"{ORACLE} knows the floor plan, so it isn't called by name; set oracle"
+            )
         if len(set(self.explorers)) < len(self.explorers):
             raise ConfigError(f"an explorer is named twice in {', '.join(self.explorers)}")
 
@@ -179,14 +181,19 @@ def run_trials(
         with storage_errors(out):
             out.mkdir(parents=True, exist_ok=True)
         stack.enter_context(exclusive_lock(out / ".lock"))
-        log, failures = TrialLog(out / "trials.jsonl", Trial), TrialLog(out / "failed.jsonl", FailedTrial)
+        log, failures = (
+            TrialLog(out / "trials.jsonl", Trial),
+            TrialLog(out / "failed.jsonl", FailedTrial),
+        )
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
         with storage_errors(out):
             replace_file(out / "config.json", json_text(to_dict(config)).encode())
         if tasks:
             compile_for(config.trial.env, execution)
-        advance = stack.enter_context(show_progress("explorations", len(wanted) - len(tasks), len(wanted)))
+        advance = stack.enter_context(
+            show_progress("explorations", len(wanted) - len(tasks), len(wanted))
+        )
         explore = functools.partial(_explore, config)
         for outcome in pool.run(functools.partial(tried, explore), tasks):
             if isinstance(outcome, Lost):
@@ -205,7 +212,9 @@ def run_trials(
     )
 
 
-def choose_plans(source: PlanSource, config: EvaluationConfig) -> tuple[list[FloorPlan], list[Skipped]]:
+def choose_plans(
+    source: PlanSource, config: EvaluationConfig
+) -> tuple[list[FloorPlan], list[Skipped]]:
     """The first plans in the seed's order that belong to the split, pass the filter and can be explored.
 
     Returns:
@@ -257,4 +266,8 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
 
 def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
-    return bound_trial(task, config.trial) if task.explorer == ORACLE else run_trial(task, config.trial)
+    return (
+        bound_trial(task, config.trial)
+        if task.explorer == ORACLE
+        else run_trial(task, config.trial)
+    )

@@ -56,7 +56,13 @@ def _done_table(summary: Summary) -> str:
     """The headline: success, time and path until done, and what of it comes after 99 % of the floor."""
     reference = summary.comparisons[0].reference if summary.comparisons else ""
     against = {comparison.explorer: comparison for comparison in summary.comparisons}
-    header = ["explorer", "success [%]", "time until done [s]", "path until done [m]", "tail after 99 % [s]"]
+    header = [
+        "explorer",
+        "success [%]",
+        "time until done [s]",
+        "path until done [m]",
+        "tail after 99 % [s]",
+    ]
     header += [f"time / `{reference}`", f"path / `{reference}`"] if reference else []
     rows = []
     for e in summary.explorers:
@@ -69,7 +75,9 @@ def _done_table(summary: Summary) -> str:
         ]
         if e.explorer in against:
             compared = against[e.explorer]
-            cells += [with_bounds(to[DONE].ratio_of_means) for to in (compared.time_to, compared.path_to)]
+            cells += [
+                with_bounds(to[DONE].ratio_of_means) for to in (compared.time_to, compared.path_to)
+            ]
         elif reference:
             cells += ["-", "-"]
         rows.append(cells)
@@ -79,8 +87,13 @@ def _done_table(summary: Summary) -> str:
 def _levels_table(explorers: Sequence[ExplorerSummary]) -> str:
     rows, levels = [], SHARES[:-1]
     for e in explorers:
-        means = [(e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level]) for level in levels]
-        rows.append([f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)])
+        means = [
+            (e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level])
+            for level in levels
+        ]
+        rows.append(
+            [f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)]
+        )
     return markdown(["explorer", *(f"{100 * float(level):g} %" for level in levels)], rows)
 
 
@@ -108,13 +121,17 @@ def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
 
 def _ratio_table(comparisons: Sequence[Comparison]) -> str:
     header = ["explorer"]
-    header += [f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS]
+    header += [
+        f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS
+    ]
     rows = []
     for comparison in comparisons:
         cells = [f"`{comparison.explorer}`"]
         for to, level in itertools.product((comparison.time_to, comparison.path_to), _RATIO_LEVELS):
             found = to[level]
-            cells.append(with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else ""))
+            cells.append(
+                with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
+            )
         drives = comparison.explorer != ORACLE
         rows.append([*cells, with_bounds(comparison.map_error if drives else None)])
     return markdown([*header, "map error"], rows)
@@ -168,14 +185,20 @@ def _heading(summary: Summary, config: EvaluationConfig, evaluation: Evaluation)
         f"explored {counted(config.repetitions, 'time')} by every explorer; SLAM {config.trial.env.slam.mode}."
     ]
     if evaluation.skipped:
-        lines.append(f"Skipped: {counted(len(evaluation.skipped), 'plan')} that the robot can't explore.")
+        lines.append(
+            f"Skipped: {counted(len(evaluation.skipped), 'plan')} that the robot can't explore."
+        )
     for name, count in Counter(trial.explorer for trial in evaluation.failed).items():
         failed = counted(count, "exploration")
-        lines.append(f"Left out for all explorers: {failed} of `{name}` that crashed, hung or failed.")
+        lines.append(
+            f"Left out for all explorers: {failed} of `{name}` that crashed, hung or failed."
+        )
     return "\n".join(lines) + "\n\n"
 
 
-def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "mean, with its 95 % interval") -> None:
+def draw_coverage(
+    trials: Sequence[Trial], path: Path, title: str = "mean, with its 95 % interval"
+) -> None:
     """Draw mean coverage over time with bands.
 
     Bands are 95 % bootstrap intervals of the mean over explorations. Time is robot time per floor area, so that
@@ -194,7 +217,9 @@ def draw_coverage(trials: Sequence[Trial], path: Path, title: str = "mean, with 
     times = np.linspace(0.0, np.percentile(reached, 90.0) if reached else 10.0, _POINTS)  # [s/m2]
     curves: list[Curve] = []
     for name in dict.fromkeys(trial.explorer for trial in trials):
-        found = np.vstack([t.coverage_curve.at(times * t.area) for t in trials if t.explorer == name])
+        found = np.vstack(
+            [t.coverage_curve.at(times * t.area) for t in trials if t.explorer == name]
+        )
         curves.append(Curve(f"{name} ({len(found)})", times, found.mean(axis=0), mean_band(found)))
     labels = "robot time per floor area [s/m²]", "share of the reachable floor seen"
     plot_curves(path, curves, labels, title)

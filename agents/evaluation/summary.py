@@ -200,7 +200,9 @@ def _compare_level(
     ratio = None
     if reached:
         figure = functools.partial(censored, quantity=quantity, level=level)
-        ours, theirs = (_by_plan([found[i] for i in reached], figure) for found in (trials, reference))
+        ours, theirs = (
+            _by_plan([found[i] for i in reached], figure) for found in (trials, reference)
+        )
         ratio = ratio_of_means(ours, theirs)
     return LevelComparison(len(reached), ratio)
 
@@ -210,10 +212,14 @@ def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
         return mean_interval(_by_plan(trials, figure))
 
     def to_levels(quantity: str) -> dict[str, Interval]:
-        return {level: mean(functools.partial(censored, quantity=quantity, level=level)) for level in SHARES}
+        return {
+            level: mean(functools.partial(censored, quantity=quantity, level=level))
+            for level in SHARES
+        }
 
     reached = {
-        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials])) for level in SHARES
+        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials]))
+        for level in SHARES
     }
     successes = [trial for trial in trials if succeeded(trial)]
     return ExplorerSummary(

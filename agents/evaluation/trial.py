@@ -182,7 +182,9 @@ def run_trial(
     env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     began = time.process_time()
     reset = env.reset(seed=task.seed, options={"plan": plan, "start": task.start})
-    explorer = make(env.explorer_context()) if make else explorer_in(env, task.explorer, config, task.seed)
+    explorer = (
+        make(env.explorer_context()) if make else explorer_in(env, task.explorer, config, task.seed)
+    )
     watch: Any = _Stopwatch(explorer)
     points = [
         (env.simulation.time, info["path_length"], info["coverage"])
@@ -222,7 +224,10 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     _, info = env.reset(seed=task.seed, options={"plan": task.plan})
     bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), task.seed % 2**32)
     done = next(b for b in bounds if b.share == SUCCESS_COVERAGE)
-    steps = [(0.0, 0.0, min(info["coverage"], bounds[0].share)), *((b.time, b.path, b.share) for b in bounds)]
+    steps = [
+        (0.0, 0.0, min(info["coverage"], bounds[0].share)),
+        *((b.time, b.path, b.share) for b in bounds),
+    ]
     curve = CoverageCurve(*np.array(steps).T)
     unmeasured = "collisions map_error ate decisions decision_cpu"
     return _record(
@@ -240,9 +245,14 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     )
 
 
-def _record(env: ExploreEnv, task: Task, settings: str, found: CoverageCurve, **figures: Any) -> Trial:
+def _record(
+    env: ExploreEnv, task: Task, settings: str, found: CoverageCurve, **figures: Any
+) -> Trial:
     """The record of an exploration that has ended; what isn't among the figures is read from the curve."""
-    plan, reached = task.plan, {level_name(level): found.reached(level) for level in COVERAGE_LEVELS}
+    plan, reached = (
+        task.plan,
+        {level_name(level): found.reached(level) for level in COVERAGE_LEVELS},
+    )
     assert env.config.time_limit is not None
     from_curve = {
         "time": round(float(found.time[-1]), 3),

@@ -47,7 +47,10 @@ class BatchVecEnv(VecEnv):
         self._rng = np.random.default_rng(seed)
         self.seed(seed)
         self._actions: Any = None
-        self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
+        self._returns, self._lengths = (
+            np.zeros(env.num_envs),
+            np.zeros(env.num_envs, dtype=np.int64),
+        )
         self._limits = np.full(env.num_envs, np.inf)
         self._begun = time.time()
 
@@ -89,9 +92,14 @@ class BatchVecEnv(VecEnv):
         follower = self._follower
         if follower is None:
             return self._actions
-        commands, to_action = Actions(self.env.config).to_commands(self._actions), follower.context.to_action
+        commands, to_action = (
+            Actions(self.env.config).to_commands(self._actions),
+            follower.context.to_action,
+        )
         pairs = zip(commands.tolist(), self.env.ranges, strict=True)
-        return np.array([to_action(follower.avoid(Twist2D(*command), ranges)) for command, ranges in pairs])
+        return np.array(
+            [to_action(follower.avoid(Twist2D(*command), ranges)) for command, ranges in pairs]
+        )
 
     def _close_episodes(self, ids: Any, infos: list[dict[str, Any]]) -> None:
         """Add what the monitor of Stable-Baselines3 would, and begin to count again."""
@@ -125,7 +133,9 @@ class BatchVecEnv(VecEnv):
 
     def env_method(self, method_name: str, *args: Any, **kwargs: Any) -> list[Any]:  # noqa: ARG002 - the interface
         """Refused: environments of a batch have no separate methods."""
-        raise ConfigError(f"environments of a batch have no methods of their own, so no {method_name}")
+        raise ConfigError(
+            f"environments of a batch have no methods of their own, so no {method_name}"
+        )
 
     def env_is_wrapped(self, wrapper_class: Any, indices: Any = None) -> list[bool]:
         """True for the monitor of Stable-Baselines3, whose work this class does."""

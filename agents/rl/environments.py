@@ -56,7 +56,9 @@ def _simulation(config: TrainConfig) -> dict[str, Any]:
     }
 
 
-def make_batch(config: WheelsConfig, plans: Any, reward_terms: RewardTerms | None = None) -> BatchExploreEnv:
+def make_batch(
+    config: WheelsConfig, plans: Any, reward_terms: RewardTerms | None = None
+) -> BatchExploreEnv:
     """The environments in which a run drives the wheels, in one batch."""
     return BatchExploreEnv(
         config.num_envs,
@@ -65,7 +67,12 @@ def make_batch(config: WheelsConfig, plans: Any, reward_terms: RewardTerms | Non
         localization="ground_truth",
         reward=config.reward,
         reward_terms=reward_terms,
-        observation={"preset": "compact_far", "map": "global", "crop_px": 1, "crop_resolution": CROP_SIDE},
+        observation={
+            "preset": "compact_far",
+            "map": "global",
+            "crop_px": 1,
+            "crop_resolution": CROP_SIDE,
+        },
         coverage_goal=WHEELS_GOAL,
         time_limit=None,
         terminate_when_explored=False,
@@ -94,11 +101,15 @@ def explore_plan(
         env = resolve_config(None, {"localization": "ground_truth"})
         trial = TrialConfig(config.evaluate_seconds / 60.0, None, env)
         return run_trial(
-            Task("wheels", plan, seed), trial, lambda context: WheelsExplorer(context, policy, avoids)
+            Task("wheels", plan, seed),
+            trial,
+            lambda context: WheelsExplorer(context, policy, avoids),
         )
     env = resolve_config(None, {**_simulation(config), **changes})
     trial = TrialConfig(config.time_limit / 60.0, None, env)
-    return run_trial(Task("rl", plan, seed), trial, lambda context: LearnedExplorer(context, policy))
+    return run_trial(
+        Task("rl", plan, seed), trial, lambda context: LearnedExplorer(context, policy)
+    )
 
 
 def figures_of(trial: Trial) -> dict[str, float]:

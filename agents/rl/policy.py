@@ -64,7 +64,9 @@ class FrontierNetwork(nn.Module):
         there = mask[:, :, None]
         total = there.sum(dim=1).clamp(min=1)
         mean = (vectors * there).sum(dim=1) / total
-        largest = torch.where(there, vectors, torch.full_like(vectors, -1e3)).amax(dim=1).clamp(min=-1e2)
+        largest = (
+            torch.where(there, vectors, torch.full_like(vectors, -1e3)).amax(dim=1).clamp(min=-1e2)
+        )
         pooled = torch.cat([mean, largest], dim=1)
         own = torch.cat([vectors, pooled[:, None].expand(-1, count, -1)], dim=2)
         scores = self.score_out(torch.relu(self.score_in(own))) + self.prior(features)
@@ -123,4 +125,6 @@ class FrontierPolicy(ActorCriticPolicy):
     def _build(self, lr_schedule: Any) -> None:
         super()._build(lr_schedule)
         self.action_net, self.value_net = nn.Identity(), nn.Identity()
-        self.optimizer = self.optimizer_class(self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)
+        self.optimizer = self.optimizer_class(
+            self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
+        )

@@ -34,7 +34,9 @@ REWARD_PRESETS: dict[str, RewardConfig] = {
     # A bonus at the end alone: sparse.
     "completion": replace(_NOTHING, completion=100.0),
     # The same with potential-based coverage (Ng, Harada and Russell 1999), which leaves the best policies as they are.
-    "potential": replace(_NOTHING, completion=100.0, shaping=100.0, discount=DISCOUNT ** (1.0 / HOLD)),
+    "potential": replace(
+        _NOTHING, completion=100.0, shaping=100.0, discount=DISCOUNT ** (1.0 / HOLD)
+    ),
 }
 """The presets by name."""
 
@@ -73,4 +75,6 @@ class ShapingConfig(Settings, dropped={"particles": 30}):
 
     def settings(self, preset: str, seed: int) -> WheelsConfig:
         """The training run of a preset and a seed."""
-        return replace(self.train, seed=seed, reward=reward_preset(BASE if preset == OWN else preset))
+        return replace(
+            self.train, seed=seed, reward=reward_preset(BASE if preset == OWN else preset)
+        )

@@ -111,8 +111,12 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
     torch.set_num_threads(1)
     _refuse_other_run(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
-    write_text(out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n")
-    say(f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average")
+    write_text(
+        out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n"
+    )
+    say(
+        f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average"
+    )
     model = learner.make(plans)
     if (out / CHECKPOINT).is_file():
         load_checkpoint(out, model)
@@ -120,7 +124,9 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
         model.set_random_seed(config.seed + model.num_timesteps)
         say(f"going on at {unit} {model.num_timesteps}")
     log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
-    (log / "progress.csv").unlink(missing_ok=True)  # begun again in any case, and not through a link
+    (log / "progress.csv").unlink(
+        missing_ok=True
+    )  # begun again in any case, and not through a link
     model.set_logger(configure(str(log), ["csv", "tensorboard"]))
     left = max(0, config.steps - model.num_timesteps)
     try:
@@ -167,7 +173,9 @@ def read_run(kind: type[ConfigT], folder: Path) -> ConfigT:
         values.pop("version", None)
         return from_dict(kind, values)
     except (AttributeError, TypeError, ConfigError) as error:
-        raise InputFileError(path, f"holds no such training ({error}); choose another folder") from None
+        raise InputFileError(
+            path, f"holds no such training ({error}); choose another folder"
+        ) from None
 
 
 class _Keep(BaseCallback):
@@ -224,7 +232,9 @@ class _Keep(BaseCallback):
         say(f"validation at {self._learner.unit} {model.num_timesteps}: {shown}")
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
         _append(self._out / VALIDATION, row)
-        if figures["score"] < min((one.get("score", math.inf) for one in self._rows), default=math.inf):
+        if figures["score"] < min(
+            (one.get("score", math.inf) for one in self._rows), default=math.inf
+        ):
             self._learner.export(model, self._out / BEST)
         self._rows.append(row)
 

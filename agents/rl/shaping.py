@@ -42,7 +42,11 @@ Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
 
 
-REPORT = {"coverage": ("coverage", 3), "contacts": ("contacts in 5 min", 1), "path": ("path [m]", 1)}
+REPORT = {
+    "coverage": ("coverage", 3),
+    "contacts": ("contacts in 5 min", 1),
+    "path": ("path [m]", 1),
+}
 """Heading and digits of the fields of the outcomes in the report; the first is set against the reference's, too."""
 
 
@@ -52,7 +56,9 @@ class ShapingRun:
 
     preset: str
     seed: int
-    outcomes: list[dict[str, float]]  # :func:`~slamgym.agents.rl.environments.figures_of` each test plan
+    outcomes: list[
+        dict[str, float]
+    ]  # :func:`~slamgym.agents.rl.environments.figures_of` each test plan
 
 
 class Experiment:
@@ -64,7 +70,9 @@ class Experiment:
         term: A term of the user's own, for the preset ``own``.
     """
 
-    def __init__(self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None) -> None:
+    def __init__(
+        self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None
+    ) -> None:
         self.config, self._learn, self._term = config, learn, term
 
     def identity(self, preset: str, seed: int) -> dict[str, Any]:
@@ -74,7 +82,11 @@ class Experiment:
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
-        own = {"reward_terms": {self._term[0]: self._term[1:]}} if preset == OWN and self._term else {}
+        own = (
+            {"reward_terms": {self._term[0]: self._term[1:]}}
+            if preset == OWN and self._term
+            else {}
+        )
         self._learn(self.config.settings(preset, seed), folder, avoids=False, **own)
 
     def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
@@ -153,13 +165,16 @@ def table(runs: Sequence[ShapingRun]) -> str:
     rows = []
     for name, own in by_name.items():
         cells = [
-            _cell(crossed_mean(_outcomes(own, f)), digits, len(own)) for f, (_, digits) in REPORT.items()
+            _cell(crossed_mean(_outcomes(own, f)), digits, len(own))
+            for f, (_, digits) in REPORT.items()
         ]
         ratio = crossed_ratio(_outcomes(own, first), _outcomes(base, first))
         rows.append([name, str(len(own)), *cells, _cell(ratio, 2, min(len(own), len(base)))])
     text = markdown(headings, rows)
     if any(len(own) < 2 for own in by_name.values()):
-        text += "\nNo interval where there is one seed: it would not show how much trainings differ.\n"
+        text += (
+            "\nNo interval where there is one seed: it would not show how much trainings differ.\n"
+        )
     return text
 
 

@@ -43,11 +43,19 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         config = self.config
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
-            return lambda: Monitor(make_env(config, list(plans), clutter=clutter), info_keywords=_EPISODE)
+            return lambda: Monitor(
+                make_env(config, list(plans), clutter=clutter), info_keywords=_EPISODE
+            )
 
         furnished = round(config.furnished * config.num_envs)
-        makers = [maker(FURNISHED if i < furnished else ClutterConfig()) for i in range(config.num_envs)]
-        envs = DummyVecEnv(makers) if config.workers == 1 else SubprocVecEnv(makers, start_method="fork")
+        makers = [
+            maker(FURNISHED if i < furnished else ClutterConfig()) for i in range(config.num_envs)
+        ]
+        envs = (
+            DummyVecEnv(makers)
+            if config.workers == 1
+            else SubprocVecEnv(makers, start_method="fork")
+        )
         envs.seed(config.seed)
         # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
         return self.ppo(FrontierPolicy, envs, gamma=1.0)
@@ -69,6 +77,12 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
     def export(self, model: PPO, path: Path) -> None:
         """Write the weights as ``slamgym generate --explorer rl`` reads them."""
         network: Any = model.policy.features_extractor.network
-        weights = {name: value.detach().cpu().numpy() for name, value in network.state_dict().items()}
-        about = {"version": __version__, "steps": model.num_timesteps, "training": to_dict(self.config)}
+        weights = {
+            name: value.detach().cpu().numpy() for name, value in network.state_dict().items()
+        }
+        about = {
+            "version": __version__,
+            "steps": model.num_timesteps,
+            "training": to_dict(self.config),
+        }
         write_policy(path, weights, about)

@@ -4,7 +4,15 @@ from dataclasses import field
 from typing import Any, Literal
 
 from slamgym.cad.plan_filter import AREA
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, PositiveShare, Settings, Share
+from slamgym.core.config import (
+    Count,
+    CountOrZero,
+    NonNegative,
+    Positive,
+    PositiveShare,
+    Settings,
+    Share,
+)
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import ClutterConfig
 
@@ -16,7 +24,12 @@ BEST = "best.safetensors"
 FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 """Furniture of furnished buildings: as on the track ``furnished`` of the benchmark."""
 
-FIXED_PPO: dict[str, Any] = {"gae_lambda": 0.95, "clip_range": 0.2, "vf_coef": 0.5, "target_kl": 0.03}
+FIXED_PPO: dict[str, Any] = {
+    "gae_lambda": 0.95,
+    "clip_range": 0.2,
+    "vf_coef": 0.5,
+    "target_kl": 0.03,
+}
 """Settings of PPO that no run changes: lambda of the advantages, the largest change of an action's probability in an
 update, the weight of the value's error, and the divergence at which an update ends; the literature's usual values."""
 TRAINING_PARTICLES = 10
@@ -32,7 +45,12 @@ DISCOUNT = 0.995
 """Of the return, per decision."""
 LAYER_UNITS = (256, 128)
 """Units of the first layer, which action and value share, and of the second of each."""
-WHEELS_NETWORK = {"crop_side": CROP_SIDE, "hold": HOLD, "first": LAYER_UNITS[0], "second": LAYER_UNITS[1]}
+WHEELS_NETWORK = {
+    "crop_side": CROP_SIDE,
+    "hold": HOLD,
+    "first": LAYER_UNITS[0],
+    "second": LAYER_UNITS[1],
+}
 """Description of the network in files."""
 WHEELS_GOAL = 0.98
 """An episode of driving the wheels ends at this true coverage; privileged, never observed."""
@@ -105,7 +123,9 @@ class WheelsConfig(RunConfig):
     """Environments, all in one batch."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
-    ppo: PPOConfig = PPOConfig(n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001)
+    ppo: PPOConfig = PPOConfig(
+        n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001
+    )
     """The learner."""
     evaluate_every: CountOrZero = 250_000
     """Decisions between two evaluations on validation plans; 0 for none."""

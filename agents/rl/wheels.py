@@ -60,7 +60,9 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
     """
 
     unit = "decision"
-    logged: ClassVar[Mapping[str, str]] = {f"rollout/{key}": key for key in ("coverage", "collisions")}
+    logged: ClassVar[Mapping[str, str]] = {
+        f"rollout/{key}": key for key in ("coverage", "collisions")
+    }
 
     def __init__(
         self, config: WheelsConfig, reward_terms: RewardTerms | None = None, avoids: bool = True
@@ -87,7 +89,10 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans; the score is the time to 99 %, a contact costs :data:`_CONTACT_PRICE`."""
         means = mean_figures(
-            [explore_plan(self.config, policy, plan, i, self._avoids) for i, plan in enumerate(plans)]
+            [
+                explore_plan(self.config, policy, plan, i, self._avoids)
+                for i, plan in enumerate(plans)
+            ]
         )
         return {**means, "score": _CONTACT_PRICE * means["contacts"] + means["time_99"]}
 
@@ -99,7 +104,10 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
             for kind in ("weight", "bias")
         }
         statistics: Any = model.get_vec_normalize_env().obs_rms
-        weights |= {"mean": statistics.mean.astype(np.float32), "variance": statistics.var.astype(np.float32)}
+        weights |= {
+            "mean": statistics.mean.astype(np.float32),
+            "variance": statistics.var.astype(np.float32),
+        }
         training = to_dict(self.config)
         about = {"version": __version__, "decisions": model.num_timesteps, "training": training}
         write_wheels(path, WheelsPolicy(weights, about))

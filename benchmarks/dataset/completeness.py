@@ -123,7 +123,9 @@ def main() -> None:
         others = measure(arguments.test, arguments.workers)
         seen = set(maps.plans) & set(others.plans)
         if seen:
-            raise SystemExit(f"{len(seen)} plans of --test are among those to learn from, e.g. {min(seen)}")
+            raise SystemExit(
+                f"{len(seen)} plans of --test are among those to learn from, e.g. {min(seen)}"
+            )
         said = {name: learner(maps, others) for name, learner in learners.items()}
         report_accuracy("completeness_test", others, said)
     if arguments.write_model:
@@ -142,7 +144,9 @@ def measure(roots: Sequence[Path], workers: int) -> Maps:
         raise SystemExit("there are no explorations")
     # Workers answer in any order.
     parts.sort(key=lambda part: part[0])
-    return Maps(*(np.concatenate(column) for column in zip(*(part[1] for part in parts), strict=True)))
+    return Maps(
+        *(np.concatenate(column) for column in zip(*(part[1] for part in parts), strict=True))
+    )
 
 
 def _measure_one(pair: tuple[Path, PairRecord]) -> tuple[tuple[str, str], list[NDArray[Any]]]:
@@ -172,12 +176,17 @@ def take_snapshots(root: Path, record: PairRecord) -> Iterator[Snapshot]:
     folder = Layout(root).episode(record.name)
     log = read_carmen(next(path for path in sorted(folder.glob("scans.log*"))))
     truth, estimate = read_tum(folder / "truth.tum"), read_tum(folder / "estimate.tum")
-    stamps, ranges = np.array([entry.stamp for entry in log]), np.stack([entry.scan.ranges for entry in log])
+    stamps, ranges = (
+        np.array([entry.stamp for entry in log]),
+        np.stack([entry.scan.ranges for entry in log]),
+    )
     ranges = ranges.astype(np.float32)
     # Stamps are written with microseconds.
     scan_of_pose = np.searchsorted(stamps, estimate.stamps - 1e-5)
     if len(stamps) != len(truth) or (scan_of_pose >= len(stamps)).any():
-        raise InputFileError(folder, "has paths that don't fit its scans; run `slamgym generate` again")
+        raise InputFileError(
+            folder, "has paths that don't fit its scans; run `slamgym generate` again"
+        )
     slam = apply_conditions(recorded_settings(root), record.conditions).env.slam
     cad, last_map = load_pair(root, record.name)
     believed, true = (HitCountMap(BeamTable.of(log.geometry, slam), slam) for _ in range(2))
@@ -185,12 +194,17 @@ def take_snapshots(root: Path, record: PairRecord) -> Iterator[Snapshot]:
     sight = np.minimum(ranges, np.nextafter(np.float32(log.geometry.range_max), np.float32(0.0)))
     moments: list[tuple[float, ByteArray, int]] = []
     drawn_scans = drawn_poses = 0
-    for end in [*(60.0 * limit for limit in MINUTES if 60.0 * limit < stamps[-1]), float(stamps[-1])]:
+    for end in [
+        *(60.0 * limit for limit in MINUTES if 60.0 * limit < stamps[-1]),
+        float(stamps[-1]),
+    ]:
         scans = int(np.searchsorted(stamps, end, side="right"))
         poses = int(np.searchsorted(estimate.stamps, end + 1e-6, side="right"))
         is_last = end == stamps[-1]
         if not is_last:  # the map at the end is there
-            believed.draw(estimate.poses[drawn_poses:poses], ranges[scan_of_pose[drawn_poses:poses]])
+            believed.draw(
+                estimate.poses[drawn_poses:poses], ranges[scan_of_pose[drawn_poses:poses]]
+            )
         true.draw(truth.poses[drawn_scans:scans], sight[drawn_scans:scans])
         drawn_scans, drawn_poses = scans, poses
         seen = int(np.count_nonzero((true.render(record.frame) == FREE) & (cad == FREE)))
@@ -220,14 +234,18 @@ def by_regression(known: Maps, others: Maps) -> FloatArray:
 
 def by_trees(known: Maps, others: Maps) -> FloatArray:
     """Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006."""
-    trees = ExtraTreesClassifier(n_estimators=100, min_samples_leaf=4, max_features=8, random_state=0)
+    trees = ExtraTreesClassifier(
+        n_estimators=100, min_samples_leaf=4, max_features=8, random_state=0
+    )
     return np.asarray(trees.fit(known.paper, known.complete).predict_proba(others.paper)[:, 1])
 
 
 def fit(maps: Maps) -> CompletenessModel:
     """Weights of the features, rounded so that they don't depend on the processor."""
     if len(set(maps.complete)) < 2:
-        raise SystemExit("all maps are of one kind; a classifier needs complete and incomplete ones")
+        raise SystemExit(
+            "all maps are of one kind; a classifier needs complete and incomplete ones"
+        )
     found = LogisticRegression(max_iter=1000).fit(scaled(maps.features), maps.complete)
     about = {
         "version": __version__,
@@ -254,7 +272,8 @@ def report_accuracy(name: str, maps: Maps, said: dict[str, FloatArray]) -> None:
     groups |= {"moments, all": np.ones(len(maps.complete), np.bool_)}
     groups |= {"hardly driven": (maps.driven < STUCK_PATH) & ~maps.complete}
     rows = [
-        {"maps": group, "classifier": classifier} | figures(maps.where(chosen), probabilities[chosen])
+        {"maps": group, "classifier": classifier}
+        | figures(maps.where(chosen), probabilities[chosen])
         for group, chosen in groups.items()
         for classifier, probabilities in said.items()
         if chosen.any()
@@ -314,7 +333,9 @@ def reliability(said: FloatArray, complete: BoolArray) -> list[tuple[int, float,
     """Number, mean probability and share that was complete of predictions of about the same probability."""
     place = np.minimum((said * BINS).astype(np.int64), BINS - 1)
     chosen = [place == number for number in range(BINS) if (place == number).any()]
-    return [(int(some.sum()), float(said[some].mean()), float(complete[some].mean())) for some in chosen]
+    return [
+        (int(some.sum()), float(said[some].mean()), float(complete[some].mean())) for some in chosen
+    ]
 
 
 def calibration_error(said: FloatArray, complete: BoolArray) -> float:
@@ -330,7 +351,8 @@ def report_reliability(maps: Maps, said: FloatArray) -> None:
         chosen = maps.is_last & (maps.recipes == recipe)
         bins = reliability(said[chosen], maps.complete[chosen]) if chosen.any() else []
         rows += [
-            (recipe, count, round(predicted, 2), round(observed, 2)) for count, predicted, observed in bins
+            (recipe, count, round(predicted, 2), round(observed, 2))
+            for count, predicted, observed in bins
         ]
     columns = ["recipe", "final maps", "predicted", "complete"]
     print_and_save("dataset/completeness_reliability", "reliability on unseen plans", rows, columns)

@@ -74,7 +74,9 @@ def measure_memory(arguments: Arguments) -> None:
     warm_up()
     config = DatasetConfig(episode=EpisodeConfig(minutes=arguments.minutes))
     slam = replace(config.episode.env.slam, particles=arguments.particles)
-    config = replace(config, episode=replace(config.episode, env=replace(config.episode.env, slam=slam)))
+    config = replace(
+        config, episode=replace(config.episode, env=replace(config.episode.env, slam=slam))
+    )
     plans = open_plans(arguments.plans)
     samples: list[list[float]] = []
     every = max(1, arguments.pairs // 100)
@@ -93,7 +95,9 @@ def measure_memory(arguments: Arguments) -> None:
                 _clear(Path(root))
             if done % every == 0:
                 workers = [resident_mb(pid) for pid in child_processes() if is_worker(pid)]
-                samples.append([done, resident_mb(os.getpid()), sum(workers), max(workers, default=0.0)])
+                samples.append(
+                    [done, resident_mb(os.getpid()), sum(workers), max(workers, default=0.0)]
+                )
     seconds = time.perf_counter() - began
     table = np.array(samples)
     settled = table[len(table) // 4 :]
@@ -102,7 +106,11 @@ def measure_memory(arguments: Arguments) -> None:
         slope = np.polyfit(settled[:, 0], settled[:, column], 1)[0] if len(settled) > 1 else 0.0
         early, late = settled[0, column], table[-1, column]
         rows.append(
-            [name, *(round(float(value), 1) for value in (early, late)), round(1000.0 * float(slope), 3)]
+            [
+                name,
+                *(round(float(value), 1) for value in (early, late)),
+                round(1000.0 * float(slope), 3),
+            ]
         )
     title = (
         f"Resident memory over {arguments.pairs} pairs of {arguments.minutes:g} min, {arguments.workers} workers, "
@@ -149,7 +157,12 @@ def measure_bookkeeping(count: int) -> None:
                 ]
             )
     title = "Cost of book-keeping, CPU time"
-    columns = ["pairs", "commit [us a pair]", "opening to go on [us a pair there]", "index [us a pair there]"]
+    columns = [
+        "pairs",
+        "commit [us a pair]",
+        "opening to go on [us a pair there]",
+        "index [us a pair there]",
+    ]
     print_and_save("dataset/dataset_bookkeeping", title, rows, columns, times=columns[1:])
 
 

@@ -135,7 +135,9 @@ def main() -> None:
     plans, config = open_plans(arguments.plans), dataset_config(arguments)
     blocks: list[Block] = []
     with ExitStack() as stack:
-        engines = {count: stack.enter_context(Execution(count).open()) for count in (1, arguments.workers)}
+        engines = {
+            count: stack.enter_context(Execution(count).open()) for count in (1, arguments.workers)
+        }
         quick = replace(config, episode=replace(config.episode, minutes=0.1))
         for count, engine in engines.items():  # the processes start and load the compiled kernels
             make_pairs(engine, count, plans, quick, 2 * count)
@@ -178,7 +180,9 @@ def make_pairs(
                 raise SystemExit(f"an exploration failed: {outcome.reason}")
             now = time.perf_counter() - began
             folder.commit(outcome.slot, folder.stage(outcome.slot.name), outcome.timing)
-            finishes.append(Finish(now, outcome.timing["wall_seconds"], outcome.timing["cpu_seconds"]))
+            finishes.append(
+                Finish(now, outcome.timing["wall_seconds"], outcome.timing["cpu_seconds"])
+            )
         driver_cpu = time.process_time() - cpu
     if workers == 1:  # everything ran in this process
         driver_cpu -= sum(finish.cpu for finish in finishes)
@@ -211,11 +215,17 @@ def report_rate(arguments: Arguments, blocks: list[Block]) -> None:
         f"{GOAL_GAIN:g} times the rate of one worker"
     )
     print_and_save(
-        "dataset/dataset_rate", title, rows, list(rows[0]), times=("CPU [s] each", "driver's CPU [s] each")
+        "dataset/dataset_rate",
+        title,
+        rows,
+        list(rows[0]),
+        times=("CPU [s] each", "driver's CPU [s] each"),
     )
 
 
-def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetConfig, root: Path) -> None:
+def profile_and_weigh(
+    arguments: Arguments, plans: PlanSource, config: DatasetConfig, root: Path
+) -> None:
     """Time the parts of the same explorations in this process, and weigh the files."""
     profile = Profile()
     began, cpu = time.perf_counter(), time.process_time()
@@ -226,11 +236,16 @@ def profile_and_weigh(arguments: Arguments, plans: PlanSource, config: DatasetCo
     parts = sorted(profile.seconds.items(), key=lambda part: -part[1])
     parts += [("start, other", total - sum(profile.seconds.values())), ("all", total)]
     rows = [
-        [part, round(1000.0 * spent / count, 2), round(100.0 * spent / total, 1)] for part, spent in parts
+        [part, round(1000.0 * spent / count, 2), round(100.0 * spent / total, 1)]
+        for part, spent in parts
     ]
     title = f"CPU time of a {arguments.minutes:g} min exploration and its pair; {count} of {arguments.plans}"
     print_and_save(
-        "dataset/dataset_profile", title, rows, ["part", "CPU [ms]", "share [%]"], times=("CPU [ms]",)
+        "dataset/dataset_profile",
+        title,
+        rows,
+        ["part", "CPU [ms]", "share [%]"],
+        times=("CPU [ms]",),
     )
     print(f"wall time {1000.0 * wall / count:.0f} ms each")
     sizes = weigh(root)
@@ -303,7 +318,8 @@ def cost_table() -> str:
     for count in SIZES:
         hours = count * cpu / 3600.0
         wall = " | ".join(
-            f"{hours / cores:,.2g}" if hours / cores < 10 else f"{hours / cores:,.0f}" for cores in CORES
+            f"{hours / cores:,.2g}" if hours / cores < 10 else f"{hours / cores:,.0f}"
+            for cores in CORES
         )
         lines.append(
             f"| {count:,} | {hours:,.0f} | {wall} | {_bytes(count * size)} | {count * FILES / 1e6:.2g} million |"

@@ -144,7 +144,9 @@ def side_plans(sources: list[PlanSource], sides: dict[str, list[str]], side: str
     generated = [open_plans(f"procedural:{kind}:loops{seed}") for kind in ("home", "office")]
     # A side may have no school.
     there = [
-        (plans, weight) for plans, weight in zip([*drawn, *generated], WEIGHTS, strict=True) if len(plans)
+        (plans, weight)
+        for plans, weight in zip([*drawn, *generated], WEIGHTS, strict=True)
+        if len(plans)
     ]
     return mixed_plans(*zip(*there, strict=True))
 
@@ -162,16 +164,29 @@ def report(out: Path) -> None:
         for record in read_manifest(root):
             groups.setdefault(str(record.conditions.get(MIXTURE, part.recipe)), []).append(record)
         for recipe, records in sorted(groups.items()):
-            rows.append([name, recipe, *figures(records, [verdicts[record.name].keep for record in records])])
-            dropped = (verdicts[record.name] for record in records if not verdicts[record.name].keep)
+            rows.append(
+                [
+                    name,
+                    recipe,
+                    *figures(records, [verdicts[record.name].keep for record in records]),
+                ]
+            )
+            dropped = (
+                verdicts[record.name] for record in records if not verdicts[record.name].keep
+            )
             faults.update((recipe, verdict.faults[0].reason) for verdict in dropped)
     columns = ["part", "recipe", "pairs", "seen [%]", "kept", "kept [%]", "ATE median, 95 % [m]"]
     print_and_save("dataset/edition", "Explorations", rows, [*columns, "walls median, 95 % [m]"])
     reasons = [[*key, count] for key, count in faults.most_common()]
     print_and_save(
-        "dataset/edition_faults", "Why the others were left out", reasons, ["recipe", "fault", "pairs"]
+        "dataset/edition_faults",
+        "Why the others were left out",
+        reasons,
+        ["recipe", "fault", "pairs"],
     )
-    print_and_save("dataset/edition_digests", "What names the edition", digests, ["file", "SHA-256"])
+    print_and_save(
+        "dataset/edition_digests", "What names the edition", digests, ["file", "SHA-256"]
+    )
 
 
 def figures(records: Sequence[PairRecord], kept: Sequence[bool]) -> list[object]:

@@ -75,7 +75,10 @@ class Runs:
             write_houseexpo(plans / f"{name}.json", FloorPlan(name, rooms))
         self._options = f"generate --plans {plans} --minutes 0.2 --set particles=5 --pairs {pairs}"
         self._starter = subprocess.Popen(
-            [sys.executable, "-c", STARTER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+            [sys.executable, "-c", STARTER],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
         )
 
     def start(self, root: Path, workers: int) -> int:
@@ -117,7 +120,9 @@ def main() -> None:
             assert runs.exit_code() == 0
             assert content(root) == expected, "the dataset differs from that of a run in peace"
             assert not Layout(root).rejected.exists()
-            print(f"{sum(counts.values())} kills, {datasets} datasets of the same bytes", flush=True)
+            print(
+                f"{sum(counts.values())} kills, {datasets} datasets of the same bytes", flush=True
+            )
         runs.close()
     rows = [
         [
@@ -168,7 +173,10 @@ def kill_one_run(
         counts[f"driver {how}"] += 1
         codes[f"driver {how}: {code}"] += 1
         # It may have ended by itself meanwhile, or not yet have had a handler.
-        assert code in (EXIT_CODES[how], 0, -getattr(signal, how.removeprefix("group "))), (how, code)
+        assert code in (EXIT_CODES[how], 0, -getattr(signal, how.removeprefix("group "))), (
+            how,
+            code,
+        )
     check_left(root, before, expected)
 
 
@@ -177,7 +185,11 @@ def check_left(root: Path, before: dict[str, bytes], expected: dict[str, bytes])
     left = content(root) if root.exists() else {}
     layout = Layout(root)
     names = {path.name for path in layout.episodes.iterdir()} if layout.episodes.exists() else set()
-    pairs = {name: data for name, data in expected.items() if any(part in names for part in Path(name).parts)}
+    pairs = {
+        name: data
+        for name, data in expected.items()
+        if any(part in names for part in Path(name).parts)
+    }
     pairs |= {
         name: data
         for name, data in expected.items()
@@ -196,7 +208,9 @@ def content(root: Path) -> dict[str, bytes]:
     return {
         str(path.relative_to(root)): path.read_bytes()
         for path in sorted(root.rglob("*"))
-        if path.is_file() and path.name not in ("timing.jsonl", ".lock") and ".incoming" not in path.parts
+        if path.is_file()
+        and path.name not in ("timing.jsonl", ".lock")
+        and ".incoming" not in path.parts
     }
 
 
@@ -232,7 +246,11 @@ def workers_of(driver: int) -> list[int]:
             for task in Path(f"/proc/{driver}/task").iterdir()
             for child in (task / "children").read_text().split()
         ]
-        return [child for child in children if b"popen_loky" in Path(f"/proc/{child}/cmdline").read_bytes()]
+        return [
+            child
+            for child in children
+            if b"popen_loky" in Path(f"/proc/{child}/cmdline").read_bytes()
+        ]
     return []
 
 

@@ -89,7 +89,9 @@ def paper_features(cells: ByteArray, resolution: float) -> FloatArray:
 def without_spikes(free: BoolArray, resolution: float) -> BoolArray:
     """The free space without what is narrower than :data:`SPIKE_WIDTH` (a morphological opening)."""
     side = 2 * round(0.5 * SPIKE_WIDTH / resolution) + 1
-    opened = cv2.morphologyEx(free.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8))
+    opened = cv2.morphologyEx(
+        free.astype(np.uint8), cv2.MORPH_OPEN, np.ones((side, side), np.uint8)
+    )
     return np.asarray(opened, dtype=np.bool_)
 
 
@@ -118,7 +120,9 @@ def inside_hull(mask: BoolArray, margin_px: int) -> BoolArray:
         if rise == 0:
             continue
         span = np.arange(min(y, end_y), max(y, end_y) + 1)
-        crossing = x * rise + np.abs(span - y) * (end_x - x)  # of the edge with each row, times rise
+        crossing = x * rise + np.abs(span - y) * (
+            end_x - x
+        )  # of the edge with each row, times rise
         first[span] = np.minimum(first[span], -(-crossing // rise))
         last[span] = np.maximum(last[span], crossing // rise)
     column = np.arange(grown.shape[1])
@@ -162,7 +166,9 @@ def open_frontier(
     """
     frontier = (cv2.dilate(floor.astype(np.uint8), CROSS) > 0) & unknown
     if occupied.any():
-        away = cv2.distanceTransform((~occupied).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        away = cv2.distanceTransform(
+            (~occupied).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+        )
         frontier &= away.astype(np.float64) * resolution >= FRONTIER_CLEARANCE
     if not frontier.any():
         return 0, 0

@@ -23,7 +23,16 @@ from slamgym.dataset.curate.near_duplicates import RADIUS, near_duplicates, plan
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
-CHANGES = [(0.8, 0.0), (0.95, 0.0), (1.2, 0.0), (1.0, 1.0), (1.0, 2.0), (1.0, 3.0), (0.95, 2.0), (1.2, 3.0)]
+CHANGES = [
+    (0.8, 0.0),
+    (0.95, 0.0),
+    (1.2, 0.0),
+    (1.0, 1.0),
+    (1.0, 2.0),
+    (1.0, 3.0),
+    (0.95, 2.0),
+    (1.2, 3.0),
+]
 """Factor of the size and turn [deg] of the look-alikes."""
 
 
@@ -82,7 +91,9 @@ def measure_recall(plans: Sequence[FloorPlan], prints: np.ndarray) -> None:
     rows = []
     for factor, turn in CHANGES:
         made = [
-            FloorPlan(plan.id, rotate(scale(plan.free_space, factor, factor), turn, origin=(0.0, 0.0)))
+            FloorPlan(
+                plan.id, rotate(scale(plan.free_space, factor, factor), turn, origin=(0.0, 0.0))
+            )
             for plan in plans
         ]
         groups = near_duplicates(np.concatenate([prints, [plan_print(plan) for plan in made]]))

@@ -84,9 +84,14 @@ def main() -> None:
         "--datasets", nargs="*", type=Path, default=[], help="folders made by `slamgym generate`"
     )
     parser.add_argument("--model", default="slam2cad", help="as `slamgym cad --model`")
-    parser.add_argument("--held-out", default="", metavar="NAMES", help="real maps that nothing is fitted to")
     parser.add_argument(
-        "--groups", default="", metavar="PREFIXES", help="maps whose names begin so show one building"
+        "--held-out", default="", metavar="NAMES", help="real maps that nothing is fitted to"
+    )
+    parser.add_argument(
+        "--groups",
+        default="",
+        metavar="PREFIXES",
+        help="maps whose names begin so show one building",
     )
     arguments = parser.parse_args()
     model = load_floor_model(arguments.model)
@@ -106,8 +111,15 @@ def main() -> None:
     apart = [one for one in real if one.name in held_out]
     rows = [
         row("real", "other buildings", kept, left_out_log_odds(kept, simulated, prefixes)),
-        row("held out", "real, simulated", apart, [constant + one.signs @ weights for one in apart]),
-        row("simulated", "real, simulated", simulated, [constant + one.signs @ weights for one in simulated]),
+        row(
+            "held out", "real, simulated", apart, [constant + one.signs @ weights for one in apart]
+        ),
+        row(
+            "simulated",
+            "real, simulated",
+            simulated,
+            [constant + one.signs @ weights for one in simulated],
+        ),
         row("real", "as in the package", real, [boundary_log_odds(one.signs) for one in real]),
     ]
     table = [[one[column] for column in COLUMNS] for one in rows if one["number"]]
@@ -121,8 +133,12 @@ def real_maps(folder: Path) -> Iterator[tuple[str, OccupancyGrid, Truth]]:
     for path in sorted(folder.glob("*/*/rooms.json")):
         grid = read_map(path.parent / "map.yaml").grid
         doors = json.loads(path.read_text(encoding="utf-8"))["doors"]
-        lines = np.array([in_metres([door["a"], door["b"]], grid.frame) for door in doors]).reshape(-1, 2, 2)
-        sure = np.array([door["kind"] != "ambiguous" and door["width_m"] <= WIDEST for door in doors], bool)
+        lines = np.array([in_metres([door["a"], door["b"]], grid.frame) for door in doors]).reshape(
+            -1, 2, 2
+        )
+        sure = np.array(
+            [door["kind"] != "ambiguous" and door["width_m"] <= WIDEST for door in doors], bool
+        )
         yield path.parent.name, grid, Truth(lines[sure], lines[~sure])
 
 
@@ -142,7 +158,8 @@ def explorations(folder: Path) -> Iterator[tuple[str, OccupancyGrid, Truth]]:
         episode = Layout(folder).episode(record.name)
         plan = read_houseexpo(episode / "plan.json")
         named, openings = (
-            np.array([(door.start, door.end) for door in doors]).reshape(-1, 2, 2) - record.start[:2]
+            np.array([(door.start, door.end) for door in doors]).reshape(-1, 2, 2)
+            - record.start[:2]
             for doors in (plan.doors, find_openings(plan.free_space))
         )
         truth = Truth(named, openings) if len(named) else Truth(openings, named)
@@ -205,13 +222,17 @@ def left_out_log_odds(
     """Log odds of the candidates of each map by what was fitted without its building."""
     buildings = [next((p for p in prefixes if one.name.startswith(p)), one.name) for one in real]
     fits = {
-        building: fit([one for one, b in zip(real, buildings, strict=True) if b != building], simulated)
+        building: fit(
+            [one for one, b in zip(real, buildings, strict=True) if b != building], simulated
+        )
         for building in set(buildings)
     }
     return [fits[b][0] + one.signs @ fits[b][1] for one, b in zip(real, buildings, strict=True)]
 
 
-def row(maps: str, fitted_to: str, some: Sequence[Example], log_odds: Sequence[FloatArray]) -> dict[str, Any]:
+def row(
+    maps: str, fitted_to: str, some: Sequence[Example], log_odds: Sequence[FloatArray]
+) -> dict[str, Any]:
     """Figures of a set of maps."""
     if not some:
         return {"number": 0}

@@ -72,14 +72,18 @@ def main() -> None:
                 picture(arguments.pictures / f"{number:02}_{name}.png", drawing)
         true = plan.raster(0.05, offset=(mapping.start.x, mapping.start.y), outside=UNKNOWN)
         found.setdefault("true plan", []).append(on_map(drive, true, None))
-        shown = {name: f"{of[-1].seconds:.0f} s, {of[-1].wrong:.1%} wrong" for name, of in found.items()}
+        shown = {
+            name: f"{of[-1].seconds:.0f} s, {of[-1].wrong:.1%} wrong" for name, of in found.items()
+        }
         say(f"{number} {state} {shown} {time.process_time() - begun:.0f} CPU s")
     rows = [
         row(state, name, found[name], found[RAW])
         for state, found in [*outcomes.items(), ("any of these", together(outcomes))]
         for name in found
     ]
-    print_and_save("drawing/localization", f"localisation in {arguments.homes} homes", rows, COLUMNS)
+    print_and_save(
+        "drawing/localization", f"localisation in {arguments.homes} homes", rows, COLUMNS
+    )
 
 
 def drives(seed: int, before: float, after: float) -> tuple[Episode, Drive, Any]:

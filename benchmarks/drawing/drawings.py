@@ -118,7 +118,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("datasets", nargs="*", help="NAME=FOLDER made by `slamgym generate`")
-    parser.add_argument("--last", type=int, default=0, help="so many maps of each dataset; 0 takes all")
+    parser.add_argument(
+        "--last", type=int, default=0, help="so many maps of each dataset; 0 takes all"
+    )
     parser.add_argument(
         "--least-seen",
         type=float,
@@ -129,7 +131,9 @@ def main() -> None:
     parser.add_argument(
         "--tb3", type=Path, help="folder of the TurtleBot3 house: cad.json, cad_walls.png, runs/"
     )
-    parser.add_argument("--models", default=f"{EXACT},slam2cad,none", help="as `slamgym cad --model`; exact")
+    parser.add_argument(
+        "--models", default=f"{EXACT},slam2cad,none", help="as `slamgym cad --model`; exact"
+    )
     arguments = parser.parse_args()
     sets: dict[str, list[Case]] = {}
     for named in arguments.datasets:
@@ -145,7 +149,10 @@ def main() -> None:
         scores: dict[str, list[Score]] = {model: [] for model in models}
         for case in cases:
             found = {m: score(case, m, loaded.get(m, ExactFloor(case.truth))) for m in models}
-            if max(s.overlap for m, s in found.items() if m != EXACT or len(models) == 1) < LIES_OVER:
+            if (
+                max(s.overlap for m, s in found.items() if m != EXACT or len(models) == 1)
+                < LIES_OVER
+            ):
                 print(f"{name}: {case.name} left out, no drawing lies over the plan")
                 continue
             for model, result in found.items():
@@ -236,7 +243,9 @@ def true_gaps(truth: MultiPolygon) -> list[Gap]:
 def fine_frame(case: Case) -> GridFrame:
     """The map's frame with cells so small that vectors can be measured on them."""
     frame, cell = case.grid.frame, case.grid.frame.resolution / FINE
-    return GridFrame(cell, frame.origin_x, frame.origin_y, frame.height_px * FINE, frame.width_px * FINE)
+    return GridFrame(
+        cell, frame.origin_x, frame.origin_y, frame.height_px * FINE, frame.width_px * FINE
+    )
 
 
 def motion_onto(true_floor: Float32Array, floor: Float32Array) -> Similarity:
@@ -248,7 +257,9 @@ def motion_onto(true_floor: Float32Array, floor: Float32Array) -> Similarity:
 def shares(floor: BaseGeometry, frame: GridFrame) -> Float32Array:
     """Share of floor of each cell."""
     parts = [part for part in shapely.get_parts(floor) if part.geom_type == "Polygon"]
-    return floor_share(ring_segments(ring for p in parts for ring in (p.exterior, *p.interiors)), frame)
+    return floor_share(
+        ring_segments(ring for p in parts for ring in (p.exterior, *p.interiors)), frame
+    )
 
 
 def moved(shape: BaseGeometry, frame: GridFrame, motion: Similarity) -> BaseGeometry:

@@ -76,7 +76,9 @@ def main() -> None:
 def draw_sheets(arguments: argparse.Namespace) -> None:
     """Draw every map by every model and write the tiles in an order drawn by chance."""
     paths = [
-        p for f in arguments.folders for p in sorted(f.glob("*.yaml"))[arguments.skip :: arguments.every]
+        p
+        for f in arguments.folders
+        for p in sorted(f.glob("*.yaml"))[arguments.skip :: arguments.every]
     ]
     models = arguments.models.split(",")
     with ProcessPoolExecutor(arguments.workers) as pool:
@@ -98,7 +100,9 @@ def draw_sheets(arguments: argparse.Namespace) -> None:
         write_picture(arguments.output / f"sheet_{first // (rows * cols) + 1:02d}.png", sheet)
 
 
-def draw_map(path: Path, models: Sequence[str]) -> list[tuple[str, str, ByteArray, dict[str, float]]]:
+def draw_map(
+    path: Path, models: Sequence[str]
+) -> list[tuple[str, str, ByteArray, dict[str, float]]]:
     """A map by each model: its name, the model's, the tile and figures."""
     drawn = []
     for name in models:
@@ -114,7 +118,8 @@ def draw_map(path: Path, models: Sequence[str]) -> list[tuple[str, str, ByteArra
 def figures(drawing: Drawing) -> dict[str, float]:
     """Figures that are counted without looking."""
     seen = filled(
-        drawing.floor.difference(shapely.union_all(list(drawing.inferred_floor))), drawing.grid.frame
+        drawing.floor.difference(shapely.union_all(list(drawing.inferred_floor))),
+        drawing.grid.frame,
     )
     inferred = sum(float(part.area) for part in drawing.inferred_floor)
     return {
@@ -154,7 +159,12 @@ def tile(drawing: Drawing) -> ByteArray:
     arm = np.array([np.cos(radians), -np.sin(radians)]) * 25
     for x, y in (arm, np.array([arm[1], -arm[0]])):
         cv2.line(
-            page, (35, height - 35), (round(35 + x), round(height - 35 + y)), (200, 0, 0), 1, cv2.LINE_AA
+            page,
+            (35, height - 35),
+            (round(35 + x), round(height - 35 + y)),
+            (200, 0, 0),
+            1,
+            cv2.LINE_AA,
         )
     pair = np.hstack([plain, np.full((height, 4, 3), 90, np.uint8), page])
     return np.pad(pair, ((24, 4), (2, 6), (0, 0)), constant_values=190)
@@ -194,11 +204,22 @@ def count_grades(arguments: argparse.Namespace) -> None:
     """Open the key and count."""
     key = json.loads((arguments.output / "key.json").read_text(encoding="utf-8"))
     grades = json.loads((arguments.output / "grades.json").read_text(encoding="utf-8"))
-    columns = ("map", "model", "grade", "reason", "never seen, in SEEN", "inferred", "rooms", "doors")
+    columns = (
+        "map",
+        "model",
+        "grade",
+        "reason",
+        "never seen, in SEEN",
+        "inferred",
+        "rooms",
+        "doors",
+    )
     rows: list[dict[str, Any]] = []
     for number, (grade, reason) in grades.items():
         if grade not in GRADES:
-            raise SystemExit(f"tile {number}: the grade is {grade!r}, not one of {', '.join(GRADES)}")
+            raise SystemExit(
+                f"tile {number}: the grade is {grade!r}, not one of {', '.join(GRADES)}"
+            )
         rows.append({**key[number], "grade": grade, "reason": reason})
     rows.sort(key=lambda one: (one["map"], one["model"]))
     print_and_save(
@@ -214,7 +235,9 @@ def count_grades(arguments: argparse.Namespace) -> None:
 
 def counts(rows: Sequence[dict[str, Any]]) -> dict[str, float]:
     """Number of drawings with each grade, and the floor never seen in the layer SEEN."""
-    found: dict[str, float] = {grade: sum(one["grade"] == grade for one in rows) for grade in GRADES}
+    found: dict[str, float] = {
+        grade: sum(one["grade"] == grade for one in rows) for grade in GRADES
+    }
     shares = [one["never seen, in SEEN"] for one in rows]
     return found | {"never seen, mean": round(float(np.mean(shares)), 4), "most": max(shares)}
 

@@ -23,7 +23,17 @@ from report import print_and_save
 
 WIDEST_DOOR = 1.6
 """[m]."""
-COUNTS = ("usable", "merged", "split", "missing", "doors_true", "door_hits", "door_false", "closed", "CPU s")
+COUNTS = (
+    "usable",
+    "merged",
+    "split",
+    "missing",
+    "doors_true",
+    "door_hits",
+    "door_false",
+    "closed",
+    "CPU s",
+)
 MEANS = ("f1", "lost_pct", "unseen_pct", "fan_pct")
 """Of the maps for which there is one."""
 
@@ -45,7 +55,9 @@ def main() -> None:
         seconds = time.process_time() - begun
         (path,) = write_drawing(drawing, arguments.output / truth.name, ["json"])
         found = scorer.score(str(truth), str(path), WIDEST_DOOR)
-        rows.append({**found, "map": truth.name, "usable": int(found["usable"]), "CPU s": round(seconds, 2)})
+        rows.append(
+            {**found, "map": truth.name, "usable": int(found["usable"]), "CPU s": round(seconds, 2)}
+        )
     total: dict[str, Any] = {"map": "all"}
     total |= {count: sum(row[count] or 0 for row in rows) for count in COUNTS}
     for mean in MEANS:

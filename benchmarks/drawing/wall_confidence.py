@@ -43,8 +43,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on")
-    parser.add_argument("--try", nargs="*", default=[], dest="fresh", help="NAME=FOLDER of other plans")
+    parser.add_argument(
+        "--fit", nargs="*", type=Path, default=[], help="datasets to fit the coefficients on"
+    )
+    parser.add_argument(
+        "--try", nargs="*", default=[], dest="fresh", help="NAME=FOLDER of other plans"
+    )
     parser.add_argument("--model", default="slam2cad", help="as `slamgym cad --model`")
     parser.add_argument("--least-seen", type=float, default=0.7, help="of the true floor")
     arguments = parser.parse_args()
@@ -116,7 +120,9 @@ def fitted(signs: FloatArray, true: BoolArray) -> list[float]:
 
     def loss(weights: FloatArray) -> float:
         odds = inputs @ weights
-        return float(np.mean(np.logaddexp(0.0, odds) - true * odds) + PENALTY * np.sum(weights[1:] ** 2))
+        return float(
+            np.mean(np.logaddexp(0.0, odds) - true * odds) + PENALTY * np.sum(weights[1:] ** 2)
+        )
 
     found = minimize(loss, np.zeros(inputs.shape[1]), method="BFGS").x
     return [round(float(value), 2) for value in found]

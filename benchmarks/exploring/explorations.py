@@ -103,7 +103,11 @@ class Profile:
     @contextmanager
     def watching(self) -> Iterator[None]:
         """Time the parts inside the block."""
-        kept = [(owner, name, getattr(owner, name)) for places in PARTS.values() for owner, name in places]
+        kept = [
+            (owner, name, getattr(owner, name))
+            for places in PARTS.values()
+            for owner, name in places
+        ]
         for part, places in PARTS.items():
             for owner, name in places:
                 setattr(owner, name, self.timed(part, getattr(owner, name)))
@@ -127,7 +131,9 @@ def main() -> None:
     arguments = tyro.cli(Arguments)
     warm_up()
     env = ExploreConfig(slam=SlamConfig(mode=arguments.mode))
-    config = DatasetConfig(arguments.seed, "useful", EpisodeConfig(minutes=arguments.minutes, env=env))
+    config = DatasetConfig(
+        arguments.seed, "useful", EpisodeConfig(minutes=arguments.minutes, env=env)
+    )
     plans = open_plans(arguments.plans)
     tasks = list(islice(explorations(plans, config), arguments.explorations))
     profile = Profile()
@@ -160,7 +166,10 @@ def report(arguments: Arguments, profile: Profile, costs: list[Cost]) -> None:
     loop, kernel = np.mean([cost.yardsticks for cost in costs], axis=0).tolist()
     parts = sorted(profile.seconds.items(), key=lambda item: -item[1])
     parts += [("other", total - sum(profile.seconds.values())), ("all", total)]
-    rows = [[part, round(seconds * scale, 3), round(100.0 * seconds / total, 1)] for part, seconds in parts]
+    rows = [
+        [part, round(seconds * scale, 3), round(100.0 * seconds / total, 1)]
+        for part, seconds in parts
+    ]
     title = (
         f"{arguments.minutes:g} min of robot time, {arguments.mode}: {total * scale / loop:.2f} loops; "
         f"goal {GOAL:g} ({len(costs)} explorations of {Path(arguments.plans).name}, "

@@ -82,7 +82,9 @@ def evaluate_all(arguments: Arguments) -> None:
         houses = run("houseexpo", "HouseExpo", open_plans(arguments.plans), homes, arguments)
         plot = arguments.out / "houseexpo" / PLOT.name
         number = len({trial.plan for trial in houses.trials})
-        draw_coverage(houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval")
+        draw_coverage(
+            houses.trials, plot, f"{number} HouseExpo plans: mean, with its 95 % interval"
+        )
         if arguments.page:
             shutil.copy(plot, PLOT)
     if arguments.offices:
@@ -105,7 +107,12 @@ def run(
     if name == ON_PAGE:
         replace_part(PAGE, name, f"### {heading}\n\n{text.partition(SECOND_TABLE)[0].rstrip()}\n")
     summary = dataclasses.asdict(summarise_trials(evaluation.trials, arguments.against))
-    document = {"name": f"explorers_{name}", **environment(), "seed": config.seed, "summary": summary}
+    document = {
+        "name": f"explorers_{name}",
+        **environment(),
+        "seed": config.seed,
+        "summary": summary,
+    }
     # The path of the plans is the machine's own.
     document["command"] = (
         f"python benchmarks/exploring/explorers.py json.tar.gz --count {arguments.count} --offices {arguments.offices} "

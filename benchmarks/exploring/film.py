@@ -25,7 +25,9 @@ AT_THE_END = 1.5
 """Time for which the last picture of a building stays [s]."""
 
 
-def pictures(plan: FloorPlan, explorer: str, seed: int, stride: int, height: int) -> Iterator[ByteArray]:
+def pictures(
+    plan: FloorPlan, explorer: str, seed: int, stride: int, height: int
+) -> Iterator[ByteArray]:
     """Every n-th moment of an exploration, with a caption."""
     config = fitted_env(plan, ExploreConfig().for_explorer(), "auto")
     env = ExploreEnv(plan, config, render_mode="rgb_array")
@@ -45,7 +47,9 @@ def captioned(env: ExploreEnv, name: str, share: float, height: int) -> ByteArra
     picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
     line = np.full((CAPTION, width, 3), 255, dtype=np.uint8)
     text = f"{name}   {env.simulation.time:.0f} s   {share:.0%}"
-    cv2.putText(line, text, (6, CAPTION - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA)
+    cv2.putText(
+        line, text, (6, CAPTION - 8), cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40), 1, cv2.LINE_AA
+    )
     return np.vstack([line, picture])
 
 

@@ -69,7 +69,9 @@ class Grey:
         before = self._belief["at"]
         row, col = (
             round((there - here) / frame.resolution)
-            for there, here in zip(self._belief["low"], (frame.origin_y, frame.origin_x), strict=True)
+            for there, here in zip(
+                self._belief["low"], (frame.origin_y, frame.origin_x), strict=True
+            )
         )
         if before.size:
             own, theirs = overlap(belief.shape, before.shape, row, col)
@@ -116,11 +118,15 @@ def costmap(grid: OccupancyGrid) -> Message:
     import cv2
 
     values = values_of(grid)
-    apart = cv2.distanceTransform((values != 100).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    apart = cv2.distanceTransform(
+        (values != 100).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
     apart = apart * grid.frame.resolution
     costs = np.where(apart > 0.55, 0.0, 252.0 * np.exp(-3.0 * (apart - 0.22)))
     published = np.where(costs >= 1.0, 1 + 97 * (costs - 1) // 251, 0)
-    inside = np.where(apart == 0.0, 100, np.where(apart <= 0.22, 99, np.where(values < 0, -1, published)))
+    inside = np.where(
+        apart == 0.0, 100, np.where(apart <= 0.22, 99, np.where(values < 0, -1, published))
+    )
     return message(inside.astype(np.int8), *grid.frame[:3])
 
 
@@ -139,7 +145,9 @@ APART = 0.017, -0.031
 
 def environment_of(plan: FloorPlan, mode: Any, resolution: float) -> ExploreEnv:
     config = fitted_env(
-        plan, ExploreConfig(slam=SlamConfig(mode=mode, resolution=resolution)).for_explorer(), "auto"
+        plan,
+        ExploreConfig(slam=SlamConfig(mode=mode, resolution=resolution)).for_explorer(),
+        "auto",
     )
     return ExploreEnv(plan, config)
 
@@ -165,14 +173,20 @@ def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[s
     env, rewrite, maps = environment_of(plan, mode, resolution), make(), ForeignMap("/map")
     _, info = env.reset(seed=exploration_seed(0, plan.id, 0), options={"plan": plan})
     settings = ExploreParameters(explorer=explorer, robot_radius=env.config.robot.radius)
-    exploration, context, limit = Exploration(settings), env.explorer_context(), time_limit(plan, "auto")
+    exploration, context, limit = (
+        Exploration(settings),
+        env.explorer_context(),
+        time_limit(plan, "auto"),
+    )
     simulation = env.simulation
     texts: list[str] = []
     while exploration.state is not ExplorationState.DONE and simulation.time < limit:
         if simulation.steps % env.config.publication_steps == 0:
             values, width, height, cell, origin = rewrite(env.mapper.occupancy_grid())
             exploration.take_map(maps.take(values, width, height, cell, moved(origin)))
-        order = exploration.step(moved(simulation.believed_pose), simulation.scan, 1.7e9 + simulation.time)
+        order = exploration.step(
+            moved(simulation.believed_pose), simulation.scan, 1.7e9 + simulation.time
+        )
         texts += [] if texts[-1:] == [exploration.state.value] else [exploration.state.value]
         _, _, _, _, info = env.step(context.to_action(order.twist))
     is_done = exploration.state is ExplorationState.DONE
@@ -189,11 +203,24 @@ def trial(task: tuple[str, str, str, str]) -> dict[str, Any]:
     """One exploration of a plan's id, an explorer, a form and a mode."""
     plan_id, explorer, form, mode = task
     plan = open_plans(PLANS).load(plan_id)
-    found = explore_ours(plan, explorer, mode) if form == "ours" else explore_form(plan, explorer, form, mode)
-    return {"plan": plan_id, "explorer": explorer, "form": form, "mode": mode, "area": plan.area, **found}
+    found = (
+        explore_ours(plan, explorer, mode)
+        if form == "ours"
+        else explore_form(plan, explorer, form, mode)
+    )
+    return {
+        "plan": plan_id,
+        "explorer": explorer,
+        "form": form,
+        "mode": mode,
+        "area": plan.area,
+        **found,
+    }
 
 
-def trials(tasks: list[tuple[str, str, str, str]], out: Path, workers: int) -> Iterator[dict[str, Any]]:
+def trials(
+    tasks: list[tuple[str, str, str, str]], out: Path, workers: int
+) -> Iterator[dict[str, Any]]:
     """All trials; those that are in a file of JSON lines are read, the others are done and written there."""
     names = ("plan", "explorer", "form", "mode")
     lines = out.read_text().splitlines() if out.exists() else []
@@ -218,7 +245,12 @@ def main() -> None:
     arguments = parser.parse_args()
     explorers, forms = arguments.explorers.split(","), arguments.forms.split(",")
     ids = open_plans(PLANS).ids[: arguments.homes]
-    tasks = [(one, explorer, form, arguments.mode) for form in forms for explorer in explorers for one in ids]
+    tasks = [
+        (one, explorer, form, arguments.mode)
+        for form in forms
+        for explorer in explorers
+        for one in ids
+    ]
     found = list(trials(tasks, arguments.out, arguments.workers))
     rows = []
     for form in forms:

@@ -76,15 +76,20 @@ def main() -> None:
     tracks = [
         freeze(Track("homes", "homes", False, ClutterConfig(), ()), homes),
         freeze(
-            Track("loops", "offices and schools with loops", True, ClutterConfig(), ()), shipped[:OFFICES]
+            Track("loops", "offices and schools with loops", True, ClutterConfig(), ()),
+            shipped[:OFFICES],
         ),
         freeze(
             Track("large", "large schools and offices with loops", True, ClutterConfig(), ()),
             shipped[OFFICES:],
         ),
-        freeze(Track("furnished", "homes with furniture and doors", False, FURNISHED, ()), homes[:VARIANTS]),
         freeze(
-            Track("people", "the same with two people who walk about", False, PEOPLED, ()), homes[:VARIANTS]
+            Track("furnished", "homes with furniture and doors", False, FURNISHED, ()),
+            homes[:VARIANTS],
+        ),
+        freeze(
+            Track("people", "the same with two people who walk about", False, PEOPLED, ()),
+            homes[:VARIANTS],
         ),
     ]
     write_manifest(tracks)
@@ -104,12 +109,18 @@ def draw_homes(source: PlanSource) -> list[FloorPlan]:
             plans.append(plan)
         if len(plans) == 2 * HOMES:
             break
-    others = [plan for split in ("train", "validation") for plan in useful(source, ids_of(source.ids, split))]
+    others = [
+        plan
+        for split in ("train", "validation")
+        for plan in useful(source, ids_of(source.ids, split))
+    ]
     print(f"{len(plans)} candidates against {len(others)} others")
     prints = [plan_print(plan) for plan in (*plans, *others)]
     groups = near_duplicates(np.stack(prints))
     counts = np.bincount(groups, minlength=len(prints))
-    alone = [plan for plan, group in zip(plans, groups[: len(plans)], strict=True) if counts[group] == 1]
+    alone = [
+        plan for plan, group in zip(plans, groups[: len(plans)], strict=True) if counts[group] == 1
+    ]
     print(f"{len(alone)} of them look like no other")
     return alone[:HOMES]
 
@@ -191,7 +202,9 @@ def freeze(track: Track, plans: Sequence[FloorPlan]) -> Track:
         env = ExploreEnv(plan, fitted_env(plan, track.trial.env, "auto"))
         env.reset(seed=seed, options={"plan": plan})
         x, y, theta = env.start
-        building = Building(plan_id, outline_hash(plan), seed, (round(x, 3), round(y, 3), round(theta, 4)))
+        building = Building(
+            plan_id, outline_hash(plan), seed, (round(x, 3), round(y, 3), round(theta, 4))
+        )
         env.reset(
             seed=seed, options={"plan": plan, "start": building.start}
         )  # rounding may have moved it into a wall
@@ -216,7 +229,9 @@ def write_manifest(tracks: Sequence[Track]) -> None:
         ]
         head = {"about": track.about, "shipped": track.shipped, "clutter": to_dict(track.clutter)}
         lines = ",\n   ".join(json.dumps(row) for row in rows)
-        parts.append(f'  {json.dumps(track.name)}: {json.dumps(head)[:-1]}, "buildings": [\n   {lines}]}}')
+        parts.append(
+            f'  {json.dumps(track.name)}: {json.dumps(head)[:-1]}, "buildings": [\n   {lines}]}}'
+        )
     opening = f' "bench": {json.dumps(BENCH)},\n "version": {BENCH_VERSION},\n "tracks": {{\n'
     MANIFEST.write_text("{\n" + opening + ",\n".join(parts) + "\n }\n}\n", encoding="utf-8")
 

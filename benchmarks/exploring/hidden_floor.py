@@ -96,7 +96,11 @@ def main() -> None:
     arguments = tyro.cli(Arguments)
     arguments.out.mkdir(parents=True, exist_ok=True)
     weights = train(list(logged(arguments)), arguments)
-    about = {"version": __version__, "explorations": arguments.explorations, "epochs": arguments.epochs}
+    about = {
+        "version": __version__,
+        "explorations": arguments.explorations,
+        "epochs": arguments.epochs,
+    }
     for risk in RISKS:
         path = arguments.out / "hidden_floor.safetensors"
         save(path, weights, about | {"risk": risk})
@@ -108,7 +112,9 @@ def main() -> None:
 
 def save(path: Path, weights: dict[str, Any], about: dict[str, Any]) -> None:
     """Write the network."""
-    write_weights(path, weights, {"space": DESCRIPTION[0], "network": DESCRIPTION[1], "about": about})
+    write_weights(
+        path, weights, {"space": DESCRIPTION[0], "network": DESCRIPTION[1], "about": about}
+    )
 
 
 # Explorations to learn from.
@@ -119,7 +125,9 @@ def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
     count, seed = arguments.explorations, arguments.seed
     plans = draw_plans((arguments.plans,), "train", round(0.75 * count), seed)
     plans += draw_plans(("procedural:home:loops",), "train", round(0.2 * count), seed)
-    plans += draw_plans(("procedural:office:loops",), "train", max(1, count - len(plans)), seed, 300.0)
+    plans += draw_plans(
+        ("procedural:office:loops",), "train", max(1, count - len(plans)), seed, 300.0
+    )
     for number, plan in enumerate([*plans, *large_plans(arguments.plans, arguments.large, seed)]):
         path = arguments.out / f"{number:04}.npz"
         if not path.exists():
@@ -131,7 +139,10 @@ def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
 
 def large_plans(houseexpo: str, count: int, seed: int) -> Iterator[FloorPlan]:
     """Large buildings of the training split, HouseExpo's and generated ones in turn."""
-    source, office = open_plans(houseexpo), PlanGeneratorConfig(kind="office", office_area=LARGE, loops=1.0)
+    source, office = (
+        open_plans(houseexpo),
+        PlanGeneratorConfig(kind="office", office_area=LARGE, loops=1.0),
+    )
     ids = iter(shuffled(ids_of(source.ids, "train"), seed))
     found = 0
     for number in itertools.count():
@@ -139,7 +150,11 @@ def large_plans(houseexpo: str, count: int, seed: int) -> Iterator[FloorPlan]:
             return
         try:
             rng = np.random.default_rng([seed, number])
-            plan = generate_plan(rng, office, f"large_{number}") if found % 2 else source.load(next(ids))
+            plan = (
+                generate_plan(rng, office, f"large_{number}")
+                if found % 2
+                else source.load(next(ids))
+            )
             check_plan(plan, ExploreConfig().robot.radius)
         except PlanError:
             continue
@@ -158,7 +173,10 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
     observation, _ = env.reset(seed=exploration_seed(7, plan.id, 0))
     context = env.explorer_context()
     loop, looks = ExplorationLoop(context), Looks(context)
-    least, at_random = rng.choice(DROPPED_BELOW), rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
+    least, at_random = (
+        rng.choice(DROPPED_BELOW),
+        rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area),
+    )
     found: list[tuple[Any, ...]] = []
     truncated = False
     while not (truncated or loop.finished or loop.time > LONGEST):
@@ -167,7 +185,9 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
         while is_due:
             areas = hidden_areas(env, loop)
             if loop.wanted and rng.random() < (0.8 if env.coverage.share > 0.9 else 0.35):
-                found.append((describe_frontiers(loop, looks, loop.wanted), areas.astype(np.float32)))
+                found.append(
+                    (describe_frontiers(loop, looks, loop.wanted), areas.astype(np.float32))
+                )
             hides = dict(zip(map(id, loop.wanted), areas, strict=True))
             kept = np.array([hides[id(one.frontier)] >= least for one in loop.candidates])
             index = (
@@ -191,7 +211,8 @@ def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
     x = frame.origin_x + (cols + 0.5) * CELL - env.start.x
     y = frame.origin_y + (rows + 0.5) * CELL - env.start.y
     row, col = (
-        np.clip(at, 0, most - 1) for at, most in zip(grid.frame.to_cell(x, y), grid.frame.shape, strict=True)
+        np.clip(at, 0, most - 1)
+        for at, most in zip(grid.frame.to_cell(x, y), grid.frame.shape, strict=True)
     )
     passable = floor & ((grid.cells[row, col] == UNKNOWN) | unseen)
     costmap = loop.navigator.costmap
@@ -212,7 +233,12 @@ def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
             seeds += [(dr * dr + dc * dc, r + dr, c + dc, index) for dr, dc in around]
     queue: list[int] = []
     for _, r, c, index in sorted(seeds):
-        if 0 <= r < floor.shape[0] and 0 <= c < floor.shape[1] and passable[r, c] and labels[r, c] < 0:
+        if (
+            0 <= r < floor.shape[0]
+            and 0 <= c < floor.shape[1]
+            and passable[r, c]
+            and labels[r, c] < 0
+        ):
             labels[r, c] = index
             queue.append(r * floor.shape[1] + c)
     spread(passable, labels, np.array([*queue, *[0] * floor.size], np.int64), len(queue))
@@ -252,13 +278,17 @@ class Network(nn.Module):
         """Logits of the areas, shape (B, areas)."""
         values = (figures - self.mean) / self.scale
         for name in ("first", "second"):
-            values = nn.functional.dropout(torch.relu(self.layers[name](values)), 0.2, self.training)
+            values = nn.functional.dropout(
+                torch.relu(self.layers[name](values)), 0.2, self.training
+            )
         logits: torch.Tensor = self.layers["out"](values)
         return logits
 
     def exported(self) -> dict[str, Any]:
         """Weights that take in the figures as they are."""
-        weights = {name: value.detach().numpy().copy() for name, value in self.layers.state_dict().items()}
+        weights = {
+            name: value.detach().numpy().copy() for name, value in self.layers.state_dict().items()
+        }
         weights["first.weight"] /= self.scale.numpy()
         weights["first.bias"] -= weights["first.weight"] @ self.mean.numpy()
         return weights
@@ -269,16 +299,21 @@ def train(explored: Sequence[dict[str, Any]], arguments: Arguments) -> dict[str,
     torch.manual_seed(arguments.seed)
     torch.set_num_threads(1)
     figures, areas = (
-        torch.from_numpy(np.concatenate([one[name] for one in explored])) for name in ("figures", "areas")
+        torch.from_numpy(np.concatenate([one[name] for one in explored]))
+        for name in ("figures", "areas")
     )
     hides = (areas[:, None] >= torch.tensor(AREAS)).float()
     network, batch = Network(figures), 256
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=0.1)
     steps = arguments.epochs * math.ceil(len(areas) / batch)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimiser, 2e-3, total_steps=steps, pct_start=0.1)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimiser, 2e-3, total_steps=steps, pct_start=0.1
+    )
     for _ in range(arguments.epochs):
         for rows in torch.randperm(len(areas)).split(batch):
-            loss = nn.functional.binary_cross_entropy_with_logits(network(figures[rows]), hides[rows])
+            loss = nn.functional.binary_cross_entropy_with_logits(
+                network(figures[rows]), hides[rows]
+            )
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
@@ -304,7 +339,9 @@ def is_kept_often_enough(path: Path, risk: float, arguments: Arguments) -> bool:
                 env = ExploreEnv(plan, fitted_env(plan, env_config, "auto"))
                 loop = dataclasses.replace(TOUR_LOOP, promise=Promise())
                 explorer = SelectiveTour(env.explorer_context(), loop, path)
-                for _ in episode_steps(env, explorer, env.reset(seed=exploration_seed(5, plan.id, 0))):
+                for _ in episode_steps(
+                    env, explorer, env.reset(seed=exploration_seed(5, plan.id, 0))
+                ):
                     pass
                 time, share = round(env.simulation.time), 1.0 - env.coverage.share
                 row = {"group": name, "plan": plan.id, "time": time, "share": share}

@@ -107,7 +107,11 @@ def main() -> None:
     )
     arguments = parser.parse_args()
     track = read_bench().track("large")
-    chosen = [one for one in track.buildings if not arguments.plans or one.plan in arguments.plans.split(",")]
+    chosen = [
+        one
+        for one in track.buildings
+        if not arguments.plans or one.plan in arguments.plans.split(",")
+    ]
     track = dataclasses.replace(track, buildings=tuple(chosen))
     rows, steps = [], []
     for task in bench_tasks(track, open_bench_plans(track, ""), arguments.explorer):
@@ -118,11 +122,11 @@ def main() -> None:
     seen = sum(row[2] >= 100.0 * ENOUGH for row in rows)
     name = f"exploring/large_{arguments.explorer}_{arguments.mode}"
     title = f"{arguments.explorer}, {arguments.mode}: {seen} of {len(rows)} see {ENOUGH:.0%} of the floor"
-    heads = (
-        "plan|area [m2]|seen [%]|95 % after [s]|end [s]|worst pose error [m]|walls [m]|step [ms]|peak [MB]"
-    )
+    heads = "plan|area [m2]|seen [%]|95 % after [s]|end [s]|worst pose error [m]|walls [m]|step [ms]|peak [MB]"
     print_and_save(name, title, rows, heads.split("|"), times=["step [ms]"])
-    heads = "known [m2]|decisions|mean [ms]|median [ms]|all steps [ms]|mean / first|all steps / first"
+    heads = (
+        "known [m2]|decisions|mean [ms]|median [ms]|all steps [ms]|mean / first|all steps / first"
+    )
     title = "CPU time of a decision, and of all the explorer's steps, while so much is known"
     times = ["mean [ms]", "median [ms]", "all steps [ms]"]
     print_and_save(f"{name}_cost", title, costs(np.vstack(steps)), heads.split("|"), times=times)

@@ -14,7 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.agents.registry import make_explorer
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning import (
     ExplorerContext,
     Goal,

@@ -88,7 +88,9 @@ def main() -> None:
     arguments = tyro.cli(Arguments)
     found = {name: explore_group(arguments, name) for name in GROUPS}
     explored = [one for group in found.values() for one in group]
-    rows = [{"group": name, **figures(group)} for name, group in (found | {"all": explored}).items()]
+    rows = [
+        {"group": name, **figures(group)} for name, group in (found | {"all": explored}).items()
+    ]
     print_and_save("exploring/promise", f"{len(explored)} explorations", rows, list(rows[0]))
     if arguments.write:
         share = np.array([1.0 - one.stop[1] for one in explored], np.float32)
@@ -110,7 +112,9 @@ def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]
     group = GROUPS[name]
     source = open_plans(group.plans or houseexpo)
     order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
-    sharing = [other for other, one in GROUPS.items() if (one.plans, one.area) == (group.plans, group.area)]
+    sharing = [
+        other for other, one in GROUPS.items() if (one.plans, one.area) == (group.plans, group.area)
+    ]
     for plan_id in order[sharing.index(name) :: len(sharing)]:
         try:
             plan = source.load(plan_id)
@@ -161,9 +165,12 @@ def figures(explored: list[Exploration]) -> dict[str, object]:
         row[f"{text} kept [%]"] = (
             f"{100 * kept / len(explored):.0f} [{100 * interval.low:.0f}, {100 * interval.high:.0f}]"
         )
-    row["98% at the end [%]"] = round(100.0 * float(np.mean([one.end[1] >= 0.98 for one in explored])))
+    row["98% at the end [%]"] = round(
+        100.0 * float(np.mean([one.end[1] >= 0.98 for one in explored]))
+    )
     stops, ends = (
-        np.array(times) for times in zip(*((one.stop[0], one.end[0]) for one in explored), strict=True)
+        np.array(times)
+        for times in zip(*((one.stop[0], one.end[0]) for one in explored), strict=True)
     )
     ratio = ratio_of_means(stops, ends)
     row["time / without"] = f"{ratio.value:.2f} [{ratio.low:.2f}, {ratio.high:.2f}]"

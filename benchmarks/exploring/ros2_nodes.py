@@ -69,7 +69,13 @@ def main() -> None:
         shares = np.percentile(found, [50.0, 99.0, 100.0])
         growth = np.polyfit(half[:, 0], half[:, column], 1)[0]
         rows.append(
-            [name, len(found), *np.round(1000.0 * shares, 2).tolist(), table[-1, column], round(growth, 1)]
+            [
+                name,
+                len(found),
+                *np.round(1000.0 * shares, 2).tolist(),
+                table[-1, column],
+                round(growth, 1),
+            ]
         )
     print_and_save(
         f"exploring/ros2_nodes_{arguments.speed:g}",
@@ -85,7 +91,13 @@ def start(
 ) -> "subprocess.Popen[bytes]":
     """Start this script as a node, which is asked to end when the block ends."""
     words = ["--node", name, "--times", str(folder / f"{name}.json"), "--plans", arguments.plans]
-    command = [sys.executable, str(Path(__file__).resolve()), *words, "--speed", f"{arguments.speed:g}"]
+    command = [
+        sys.executable,
+        str(Path(__file__).resolve()),
+        *words,
+        "--speed",
+        f"{arguments.speed:g}",
+    ]
     with (folder / f"{name}.txt").open("wb") as text:
         node = subprocess.Popen(command, cwd=folder, stdout=text, stderr=text)
     running.callback(node.wait, 60.0)
@@ -185,7 +197,9 @@ def watch(
                 rclpy.spin_until_future_complete(node, resets.call_async(Trigger.Request()))
             hours = (before + now) / 3600.0
             if hours >= 0.1 * (len(samples) + 1) * min(1.0, arguments.hours):
-                samples.append([hours, *(round(resident_mb(process.pid), 1) for process in nodes.values())])
+                samples.append(
+                    [hours, *(round(resident_mb(process.pid), 1) for process in nodes.values())]
+                )
     finally:
         wall = time.monotonic() - began
         rclpy.shutdown()

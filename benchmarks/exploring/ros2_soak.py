@@ -81,14 +81,19 @@ class Watch(Node):
         self._truth.add(self.stamp, pose_of(message.pose, "pose"))
 
     def _take_pose(self, message: Any) -> None:
-        truth, pose = self._truth.at(stamp_of(message.header, 0.0)), pose_of(message.pose.pose, "pose")
+        truth, pose = (
+            self._truth.at(stamp_of(message.header, 0.0)),
+            pose_of(message.pose.pose, "pose"),
+        )
         if truth is not None:
             self.error = math.dist(truth[:2], pose[:2])
 
     def reset(self, seed: int) -> None:
         """Begin another exploration."""
         value = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=seed)
-        self._call(self._set, SetParameters.Request(parameters=[Parameter(name="seed", value=value)]))
+        self._call(
+            self._set, SetParameters.Request(parameters=[Parameter(name="seed", value=value)])
+        )
         self.status = ""
         self._call(self._reset, Trigger.Request())
 
@@ -110,7 +115,9 @@ def main() -> None:
         }
         command = [sys.executable, "-m", "slamgym", "ros2"]
         with (Path(folder) / "log").open("w") as log:
-            nodes = [subprocess.Popen([*command, name, *options[name]], stderr=log) for name in NODES]
+            nodes = [
+                subprocess.Popen([*command, name, *options[name]], stderr=log) for name in NODES
+            ]
             try:
                 rows, memory = soak(watch, nodes, arguments)
             except SystemExit:
@@ -134,7 +141,9 @@ def main() -> None:
     )
 
 
-def soak(watch: Watch, nodes: list[Any], arguments: Arguments) -> tuple[list[list[Any]], list[list[float]]]:
+def soak(
+    watch: Watch, nodes: list[Any], arguments: Arguments
+) -> tuple[list[list[Any]], list[list[float]]]:
     """Explore until the hours are over: a row for each exploration, and the memory of the nodes after it [MB]."""
     rows: list[list[Any]] = []
     memory: list[list[float]] = []
@@ -143,7 +152,9 @@ def soak(watch: Watch, nodes: list[Any], arguments: Arguments) -> tuple[list[lis
         begun = time.monotonic()
         while not watch.status.startswith("done") and watch.stamp < arguments.limit:
             rclpy.spin_once(watch, timeout_sec=0.5)
-            ended = [name for name, node in zip(NODES, nodes, strict=True) if node.poll() is not None]
+            ended = [
+                name for name, node in zip(NODES, nodes, strict=True) if node.poll() is not None
+            ]
             if ended:
                 raise SystemExit(f"the node {ended[0]} has ended")
         ending = "done" if watch.status.startswith("done") else f"stuck: {watch.status}"

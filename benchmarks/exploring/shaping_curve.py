@@ -13,7 +13,10 @@ import matplotlib as mpl
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-COLUMNS = {"rollout/coverage": "share of the floor seen", "rollout/collisions": "contacts in an episode"}
+COLUMNS = {
+    "rollout/coverage": "share of the floor seen",
+    "rollout/collisions": "contacts in an episode",
+}
 COLOURS = ("#1971c2", "#e03131", "#2f9e44", "#f08c00", "#7048e8", "#0c8599", "#868e96")
 
 
@@ -24,7 +27,9 @@ def curve(run: Path, column: str) -> tuple[list[float], list[float]]:
         rows += csv.DictReader(path.read_text(encoding="utf-8").splitlines())
     kept = [row for row in rows if row.get(column) and row.get("time/total_timesteps")]
     kept.sort(key=lambda row: float(row["time/total_timesteps"]))
-    return [float(row["time/total_timesteps"]) / 1000.0 for row in kept], [float(row[column]) for row in kept]
+    return [float(row["time/total_timesteps"]) / 1000.0 for row in kept], [
+        float(row[column]) for row in kept
+    ]
 
 
 def main() -> None:

@@ -41,7 +41,11 @@ def main() -> None:
         ("time", "done", "#2f9e44"),
     ):
         right.plot(
-            [float(r["steps"]) for r in rows], [float(r[name]) for r in rows], "o-", color=colour, label=label
+            [float(r["steps"]) for r in rows],
+            [float(r[name]) for r in rows],
+            "o-",
+            color=colour,
+            label=label,
         )
     right.set(xlabel="decisions", ylabel="s", title="validation plans: time until")
     right.legend(frameon=False)

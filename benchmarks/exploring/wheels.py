@@ -92,7 +92,9 @@ def draw_curve(path: Path) -> None:
     figure.savefig(IMAGE, dpi=110)
 
 
-def explore(name: str, plan: FloorPlan, seed: int, arguments: argparse.Namespace) -> tuple[float, ...]:
+def explore(
+    name: str, plan: FloorPlan, seed: int, arguments: argparse.Namespace
+) -> tuple[float, ...]:
     """Coverage, contacts in five minutes, path [m] and time [s] of one exploration."""
     seconds = arguments.seconds
     config = ExploreConfig(time_limit=seconds).for_explorer()

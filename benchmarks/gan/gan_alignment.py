@@ -70,7 +70,10 @@ def ecc(motion: int) -> Align:
             except cv2.error:
                 break  # it has run out of overlap
         moved = cv2.warpAffine(
-            image.astype(np.float32), warp, image.shape[::-1], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+            image.astype(np.float32),
+            warp,
+            image.shape[::-1],
+            flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP,
         )
         return min(squared_error(image, target), squared_error(moved.astype(np.float64), target))
 
@@ -83,7 +86,9 @@ def features(make: Callable[[], cv2.Feature2D], norm: int) -> Align:
     def align(image: FloatArray, target: FloatArray) -> float:
         unaligned = squared_error(image, target)
         detector = make()
-        found = [detector.detectAndCompute((i * 255).astype(np.uint8), None) for i in (image, target)]
+        found = [
+            detector.detectAndCompute((i * 255).astype(np.uint8), None) for i in (image, target)
+        ]
         if any(descriptors is None or len(descriptors) < 3 for _, descriptors in found):
             return unaligned
         matches = cv2.BFMatcher(norm).knnMatch(found[0][1], found[1][1], k=2)
@@ -95,7 +100,9 @@ def features(make: Callable[[], cv2.Feature2D], norm: int) -> Align:
         warp, _ = cv2.estimateAffinePartial2D(a, b, method=cv2.RANSAC, ransacReprojThreshold=4.0)
         if warp is None:
             return unaligned
-        moved = cv2.warpAffine(image.astype(np.float32), warp, image.shape[::-1], flags=cv2.INTER_LINEAR)
+        moved = cv2.warpAffine(
+            image.astype(np.float32), warp, image.shape[::-1], flags=cv2.INTER_LINEAR
+        )
         return min(unaligned, squared_error(moved.astype(np.float64), target))
 
     return align
@@ -121,7 +128,10 @@ def moved_pairs(images: Path, pairs: int, moves: int) -> list[list[tuple[FloatAr
         image = (loaded.slam[i] == FREE).astype(np.float64)
         drawn = rng.uniform(-1.0, 1.0, (moves, 4)) * (MAX_SHIFT, MAX_SHIFT, MAX_TURN, MAX_LOG_SCALE)
         result.append(
-            [((apply_similarity(image, Similarity(*d)) >= 0.5).astype(np.float64), target) for d in drawn]
+            [
+                ((apply_similarity(image, Similarity(*d)) >= 0.5).astype(np.float64), target)
+                for d in drawn
+            ]
         )
     return result
 
@@ -130,7 +140,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("images", type=Path, help="folder that `slamgym dataset render` has written")
+    parser.add_argument(
+        "images", type=Path, help="folder that `slamgym dataset render` has written"
+    )
     parser.add_argument("--pairs", type=int, default=24)
     parser.add_argument("--moves", type=int, default=4)
     parser.add_argument("--floor", action="store_true", help="measure perfect answers instead")
@@ -153,11 +165,19 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
         errors[name] = np.array([[align(*pair) for pair in row] for row in moved])
         milliseconds[name] = 1e3 * (time.process_time() - begun) / errors[name].size
     reference = np.array([[exhaustive(*pair) for pair in row] for row in moved])
-    best = np.minimum(reference, np.min([e for n, e in errors.items() if "affine" not in n], axis=0))
+    best = np.minimum(
+        reference, np.min([e for n, e in errors.items() if "affine" not in n], axis=0)
+    )
     rows: list[tuple[str, float, float, float, float | None]] = [
-        ("no alignment", *_row(np.array([[squared_error(*p) for p in r] for r in moved]), best), 0.0)
+        (
+            "no alignment",
+            *_row(np.array([[squared_error(*p) for p in r] for r in moved]), best),
+            0.0,
+        )
     ]
-    rows += [(name, *_row(error, best), round(milliseconds[name], 1)) for name, error in errors.items()]
+    rows += [
+        (name, *_row(error, best), round(milliseconds[name], 1)) for name, error in errors.items()
+    ]
     rows.append(("the best of all similarities", *_row(best, best), None))
     print_and_save(
         "gan/gan_alignment",
@@ -178,7 +198,11 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
 def _row(errors: np.ndarray, best: np.ndarray) -> tuple[float, float, float]:
     # The same map from other poses should give the same error, but for the resampling of the pose itself.
     spread = float(errors.std(axis=1).mean())
-    return round(float(errors.mean()), 4), round(float((errors <= best + NEAR).mean()), 3), round(spread, 4)
+    return (
+        round(float(errors.mean()), 4),
+        round(float((errors <= best + NEAR).mean()), 3),
+        round(spread, 4),
+    )
 
 
 def coarse(size: int, enlargement: str) -> Answer:
@@ -207,7 +231,9 @@ def thickened(free: BoolArray, px: int) -> BoolArray:
 def measure_floor(images: Path, count: int) -> None:
     pairs = load_pairs(images, "test", 256)
     pairs = pairs.subset(evenly_spaced(len(pairs), count))
-    answers: dict[str, tuple[Answer, int]] = {"raw SLAM map (MSE2)": (lambda p, i: p.slam[i] == FREE, 0)}
+    answers: dict[str, tuple[Answer, int]] = {
+        "raw SLAM map (MSE2)": (lambda p, i: p.slam[i] == FREE, 0)
+    }
     for size in COARSE_SIZES:
         for enlargement in ENLARGEMENTS:
             answers[f"CAD map at {size} x {size}, {enlargement}"] = (coarse(size, enlargement), 0)
@@ -251,7 +277,9 @@ def measure_floor(images: Path, count: int) -> None:
     print_and_save("gan/gan_error_floor", title, rows, columns)
 
 
-def score_answer(free: BoolArray, pairs: PairSet, i: int, thicker: int) -> tuple[float, float, float]:
+def score_answer(
+    free: BoolArray, pairs: PairSet, i: int, thicker: int
+) -> tuple[float, float, float]:
     cad: ByteArray = pairs.cad[i]
     if thicker:
         cad = np.where(thickened(cad > 127, thicker), FREE, 0).astype(np.uint8)

@@ -53,7 +53,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--resolutions", type=int, nargs="+", default=[32, 64, 128, 256])
-    parser.add_argument("--steps", type=int, help="measured steps after one to warm up (2; 4 with --layouts)")
+    parser.add_argument(
+        "--steps", type=int, help="measured steps after one to warm up (2; 4 with --layouts)"
+    )
     parser.add_argument("--layouts", action="store_true", help="compare layouts and folds instead")
     parser.add_argument("--threads", type=int, default=1, help="with --layouts")
     arguments = parser.parse_args()
@@ -73,15 +75,24 @@ def compare_with_published(resolutions: list[int], steps: int) -> None:
         rows.append(measure("identical", paper, side, 4, "float32", steps))
         rows.append(measure("halved patch discriminators", halved, side, 4, "float32", steps))
         rows.append(measure("halved, bfloat16", halved, side, 4, "bfloat16", steps))
-    rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "float32", steps))
-    rows.append(measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "bfloat16", steps))
+    rows.append(
+        measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "float32", steps)
+    )
+    rows.append(
+        measure("slam2cad (default)", TRANSLATOR_PRESETS["slam2cad"], 256, 8, "bfloat16", steps)
+    )
     rows.append(inference())
     title = "Cost of one image (training step; last row: a translation)"
     print_and_save("gan/gan_cost", title, rows, COLUMNS, times=("CPU s per image",))
 
 
 def measure(
-    name: str, config: TranslatorTrainingConfig, side: int, batch_size: int, precision: str, steps: int
+    name: str,
+    config: TranslatorTrainingConfig,
+    side: int,
+    batch_size: int,
+    precision: str,
+    steps: int,
 ) -> list:
     compute = Compute(torch.device("cpu"), precision)  # type: ignore[arg-type]
     learner = Learner(config, compute)
@@ -107,7 +118,16 @@ def inference() -> list:
     with FlopCounterMode(display=False) as counter:
         translator.translate(slam)
     seconds = min(timed(lambda: translator.translate(slam)) for _ in range(5))
-    return ["slam2cad: translate", 256, 1, "float32", counter.get_total_flops() / 1e9, None, seconds, None]
+    return [
+        "slam2cad: translate",
+        256,
+        1,
+        "float32",
+        counter.get_total_flops() / 1e9,
+        None,
+        seconds,
+        None,
+    ]
 
 
 def random_batch(count: int, side: int) -> Batch:
@@ -124,7 +144,10 @@ def timed(run: Callable[[], object]) -> float:
 
 def compare_layouts(steps: int) -> None:
     """CPU seconds per image of a whole step, augmentation left out."""
-    rows = [measure_layout("slam2cad", TRANSLATOR_PRESETS["slam2cad"], last, steps) for last in (False, True)]
+    rows = [
+        measure_layout("slam2cad", TRANSLATOR_PRESETS["slam2cad"], last, steps)
+        for last in (False, True)
+    ]
     first = rows[0][3]
     rows = [[*row[:4], round(row[3] / first, 3), row[4]] for row in rows]
     title = "A training step of the default translator, batch 8, 256 px"
@@ -132,15 +155,25 @@ def compare_layouts(steps: int) -> None:
     print_and_save("gan/gan_step", title, rows, LAYOUT_COLUMNS, times)
 
 
-def measure_layout(name: str, config: TranslatorTrainingConfig, channels_last: bool, steps: int) -> list:
-    learner = Learner(config, dataclasses.replace(choose_compute("cpu"), channels_last=channels_last))
+def measure_layout(
+    name: str, config: TranslatorTrainingConfig, channels_last: bool, steps: int
+) -> list:
+    learner = Learner(
+        config, dataclasses.replace(choose_compute("cpu"), channels_last=channels_last)
+    )
     batch = paired_batch(config)
     moment = Moment(256, len(batch.cad), 1.0, 1.0)
     warm_up = timed(lambda: learner.step(batch, moment))
     seconds = min(timed(lambda: learner.step(batch, moment)) for _ in range(steps)) / len(batch.cad)
     options = f"layout {'channels_last' if channels_last else 'contiguous'}"
     print(f"{name} {options}: {seconds:.4f} s", flush=True)
-    return [name, options, count_parameters(learner.generator), round(seconds, 4), round(warm_up, 1)]
+    return [
+        name,
+        options,
+        count_parameters(learner.generator),
+        round(seconds, 4),
+        round(warm_up, 1),
+    ]
 
 
 def paired_batch(config: TranslatorTrainingConfig) -> Batch:

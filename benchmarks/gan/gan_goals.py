@@ -46,14 +46,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--images", nargs="*", default=[], help="NAME=FOLDER of images with true faces")
+    parser.add_argument(
+        "--images", nargs="*", default=[], help="NAME=FOLDER of images with true faces"
+    )
     parser.add_argument(
         "--tb3", type=Path, help="folder of the TurtleBot3 house: cad.json, cad_walls.png, runs/"
     )
     parser.add_argument("--real", type=Path, help="folder of ROS maps of real robots")
     parser.add_argument("--weights", nargs="*", default=["slam2cad"], help="NAME or NAME=PATH")
     parser.add_argument("--split", default="test")
-    parser.add_argument("--count", type=int, default=0, help="maps of each set, evenly spaced; 0 takes all")
+    parser.add_argument(
+        "--count", type=int, default=0, help="maps of each set, evenly spaced; 0 takes all"
+    )
     arguments = parser.parse_args()
     used = methods(arguments.weights)
     sets: dict[str, PairSet] = {}
@@ -71,7 +75,10 @@ def main() -> None:
         rows += found
     if rows:
         print_and_save(
-            "gan/gan_goals", "Drawings against true plans; rigid alignment but where said", rows, columns
+            "gan/gan_goals",
+            "Drawings against true plans; rigid alignment but where said",
+            rows,
+            columns,
         )
     if arguments.real is not None:
         real = [row for method in used for row in never_seen(arguments.real, method)]

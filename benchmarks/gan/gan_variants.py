@@ -38,13 +38,18 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("images", type=Path, help="folder that `slamgym dataset render` has written")
+    parser.add_argument(
+        "images", type=Path, help="folder that `slamgym dataset render` has written"
+    )
     parser.add_argument(
         "-o", "--out", type=Path, default=Path("out/variants"), help="folder of the trainings"
     )
     parser.add_argument("--minutes", type=float, default=6.0, help="of each training")
     parser.add_argument(
-        "--only", type=int, nargs="*", help="numbers of the variants to train, from 0; no table then"
+        "--only",
+        type=int,
+        nargs="*",
+        help="numbers of the variants to train, from 0; no table then",
     )
     arguments = parser.parse_args()
     folders = {name: arguments.out / f"variant_{number}" for number, name in enumerate(VARIANTS)}
@@ -72,7 +77,9 @@ def train_variant(images: Path, run: Path, name: str, minutes: float) -> None:
     TABLE.run("slamgym", ["gan", "train", *arguments, *(["--set", *settings] if settings else [])])
 
 
-def row(name: str, translator: LearnedTranslator, pairs: PairSet, raw: np.ndarray) -> tuple[object, ...]:
+def row(
+    name: str, translator: LearnedTranslator, pairs: PairSet, raw: np.ndarray
+) -> tuple[object, ...]:
     """Figures of a translator, with intervals over plans for the error."""
     scores = evaluate_method(learned(name, translator), pairs)
     ratio = improvement(_column(scores, "mse"), raw, list(pairs.plan_ids)).ratio_of_means

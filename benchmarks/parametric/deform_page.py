@@ -37,9 +37,13 @@ def row(plan: FloorPlan, recipe: str, maker: Maker, methods: tuple[str, ...]) ->
         config = replace(config, turn_deg=0.0)
         episode = run_episode(plan, seed, config, make_explorer)
         start = episode.start
-        moved = GridFrame(frame.resolution, frame.origin_x - start.x, frame.origin_y - start.y, *frame.shape)
+        moved = GridFrame(
+            frame.resolution, frame.origin_x - start.x, frame.origin_y - start.y, *frame.shape
+        )
         pictures[0].append(resample_map(episode.slam_map, moved))
-        path = Trajectory(episode.truth.stamps, episode.truth.poses + np.array([start.x, start.y, 0.0]))
+        path = Trajectory(
+            episode.truth.stamps, episode.truth.poses + np.array([start.x, start.y, 0.0])
+        )
         for method, found in zip(methods, pictures[1:], strict=True):
             grid, _ = maker.make(method, plan, path, config, seed)
             found.append(resample_map(OccupancyGrid(grid.cells, grid.frame), frame))
@@ -56,7 +60,9 @@ def main() -> None:
     arguments = parser.parse_args()
     methods = tuple(arguments.methods)
     maker = Maker(methods)
-    titles = ["plan"] + [f"{name} {n + 1}" for name in ("simulated", *methods) for n in range(DRAWS)]
+    titles = ["plan"] + [
+        f"{name} {n + 1}" for name in ("simulated", *methods) for n in range(DRAWS)
+    ]
     plans = useful_plans(arguments.plans, arguments.count)
     rows = [row(plan, arguments.recipe, maker, methods) for plan in plans]
     write_picture(arguments.out, draw_sheet([Card(each) for each in rows], 1, PANEL_PX, titles))

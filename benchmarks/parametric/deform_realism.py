@@ -113,7 +113,9 @@ def main() -> None:
     parser.add_argument("datasets", nargs="+", type=Path)
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     parser.add_argument("--most", type=int, default=10_000, help="pairs of each recipe")
-    parser.add_argument("--half", type=int, choices=(0, 1), help="of the plans: the errors were fitted on 0")
+    parser.add_argument(
+        "--half", type=int, choices=(0, 1), help="of the plans: the errors were fitted on 0"
+    )
     arguments = parser.parse_args()
     maker = Maker(arguments.methods)
     of_recipe: dict[str, list[tuple[Path, PairRecord]]] = {}
@@ -152,7 +154,13 @@ def judge(
     ]  # fmt: skip
     for method in methods:
         made = [
-            maker.make(method, plan, path, apply_conditions(EpisodeConfig(), record.conditions), record.seed)
+            maker.make(
+                method,
+                plan,
+                path,
+                apply_conditions(EpisodeConfig(), record.conditions),
+                record.seed,
+            )
             for (plan, path, _), record in zip(true, records, strict=True)
         ]
         of_second = np.arange(2 * len(own)) >= len(own)

@@ -46,7 +46,9 @@ from report import print_and_save
 
 PIXELS = 256
 CALIBRATION_SIDE = 4.0  # [m] of the square over which the paper's beta is measured
-Placement = tuple[FloatArray | Float32Array, BoolArray]  # displacement (2, H, W) [m] and where it is known
+Placement = tuple[
+    FloatArray | Float32Array, BoolArray
+]  # displacement (2, H, W) [m] and where it is known
 
 
 def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Placement, float]]:
@@ -56,7 +58,9 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     scans = pick_scans(plan_trajectory(plan, rng, kind), config.motion)  # type: ignore[arg-type]
     side = max(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1])
     frame = GridFrame.covering(plan.bounds, side / (PIXELS - 8), 0.1)
-    seen = observe(plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, ScannerView())
+    seen = observe(
+        plan.raster(frame.resolution, frame).cells != FREE, frame, scans.poses, ScannerView()
+    )
     poses, motion = scans.poses, increments_of(scans.poses)
     unit = rng.standard_normal(3)
     wheels = WheelErrors.of_unit(unit)
@@ -97,14 +101,22 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
     timed("EKF that trusts its scans a thousandth", lambda: no_information(1000.0))
     timed("dead reckoning of the wheels, (13)-(20)", lambda: reckoned(believed))
     rng_s = np.random.default_rng([*seed, 2])
-    timed("two-phase, same robot, no random part", lambda: reckoned(disturb(motion, phases, quiet, rng_s)))
-    timed("two-phase, same robot", lambda: reckoned(disturb(motion, phases, config.two_phase, rng_s)))
+    timed(
+        "two-phase, same robot, no random part",
+        lambda: reckoned(disturb(motion, phases, quiet, rng_s)),
+    )
+    timed(
+        "two-phase, same robot", lambda: reckoned(disturb(motion, phases, config.two_phase, rng_s))
+    )
     other = PhaseErrors.of_unit(config.two_phase, rng_s.standard_normal(3))
     timed(
         "two-phase, a robot of its own (before)",
         lambda: reckoned(disturb(motion, other, config.two_phase, rng_s)),
     )
-    timed("(14) as printed: beta per segment", lambda: reckoned(_beta_per_segment(motion, believed, wheels)))
+    timed(
+        "(14) as printed: beta per segment",
+        lambda: reckoned(_beta_per_segment(motion, believed, wheels)),
+    )
     twice = Increments(2.0 * believed.distance, believed.lateral, 2.0 * believed.turn)
     timed("(17) as printed: arc = gamma D", lambda: reckoned(twice))
     return found
@@ -170,9 +182,17 @@ def main() -> None:
             for k, c in enumerate(table[:, :3].T)
         )
         rows.append((name, rms, by_ekf, by_dead, round(float(np.median(table[:, 3])), 3)))
-    columns = ("conversion", "walls displaced, m rms", "correlation with EKF", "with dead reckoning", "CPU s")
+    columns = (
+        "conversion",
+        "walls displaced, m rms",
+        "correlation with EKF",
+        "with dead reckoning",
+        "CPU s",
+    )
     runs = len(next(iter(figures.values())))
-    title = f"Conversions on the same draws, {runs} runs, path: {arguments.path}; median (least, most)"
+    title = (
+        f"Conversions on the same draws, {runs} runs, path: {arguments.path}; median (least, most)"
+    )
     print_and_save(f"parametric/parametric_conversions_{arguments.path}", title, rows, columns)
 
 

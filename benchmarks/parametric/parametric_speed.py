@@ -30,11 +30,7 @@ from report import print_and_save
 ROOM = 6.4  # [m]
 MARGIN = 0.5  # [m] of wall round the building
 PAPER = {("two_phase", 256): "2.6-3.6 (Matlab)", ("ekf_schur", 64): "15-94 (Matlab)"}
-GOALS = {
-    ("two_phase", 256): 0.15,
-    ("ekf_schur", 256): 0.3,
-    ("two_phase", 1600): 3.0,
-}
+GOALS = {("two_phase", 256): 0.15, ("ekf_schur", 256): 0.3, ("two_phase", 1600): 3.0}
 COLUMNS = (
     "method",
     "map px",
@@ -80,7 +76,9 @@ def tour_of(rooms_per_side: int) -> Trajectory:
     return drive(Waypoints(np.array(points + points[-2::-1])))
 
 
-def seconds(plan: FloorPlan, path: Trajectory, config: ParametricConfig, repeats: int) -> tuple[float, int]:
+def seconds(
+    plan: FloorPlan, path: Trajectory, config: ParametricConfig, repeats: int
+) -> tuple[float, int]:
     """Least CPU time of a run, and its number of scans."""
     frame = GridFrame.covering(plan.bounds, config.resolution, margin=MARGIN)
     times = []

@@ -76,7 +76,9 @@ def inner_slabs(plan: FloorPlan, shortest: float) -> list[Slab]:
 
 def _with_floor(plan: FloorPlan, floor: shapely.Geometry) -> FloorPlan | None:
     """The plan with another floor, if a robot can still explore nearly all of it."""
-    parts = [part for part in shapely.get_parts(floor) if isinstance(part, Polygon) and part.area > 0.05]
+    parts = [
+        part for part in shapely.get_parts(floor) if isinstance(part, Polygon) and part.area > 0.05
+    ]
     largest = max(parts, key=lambda part: float(part.area))
     if largest.area < 0.85 * plan.area:
         return None
@@ -106,14 +108,22 @@ def shift_wall(plan: FloorPlan, slab: Slab, by: float) -> tuple[FloorPlan, Chang
     )
     changed = _with_floor(plan, floor)
     line = tuple(slab.line.tolist())
-    return None if changed is None else (changed, Change("wall_moved", line, by, _swept(slab.body, offset)))
+    return (
+        None
+        if changed is None
+        else (changed, Change("wall_moved", line, by, _swept(slab.body, offset)))
+    )
 
 
 def remove_wall(plan: FloorPlan, slab: Slab) -> tuple[FloorPlan, Change] | None:
     """Take a piece of wall away."""
     changed = _with_floor(plan, plan.free_space.union(slab.body.buffer(0.001, join_style="mitre")))
     line = tuple(slab.line.tolist())
-    return None if changed is None else (changed, Change("wall_missing", line, 0.0, slab.body.buffer(0.05)))
+    return (
+        None
+        if changed is None
+        else (changed, Change("wall_missing", line, 0.0, slab.body.buffer(0.05)))
+    )
 
 
 def add_wall(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Change] | None:
@@ -136,7 +146,9 @@ def add_wall(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPlan, Chan
         return None
     changed = _with_floor(plan, plan.free_space.difference(body))
     line = (*at.tolist(), *tip.tolist())
-    return None if changed is None else (changed, Change("wall_extra", line, 0.0, body.buffer(0.05)))
+    return (
+        None if changed is None else (changed, Change("wall_extra", line, 0.0, body.buffer(0.05)))
+    )
 
 
 def _door_slab(line: FloatArray, thickness: float) -> Polygon:
@@ -212,7 +224,9 @@ def change_building(plan: FloorPlan, rng: np.random.Generator) -> tuple[FloorPla
 
     def accept(result: tuple[FloorPlan, Change] | None) -> bool:
         nonlocal built
-        if result is None or any(other.touched.distance(result[1].touched) < APART for other in changes):
+        if result is None or any(
+            other.touched.distance(result[1].touched) < APART for other in changes
+        ):
             return False
         built = replace(result[0], rooms=(), doors=plan.doors)
         changes.append(result[1])

@@ -124,11 +124,14 @@ def explored(arguments: Arguments) -> list[Case]:
     cases: dict[str, Case] = {}
     for record in sorted(records, key=lambda entry: entry["index"]):
         cells = read_png(folder / "B" / f"{record['name']}.png")
-        grid = OccupancyGrid(cells, GridFrame(record["resolution"], *record["origin"], *record["shape"]))
+        grid = OccupancyGrid(
+            cells, GridFrame(record["resolution"], *record["origin"], *record["shape"])
+        )
         plan_file = arguments.work / "plans" / f"{record['plan_id']}.json"
         rows = json.loads(plan_file.with_suffix(".changes").read_text())
         truth = [
-            Change(r["kind"], tuple(r["line"]), r["offset"], shapely.from_wkt(r["touched"])) for r in rows
+            Change(r["kind"], tuple(r["line"]), r["offset"], shapely.from_wkt(r["touched"]))
+            for r in rows
         ]
         # Plans that can't be explored are made up for by second maps of others.
         cases.setdefault(record["plan_id"], Case(read_houseexpo(plan_file), grid, truth))
@@ -137,7 +140,9 @@ def explored(arguments: Arguments) -> list[Case]:
 
 def is_at(found: PlanFinding, truth: Change) -> bool:
     """True if a reported change lies where a true one is."""
-    line, true_line = (shapely.LineString(np.reshape(entry.line, (2, 2))) for entry in (found, truth))
+    line, true_line = (
+        shapely.LineString(np.reshape(entry.line, (2, 2))) for entry in (found, truth)
+    )
     shared = true_line.buffer(SAME_PLACE).intersection(line).length
     return bool(shared >= SHARE * min(line.length, true_line.length))
 
@@ -155,7 +160,9 @@ def finds(found: PlanFinding, truth: Change) -> bool:
 def offset_error(found: PlanFinding, truth: Change) -> float:
     """Error of a moved wall's offset [m]; both lines may run either way."""
     assert found.offset is not None
-    first, second = (np.array(entry.line[2:]) - np.array(entry.line[:2]) for entry in (found, truth))
+    first, second = (
+        np.array(entry.line[2:]) - np.array(entry.line[:2]) for entry in (found, truth)
+    )
     sign = 1.0 if first @ second > 0 else -1.0
     return abs(sign * found.offset - truth.offset)
 
@@ -181,7 +188,9 @@ def choose_threshold(cases: list[Case]) -> tuple[float, float]:
     config = ComparisonConfig(moved=0.03, sure=1.0)
     runs = [(compare_with_plan(case.plan, case.grid, config).changes, case.truth) for case in cases]
     best, best_score = (0.07, 3.0), -1.0
-    for moved, sure in itertools.product((0.04, 0.05, 0.06, 0.07, 0.08, 0.1), (1.5, 2.0, 2.5, 3.0, 3.5)):
+    for moved, sure in itertools.product(
+        (0.04, 0.05, 0.06, 0.07, 0.08, 0.1), (1.5, 2.0, 2.5, 3.0, 3.5)
+    ):
         hits = misses = false = 0
         for changes, truth in runs:
             walls = [c for c in kept(changes, moved, sure) if c.kind == "wall_moved"]
@@ -209,8 +218,13 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
     begun = time.process_time()
     runs = [(compare_with_plan(case.plan, case.grid, config), case.truth) for case in cases]
     seconds = (time.process_time() - begun) / len(cases)
-    registered, loops = sum(run.is_confident for run, _ in runs), seconds / Yardsticks.measure(1).loop
-    print(f"  {registered} of {len(runs)} registered, {loops:.1f} loops or {seconds:.2f} CPU s each")
+    registered, loops = (
+        sum(run.is_confident for run, _ in runs),
+        seconds / Yardsticks.measure(1).loop,
+    )
+    print(
+        f"  {registered} of {len(runs)} registered, {loops:.1f} loops or {seconds:.2f} CPU s each"
+    )
     rows = []
     sizes = [("wall_moved", low, high) for low, high in BINS]
     for kind, low, high in [
@@ -218,7 +232,10 @@ def table(cases: list[Case], config: ComparisonConfig) -> list[dict[str, str]]:
         *((k, 0.0, 9.0) for k in ("wall_missing", "wall_extra", "door_moved", "door_blocked")),
     ]:
         truths = [
-            (t, run) for run, truth in runs for t in truth if t.kind == kind and low <= abs(t.offset) < high
+            (t, run)
+            for run, truth in runs
+            for t in truth
+            if t.kind == kind and low <= abs(t.offset) < high
         ]
         found = [t for t, run in truths if any(finds(c, t) for c in run.changes)]
         noticed = [t for t, run in truths if any(not is_false(c, [t]) for c in run.changes)]

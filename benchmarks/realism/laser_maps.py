@@ -56,9 +56,12 @@ def main() -> None:
     for level in arguments.levels:
         lidar = LidarConfig() if level == "default" else lidar_level(level)
         env = ExploreConfig().for_explorer()
-        env = dataclasses.replace(env, lidar=lidar, clutter=ClutterConfig(furniture=arguments.furniture))
+        env = dataclasses.replace(
+            env, lidar=lidar, clutter=ClutterConfig(furniture=arguments.furniture)
+        )
         episodes = [
-            run_episode(plan, 1, EpisodeConfig("nearest", 7.0, env=env), make_explorer) for plan in plans
+            run_episode(plan, 1, EpisodeConfig("nearest", 7.0, env=env), make_explorer)
+            for plan in plans
         ]
         maps = [episode.slam_map.cells for episode in episodes]
         finished = [episode.finished == "explored" for episode in episodes]
@@ -69,7 +72,9 @@ def main() -> None:
         row(folder.name, [read_ros_map(path).cells for path in real_maps(folder)])
         for folder in arguments.real
     ]
-    title = f"medians over explorations of {arguments.count} plans, furniture {arguments.furniture:g}"
+    title = (
+        f"medians over explorations of {arguments.count} plans, furniture {arguments.furniture:g}"
+    )
     print_and_save("realism/laser_maps", title, rows, COLUMNS)
     if arguments.sheet is not None:
         cv2.imwrite(str(arguments.sheet), np.vstack(pictures))
@@ -117,13 +122,19 @@ def row(name: str, maps: list[ByteArray]) -> dict[str, Any]:
 
 def statistics(cells: ByteArray) -> list[float]:
     """Statistics of one map, in the order of the columns."""
-    _, _, parts, _ = cv2.connectedComponentsWithStats((cells == FREE).astype(np.uint8), connectivity=4)
+    _, _, parts, _ = cv2.connectedComponentsWithStats(
+        (cells == FREE).astype(np.uint8), connectivity=4
+    )
     left, top, width, height = parts[1 + parts[1:, cv2.CC_STAT_AREA].argmax(), :4]
-    cells = np.pad(cells, 1, constant_values=UNKNOWN)[top : top + height + 2, left : left + width + 2]
+    cells = np.pad(cells, 1, constant_values=UNKNOWN)[
+        top : top + height + 2, left : left + width + 2
+    ]
     free, unknown, occupied = cells == FREE, cells == UNKNOWN, cells == OCCUPIED
     area = free.sum() * RESOLUTION**2 / 100.0
     fragments = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)[0] - 2
-    number, _, blobs, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8), connectivity=8)
+    number, _, blobs, _ = cv2.connectedComponentsWithStats(
+        occupied.astype(np.uint8), connectivity=8
+    )
     lengths = []
     for picture in (occupied, occupied.T):
         edges = np.diff(np.pad(picture, ((0, 0), (1, 1))).astype(np.int8), axis=1)

@@ -74,7 +74,9 @@ def main() -> None:
     for name, log in logs.items():
         beams = log_beams(log)
         if name.startswith("simulated"):
-            beams["place"] += sum(int(other["place"].max()) + 1 for other in pooled) * (beams["place"] >= 0)
+            beams["place"] += sum(int(other["place"].max()) + 1 for other in pooled) * (
+                beams["place"] >= 0
+            )
             pooled.append(beams)
             if len(pooled) < arguments.simulated:
                 continue
@@ -95,7 +97,9 @@ def simulated(seed: int, level: str) -> Log:
     """Five minutes in a separate furnished home."""
     plan = generate_plan(2_000 + seed, PlanGeneratorConfig(kind="home"))
     env = dataclasses.replace(
-        ExploreConfig().for_explorer(), lidar=lidar_level(level), clutter=ClutterConfig(furniture=1.0)
+        ExploreConfig().for_explorer(),
+        lidar=lidar_level(level),
+        clutter=ClutterConfig(furniture=1.0),
     )
     episode = run_episode(plan, seed, EpisodeConfig("nearest", 5.0, env=env), make_explorer)
     return Log(f"simulated {seed}", list(episode.records), episode.geometry)
@@ -131,12 +135,18 @@ def log_beams(log: Log) -> dict[str, np.ndarray]:
         sensor_x = x + mount.x * np.cos(theta) - mount.y * np.sin(theta)
         sensor_y = y + mount.x * np.sin(theta) + mount.y * np.cos(theta)
         angles = theta + mount.theta + geometry.angles
-        expect(sensor_x, sensor_y, angles, lines, *origin, usable, expected[k], incidence[k], place[k])
+        expect(
+            sensor_x, sensor_y, angles, lines, *origin, usable, expected[k], incidence[k], place[k]
+        )
     return classified(ranges, expected, geometry) | {"incidence": incidence, "place": place}
 
 
 def wall_lines(
-    grid: OccupancyGrid, poses: FloatArray, ranges: FloatArray, geometry: LaserGeometry, usable: float
+    grid: OccupancyGrid,
+    poses: FloatArray,
+    ranges: FloatArray,
+    geometry: LaserGeometry,
+    usable: float,
 ) -> FloatArray:
     """Mean of the end points and direction of the wall in each cell, shape (rows, cols, 4), row 0 at the bottom.
 
@@ -197,10 +207,16 @@ def expect(
         while r < usable:
             col = int(np.floor((x + r * ux - origin_x) / 0.05))
             row = int(np.floor((y + r * uy - origin_y) / 0.05))
-            if 0 <= row < lines.shape[0] and 0 <= col < lines.shape[1] and not np.isnan(lines[row, col, 0]):
+            if (
+                0 <= row < lines.shape[0]
+                and 0 <= col < lines.shape[1]
+                and not np.isnan(lines[row, col, 0])
+            ):
                 mx, my, dx, dy = lines[row, col]
                 across = abs(ux * dy - uy * dx)
-                along_line = ((mx - x) * dy - (my - y) * dx) / (ux * dy - uy * dx) if across > 0.1 else r
+                along_line = (
+                    ((mx - x) * dy - (my - y) * dx) / (ux * dy - uy * dx) if across > 0.1 else r
+                )
                 # The line holds near its cell only.
                 expected[i] = along_line if abs(along_line - r) < 0.1 else r + 0.025
                 incidence[i] = np.degrees(np.arccos(min(1.0, across)))
@@ -209,7 +225,9 @@ def expect(
             r += 0.02
 
 
-def classified(ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry) -> dict[str, np.ndarray]:
+def classified(
+    ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry
+) -> dict[str, np.ndarray]:
     """Class of each beam; whether it is at an edge of what it should see; whether it ends in between."""
     with np.errstate(invalid="ignore"):
         residual = ranges - expected
@@ -219,9 +237,11 @@ def classified(ranges: FloatArray, expected: FloatArray, geometry: LaserGeometry
         fate[residual < -limit] = SHORT
         fate[residual > limit] = LONG
         # slam_gmapping's drivers give 0 or the largest range for no return.
-        fate[~np.isfinite(ranges) | (ranges >= 0.99 * geometry.range_max) | (ranges < geometry.range_min)] = (
-            NONE
-        )
+        fate[
+            ~np.isfinite(ranges)
+            | (ranges >= 0.99 * geometry.range_max)
+            | (ranges < geometry.range_min)
+        ] = NONE
     fate[np.isinf(expected)] = OPEN
     nearest, furthest = expected.copy(), expected.copy()
     for shift in (-2, -1, 1, 2):
@@ -238,9 +258,12 @@ def share_rows(name: str, beams: dict[str, np.ndarray]) -> list[dict[str, Any]]:
     smooth = known & ~beams["edge"]
     head_on = smooth & (beams["incidence"] < 60)
     parts = {"all": known, "edge": known & beams["edge"], "away from edges": smooth}
-    parts |= {f"{a:g}-{b:g} m": head_on & (beams["range"] >= a) & (beams["range"] < b) for a, b in RANGES}
     parts |= {
-        f"{a}-{b} deg": smooth & (beams["incidence"] >= a) & (beams["incidence"] < b) for a, b in INCIDENCES
+        f"{a:g}-{b:g} m": head_on & (beams["range"] >= a) & (beams["range"] < b) for a, b in RANGES
+    }
+    parts |= {
+        f"{a}-{b} deg": smooth & (beams["incidence"] >= a) & (beams["incidence"] < b)
+        for a, b in INCIDENCES
     }
     rows = []
     for part, mask in parts.items():
@@ -310,7 +333,9 @@ def mixed_row(name: str, ranges: FloatArray) -> dict[str, Any]:
             height = np.abs(across)
             mixed = on_one & (height >= low) & (height < high) & (share > 0.25) & (share < 0.75)
             clean = smooth[:, :-2] & smooth[:, 2:] & (direct >= low) & (direct < high)
-            row[f"{low:g}-{high:g} m"] = round(100.0 * float(mixed.sum() / (mixed.sum() + clean.sum())), 1)
+            row[f"{low:g}-{high:g} m"] = round(
+                100.0 * float(mixed.sum() / (mixed.sum() + clean.sum())), 1
+            )
     return row
 
 

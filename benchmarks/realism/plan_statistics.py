@@ -151,11 +151,15 @@ def describe(plans: Iterable[FloorPlan]) -> dict[str, str]:
         low, median, high = np.percentile([value(plan) for plan in measured], [5, 50, 95])
         column[figure] = f"{median:.3g} ({low:.3g}-{high:.3g})"
     widths = np.array([width for plan in measured for width in plan.opening_widths])
-    column["opening width, m"] = "{1:.3g} ({0:.3g}-{2:.3g})".format(*np.percentile(widths, [5, 50, 95]))
+    column["opening width, m"] = "{1:.3g} ({0:.3g}-{2:.3g})".format(
+        *np.percentile(widths, [5, 50, 95])
+    )
     for low, high in WIDTH_CLASSES:
         share = np.mean((widths >= low) & (widths < high))
         column[f"openings of {low:.2f}-{high:.2f} m"] = f"{share:.0%}"
-    column["plans with a way round something"] = f"{np.mean([plan.holes > 0 for plan in measured]):.0%}"
+    column["plans with a way round something"] = (
+        f"{np.mean([plan.holes > 0 for plan in measured]):.0%}"
+    )
     return column
 
 

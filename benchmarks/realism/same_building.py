@@ -30,7 +30,16 @@ from slamgym.cad import FloorPlan, read_image_plan
 from slamgym.cad.floorplan import floor_share
 from slamgym.core.files import read_bytes
 from slamgym.core.pictures import decode_picture, grey_picture
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame, IntArray
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    IntArray,
+)
 from slamgym.dataset.generate.recipe import apply_conditions, open_recipe
 from slamgym.envs import EpisodeConfig, run_episode
 from slamgym.gan.data import PairSet
@@ -91,9 +100,13 @@ def main() -> None:
     parser.add_argument("folder", type=Path)
     parser.add_argument("--maps", type=int, default=10, help="explorations of our own")
     parser.add_argument("--seed", type=int, default=0, help="of the first")
-    parser.add_argument("--leave-out", type=int, default=0, help="so many of people's maps, the last by name")
     parser.add_argument(
-        "--keep", type=Path, help="folder for the pictures of our maps; those there are not made anew"
+        "--leave-out", type=int, default=0, help="so many of people's maps, the last by name"
+    )
+    parser.add_argument(
+        "--keep",
+        type=Path,
+        help="folder for the pictures of our maps; those there are not made anew",
     )
     parser.add_argument(
         "--gmapping", action="store_true", help="only those of people's maps that GMapping made"
@@ -105,13 +118,19 @@ def main() -> None:
     maps = [read_ros_map(path).cells for path in runs[: len(runs) - arguments.leave_out]]
     if arguments.gmapping:
         maps = [
-            cells for cells in maps if cells.shape[0] % GMAPPING_PATCH == cells.shape[1] % GMAPPING_PATCH == 0
+            cells
+            for cells in maps
+            if cells.shape[0] % GMAPPING_PATCH == cells.shape[1] % GMAPPING_PATCH == 0
         ]
     people = [statistics(cells, solid) for cells in maps]
     drawing = arguments.folder / "cad.json"
-    plans = [exact_plan(picture, drawing, k % NO_TABLE > 0, k in OPEN_HOUSES) for k in range(HOUSES)]
+    plans = [
+        exact_plan(picture, drawing, k % NO_TABLE > 0, k in OPEN_HOUSES) for k in range(HOUSES)
+    ]
     seeds = range(arguments.seed, arguments.seed + arguments.maps)
-    ours = [statistics(our_map(plans[seed % HOUSES], seed, arguments.keep), solid) for seed in seeds]
+    ours = [
+        statistics(our_map(plans[seed % HOUSES], seed, arguments.keep), solid) for seed in seeds
+    ]
     rows = [compare(name, people, ours) for name in SHOWN]
     accuracy, chance = balanced_accuracy(people, ours)
     low, high = np.percentile(chance, (2.5, 97.5))
@@ -135,7 +154,11 @@ def read_grey(path: Path) -> ByteArray:
 
 
 def exact_plan(
-    picture: Path, drawing: Path, has_table: bool = True, is_open: bool = False, furniture: bool = True
+    picture: Path,
+    drawing: Path,
+    has_table: bool = True,
+    is_open: bool = False,
+    furniture: bool = True,
 ) -> FloorPlan:
     """The house's floor with the exact walls in the picture's frame; open, with the yard; furnished if wanted."""
     rough = read_image_plan(picture, RESOLUTION)
@@ -161,7 +184,10 @@ def exact_plan(
 def people_of_the_house(folder: Path) -> PairSet:
     """People's maps of the TurtleBot3 house, each in the middle of an image as its plan is."""
     plan = exact_plan(folder / "cad_walls.png", folder / "cad.json", furniture=False)
-    runs = [(path.parent.name, read_ros_map(path)) for path in sorted((folder / "runs").glob("*/slam.yaml"))]
+    runs = [
+        (path.parent.name, read_ros_map(path))
+        for path in sorted((folder / "runs").glob("*/slam.yaml"))
+    ]
     maps = [
         (name, known_part(grid.cells))
         for name, grid in runs
@@ -171,9 +197,9 @@ def people_of_the_house(folder: Path) -> PairSet:
     longest = max(max_x - min_x, max_y - min_y) / RESOLUTION
     side = 32 * -(-round(1.1 * max(longest, *(max(cells.shape) for _, cells in maps))) // 32)
     origin = (0.5 * (min_x + max_x - side * RESOLUTION), 0.5 * (min_y + max_y - side * RESOLUTION))
-    cad = np.rint(FREE * floor_share(plan.segments(), GridFrame(RESOLUTION, *origin, side, side))).astype(
-        np.uint8
-    )
+    cad = np.rint(
+        FREE * floor_share(plan.segments(), GridFrame(RESOLUTION, *origin, side, side))
+    ).astype(np.uint8)
     names = tuple(name for name, _ in maps)
     slam = np.stack([in_the_middle(cells, side) for _, cells in maps])
     return PairSet(np.stack([cad] * len(maps)), slam, names, names, np.full(len(maps), RESOLUTION))
@@ -221,9 +247,13 @@ def statistics(cells: ByteArray, solid: BoolArray) -> dict[str, float]:
     largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
     rows, cols = np.nonzero(labels == largest)
     pad = 4  # the walls round it
-    cut = cells[max(rows.min() - pad, 0) : rows.max() + pad, max(cols.min() - pad, 0) : cols.max() + pad]
+    cut = cells[
+        max(rows.min() - pad, 0) : rows.max() + pad, max(cols.min() - pad, 0) : cols.max() + pad
+    ]
     area = (cut == FREE).sum() * RESOLUTION**2 / 100.0
-    _, _, blobs, _ = cv2.connectedComponentsWithStats((cut == OCCUPIED).astype(np.uint8), connectivity=8)
+    _, _, blobs, _ = cv2.connectedComponentsWithStats(
+        (cut == OCCUPIED).astype(np.uint8), connectivity=8
+    )
     found = look_statistics(cut)
     found["fragments_per_100m2"] = (count - 2) / area
     found["median_blob_px"] = float(np.median(blobs[1:, cv2.CC_STAT_AREA]))
@@ -274,7 +304,9 @@ def _correlations(
     for lag in _LAGS:
         a, b = pairs[np.abs(gap - lag) < 0.3 * lag].T
         spread = values[a].std() * values[b].std() if len(a) > 20 else 0.0
-        covariance = ((values[a] - values.mean()) * (values[b] - values.mean())).mean() if len(a) else 0.0
+        covariance = (
+            ((values[a] - values.mean()) * (values[b] - values.mean())).mean() if len(a) else 0.0
+        )
         correlations.append(float(covariance / spread) if spread > 0.0 else 0.0)
     return correlations
 
@@ -288,7 +320,9 @@ def register(cells: ByteArray, solid: BoolArray) -> ByteArray:
 
     def moved(motion: FloatArray) -> FloatArray:
         cos, sin = np.cos(motion[2]), np.sin(motion[2])
-        result: FloatArray = (points - middle) @ np.array([[cos, sin], [-sin, cos]]) + target + motion[:2]
+        result: FloatArray = (
+            (points - middle) @ np.array([[cos, sin], [-sin, cos]]) + target + motion[:2]
+        )
         return result
 
     def cost(motion: FloatArray) -> float:
@@ -299,18 +333,25 @@ def register(cells: ByteArray, solid: BoolArray) -> ByteArray:
     best = sorted(starts, key=lambda start: cost(np.array(start)))[:4]
     steps = np.array([[0.0, 0, 0], [4, 0, 0], [0, 4, 0], [0, 0, 0.03]])
     found = min(
-        (minimize(cost, s, method="Nelder-Mead", options={"initial_simplex": steps + s}) for s in best),
+        (
+            minimize(cost, s, method="Nelder-Mead", options={"initial_simplex": steps + s})
+            for s in best
+        ),
         key=lambda result: float(result.fun),
     ).x
     cos, sin = np.cos(found[2]), np.sin(found[2])
     turn = np.array([[cos, -sin], [sin, cos]])
     matrix = np.column_stack([turn, target + found[:2] - turn @ middle])
     size = (solid.shape[1], solid.shape[0])
-    placed: ByteArray = cv2.warpAffine(cells, matrix, size, flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
+    placed: ByteArray = cv2.warpAffine(
+        cells, matrix, size, flags=cv2.INTER_NEAREST, borderValue=UNKNOWN
+    )
     return placed
 
 
-def compare(name: str, people: list[dict[str, float]], ours: list[dict[str, float]]) -> dict[str, Any]:
+def compare(
+    name: str, people: list[dict[str, float]], ours: list[dict[str, float]]
+) -> dict[str, Any]:
     """Medians, and the bootstrap interval of the median of people's maps."""
     values = np.array([row[name] for row in people])
     draws = np.random.default_rng(0).choice(values, (2000, len(values)))
@@ -347,7 +388,9 @@ def accuracy_of(X: FloatArray, labels: BoolArray) -> float:
     fold[~labels] = np.arange((~labels).sum()) % labels.sum()
     right = np.zeros(len(X))
     for k in range(int(labels.sum())):
-        model = ExtraTreesClassifier(100, min_samples_leaf=2, class_weight="balanced", random_state=0)
+        model = ExtraTreesClassifier(
+            100, min_samples_leaf=2, class_weight="balanced", random_state=0
+        )
         model.fit(X[fold != k], labels[fold != k])
         right[fold == k] = model.predict(X[fold == k]) == labels[fold == k]
     return float(0.5 * (right[labels].mean() + right[~labels].mean()))

@@ -53,8 +53,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--decisions", action="store_true", help="measure decisions instead of steps")
-    parser.add_argument("--batch", action="store_true", help="measure a batch beside a single environment")
+    parser.add_argument(
+        "--decisions", action="store_true", help="measure decisions instead of steps"
+    )
+    parser.add_argument(
+        "--batch", action="store_true", help="measure a batch beside a single environment"
+    )
     parser.add_argument("--plans", default="procedural", help="floor plans of --decisions")
     arguments = parser.parse_args()
     if arguments.decisions:
@@ -99,7 +103,12 @@ def modes() -> Iterator[tuple[Any, ...]]:
 
 def growth() -> Iterator[tuple[Any, ...]]:
     for particles in (10, 30, 100):
-        yield "rbpf", "particles", particles, *cost(localization="rbpf", slam={"particles": particles})
+        yield (
+            "rbpf",
+            "particles",
+            particles,
+            *cost(localization="rbpf", slam={"particles": particles}),
+        )
     for mode in ("ground_truth", "rbpf"):
         for beams in (90, 180, 360, 720):
             yield mode, "beams", beams, *cost(localization=mode, lidar={"num_beams": beams})
@@ -120,7 +129,9 @@ def resets() -> Iterator[tuple[Any, ...]]:
         env.reset(options={"plan": name})
     first = (time.process_time() - begin) / len(names)
     yield f"bundled ({len(names)})", 1e3 * first, 1e3 * seconds_per_reset(env)
-    furnished = ExploreEnv("bundled", localization="ground_truth", clutter={"furniture": 1.0, "people": 2})
+    furnished = ExploreEnv(
+        "bundled", localization="ground_truth", clutter={"furniture": 1.0, "people": 2}
+    )
     yield "bundled, furnished again at every reset", None, 1e3 * seconds_per_reset(furnished)
 
 
@@ -145,7 +156,9 @@ def measure_batch(turns: int = 5) -> None:
             )
             batch.reset(seed=1)
             batch_rate(batch, 2.0)
-            rates = np.array([(steps_per_second(single, 0.5), *batch_rates(batch)) for _ in range(turns)])
+            rates = np.array(
+                [(steps_per_second(single, 0.5), *batch_rates(batch)) for _ in range(turns)]
+            )
             ratios = rates[:, 1:] / rates[:, :1]
             spread = [figure(ratios[:, 0]) for figure in (np.median, np.min, np.max)]
             key = [mode, preset, count, num_threads]
@@ -154,7 +167,9 @@ def measure_batch(turns: int = 5) -> None:
                 stages.append([mode, preset, count, *stage_costs(batch)])
     columns = ["localisation", "preset", "robots", "threads", "single steps/s", "batch steps/s"]
     columns += ["ratio", "least", "most", "ratio with a core for each thread"]
-    print_and_save("simulation/env_steps_batch", "Steps per CPU second of a batch of robots", rows, columns)
+    print_and_save(
+        "simulation/env_steps_batch", "Steps per CPU second of a batch of robots", rows, columns
+    )
     columns = ["localisation", "preset", "robots", *STAGES]
     print_and_save(
         "simulation/env_steps_batch_stages",
@@ -202,7 +217,12 @@ def stage_costs(env: BatchExploreEnv) -> list[float]:
     """CPU time of each stage for a step of one robot [us]."""
     spent = dict.fromkeys(STAGES, 0.0)
     fleet: Any = env._fleet
-    owners: dict[str, Any] = {"observe": env._observer, "are_complete": env, "rewards": env, "figures": env}
+    owners: dict[str, Any] = {
+        "observe": env._observer,
+        "are_complete": env,
+        "rewards": env,
+        "figures": env,
+    }
 
     def timed(name: str, function: Any) -> Any:
         def call(*arguments: Any) -> Any:
@@ -280,7 +300,9 @@ def stretched(factor: float) -> FloorPlan:
     """A bundled home, enlarged: the same number of walls on more floor."""
     source = open_plans("bundled")
     plan = source.load(PLAN if PLAN in source.ids else source.ids[0])
-    return FloorPlan(f"{plan.id}_x{factor:g}", shapely.affinity.scale(plan.free_space, factor, factor))
+    return FloorPlan(
+        f"{plan.id}_x{factor:g}", shapely.affinity.scale(plan.free_space, factor, factor)
+    )
 
 
 def measure_decisions(name: str) -> None:
@@ -303,7 +325,11 @@ def measure_decisions(name: str) -> None:
                 action = int(np.argmax(FrontierTour()(env.loop))) if env.loop.candidates else 0
                 clocks.append(time.process_time() - begin_choice)
                 _, _, terminated, truncated, info = env.step(action)
-                over, decisions, lasting = terminated or truncated, decisions + 1, lasting + info["duration"]
+                over, decisions, lasting = (
+                    terminated or truncated,
+                    decisions + 1,
+                    lasting + info["duration"],
+                )
             spent += time.process_time() - begin
         spent -= sum(clocks)
         rows.append(
@@ -323,7 +349,9 @@ def measure_decisions(name: str) -> None:
         "choosing, p99 [ms]",
     ]
     times = [column for column in columns[1:] if column != "s of robot time each"]
-    print_and_save("simulation/decision_rate", "Decisions on four validation plans", rows, columns, times)
+    print_and_save(
+        "simulation/decision_rate", "Decisions on four validation plans", rows, columns, times
+    )
 
 
 if __name__ == "__main__":

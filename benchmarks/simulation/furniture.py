@@ -51,7 +51,10 @@ def draw(plan: FloorPlan, clutter: Clutter) -> ByteArray:
     across = clutter.outlines[:, [3, 2]] * [-1.0, 1.0] * clutter.outlines[:, 5:6]
     covered = np.stack([-along - across, along - across, along + across, across - along], axis=1)
     moving = [solid for places in clutter.movables for solid in places[0]]
-    fills = ((covered + clutter.outlines[:, None, :2], (225, 235, 225)), (clutter.furniture, (60, 60, 200)))
+    fills = (
+        (covered + clutter.outlines[:, None, :2], (225, 235, 225)),
+        (clutter.furniture, (60, 60, 200)),
+    )
     for solids, colour in (*fills, (moving, (200, 60, 60))):
         for corners in solids:
             cv2.fillPoly(image, [pixels(corners)], colour, cv2.LINE_AA, SHIFT)
@@ -80,7 +83,9 @@ def main(arguments: Arguments) -> None:
             env.reset(seed=seed, options={"plan": plan})
         resets.append([name, 1e3 * (time.process_time() - begin) / len(plans)])
     columns = ["homes", "ms a reset"]
-    print_and_save("simulation/furnished_resets", "Resets, CPU time", resets, columns, times=columns[1:])
+    print_and_save(
+        "simulation/furnished_resets", "Resets, CPU time", resets, columns, times=columns[1:]
+    )
     print(arguments.out)
 
 

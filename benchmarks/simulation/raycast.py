@@ -68,7 +68,12 @@ def every_beam_every_wall(
 def pymunk_scanner(segments: FloatArray) -> Callable[[float, float, FloatArray], FloatArray]:
     """Scan with one ``segment_query_first`` a beam."""
     space = pymunk.Space()
-    space.add(*[pymunk.Segment(space.static_body, (a, b), (c, d), 0.0) for a, b, c, d in segments.tolist()])
+    space.add(
+        *[
+            pymunk.Segment(space.static_body, (a, b), (c, d), 0.0)
+            for a, b, c, d in segments.tolist()
+        ]
+    )
     everything = pymunk.ShapeFilter()
 
     def scan(x: float, y: float, angles: FloatArray) -> FloatArray:
@@ -139,7 +144,9 @@ def main() -> None:
     rows = [measure(rooms, 180, 180.0) for rooms in (2, 7, 25, 188)]
     rows += [measure(7, beams, 360.0) for beams in (180, 360, 1080)]
     times = ("us/scan", "million beams/s", "every wall [us]", "pymunk [us]")
-    print_and_save("simulation/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]), times)
+    print_and_save(
+        "simulation/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]), times
+    )
 
 
 if __name__ == "__main__":

@@ -23,7 +23,9 @@ COLUMNS = (
 def demo_figures(config: SlamConfig, seeds: int) -> dict[str, Any]:
     """The explorations of ``make demo``, and as many with further seeds."""
     records = [
-        record for seed in range(DEMO_SEED, DEMO_SEED + seeds) for record in demo_records(config, seed)
+        record
+        for seed in range(DEMO_SEED, DEMO_SEED + seeds)
+        for record in demo_records(config, seed)
     ]
     errors = np.array([record.map_error for record in records])
     interval = mean_interval(errors)

@@ -74,7 +74,9 @@ class Drive:
 
 def generated_homes(count: int) -> Iterator[tuple[FloorPlan, int]]:
     """Generated homes, each with the seed of its drive."""
-    return ((generate_plan(FIRST_HOME + k, PlanGeneratorConfig(kind="home")), k) for k in range(count))
+    return (
+        (generate_plan(FIRST_HOME + k, PlanGeneratorConfig(kind="home")), k) for k in range(count)
+    )
 
 
 def large_offices() -> Iterator[tuple[FloorPlan, int]]:
@@ -117,7 +119,9 @@ def drive(plan: FloorPlan, seed: int, conditions: Conditions, cache: Path) -> Dr
             LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, scan, geometry))
             for stamp, pose, scan in zip(stamps.tolist(), odometry.tolist(), ranges, strict=True)
         ]
-        return Drive(Log(plan.id, records, geometry), Trajectory(stamps, held["truth"]), held["walls"])
+        return Drive(
+            Log(plan.id, records, geometry), Trajectory(stamps, held["truth"]), held["walls"]
+        )
 
 
 def _simulate(path: Path, plan: FloorPlan, seed: int, config: EpisodeConfig) -> None:

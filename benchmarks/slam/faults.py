@@ -72,7 +72,9 @@ def late(log: Log, delay: float) -> Log:
     in_time = np.argsort(track.stamps, kind="stable")
     known = Trajectory(track.stamps[in_time], track.poses[in_time])
     poses = interpolated(known, np.array([record.stamp for record in log]) - delay).tolist()
-    records = [record._replace(odometry=Pose2D(*pose)) for record, pose in zip(log, poses, strict=True)]
+    records = [
+        record._replace(odometry=Pose2D(*pose)) for record, pose in zip(log, poses, strict=True)
+    ]
     return replace(log, records=records, recorded_track=None)
 
 
@@ -148,7 +150,9 @@ def fault_rows(
     """
     rows = []
     for mode in modes:
-        trials: dict[str, list[Trial]] = {name: [] for name in ("none", *FAULTS, *FAULTS_EVERYWHERE)}
+        trials: dict[str, list[Trial]] = {
+            name: [] for name in ("none", *FAULTS, *FAULTS_EVERYWHERE)
+        }
         for name, (log, truth) in logs.items():
             for fault, trial in tried(log, truth, mode):
                 trials[fault].append(trial)
@@ -196,7 +200,12 @@ def tried(log: Log, truth: Trajectory | None, mode: str) -> Iterator[tuple[str, 
         delays = [span.begin - where.begin for span in new]
         if name in FAULTS:
             delays = [delay for delay in delays if abs(delay) <= FOUND_SECONDS]
-        yield name, Trial(error, error < unbroken + WRONG_METRES, min(delays, key=abs, default=None), spans)
+        yield (
+            name,
+            Trial(
+                error, error < unbroken + WRONG_METRES, min(delays, key=abs, default=None), spans
+            ),
+        )
 
 
 def overlap(a: Span, b: Span) -> bool:

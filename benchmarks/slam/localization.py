@@ -86,7 +86,11 @@ def main() -> None:
         add(cases, "true map", on_map(drive, true, None))
         add(cases, "map of the graph", on_map(drive, first.slam_map, first))
         carried = joined(drive, placed(third, first.start))
-        add(cases, "map of the graph, carried off after 90 s", on_map(carried, first.slam_map, first))
+        add(
+            cases,
+            "map of the graph, carried off after 90 s",
+            on_map(carried, first.slam_map, first),
+        )
         furnished = explore(plan, seed, "pose_graph", furniture=0.3)
         moved = explore(plan, 3000 + seed, "ground_truth", 3.0, furniture=0.3)
         add(
@@ -97,11 +101,18 @@ def main() -> None:
         if last is not None:
             add(cases, "another building", on_map(drive, last[0], None, elsewhere=True))
         last = first.slam_map, first
-        print(seed, {name: f"{outcomes[-1].seconds:.0f} s" for name, outcomes in cases.items()}, flush=True)
+        print(
+            seed,
+            {name: f"{outcomes[-1].seconds:.0f} s" for name, outcomes in cases.items()},
+            flush=True,
+        )
     rows = [row(name, outcomes) for name, outcomes in cases.items()]
     if arguments.log is not None:
         rows.append(
-            row(f"{arguments.log.name}: second half on the map of the first", [recorded(arguments.log)])
+            row(
+                f"{arguments.log.name}: second half on the map of the first",
+                [recorded(arguments.log)],
+            )
         )
     title = f"localisation in {arguments.homes} homes"
     print_and_save("slam/localization", title, rows, COLUMNS, times=("ms per scan",))
@@ -111,7 +122,9 @@ def add(cases: dict[str, list[Outcome]], name: str, outcome: Outcome) -> None:
     cases.setdefault(name, []).append(outcome)
 
 
-def explore(plan: FloorPlan, seed: int, mode: str, minutes: float = 7.0, furniture: float = 0.0) -> Episode:
+def explore(
+    plan: FloorPlan, seed: int, mode: str, minutes: float = 7.0, furniture: float = 0.0
+) -> Episode:
     """A drive with medium odometry, in a home that each seed furnishes differently."""
     env = dataclasses.replace(
         ExploreConfig(),
@@ -141,10 +154,14 @@ def joined(first: Drive, second: Drive) -> Drive:
         records.append(LogRecord(record.stamp + after, odometry, scan))
     stamps = np.concatenate([first.truth.stamps[:half], second.truth.stamps + after])
     poses = np.vstack([first.truth.poses[:half], second.truth.poses])
-    return Drive(Log("carried", records, first.log.geometry), Trajectory(stamps, poses), end.stamp + 0.1)
+    return Drive(
+        Log("carried", records, first.log.geometry), Trajectory(stamps, poses), end.stamp + 0.1
+    )
 
 
-def on_map(drive: Drive, grid: OccupancyGrid, mapping: Episode | None, elsewhere: bool = False) -> Outcome:
+def on_map(
+    drive: Drive, grid: OccupancyGrid, mapping: Episode | None, elsewhere: bool = False
+) -> Outcome:
     """Localise a drive.
 
     Args:
@@ -194,7 +211,9 @@ def outcome(
     later = np.flatnonzero(right & (stamps >= begin))
     at = np.flatnonzero(right)
     at = at[np.linspace(0, len(at) - 1, min(INSTANTS, len(at))).astype(int)] if len(at) else at
-    covariances = np.array([result.beliefs[index].covariance for index in at.tolist()]).reshape(-1, 3, 3)
+    covariances = np.array([result.beliefs[index].covariance for index in at.tolist()]).reshape(
+        -1, 3, 3
+    )
     plain = np.hypot(*(poses[:, :2] - truth[:, :2]).T)
     return Outcome(
         float(stamps[later[0]] - begin) if len(later) else np.inf,
@@ -236,7 +255,9 @@ def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "case": name,
         "drives": len(outcomes),
         "right within 60 s [%]": round(100.0 * float((seconds <= SECONDS).mean()), 1),
-        "median time [s]": round(float(np.median(seconds)), 1) if np.isfinite(np.median(seconds)) else None,
+        "median time [s]": round(float(np.median(seconds)), 1)
+        if np.isfinite(np.median(seconds))
+        else None,
         "error [m]": round(float(errors.mean()), 3) if found else None,
         "95 % low": round(interval.low, 3) if interval else None,
         "95 % high": round(interval.high, 3) if interval else None,
@@ -245,7 +266,9 @@ def row(name: str, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         )
         if found
         else None,
-        "in the building [m]": round(float(np.mean([o.plain.mean() for o in outcomes if len(o.plain)])), 3)
+        "in the building [m]": round(
+            float(np.mean([o.plain.mean() for o in outcomes if len(o.plain)])), 3
+        )
         if found
         else None,
         "localised [%]": round(100.0 * float(np.mean([one.localised for one in outcomes])), 1),

@@ -88,7 +88,9 @@ def main() -> None:
     parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, some with NAME.relations")
     parser.add_argument("--homes", type=int, default=20)
     parser.add_argument("--seeds", type=int, default=3, help="runs of each log")
-    parser.add_argument("--cache", type=Path, default=Path("build/drives"), help="folder of simulated drives")
+    parser.add_argument(
+        "--cache", type=Path, default=Path("build/drives"), help="folder of simulated drives"
+    )
     arguments = parser.parse_args()
     for part in arguments.parts:
         make_rows, columns = PARTS[part]
@@ -116,7 +118,10 @@ def homes_and_demo_plans(arguments: argparse.Namespace, case: Conditions) -> Row
 
 def levels(arguments: argparse.Namespace) -> Rows:
     """Drives with other odometries, and with a laser that sees across rooms."""
-    cases = [*(Conditions(level) for level in ("ideal", "low", "high")), Conditions(range_max=LONG_RANGE)]
+    cases = [
+        *(Conditions(level) for level in ("ideal", "low", "high")),
+        Conditions(range_max=LONG_RANGE),
+    ]
     homes = list(generated_homes(arguments.homes))
     return [row for case in cases for row in drive_rows(arguments, case, "homes", homes)]
 
@@ -128,7 +133,9 @@ def logs(arguments: argparse.Namespace) -> Rows:
     modes = {mode: {"mode": mode} for mode in arguments.modes if mode not in BY_ODOMETRY}
     rows = recorded_logs.log_rows(arguments.logs, modes, arguments.seeds)
     names = dict.fromkeys(row["log"] for row in rows)
-    return [row for name in names for row in with_ratio([row for row in rows if row["log"] == name])]
+    return [
+        row for name in names for row in with_ratio([row for row in rows if row["log"] == name])
+    ]
 
 
 def demo(arguments: argparse.Namespace) -> Rows:
@@ -142,7 +149,9 @@ def demo(arguments: argparse.Namespace) -> Rows:
 
 def large(arguments: argparse.Namespace) -> Rows:
     """Drives of hours through offices of 1,400 to 4,400 m2."""
-    return drive_rows(arguments, Conditions(minutes=LARGE_MINUTES), "large offices", large_offices())
+    return drive_rows(
+        arguments, Conditions(minutes=LARGE_MINUTES), "large offices", large_offices()
+    )
 
 
 def faults(arguments: argparse.Namespace) -> Rows:
@@ -160,7 +169,10 @@ def faults(arguments: argparse.Namespace) -> Rows:
 
 
 def drive_rows(
-    arguments: argparse.Namespace, case: Conditions, kind: str, buildings: Iterable[tuple[FloorPlan, int]]
+    arguments: argparse.Namespace,
+    case: Conditions,
+    kind: str,
+    buildings: Iterable[tuple[FloorPlan, int]],
 ) -> Rows:
     """A row for each mode on the same drives through some buildings, each with the seed of its drive."""
     drives = [drive(plan, seed, case, arguments.cache) for plan, seed in buildings]
@@ -216,7 +228,9 @@ def measure(one: Drive, config: SlamConfig, seed: int) -> Measured:
     log = one.log
     if config.mode == "ground_truth":
         poses = one.truth.poses.tolist()
-        records = [LogRecord(r.stamp, Pose2D(*pose), r.scan) for r, pose in zip(log, poses, strict=True)]
+        records = [
+            LogRecord(r.stamp, Pose2D(*pose), r.scan) for r, pose in zip(log, poses, strict=True)
+        ]
         log = Log(log.source, records, log.geometry)
     instants = set(np.linspace(0, len(log) - 1, INSTANTS + 1).astype(int)[1:].tolist())
     stamps, believed, covariances = [], [], []

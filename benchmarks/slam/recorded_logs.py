@@ -29,7 +29,9 @@ COLUMNS = (
 )  # fmt: skip
 
 
-def log_rows(folder: Path, modes: Mapping[str, Mapping[str, Any]], seeds: int) -> list[dict[str, Any]]:
+def log_rows(
+    folder: Path, modes: Mapping[str, Mapping[str, Any]], seeds: int
+) -> list[dict[str, Any]]:
     """A row for each log and mode; the path of the last mode is the reference."""
     rows = []
     for path in sorted(folder.glob("*.log.gz")):
@@ -54,7 +56,9 @@ class Runs(NamedTuple):
 def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> Runs:
     """Runs with so many seeds, and with so many disturbed odometries less one."""
     config = replace(SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams), **settings)
-    replay(replace(log, records=log.records[:5]), config, np.random.default_rng(0))  # compiles the kernels
+    replay(
+        replace(log, records=log.records[:5]), config, np.random.default_rng(0)
+    )  # compiles the kernels
     plain = [replay(log, config, np.random.default_rng(0))]
     for seed in range(1, seeds):
         other = replay(log, config, np.random.default_rng(seed))
@@ -65,7 +69,9 @@ def runs(log: Log, settings: Mapping[str, Any], seeds: int) -> Runs:
     return Runs(plain, [replay(one, config, np.random.default_rng(0)) for one in worse])
 
 
-def judged(log: Log, some: Runs, relations: Relations | None, reference: Trajectory) -> dict[str, Any]:
+def judged(
+    log: Log, some: Runs, relations: Relations | None, reference: Trajectory
+) -> dict[str, Any]:
     """Figures of one mode's runs on a log."""
     plain = some.plain
     row: dict[str, Any] = dict.fromkeys(COLUMNS[2:])
@@ -75,7 +81,9 @@ def judged(log: Log, some: Runs, relations: Relations | None, reference: Traject
         again = [relation_error(result.moments, *relations, revisits=True) for result in plain]
         row["relations [m]"], row["worst [m]"] = rounded(means), round(max(means), 4)
         row["revisits [m]"] = rounded([error.translation.mean for error in again])
-        row["rotation [deg]"] = round(float(np.degrees(np.mean([e.rotation.mean for e in errors]))), 2)
+        row["rotation [deg]"] = round(
+            float(np.degrees(np.mean([e.rotation.mean for e in errors]))), 2
+        )
     revisits = [revisit(log, result) for result in plain]
     disturbed_revisits = [revisit(log, result) for result in some.disturbed]
     paths = [absolute_trajectory_error(result.trajectory, reference) for result in plain]
@@ -85,7 +93,9 @@ def judged(log: Log, some: Runs, relations: Relations | None, reference: Traject
         "disturbed revisit [m]": rounded(disturbed_revisits) if disturbed_revisits else None,
         "from reference [m]": rounded([path.translation.rmse for path in paths]),
         "doubts": rounded([len(doubtful_spans(result.stats)) for result in plain]),
-        "ms per scan": round(float(np.median([r.stats.cpu_ms_per_processed_scan for r in plain])), 2),
+        "ms per scan": round(
+            float(np.median([r.stats.cpu_ms_per_processed_scan for r in plain])), 2
+        ),
     }
 
 
@@ -97,7 +107,9 @@ def rounded(values: Sequence[float]) -> float:
 def revisit(log: Log, result: ReplayResult) -> float:
     """Mean disagreement between passes [m]."""
     every = math.ceil(len(log) / MOST_SCANS)
-    points, owners = end_points(log.records[::every], result.trajectory.poses[::every], REVISIT_RANGE)
+    points, owners = end_points(
+        log.records[::every], result.trajectory.poses[::every], REVISIT_RANGE
+    )
     return revisit_disagreement(points, owners, gap=REVISIT_GAP // every)
 
 
@@ -122,7 +134,9 @@ def revisit_disagreement(
         own = (owners >= first) & (owners < first + block)
         other: BoolArray = (owners <= first - gap) | (owners >= first + block - 1 + gap)
         if own.any() and other.any():
-            found, _ = cKDTree(points[other]).query(points[own][::stride], distance_upper_bound=radius)
+            found, _ = cKDTree(points[other]).query(
+                points[own][::stride], distance_upper_bound=radius
+            )
             distances.append(np.asarray(found, dtype=np.float64)[np.isfinite(found)])
     return float(np.concatenate(distances).mean()) if distances else math.nan
 

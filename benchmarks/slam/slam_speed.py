@@ -49,11 +49,20 @@ def main() -> None:
     records, geometry = drive()
     time_mapper(records, geometry, SlamConfig(mode="rbpf"))  # compiles the kernels
     rows = [
-        row("particles", records, geometry, SlamConfig(particles=count)) for count in (1, 8, 30, 100, 300)
+        row("particles", records, geometry, SlamConfig(particles=count))
+        for count in (1, 8, 30, 100, 300)
     ]
-    rows += [row("beams", *thinned(records, geometry, skip), SlamConfig(mode="rbpf")) for skip in (4, 2)]
     rows += [
-        row("map size", visiting(records, laps), geometry, SlamConfig(mode="rbpf"), judged=len(records))
+        row("beams", *thinned(records, geometry, skip), SlamConfig(mode="rbpf")) for skip in (4, 2)
+    ]
+    rows += [
+        row(
+            "map size",
+            visiting(records, laps),
+            geometry,
+            SlamConfig(mode="rbpf"),
+            judged=len(records),
+        )
         for laps in (1, 4, 16)
     ]
     rows.append(row("pose_graph", records, geometry, SlamConfig(mode="pose_graph")))
@@ -79,7 +88,8 @@ def thinned(
     count = len(range(0, geometry.num_beams, skip))
     coarse = geometry._replace(num_beams=count, angle_increment=geometry.angle_increment * skip)
     scans = [
-        LogRecord(r.stamp, r.odometry, LaserScan(r.stamp, r.scan.ranges[::skip], coarse)) for r in records
+        LogRecord(r.stamp, r.odometry, LaserScan(r.stamp, r.scan.ranges[::skip], coarse))
+        for r in records
     ]
     return scans, coarse
 
@@ -122,7 +132,10 @@ def row(
 
 
 def time_mapper(
-    records: Sequence[LogRecord], geometry: LaserGeometry, config: SlamConfig, judged: int | None = None
+    records: Sequence[LogRecord],
+    geometry: LaserGeometry,
+    config: SlamConfig,
+    judged: int | None = None,
 ) -> tuple[float, float, float]:
     """CPU time per processed scan [ms], extent of the map [m2] and memory [MB]."""
     start = records[0].odometry

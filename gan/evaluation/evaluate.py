@@ -92,9 +92,15 @@ def baselines() -> list[TranslationMethod]:
     """
     return [
         TranslationMethod(RAW, lambda pairs, i: _probability(pairs.slam[i] == FREE)),
-        TranslationMethod(BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, pairs.scale(i))),
-        TranslationMethod(CLEANED, lambda pairs, i: _probability(clean_map(pairs.slam[i], pairs.scale(i)))),
-        TranslationMethod(OUTLINE, lambda pairs, i: _probability(outline_only(pairs.cad[i], pairs.scale(i)))),
+        TranslationMethod(
+            BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, pairs.scale(i))
+        ),
+        TranslationMethod(
+            CLEANED, lambda pairs, i: _probability(clean_map(pairs.slam[i], pairs.scale(i)))
+        ),
+        TranslationMethod(
+            OUTLINE, lambda pairs, i: _probability(outline_only(pairs.cad[i], pairs.scale(i)))
+        ),
     ]
 
 
@@ -117,7 +123,9 @@ def learned(name: str, translator: Translator, face_lines: float = 0.0) -> Trans
     """
     return TranslationMethod(
         name,
-        lambda pairs, i: shrunk_floor(translator.translate(pairs.slam[i], pairs.scale(i)), 0.5 * face_lines),
+        lambda pairs, i: shrunk_floor(
+            translator.translate(pairs.slam[i], pairs.scale(i)), 0.5 * face_lines
+        ),
     )
 
 
@@ -146,7 +154,9 @@ def evaluate_method(
         seconds = time.process_time() - begun
         shape = pairs.slam[i].shape
         if probability.shape != shape:
-            raise ConfigError(f"{method.name} returned shape {probability.shape} for a map of shape {shape}")
+            raise ConfigError(
+                f"{method.name} returned shape {probability.shape} for a map of shape {shape}"
+            )
         if not np.isfinite(probability).all():
             raise ConfigError(
                 f"{method.name} returned values that are not finite; its weights may be damaged"
@@ -160,7 +170,10 @@ def evaluate_method(
 
 
 def score_map(
-    predicted: BoolArray | Float32Array, cad: ByteArray, metres_per_px: float, seen: BoolArray | None = None
+    predicted: BoolArray | Float32Array,
+    cad: ByteArray,
+    metres_per_px: float,
+    seen: BoolArray | None = None,
 ) -> MapScore:
     """Score one map.
 
@@ -172,7 +185,9 @@ def score_map(
     """
     truth: BoolArray = cad > 127
     free: BoolArray = predicted >= THRESHOLD
-    found, rigid = (aligned_error(_as_float(free), _as_float(truth), scaling=s) for s in (True, False))
+    found, rigid = (
+        aligned_error(_as_float(free), _as_float(truth), scaling=s) for s in (True, False)
+    )
     placed, rigidly = aligned_mask(free, found.similarity), aligned_mask(free, rigid.similarity)
 
     def wall_f1(mask: BoolArray, tolerance: float) -> float:
@@ -187,7 +202,9 @@ def score_map(
     farthest = metres_per_px * math.hypot(*truth.shape)
     measures = {
         "mse": found.mse,
-        "mse_grey": squared_error(apply_similarity(_as_float(predicted), found.similarity), _as_float(truth)),
+        "mse_grey": squared_error(
+            apply_similarity(_as_float(predicted), found.similarity), _as_float(truth)
+        ),
         **{f"wall_f1_{round(100 * t)}cm": wall_f1(placed, t) for t in TOLERANCES},
         "free_iou": intersection_over_union(placed, truth),
         "hausdorff_95": min(boundary_distance(placed, truth, metres_per_px), farthest),
@@ -224,4 +241,8 @@ def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
 
 def evenly_spaced(count: int, wanted: int) -> Sequence[int]:
     """At most ``wanted`` indices below ``count``, evenly spaced: a choice that doesn't depend on the results."""
-    return [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())] if count else []
+    return (
+        [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())]
+        if count
+        else []
+    )

@@ -31,7 +31,9 @@ def parse_named_folders(arguments: list[str]) -> dict[str, Path]:
     for argument in arguments:
         name, equals, folder = argument.partition("=")
         if not (equals and name and folder):
-            raise ConfigError(f"--generated takes NAME=FOLDER, e.g. modelprog=out/maps, not {argument!r}")
+            raise ConfigError(
+                f"--generated takes NAME=FOLDER, e.g. modelprog=out/maps, not {argument!r}"
+            )
         if name in folders:
             raise ConfigError(f"--generated names {name!r} twice")
         if not Path(folder).is_dir():
@@ -54,13 +56,20 @@ def load_generated(folder: Path, pairs: PairSet) -> GeneratedMaps:
     """
     maps = {}
     for index, name in enumerate(pairs.names):
-        images = (base / f"{name}{suffix}" for base in (folder, folder / "B") for suffix in PICTURE_SUFFIXES)
-        found = [path for path in images if path.is_file()] or sorted((folder / name).rglob("map.yaml"))
+        images = (
+            base / f"{name}{suffix}"
+            for base in (folder, folder / "B")
+            for suffix in PICTURE_SUFFIXES
+        )
+        found = [path for path in images if path.is_file()] or sorted(
+            (folder / name).rglob("map.yaml")
+        )
         if found:
             maps[index] = _load(found[0], pairs.cad.shape[1], pairs.scale(index))
     if not maps:
         raise InputFileError(
-            folder, f"holds no map of a test pair; name them like the pairs, e.g. {pairs.names[0]}.png"
+            folder,
+            f"holds no map of a test pair; name them like the pairs, e.g. {pairs.names[0]}.png",
         )
     return maps
 
@@ -91,6 +100,8 @@ def translated_maps(
     """
     kinds: dict[str, GeneratedMaps] = {name: {}, f"{name}, bent": {}}
     for i, cad in enumerate(pairs.cad):
-        for maps, drift in zip(kinds.values(), (None, np.random.default_rng([seed, i])), strict=True):
+        for maps, drift in zip(
+            kinds.values(), (None, np.random.default_rng([seed, i])), strict=True
+        ):
             maps[i] = translator.translate_cells(cad, pairs.scale(i), drift=drift)
     return kinds

@@ -65,13 +65,17 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
     write_picture(folder / "maps.png", draw_grid([*names, "CAD map"], maps, captions))
     captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
     write_picture(folder / "overlays.png", draw_grid(names, overlays, captions))
-    errors = {name: np.array([score.mse for score in rows]) for name, rows in results.scores.items()}
+    errors = {
+        name: np.array([score.mse for score in rows]) for name, rows in results.scores.items()
+    }
     gains = {name: errors[RAW] - errors[name] for name in names[1:]}
     label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
     plot_boxes(folder / "differences.png", gains, label)
 
 
-def write_generated_grid(path: Path, pairs: PairSet, kinds: dict[str, GeneratedMaps], count: int) -> None:
+def write_generated_grid(
+    path: Path, pairs: PairSet, kinds: dict[str, GeneratedMaps], count: int
+) -> None:
     """CAD map, every kind of generated map, simulated map (as the paper's Fig. 7 and 9).
 
     Args:
@@ -82,7 +86,10 @@ def write_generated_grid(path: Path, pairs: PairSet, kinds: dict[str, GeneratedM
     """
     chosen = evenly_spaced(len(pairs), count)
     black = np.zeros_like(pairs.cad[0])
-    rows = [[pairs.cad[i], *(maps.get(i, black) for maps in kinds.values()), pairs.slam[i]] for i in chosen]
+    rows = [
+        [pairs.cad[i], *(maps.get(i, black) for maps in kinds.values()), pairs.slam[i]]
+        for i in chosen
+    ]
     captions = [_caption(pairs, i) for i in chosen]
     write_picture(path, draw_grid(["CAD map", *kinds, "simulated SLAM map"], rows, captions))
 

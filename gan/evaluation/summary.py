@@ -34,7 +34,11 @@ MEASURES: dict[str, str] = {
 """Name of a measure to the heading of its column."""
 
 TABLE_I_MAPS = 21
-_IMPROVEMENTS = (("", "mse", "mse"), ("_rigid", "mse_rigid", "mse_rigid"), ("_grey", "mse_grey", "mse"))
+_IMPROVEMENTS = (
+    ("", "mse", "mse"),
+    ("_rigid", "mse_rigid", "mse_rigid"),
+    ("_grey", "mse_grey", "mse"),
+)
 """Which error of a translation is compared with which of the SLAM map."""
 
 
@@ -62,7 +66,9 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
                 entry[f"improvement{suffix}"] = asdict(better)
             some = evenly_spaced(len(rows), TABLE_I_MAPS)
             mse1, mse2 = (_column(of, "mse")[some] for of in (rows, scores[RAW]))
-            entry["improvement_table_one"] = asdict(improvement(mse1, mse2, [plans[i] for i in some]))
+            entry["improvement_table_one"] = asdict(
+                improvement(mse1, mse2, [plans[i] for i in some])
+            )
         summary[method] = entry
     return summary
 
@@ -75,8 +81,12 @@ def summarise_dimensions(rows: Sequence[MapScore]) -> dict[str, Any]:
     """Errors of lengths and openings of all maps together, in metres; None where nothing was measured."""
     summary: dict[str, Any] = {}
     for name in ("room_width", "wall_length", "wall_thickness"):
-        summary[name] = _length_summary(np.concatenate([getattr(row.dimensions, name) for row in rows]))
-    summary["door_width"] = _length_summary(np.concatenate([row.openings.door_width for row in rows]))
+        summary[name] = _length_summary(
+            np.concatenate([getattr(row.dimensions, name) for row in rows])
+        )
+    summary["door_width"] = _length_summary(
+        np.concatenate([row.openings.door_width for row in rows])
+    )
     for name in ("doors", "doors_kept", "doors_closed", "doors_invented", "walls", "walls_opened"):
         summary[name] = sum(getattr(row.openings, name) for row in rows)
     return summary
@@ -86,7 +96,9 @@ def _length_summary(errors: FloatArray) -> dict[str, Any]:
     """Number, median, median of the absolute value, and the shares within the tolerances."""
     if len(errors) == 0:
         return {"count": 0}
-    within = {f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in LENGTH_TOLERANCES}
+    within = {
+        f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in LENGTH_TOLERANCES
+    }
     return {
         "count": len(errors),
         "median": float(np.median(errors)),
@@ -99,7 +111,14 @@ def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], lis
     """Headings and rows: what is left after a rigid alignment, and the dimensions."""
     headings = ["method", "MSE ratio, rigid", "F1 5 cm", "F1 10 cm", "room F1", "room width [cm]"]
     headings += ["in 2 / 5 / 10 cm"]
-    headings += ["wall length [cm]", "in 5 cm", "thickness [cm]", "area", "doors kept", "door width [cm]"]
+    headings += [
+        "wall length [cm]",
+        "in 5 cm",
+        "thickness [cm]",
+        "area",
+        "doors kept",
+        "door width [cm]",
+    ]
     headings += ["walls opened", "doors invented", "never seen"]
     rows = []
     for method, entry in summary.items():
@@ -107,11 +126,24 @@ def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], lis
         width, length = found["room_width"], found["wall_length"]
         ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
         row = [method, ratio]
-        row += [f"{entry[f'{m}_rigid']['value']:.2f}" for m in ("wall_f1_5cm", "wall_f1_10cm", "room_f1")]
-        row += [_cm(width, "median"), " / ".join(_share(width, f"within_{n}cm") for n in (2, 5, 10))]
-        row += [_cm(length, "median"), _share(length, "within_5cm"), _cm(found["wall_thickness"], "median")]
+        row += [
+            f"{entry[f'{m}_rigid']['value']:.2f}"
+            for m in ("wall_f1_5cm", "wall_f1_10cm", "room_f1")
+        ]
+        row += [
+            _cm(width, "median"),
+            " / ".join(_share(width, f"within_{n}cm") for n in (2, 5, 10)),
+        ]
+        row += [
+            _cm(length, "median"),
+            _share(length, "within_5cm"),
+            _cm(found["wall_thickness"], "median"),
+        ]
         row += [f"{entry['area_ratio']['value']:.3f}", _of(found["doors_kept"], found["doors"])]
-        row += [_cm(found["door_width"], "median_absolute"), _of(found["walls_opened"], found["walls"])]
+        row += [
+            _cm(found["door_width"], "median_absolute"),
+            _of(found["walls_opened"], found["walls"]),
+        ]
         row += [str(found["doors_invented"]), f"{100 * entry['unseen_share']['value']:.1f} %"]
         rows.append(row)
     return headings, rows

@@ -142,10 +142,13 @@ class DomainDiscriminator(nn.Module):
     images at 256 px.
     """
 
-    def __init__(self, in_channels: int, out_channels: int, resolution: int = 256, width: int = 128) -> None:
+    def __init__(
+        self, in_channels: int, out_channels: int, resolution: int = 256, width: int = 128
+    ) -> None:
         super().__init__()
         self.copies = nn.ModuleList(
-            DiscriminatorBody(in_channels + out_channels, depth, width) for depth in copy_depths(resolution)
+            DiscriminatorBody(in_channels + out_channels, depth, width)
+            for depth in copy_depths(resolution)
         )
 
     def forward(self, x: Tensor, y: Tensor, fade: float = 1.0) -> list[list[Tensor]]:

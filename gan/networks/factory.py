@@ -9,7 +9,11 @@ from slamgym.core.types import ByteArray, Float32Array
 from slamgym.gan.config import CHANNELS, DiscriminatorConfig, TranslatorConfig
 from slamgym.gan.device import Compute
 from slamgym.gan.encoding import encode
-from slamgym.gan.networks.discriminators import DomainDiscriminator, RealFakeDiscriminator, SpectralConv2d
+from slamgym.gan.networks.discriminators import (
+    DomainDiscriminator,
+    RealFakeDiscriminator,
+    SpectralConv2d,
+)
 from slamgym.gan.networks.generators import ProgressiveGenerator, ResidualUNet
 
 Generator = ProgressiveGenerator | ResidualUNet
@@ -47,7 +51,9 @@ def build_discriminators(
     networks = nn.ModuleDict(
         {
             "domain": DomainDiscriminator(inputs, outputs, config.output_size, parts.width),
-            "real_fake": RealFakeDiscriminator(outputs, config.output_size, parts.width, parts.patch_width),
+            "real_fake": RealFakeDiscriminator(
+                outputs, config.output_size, parts.width, parts.patch_width
+            ),
         }
     )
     initialise(networks, torch.Generator().manual_seed(seed + 1))
@@ -70,7 +76,9 @@ def initialise(network: nn.Module, generator: torch.Generator) -> None:
             nn.init.normal_(module.weight, 1.0, INITIAL_STD, generator=generator)
             nn.init.zeros_(module.bias)
         if isinstance(module, SpectralConv2d):
-            module.u.copy_(functional.normalize(torch.randn(module.u.shape, generator=generator), dim=0))
+            module.u.copy_(
+                functional.normalize(torch.randn(module.u.shape, generator=generator), dim=0)
+            )
 
 
 def count_parameters(network: nn.Module) -> int:
@@ -79,7 +87,11 @@ def count_parameters(network: nn.Module) -> int:
 
 
 def run_generator(
-    generator: Generator, inputs: ByteArray, config: TranslatorConfig, compute: Compute, resolution: int
+    generator: Generator,
+    inputs: ByteArray,
+    config: TranslatorConfig,
+    compute: Compute,
+    resolution: int,
 ) -> Float32Array:
     """Translate a stack of maps in evaluation mode.
 

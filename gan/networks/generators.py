@@ -82,15 +82,21 @@ def blend(new: Tensor, old: Tensor, fade: float) -> Tensor:
 class ProgressiveGenerator(nn.Module):
     """Gives images of any of its resolutions for an input of one size."""
 
-    def __init__(self, in_channels: int, out_channels: int, input_size: int = 256, width: int = 32) -> None:
+    def __init__(
+        self, in_channels: int, out_channels: int, input_size: int = 256, width: int = 32
+    ) -> None:
         super().__init__()
         self.input_size = input_size
         self.halvings = (input_size // INNERMOST_SIDE).bit_length() - 1  # 7 for 256 px
         fine, middle, coarse = width, 2 * width, 4 * width
         # Encoder level i has side input_size / 2**i; the levels from the fourth halving on are wide.
-        encoder = [fine] + [middle if level <= 3 else coarse for level in range(1, self.halvings + 1)]
+        encoder = [fine] + [
+            middle if level <= 3 else coarse for level in range(1, self.halvings + 1)
+        ]
         self.enter = DoubleConv(in_channels, fine)
-        self.down = nn.ModuleList(DoubleConv(encoder[i], encoder[i + 1]) for i in range(self.halvings))
+        self.down = nn.ModuleList(
+            DoubleConv(encoder[i], encoder[i + 1]) for i in range(self.halvings)
+        )
         sides = [INNERMOST_SIDE << step for step in range(1, self.halvings + 1)]
         decoder = [coarse, *(self._decoder_channels(side, fine, middle, coarse) for side in sides)]
         self.grow = nn.ModuleList()
@@ -106,7 +112,9 @@ class ProgressiveGenerator(nn.Module):
             return fine
         return coarse if side < self.input_size // 8 else middle
 
-    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
+    def forward(
+        self, x: Tensor, resolution: int | None = None, fade: float = 1.0
+    ) -> GeneratorOutput:
         """Translate.
 
         Args:
@@ -132,7 +140,9 @@ class ProgressiveGenerator(nn.Module):
     def _step_of(self, resolution: int) -> int:
         step = (resolution // INNERMOST_SIDE).bit_length() - 2
         if resolution != INNERMOST_SIDE << (step + 1) or not 0 <= step < self.halvings:
-            raise ValueError(f"resolution {resolution} isn't a power of two from 4 to {self.input_size}")
+            raise ValueError(
+                f"resolution {resolution} isn't a power of two from 4 to {self.input_size}"
+            )
         return step
 
 
@@ -160,7 +170,9 @@ class ResidualUNet(nn.Module):
     def __init__(self, in_channels: int, out_channels: int, config: GeneratorConfig) -> None:
         super().__init__()
         self.depth = config.depth
-        channels = [round(config.width * times / 8.0) * 8 or 8 for times in WIDENING[: self.depth + 1]]
+        channels = [
+            round(config.width * times / 8.0) * 8 or 8 for times in WIDENING[: self.depth + 1]
+        ]
         self.enter = nn.Sequential(
             nn.PixelUnshuffle(FOLD),
             nn.Conv2d(FOLD**2 * in_channels, channels[0], 3, padding=1, bias=False),
@@ -169,17 +181,21 @@ class ResidualUNet(nn.Module):
         )
         self.encode = nn.ModuleList(ResidualBlock(count) for count in channels)
         self.shrink = nn.ModuleList(
-            nn.Conv2d(channels[level], channels[level + 1], 2, stride=2) for level in range(self.depth)
+            nn.Conv2d(channels[level], channels[level + 1], 2, stride=2)
+            for level in range(self.depth)
         )
         self.bottom = nn.Sequential(
             ResidualBlock(channels[-1], dilation=2), ResidualBlock(channels[-1], dilation=4)
         )
         self.widen = nn.ModuleList(
-            nn.Conv2d(channels[level + 1], channels[level], 1, bias=False) for level in range(self.depth)
+            nn.Conv2d(channels[level + 1], channels[level], 1, bias=False)
+            for level in range(self.depth)
         )
         self.decode = nn.ModuleList(ResidualBlock(count) for count in channels[:-1])
         self.unfold = nn.Sequential(
-            nn.Conv2d(channels[0], FOLD**2 * FINE_CHANNELS, 1), nn.PixelShuffle(FOLD), nn.ReLU(inplace=True)
+            nn.Conv2d(channels[0], FOLD**2 * FINE_CHANNELS, 1),
+            nn.PixelShuffle(FOLD),
+            nn.ReLU(inplace=True),
         )
         self.refine = nn.Sequential(
             nn.Conv2d(FINE_CHANNELS + in_channels, FINE_CHANNELS, 3, padding=1),
@@ -208,7 +224,9 @@ class ResidualUNet(nn.Module):
             for layer in range(min(2, self.copy.in_channels)):  # free to floor, occupied to wall
                 self.copy.weight[layer, layer] = COPIED_LOG_ODDS
 
-    def forward(self, x: Tensor, resolution: int | None = None, fade: float = 1.0) -> GeneratorOutput:
+    def forward(
+        self, x: Tensor, resolution: int | None = None, fade: float = 1.0
+    ) -> GeneratorOutput:
         """Translate.
 
         Args:
@@ -218,13 +236,17 @@ class ResidualUNet(nn.Module):
         """
         side = x.shape[-1]
         if resolution not in (None, side) or fade < 1.0:
-            raise ValueError(f"this generator works at the input's size {side} only, not at {resolution}")
+            raise ValueError(
+                f"this generator works at the input's size {side} only, not at {resolution}"
+            )
         skips = [self.encode[0](self.enter(x))]  # (B, w, S / 2, S / 2)
         for level in range(self.depth):
             skips.append(self.encode[level + 1](self.shrink[level](skips[-1])))
         decoded = self.bottom(skips[-1])
         for level in range(self.depth - 1, -1, -1):
-            below = functional.interpolate(self.widen[level](decoded), scale_factor=2.0, mode="nearest")
+            below = functional.interpolate(
+                self.widen[level](decoded), scale_factor=2.0, mode="nearest"
+            )
             decoded = self.decode[level](below + skips[level])
         fine = self.unfold(decoded)  # (B, FINE_CHANNELS, S, S)
         correction = self.refine(torch.cat([fine, x.to(fine.dtype)], dim=1))

@@ -57,7 +57,9 @@ class Learner:
             self.discriminators = compute.put(built)
         self.average = copy.deepcopy(self.generator) if config.optimiser.average > 0.0 else None
         self.optimisers = {"generator": self._optimiser(self.generator)}
-        self.optimisers |= {name: self._optimiser(network) for name, network in self.discriminators.items()}
+        self.optimisers |= {
+            name: self._optimiser(network) for name, network in self.discriminators.items()
+        }
         self.steps_done = self.images_done = 0
 
     @property
@@ -108,7 +110,9 @@ class Learner:
             return {name: float(value) for name, value in values.items()}
         self._descend("generator", total)
         image = output.image.detach()
-        for name, term in self._discriminator_terms(image, x_small, other, real, moment.fade).items():
+        for name, term in self._discriminator_terms(
+            image, x_small, other, real, moment.fade
+        ).items():
             self._descend(name, term)
             values[f"discriminator_{name}"] = term.detach()
         self._update_average()
@@ -159,7 +163,9 @@ class Learner:
             terms["domain"] = losses.taken_for_real_loss(fake["domain"])
             terms["feature_matching"] = losses.feature_matching_loss(fake["domain"], real["domain"])
             terms["real_fake"] = losses.taken_for_real_loss(fake["real_fake"])
-            terms["input_consistency"] = losses.feature_matching_loss(fake["real_fake"], real["real_fake"])
+            terms["input_consistency"] = losses.feature_matching_loss(
+                fake["real_fake"], real["real_fake"]
+            )
         if weights.l1 > 0.0:
             terms["l1"] = losses.l1_loss(output.image, y)
         if weights.overlap > 0.0:
@@ -172,7 +178,9 @@ class Learner:
         """Eq. (1): the sum of all terms, each with its weight."""
         loss = self.config.loss
         weights = {"l1": loss.l1, "cross_entropy": loss.overlap, "dice": loss.overlap}
-        return torch.stack([weights.get(name, loss.adversarial) * term for name, term in terms.items()]).sum()
+        return torch.stack(
+            [weights.get(name, loss.adversarial) * term for name, term in terms.items()]
+        ).sum()
 
     def _discriminator_terms(
         self,
@@ -204,9 +212,13 @@ class Learner:
         if self.average is None:
             return
         # Early on the average must not hang on to the first, random weights.
-        keep = min(self.config.optimiser.average, (1.0 + self.steps_done) / (10.0 + self.steps_done))
+        keep = min(
+            self.config.optimiser.average, (1.0 + self.steps_done) / (10.0 + self.steps_done)
+        )
         with torch.no_grad():
-            for mean, now in zip(self.average.parameters(), self.generator.parameters(), strict=True):
+            for mean, now in zip(
+                self.average.parameters(), self.generator.parameters(), strict=True
+            ):
                 mean.lerp_(now, 1.0 - keep)
             buffers = zip(self.average.buffers(), self.generator.buffers(), strict=True)
             for mean_buffer, buffer in buffers:
@@ -230,11 +242,15 @@ class Learner:
         if self.compute.device.type == "cuda":
             tensors["torch.cuda"] = torch.cuda.get_rng_state(self.compute.device)
         for name, network in self.networks().items():
-            tensors |= {f"network.{name}.{key}": value for key, value in network.state_dict().items()}
+            tensors |= {
+                f"network.{name}.{key}": value for key, value in network.state_dict().items()
+            }
         for name, optimiser in self.optimisers.items():
             # Adam's moments and step counts, by the parameter's number; parameters not moved yet have none.
             for number, state in optimiser.state_dict()["state"].items():
-                tensors |= {f"optimiser.{name}.{number}.{key}": value for key, value in state.items()}
+                tensors |= {
+                    f"optimiser.{name}.{number}.{key}": value for key, value in state.items()
+                }
         plain = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
         done = {"steps_done": self.steps_done, "images_done": self.images_done}
         header = {"format": STATE_FORMAT, "facts": json.dumps(facts | done)}
@@ -271,7 +287,9 @@ def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
     header, tensors = read_tensors(path)
     advice = "train in another folder (-o)"
     if header.get("format") != STATE_FORMAT:
-        raise InputFileError(path, f"is not a checkpoint of this version of `slamgym gan train`; {advice}")
+        raise InputFileError(
+            path, f"is not a checkpoint of this version of `slamgym gan train`; {advice}"
+        )
     facts = parse_json(header.get("facts", ""), path)
     if not isinstance(facts, dict):
         raise InputFileError(path, f"is damaged: its facts are no object; {advice}")
@@ -279,7 +297,9 @@ def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
 
 
 def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)}
+    return {
+        key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)
+    }
 
 
 def _shrunk(images: Tensor, side: int) -> Tensor:

@@ -42,7 +42,9 @@ def discriminator_loss(real: Features, *fakes: Features) -> Tensor:
         real: Of (x, y), or of y for the real/fake discriminator.
         fakes: Of (x, G(x)) and of an unassociated target (x, y'); or of G(x).
     """
-    return torch.stack([_over_copies(real, True), *(_over_copies(fake, False) for fake in fakes)]).mean()
+    return torch.stack(
+        [_over_copies(real, True), *(_over_copies(fake, False) for fake in fakes)]
+    ).mean()
 
 
 def taken_for_real_loss(fake: Features) -> Tensor:
@@ -63,7 +65,9 @@ def feature_matching_loss(fake: Features, reference: Features) -> Tensor:
     distances = []
     for ours, theirs in zip(fake, reference, strict=True):  # one copy each
         layers = zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False)
-        terms = [weight * functional.l1_loss(a.float(), b.detach().float()) for weight, a, b in layers]
+        terms = [
+            weight * functional.l1_loss(a.float(), b.detach().float()) for weight, a, b in layers
+        ]
         distances.append(torch.stack(terms).sum())
     return torch.stack(distances).sum()
 
@@ -131,7 +135,9 @@ def near_thin_walls(values: Tensor, beside: int = 2) -> Tensor:
     closed = torch.zeros_like(floor)
     for size, padding in (((1, window), (0, half)), ((window, 1), (half, 0))):
         grown = functional.max_pool2d(floor, size, stride=1, padding=padding)
-        closed = torch.maximum(closed, -functional.max_pool2d(-grown, size, stride=1, padding=padding))
+        closed = torch.maximum(
+            closed, -functional.max_pool2d(-grown, size, stride=1, padding=padding)
+        )
     return functional.max_pool2d(closed - floor, 2 * beside + 1, stride=1, padding=beside)
 
 

@@ -58,7 +58,9 @@ def _validate_cad(
         truth, scale = pairs.cad[index] > FREE // 2, pairs.usual_scale(index)
         masks = free > 0.5, pairs.slam[index] == FREE
         errors = [float(np.mean(mask != truth)) for mask in masks]
-        rows.append(errors + [boundary_score(mask, truth, scale, WALL_TOLERANCE).f1 for mask in masks])
+        rows.append(
+            errors + [boundary_score(mask, truth, scale, WALL_TOLERANCE).f1 for mask in masks]
+        )
     mse, mse_slam, f1, f1_slam = np.array(rows).T
     return np.rint(np.stack(probabilities) * FREE).astype(np.uint8), {
         "mse": float(mse.mean()),

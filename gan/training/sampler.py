@@ -60,14 +60,18 @@ class Batch:
 
     cad: ByteArray  # (B, S, S), or (B, 4, S, S) layers
     slam: ByteArray  # (B, S, S)
-    other_cad: ByteArray | None = None  # CAD maps of other places, as ``cad``, if they were asked for
+    other_cad: ByteArray | None = (
+        None  # CAD maps of other places, as ``cad``, if they were asked for
+    )
     other_slam: ByteArray | None = None  # (B, S, S) SLAM maps of other places
 
 
 class BatchSampler:
     """Draws batches: every pair once per pass, in an order that changes from pass to pass."""
 
-    def __init__(self, pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator) -> None:
+    def __init__(
+        self, pairs: PairSet, config: TranslatorTrainingConfig, rng: np.random.Generator
+    ) -> None:
         """Prepare the stream that a training draws from.
 
         Args:
@@ -104,7 +108,11 @@ class BatchSampler:
         self._position = int(state["position"])
 
     def _place(self) -> dict[str, Any]:
-        return {"rng": self._rng.bit_generator.state, "order": self._order, "position": self._position}
+        return {
+            "rng": self._rng.bit_generator.state,
+            "order": self._order,
+            "position": self._position,
+        }
 
     def _next(self) -> int:
         if self._position == len(self._order):
@@ -136,14 +144,18 @@ class BatchSampler:
         cad, slam = (np.ascontiguousarray(flipped(image, symmetry)) for image in (cad, slam))
         if to_layers:
             # The zoom changes the scale by a few per cent, which the layers needn't know.
-            cad = layer_shares(cad[..., 0], cad[..., 1] > FREE // 2, slam, self._pairs.usual_scale(index))
+            cad = layer_shares(
+                cad[..., 0], cad[..., 1] > FREE // 2, slam, self._pairs.usual_scale(index)
+            )
         return cad, slam
 
     def _with_doors(self, index: int) -> ByteArray:
         """(S, S, 2): the CAD map and its doors, which are found once."""
         cad = self._pairs.cad[index]
         if index not in self._doors:
-            self._doors[index] = np.flatnonzero(door_cells(cad > FREE // 2, self._pairs.usual_scale(index)))
+            self._doors[index] = np.flatnonzero(
+                door_cells(cad > FREE // 2, self._pairs.usual_scale(index))
+            )
         doors = np.zeros_like(cad)
         doors.ravel()[self._doors[index]] = FREE
         return np.dstack([cad, doors])
@@ -152,7 +164,9 @@ class BatchSampler:
         other = index
         for _ in range(MAX_REDRAWS):
             other = int(self._rng.integers(len(self._pairs)))
-            if other != index and not np.array_equal(self._pairs.cad[other], self._pairs.cad[index]):
+            if other != index and not np.array_equal(
+                self._pairs.cad[other], self._pairs.cad[index]
+            ):
                 break
         return other
 
@@ -176,7 +190,9 @@ def augment(
     both = own = np.eye(3)
     if rng.random() < RESAMPLED:
         angle = rng.uniform(-45.0, 45.0) if rng.random() < ROTATED else 0.0
-        both = _about_centre(cad.shape[0], angle, math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM)))
+        both = _about_centre(
+            cad.shape[0], angle, math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM))
+        )
         own = _about_centre(cad.shape[0], rng.normal(0.0, TURN_DEG)) @ both
     cad = _moved(cad, both, cv2.INTER_LINEAR, OCCUPIED)
     if rng.random() < DAMAGE_PROBABILITY:
@@ -208,7 +224,9 @@ def _about_centre(
 ) -> np.ndarray:
     """A turn, zoom and shift as a 3 x 3 matrix on (col, row)."""
     centre = 0.5 * (side - 1)
-    matrix = np.vstack([cv2.getRotationMatrix2D((centre, centre), angle_deg, zoom), [0.0, 0.0, 1.0]])
+    matrix = np.vstack(
+        [cv2.getRotationMatrix2D((centre, centre), angle_deg, zoom), [0.0, 0.0, 1.0]]
+    )
     matrix[:2, 2] += shift
     return matrix
 

@@ -87,10 +87,14 @@ def plan_schedule(stages: Sequence[Stage], pairs: int, optimiser: OptimiserConfi
     for stage in stages:
         if stage.fade_epochs > 0.0:
             batch = stage.fade_batch or stage.batch
-            spans.append(Span(stage.resolution, batch, _steps(stage.fade_epochs, pairs, batch), True))
+            spans.append(
+                Span(stage.resolution, batch, _steps(stage.fade_epochs, pairs, batch), True)
+            )
         stable = stage.epochs - stage.fade_epochs
         if stable > 0.0:
-            spans.append(Span(stage.resolution, stage.batch, _steps(stable, pairs, stage.batch), False))
+            spans.append(
+                Span(stage.resolution, stage.batch, _steps(stable, pairs, stage.batch), False)
+            )
     return Schedule(tuple(spans), optimiser.warm_up, optimiser.decay)
 
 

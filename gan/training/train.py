@@ -116,7 +116,11 @@ class _Training:
         self.folder, self.options, self.compute = run, options, compute
         self.checkpoint = run / "checkpoint.safetensors"
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
-        start = _starting_generator(config) if config.start_from and not self.checkpoint.exists() else None
+        start = (
+            _starting_generator(config)
+            if config.start_from and not self.checkpoint.exists()
+            else None
+        )
         self.images = describe_data(images)
         self.pairs, self.held_out = _training_pairs(images, run, config)
         if scales := self.pairs.scale_percentiles():
@@ -187,7 +191,11 @@ class _Training:
         self._save()
 
     def _diverged(self, what: str) -> TrainingDivergedError:
-        kept = f"the last good state is {self.checkpoint}" if self.checkpoint.exists() else "nothing was kept"
+        kept = (
+            f"the last good state is {self.checkpoint}"
+            if self.checkpoint.exists()
+            else "nothing was kept"
+        )
         return TrainingDivergedError(
             f"{what}; {kept}; train again with a smaller --learning-rate or in float32"
         )
@@ -228,8 +236,17 @@ class _Training:
                 )
         try:
             self._restore(tensors, facts)
-        except (KeyError, TypeError, ValueError, AttributeError, RuntimeError, OverflowError) as error:
-            raise InputFileError(self.checkpoint, f"is damaged ({error}); delete it to begin again") from None
+        except (
+            KeyError,
+            TypeError,
+            ValueError,
+            AttributeError,
+            RuntimeError,
+            OverflowError,
+        ) as error:
+            raise InputFileError(
+                self.checkpoint, f"is damaged ({error}); delete it to begin again"
+            ) from None
         say(f"resuming at step {self.learner.steps_done:,}")
 
     def _restore(self, tensors: dict[str, torch.Tensor], facts: dict[str, Any]) -> None:
@@ -272,7 +289,9 @@ def _training_pairs(
 ) -> tuple[PairSet, PairSet]:
     """(pairs to train on, pairs of held-out plans)."""
     if not images:
-        raise ConfigError("name at least one folder of pairs, as `slamgym dataset render` writes them")
+        raise ConfigError(
+            "name at least one folder of pairs, as `slamgym dataset render` writes them"
+        )
     named = ", ".join(folder.name for folder in images)
     say(f"reading the pairs of {named}")
     side = config.translator.input_size

@@ -19,7 +19,9 @@ def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.
         Free cells, shape (H, W): everything inside of the building's outline.
     """
     radius = thickest_wall / metres_per_px
-    border = int(np.ceil(radius)) + 2  # so that closing doesn't join the building to the image's border
+    border = (
+        int(np.ceil(radius)) + 2
+    )  # so that closing doesn't join the building to the image's border
     free = np.pad((cad > 127).astype(np.uint8), border)
     closed = cv2.morphologyEx(
         free, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_RECT, (odd(radius),) * 2)

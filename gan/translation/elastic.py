@@ -52,15 +52,21 @@ def drifted(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> B
     return _pulled(cad, field, OCCUPIED)
 
 
-def _random_field(shape: tuple[int, ...], metres_per_px: float, rng: np.random.Generator) -> Float32Array:
+def _random_field(
+    shape: tuple[int, ...], metres_per_px: float, rng: np.random.Generator
+) -> Float32Array:
     """Smoothed noise (2, H, W) [px]: columns, rows."""
     noise = rng.standard_normal((2, *shape)).astype(np.float32)
-    field = np.stack([cv2.GaussianBlur(n, (0, 0), CORRELATION_LENGTH / metres_per_px) for n in noise])
+    field = np.stack(
+        [cv2.GaussianBlur(n, (0, 0), CORRELATION_LENGTH / metres_per_px) for n in noise]
+    )
     scale = np.float32(DISPLACEMENT / metres_per_px) / max(float(field.std()), 1e-9)
     return np.asarray(field * scale, dtype=np.float32)
 
 
 def _pulled(cells: ByteArray, field: Float32Array, fill: int) -> ByteArray:
     rows, cols = np.indices(cells.shape, dtype=np.float32)
-    bent = cv2.remap(cells, cols + field[0], rows + field[1], cv2.INTER_NEAREST, borderValue=float(fill))
+    bent = cv2.remap(
+        cells, cols + field[0], rows + field[1], cv2.INTER_NEAREST, borderValue=float(fill)
+    )
     return np.asarray(bent, dtype=np.uint8)

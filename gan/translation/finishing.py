@@ -21,7 +21,9 @@ def shrunk_floor(free: Float32Array, depth_px: float) -> Float32Array:
     shrunk = free
     for number in range(DIRECTIONS if depth_px > 0.0 else 0):
         angle = 2.0 * math.pi * number / DIRECTIONS
-        shift = np.array([[1.0, 0.0, depth_px * math.cos(angle)], [0.0, 1.0, depth_px * math.sin(angle)]])
+        shift = np.array(
+            [[1.0, 0.0, depth_px * math.cos(angle)], [0.0, 1.0, depth_px * math.sin(angle)]]
+        )
         moved = cv2.warpAffine(free, shift, free.shape[::-1], flags=cv2.INTER_LINEAR)
         shrunk = np.minimum(shrunk, moved)
     return np.asarray(shrunk, dtype=np.float32)
@@ -36,7 +38,9 @@ def thinned_walls(cells: ByteArray) -> ByteArray:
     Returns:
         The same with walls one cell thick.
     """
-    from scipy.ndimage import distance_transform_edt  # a quarter of a second of every command that translates
+    from scipy.ndimage import (
+        distance_transform_edt,
+    )  # a quarter of a second of every command that translates
 
     occupied = cells == OCCUPIED
     if not occupied.any() or occupied.all():
@@ -58,7 +62,16 @@ def _skeleton(mask: BoolArray) -> BoolArray:
             ring = np.stack(
                 [
                     np.roll(picture, shift, (0, 1))[1:-1, 1:-1]
-                    for shift in ((1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1))
+                    for shift in (
+                        (1, 0),
+                        (1, -1),
+                        (0, -1),
+                        (-1, -1),
+                        (-1, 0),
+                        (-1, 1),
+                        (0, 1),
+                        (1, 1),
+                    )
                 ]
             )
             count = ring.sum(axis=0)

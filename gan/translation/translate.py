@@ -69,7 +69,11 @@ def translate_tiled(
     above, beside = max(0, tile - rows) // 2, max(0, tile - cols) // 2
     below, behind = max(0, tile - rows) - above, max(0, tile - cols) - beside
     padded = np.pad(cells, ((above, below), (beside, behind)), constant_values=fill)
-    corners = [(r, c) for r in tile_starts(padded.shape[0], tile) for c in tile_starts(padded.shape[1], tile)]
+    corners = [
+        (r, c)
+        for r in tile_starts(padded.shape[0], tile)
+        for c in tile_starts(padded.shape[1], tile)
+    ]
     corners = [(r, c) for r, c in corners if (padded[r : r + tile, c : c + tile] != fill).any()]
     window = _window(tile)
     total: Float32Array | None = None
@@ -173,17 +177,25 @@ class LearnedTranslator:
             ConfigError: Also if these weights draw no layers.
         """
         if self.config.output_encoding != "layers":
-            raise ConfigError("these weights draw floor alone, no layers; choose others with --weights")
+            raise ConfigError(
+                "these weights draw floor alone, no layers; choose others with --weights"
+            )
         image = self._drawn(slam, metres_per_px, False, angle_deg)
         floor, wall, door = 0.5 * (image[:3] + 1.0)
         return MapLayers(floor, wall, door, np.maximum(1.0 - floor - wall - door, 0.0))
 
     def _drawn(
-        self, slam: ByteArray, metres_per_px: float | None, straighten: bool, angle_deg: float | None
+        self,
+        slam: ByteArray,
+        metres_per_px: float | None,
+        straighten: bool,
+        angle_deg: float | None,
     ) -> Float32Array:
         """What the network draws of a SLAM map, (C, H, W) in [-1, 1]."""
         if self.config.direction != "slam2cad":
-            raise ConfigError("these weights translate CAD maps to SLAM maps; choose others with --weights")
+            raise ConfigError(
+                "these weights translate CAD maps to SLAM maps; choose others with --weights"
+            )
         _require_image(slam)
         angle = angle_to_undo_deg(slam) if angle_deg is None else angle_deg
         if not self.config.derotate or abs(angle) < MIN_TURN_DEG:
@@ -193,7 +205,9 @@ class LearnedTranslator:
         image = self._fitted(turned(padded, -angle), UNKNOWN, metres_per_px)
         above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         if not straighten:
-            image = np.stack([2.0 * turned_probability(0.5 * (c + 1.0), angle) - 1.0 for c in image])
+            image = np.stack(
+                [2.0 * turned_probability(0.5 * (c + 1.0), angle) - 1.0 for c in image]
+            )
         return image[:, above : above + slam.shape[0], beside : beside + slam.shape[1]]
 
     def translate_cells(
@@ -243,7 +257,9 @@ class LearnedTranslator:
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
         drawn = translate_tiled(resampled, size, empty, self._run)
         for channel, image in enumerate(drawn):
-            result[channel, rows, cols] = 2.0 * resample_probability(0.5 * (image + 1.0), part.shape) - 1.0
+            result[channel, rows, cols] = (
+                2.0 * resample_probability(0.5 * (image + 1.0), part.shape) - 1.0
+            )
         if self.config.direction == "slam2cad" and max(shape) > max(part.shape):
             self._close_walls(result[:, rows, cols], drawn)
         return result
@@ -260,7 +276,9 @@ class LearnedTranslator:
             image = image[:1]
         np.maximum(image - opened, -1.0, out=image)
 
-    def _working_shape(self, shape: tuple[int, ...], metres_per_px: float | None) -> tuple[int, int]:
+    def _working_shape(
+        self, shape: tuple[int, ...], metres_per_px: float | None
+    ) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
         size, longest = self.config.input_size, max(shape)
         if metres_per_px is None:
@@ -283,7 +301,9 @@ class LearnedTranslator:
 
 
 def load_translator(
-    name_or_path: str | Path = "slam2cad", direction: Direction | None = None, device: DeviceName = "cpu"
+    name_or_path: str | Path = "slam2cad",
+    direction: Direction | None = None,
+    device: DeviceName = "cpu",
 ) -> LearnedTranslator:
     """Load a translator, ready to use; no network is needed.
 

@@ -54,8 +54,12 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
                     texts[name.stem] = content.read() if content else b""
                 archive.members = []  # type: ignore[attr-defined]  # which would grow with every entry
     except (OSError, ValueError, tarfile.TarError, *DAMAGED) as error:
-        raise InputFileError(path, f"is not a readable archive ({error}); download it again") from None
-    places = {plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)}
+        raise InputFileError(
+            path, f"is not a readable archive ({error}); download it again"
+        ) from None
+    places = {
+        plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)
+    }
     return PlanIndex(places, parse_houseexpo)
 
 
@@ -83,9 +87,12 @@ def fetch_houseexpo(
     if not path.exists():
         download(url or HOUSEEXPO_URL, path, advance)
     source = archived_plans(path)
-    if len(source) < MIN_HOUSEEXPO_PLANS or any(len(plan_id) != _ID_LENGTH for plan_id in source.ids):
+    if len(source) < MIN_HOUSEEXPO_PLANS or any(
+        len(plan_id) != _ID_LENGTH for plan_id in source.ids
+    ):
         raise InputFileError(
-            path, f"holds {len(source)} plans and is not the public archive; delete it and fetch it again"
+            path,
+            f"holds {len(source)} plans and is not the public archive; delete it and fetch it again",
         )
     source.load(source.ids[0])
     sums, digest = path.with_name(f"{path.name}.sha256"), sha256_of(path)

@@ -91,7 +91,9 @@ class Wall(NamedTuple):
     def point(self, distance: float) -> tuple[float, float]:
         """The point at a distance [m] from the start."""
         share = distance / self.length
-        return snap(self.x0 + share * (self.x1 - self.x0)), snap(self.y0 + share * (self.y1 - self.y0))
+        return snap(self.x0 + share * (self.x1 - self.x0)), snap(
+            self.y0 + share * (self.y1 - self.y0)
+        )
 
     def opening(self, start: float, stop: float, thickness: float) -> Box:
         """The piece of the wall between two distances from its start [m], as thick as the wall."""
@@ -143,7 +145,9 @@ def subdivide(box: Box, spaces: Sequence[Space], rng: np.random.Generator) -> li
         share += spaces[index - 1].area / total
         for along_x in (True, False):
             halves = box.cut(share, along_x)
-            options.append((_awkwardness(halves, index, len(spaces)) * rng.uniform(1.0, 1.3), index, halves))
+            options.append(
+                (_awkwardness(halves, index, len(spaces)) * rng.uniform(1.0, 1.3), index, halves)
+            )
     _, index, (first, second) = min(options, key=lambda option: option[0])
     return subdivide(first, spaces[:index], rng) + subdivide(second, spaces[index:], rng)
 

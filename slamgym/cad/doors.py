@@ -14,7 +14,17 @@ from slamgym.core.types import BoolArray, FloatArray
 
 _HUBS = {"Living_Room", "Dining_Room", "Hall", "Hallway", "Lobby", "Entryway"}
 _SERVICE = {"Bathroom", "Toilet", "Storage", "Wardrobe", "Garage", "Boiler_room", "Balcony"}
-_OPEN_PLAN = {"Living_Room", "Dining_Room", "Kitchen", "Hall", "Hallway", "Lobby", "Room", "Office", "Gym"}
+_OPEN_PLAN = {
+    "Living_Room",
+    "Dining_Room",
+    "Kitchen",
+    "Hall",
+    "Hallway",
+    "Lobby",
+    "Room",
+    "Office",
+    "Gym",
+}
 
 _CLOSED = {"Bathroom", "Toilet"}
 
@@ -22,7 +32,10 @@ MAX_SPARE = 3
 """Most openings that make loops in a plan."""
 MIN_NIB = 0.06
 """Wall left next to a door [m], measured from the face of the wall that crosses there."""
-DOOR_WIDTHS = ((0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2), (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08))
+DOOR_WIDTHS = (
+    (0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2),
+    (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08),
+)
 """Clear widths of doors [m] and their shares. HouseExpo's openings peak at 0.7-0.8 and 0.95-1.05 m."""
 WIDE_OPENING = (1.2, 2.4)
 """Clear width of an opening without a door [m]."""
@@ -54,7 +67,11 @@ class _Neighbours:
 
 
 def join_rooms(
-    cells: Sequence[Cell], thickness: float, rng: np.random.Generator, open_plan: float, loops: float
+    cells: Sequence[Cell],
+    thickness: float,
+    rng: np.random.Generator,
+    open_plan: float,
+    loops: float,
 ) -> list[Opening] | None:
     """Join all rooms by a tree of openings, and some by one more so that there are loops.
 
@@ -80,7 +97,9 @@ def join_rooms(
     if spare and rng.random() < loops:
         number = min(len(spare), int(rng.integers(1, 1 + MAX_SPARE)))
         chosen = rng.choice(len(spare), size=number, replace=False)
-        joined += [_open(cells, spare[int(index)], thickness, rng, 0.3 * open_plan) for index in chosen]
+        joined += [
+            _open(cells, spare[int(index)], thickness, rng, 0.3 * open_plan) for index in chosen
+        ]
     return joined
 
 
@@ -88,7 +107,9 @@ def _uses(cells: Sequence[Cell], pair: _Neighbours) -> set[str]:
     return {cells[index].category for index in pair.cells}
 
 
-def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> list[_Neighbours]:
+def _neighbours(
+    cells: Sequence[Cell], thickness: float, rng: np.random.Generator
+) -> list[_Neighbours]:
     needed = min(DOOR_WIDTHS[0]) + thickness + 2 * MIN_NIB
     pairs = []
     for first, cell in enumerate(cells):
@@ -96,7 +117,9 @@ def _neighbours(cells: Sequence[Cell], thickness: float, rng: np.random.Generato
             other = cells[second]
             if not cell.polygon.intersects(other.polygon):
                 continue
-            walls = [wall for wall in shared_walls(cell.polygon, other.polygon) if wall.length >= needed]
+            walls = [
+                wall for wall in shared_walls(cell.polygon, other.polygon) if wall.length >= needed
+            ]
             if walls:
                 # The longest wall is preferred, but not always taken.
                 wall = (
@@ -129,7 +152,11 @@ def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
 
 
 def _open(
-    cells: Sequence[Cell], pair: _Neighbours, thickness: float, rng: np.random.Generator, open_plan: float
+    cells: Sequence[Cell],
+    pair: _Neighbours,
+    thickness: float,
+    rng: np.random.Generator,
+    open_plan: float,
 ) -> Opening:
     """Put an opening into a wall: none of the wall left, a wide opening, or a door."""
     categories = _uses(cells, pair)

@@ -85,7 +85,9 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
     if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
         spaces = _spaces_with_gaps_shut(network, drawn_lines) or spaces
     if not spaces:
-        raise PlanError(source, "its walls enclose no space; check the layers, the unit and gaps at corners")
+        raise PlanError(
+            source, "its walls enclose no space; check the layers, the unit and gaps at corners"
+        )
     doorways = _doorways(drawn.doors, spaces)
     joined = _largest_group(spaces, doorways)
     total = sum(space.area for space in spaces)
@@ -190,7 +192,9 @@ def _spaces(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
 def _open_borders(network: Any, drawn_lines: FloatArray, faces: Any) -> list[tuple[int, int]]:
     """Pairs of faces that meet where no line of a wall, door or window is drawn."""
     borders = shapely.get_parts(network)
-    middles = shapely.line_interpolate_point(borders[shapely.length(borders) > JAMB], 0.5, normalized=True)
+    middles = shapely.line_interpolate_point(
+        borders[shapely.length(borders) > JAMB], 0.5, normalized=True
+    )
     shut, _ = shapely.STRtree(_lines(drawn_lines)).query(middles, "dwithin", 2.0 * LINE_GRID)
     border, face = shapely.STRtree(faces).query(np.delete(middles, shut), "dwithin", LINE_GRID)
     same = border[1:] == border[:-1]
@@ -202,18 +206,27 @@ def _spaces_with_gaps_shut(network: Any, drawn_lines: FloatArray) -> list[Polygo
     radius = 0.5 * OUTER_GAP
     around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
     # One line at a time: GEOS takes the square of the time, and of the memory, for all of them at once.
-    free = around.difference(shapely.union_all(shapely.buffer(_lines(drawn_lines), radius, quad_segs=16)))
+    free = around.difference(
+        shapely.union_all(shapely.buffer(_lines(drawn_lines), radius, quad_segs=16))
+    )
     border = around.exterior
-    outside = shapely.union_all([part for part in shapely.get_parts(free) if part.intersects(border)])
+    outside = shapely.union_all(
+        [part for part in shapely.get_parts(free) if part.intersects(border)]
+    )
     # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
     outside = outside.simplify(LINE_GRID, preserve_topology=False).buffer(radius - 5.0 * LINE_GRID)
     shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
     strip = 10.0 * LINE_GRID
     borders = np.vstack([drawn_lines, *outline_edges(polygon_parts(outside))])
     inner = [
-        space for space in _spaces(shut, borders) if not outside.intersects(space.representative_point())
+        space
+        for space in _spaces(shut, borders)
+        if not outside.intersects(space.representative_point())
     ]
-    opened = [space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre") for space in inner]
+    opened = [
+        space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre")
+        for space in inner
+    ]
     return [part for space in opened for part in polygon_parts(space)]
 
 
@@ -263,11 +276,15 @@ def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> IntArray:
     return np.asarray(connected_components(joined, directed=False)[1], np.int64)
 
 
-def _floor(spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str) -> Polygon:
+def _floor(
+    spaces: Sequence[Polygon], slabs: Sequence[Polygon], drawn: DrawnWalls, source: str
+) -> Polygon:
     """The spaces and the doors between them as one polygon; walls of one line get a thickness."""
     floor = shapely.union_all([*spaces, *slabs], grid_size=LINE_GRID)
     lines = _joined(np.vstack([drawn.walls, drawn.windows]))
-    inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(shapely.union_all(list(slabs)))
+    inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(
+        shapely.union_all(list(slabs))
+    )
     if not inner.is_empty:
         bodies = shapely.buffer(shapely.get_parts(inner), 0.5 * LINE_WIDTH, cap_style="square")
         floor = floor.difference(shapely.disjoint_subset_union_all(bodies))

@@ -139,7 +139,9 @@ def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
     points = walls.reshape(-1, 2)
     size = float((points.max(axis=0) - points.min(axis=0)).max())
     unit, name = next((unit, name) for least, unit, name in UNIT_BY_SIZE if size >= least)
-    return unit, (f"the drawing doesn't say its unit ($INSUNITS); by its size of {size:.0f} it is in {name}",)
+    return unit, (
+        f"the drawing doesn't say its unit ($INSUNITS); by its size of {size:.0f} it is in {name}",
+    )
 
 
 class _Found:
@@ -179,7 +181,9 @@ class _Found:
             VERTICES.check(self._source, walls, PlanError)
             level, depth = deeper, depth + 1
 
-    def _contents(self, block: Iterable[Any], parent: LayerKind | None) -> tuple[int, int, Counter[Any]]:
+    def _contents(
+        self, block: Iterable[Any], parent: LayerKind | None
+    ) -> tuple[int, int, Counter[Any]]:
         """Entities and lines of walls in a block itself, and how often it holds each other block."""
         entities = lines = 0
         inserts: Counter[tuple[str, LayerKind | None]] = Counter()
@@ -218,7 +222,8 @@ class _Found:
         if not found:
             names = ", ".join(shown(name) for name in sorted(self._layers)[:8]) or "none with lines"
             raise PlanError(
-                self._source, f"has no layer that is called like walls; name it (--layers), it has {names}"
+                self._source,
+                f"has no layer that is called like walls; name it (--layers), it has {names}",
             )
         return np.vstack(found)
 
@@ -235,7 +240,9 @@ class _Found:
     def _kind_within(self, entity: Any, parent: LayerKind | None) -> LayerKind:
         """Kind of an entity in a block whose insert is of the kind ``parent``."""
         layer = str(entity.dxf.get("layer", "0"))
-        if parent is not None and (layer == "0" or (parent in ("door", "window") and not self._chosen)):
+        if parent is not None and (
+            layer == "0" or (parent in ("door", "window") and not self._chosen)
+        ):
             return parent
         if layer not in self._kinds:
             self._kinds[layer] = self._kind(layer)
@@ -256,7 +263,9 @@ class _Found:
         if not all(abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE for size in sizes):
             raise PlanError(self._source, "has an arc without bounds; delete it")
         if kind == "door" and name == "ARC":
-            hinge = entity.ocs().to_wcs(entity.dxf.center)  # a mirrored block's arc has axes of its own
+            hinge = entity.ocs().to_wcs(
+                entity.dxf.center
+            )  # a mirrored block's arc has axes of its own
             self.swings.append(
                 np.array([tuple(p)[:2] for p in (hinge, entity.start_point, entity.end_point)])
             )
@@ -274,7 +283,9 @@ class _Found:
             return
         width = float(entity.dxf.get("const_width", 0.0) or 0.0) if name == "LWPOLYLINE" else 0.0
         if width > 0.0:
-            self._crossings = refuse_crossings(edges_of(points, closed), self._source, self._crossings)
+            self._crossings = refuse_crossings(
+                edges_of(points, closed), self._source, self._crossings
+            )
             line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
             body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
             self.lines[kind] += outline_edges(shapely.get_parts(body))

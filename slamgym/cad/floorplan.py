@@ -130,7 +130,9 @@ class FloorPlan:
         if degrees == 0.0:
             return self
         radians = math.radians(degrees)
-        matrix = np.array([[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]])
+        matrix = np.array(
+            [[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]]
+        )
 
         def turn(shape: Polygon) -> Polygon:
             return shapely.transform(shape, lambda points: points @ matrix.T)
@@ -248,7 +250,9 @@ def _check_geometry(plan: FloorPlan) -> None:
     if not np.isfinite(shapely.get_coordinates(space)).all():
         raise PlanError(plan.where, "a coordinate is NaN or infinite; give numbers in metres")
     if space.is_empty or space.area <= 0.0:
-        raise PlanError(plan.where, "the free space has no area; give an outline that encloses some")
+        raise PlanError(
+            plan.where, "the free space has no area; give an outline that encloses some"
+        )
     if not space.is_valid:
         reason = shapely.is_valid_reason(space)
         raise PlanError(plan.where, f"the outline is invalid ({reason}); make it a simple polygon")
@@ -260,21 +264,29 @@ def _check_reachable(plan: FloorPlan, robot_radius: float) -> None:
     centre_space = robot_space(plan, robot_radius)
     if centre_space.is_empty:
         raise PlanError(
-            plan.where, f"no place is wide enough for {robot}; check its unit, or use a smaller robot"
+            plan.where,
+            f"no place is wide enough for {robot}; check its unit, or use a smaller robot",
         )
     # The floor that the robot's body can cover; corners it can't reach are a matter of centimetres.
     reached = centre_space.buffer(robot_radius, quad_segs=4)
     share = reached.area / plan.area
     if share < MIN_REACHED_SHARE:
-        raise PlanError(plan.where, f"{robot} can enter only {share:.0%} of the floor; widen the doors")
+        raise PlanError(
+            plan.where, f"{robot} can enter only {share:.0%} of the floor; widen the doors"
+        )
     closed = []
     for room in plan.rooms:
         floor = room.polygon.intersection(plan.free_space)
-        if floor.area >= MIN_ROOM_AREA and reached.intersection(floor).area < MIN_ROOM_SHARE * floor.area:
+        if (
+            floor.area >= MIN_ROOM_AREA
+            and reached.intersection(floor).area < MIN_ROOM_SHARE * floor.area
+        ):
             closed.append(room.category)
     if closed:
         names = ", ".join(sorted(set(closed)))
-        raise PlanError(plan.where, f"{robot} can't enter {len(closed)} room(s), {names}; widen the doors")
+        raise PlanError(
+            plan.where, f"{robot} can't enter {len(closed)} room(s), {names}; widen the doors"
+        )
 
 
 def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
@@ -332,15 +344,22 @@ def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
     """
     height, width = frame.shape
     n = SHARE_STEPS
-    fine_frame = GridFrame(frame.resolution / n, frame.origin_x, frame.origin_y, height * n, width * n)
+    fine_frame = GridFrame(
+        frame.resolution / n, frame.origin_x, frame.origin_y, height * n, width * n
+    )
     fine = fill_segments(segments, fine_frame)
     share = fine.reshape(height, n, width, n).mean(axis=(1, 3), dtype=np.float32)
-    for values, steps in ((share, fine), (share.T, fine.T)):  # views: both directions change the same shares
+    for values, steps in (
+        (share, fine),
+        (share.T, fine.T),
+    ):  # views: both directions change the same shares
         close_thin_walls(values, steps[n // 2 :: n, n // 2 : -(n // 2)])
     return np.asarray(share, dtype=np.float32)
 
 
-def map_values(inside: BoolArray, resolution: float, outside: int, wall_thickness: float) -> ByteArray:
+def map_values(
+    inside: BoolArray, resolution: float, outside: int, wall_thickness: float
+) -> ByteArray:
     """Give free cells 254, cells within ``wall_thickness`` [m] of them 0, and all others ``outside``."""
     import cv2
 
@@ -348,7 +367,9 @@ def map_values(inside: BoolArray, resolution: float, outside: int, wall_thicknes
     if outside != OCCUPIED:
         if inside.any():
             # From centre to centre; half a cell less is the distance to the free cell's border.
-            distance = cv2.distanceTransform((~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+            distance = cv2.distanceTransform(
+                (~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+            )
             far = distance * resolution > wall_thickness + 0.5 * resolution
         else:
             far = np.ones_like(inside)

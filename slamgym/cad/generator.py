@@ -69,7 +69,9 @@ class PlanGeneratorConfig(Settings):
 
 
 def generate_plan(
-    seed: int | np.random.Generator, config: PlanGeneratorConfig | None = None, plan_id: str | None = None
+    seed: int | np.random.Generator,
+    config: PlanGeneratorConfig | None = None,
+    plan_id: str | None = None,
 ) -> FloorPlan:
     """Make a floor plan.
 
@@ -146,7 +148,11 @@ def _interior(cell: Polygon, thickness: float) -> Polygon | None:
     interior = cell.buffer(-0.5 * thickness, join_style="mitre")
     interior = shapely.set_precision(interior, GRID)
     narrowest = interior.buffer(-0.45, join_style="mitre")
-    if not isinstance(interior, Polygon) or not isinstance(narrowest, Polygon) or narrowest.is_empty:
+    if (
+        not isinstance(interior, Polygon)
+        or not isinstance(narrowest, Polygon)
+        or narrowest.is_empty
+    ):
         return None
     return interior
 
@@ -182,7 +188,9 @@ def _place(
     return FloorPlan(
         id=plan_id,
         free_space=shapely.transform(space, move),
-        rooms=tuple(Room(cells[index].category, shapely.transform(rooms[index], move)) for index in order),
+        rooms=tuple(
+            Room(cells[index].category, shapely.transform(rooms[index], move)) for index in order
+        ),
         doors=tuple(_moved(opening.door, move) for opening in openings if opening.door),
         source=f"generator:{plan_id}",
     )
@@ -209,7 +217,11 @@ def _free_standing(cells: Sequence[Cell], rng: np.random.Generator) -> list[Poly
 
 def _inner_box(polygon: Polygon) -> Box | None:
     """The cell as a box, if it is one."""
-    return Box(*polygon.bounds) if len(polygon.exterior.coords) == 5 and not polygon.interiors else None
+    return (
+        Box(*polygon.bounds)
+        if len(polygon.exterior.coords) == 5 and not polygon.interiors
+        else None
+    )
 
 
 def _island(box: Box, rng: np.random.Generator) -> list[Polygon]:
@@ -219,7 +231,11 @@ def _island(box: Box, rng: np.random.Generator) -> list[Polygon]:
     if min(box.width - width, box.height - height) < 2 * _OPENING_CLEARANCE + 0.3:
         return []
     x, y = 0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)
-    return [shapely.box(snap(x - width / 2), snap(y - height / 2), snap(x + width / 2), snap(y + height / 2))]
+    return [
+        shapely.box(
+            snap(x - width / 2), snap(y - height / 2), snap(x + width / 2), snap(y + height / 2)
+        )
+    ]
 
 
 def _pillars(box: Box, rng: np.random.Generator) -> list[Polygon]:
@@ -237,7 +253,9 @@ def _pillar(x: float, y: float, size: float, is_round: bool) -> Polygon:
         half = snap(0.5 * size)
         return shapely.box(snap(x - half), snap(y - half), snap(x + half), snap(y + half))
     angles = np.linspace(0.0, 2 * math.pi, 12, endpoint=False)
-    return Polygon([(snap(x + 0.5 * size * math.cos(a)), snap(y + 0.5 * size * math.sin(a))) for a in angles])
+    return Polygon(
+        [(snap(x + 0.5 * size * math.cos(a)), snap(y + 0.5 * size * math.sin(a))) for a in angles]
+    )
 
 
 def _wall_blocks(
@@ -245,7 +263,10 @@ def _wall_blocks(
 ) -> list[Polygon]:
     """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
     keep_free = shapely.union_all(
-        [opening.box.polygon().buffer(_OPENING_CLEARANCE, join_style="mitre") for opening in openings]
+        [
+            opening.box.polygon().buffer(_OPENING_CLEARANCE, join_style="mitre")
+            for opening in openings
+        ]
     )
     blocks = []
     for cell in cells:
@@ -276,7 +297,9 @@ def _block(wall: Wall, thickness: float, rng: np.random.Generator) -> Polygon | 
     corner = rng.random() < 0.5
     start = 0.0 if corner else snap(rng.uniform(0.7, length - width - 0.7))
     far = snap(depth + 0.5 * thickness)
-    return _along_wall(wall, [(start, 0.0), (start + width, 0.0), (start + width, far), (start, far)])
+    return _along_wall(
+        wall, [(start, 0.0), (start + width, 0.0), (start + width, far), (start, far)]
+    )
 
 
 def _along_wall(wall: Wall, corners: Sequence[tuple[float, float]]) -> Polygon:
@@ -286,7 +309,9 @@ def _along_wall(wall: Wall, corners: Sequence[tuple[float, float]]) -> Polygon:
     return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
 
 
-def _bay_windows(cells: Sequence[Cell], thickness: float, rng: np.random.Generator) -> dict[int, Polygon]:
+def _bay_windows(
+    cells: Sequence[Cell], thickness: float, rng: np.random.Generator
+) -> dict[int, Polygon]:
     """Free space that bulges out of outer walls, with oblique sides, for some of the cells by their index."""
     built = shapely.union_all([cell.polygon for cell in cells])
     bays: dict[int, Polygon] = {}

@@ -65,7 +65,9 @@ def read_geojson(path: Path | str) -> FloorPlan:
 def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
     """Kind (empty where it has none), name and geometry of everything in the file."""
     if not isinstance(value, dict):
-        raise PlanError(source, "is no GeoJSON; it must be a FeatureCollection, a Feature or a geometry")
+        raise PlanError(
+            source, "is no GeoJSON; it must be a FeatureCollection, a Feature or a geometry"
+        )
     if value.get("type") == "FeatureCollection":
         features = value.get("features")
         if not isinstance(features, list):
@@ -85,7 +87,8 @@ def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, 
             name = properties.get("name") or properties.get("category") or "Room"
             if not isinstance(kind, str) or not isinstance(name, str):
                 raise PlanError(
-                    source, f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}"
+                    source,
+                    f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}",
                 )
             kind = "door" if kind.lower() == "opening" else kind.lower()
             yield kind, name[:_MAX_NAME], geometry
@@ -97,7 +100,9 @@ def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:
     level: list[Any] = [geometry.get("coordinates")]
     for _ in range(_NESTING[kind] - 1):
         if not all(isinstance(part, list) for part in level):
-            raise PlanError(source, f"has a {kind} whose coordinates are not nested as RFC 7946 says")
+            raise PlanError(
+                source, f"has a {kind} whose coordinates are not nested as RFC 7946 says"
+            )
         level = [inner for part in level for inner in part]
     return [points for part in level if len(points := _points(part, kind, source)) >= 2]
 

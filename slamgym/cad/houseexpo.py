@@ -111,7 +111,9 @@ def format_houseexpo(plan: FloorPlan) -> str:
     if any(not room.polygon.equals(shapely.box(*room.polygon.bounds)) for room in plan.rooms):
         data["room_polygons"] = {}
         for room in plan.rooms:
-            rings = [_ring(ring, mirror) for ring in (room.polygon.exterior, *room.polygon.interiors)]
+            rings = [
+                _ring(ring, mirror) for ring in (room.polygon.exterior, *room.polygon.interiors)
+            ]
             data["room_polygons"].setdefault(room.category, []).append(rings)
     if plan.free_space.interiors:
         data["holes"] = [_ring(hole, mirror) for hole in plan.free_space.interiors]
@@ -146,7 +148,9 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     repaired = make_valid(polygon, source)
     area = sum(part.area for part in polygon_parts(repaired))
     if area < MIN_AREA:
-        raise PlanError(source, "the outline encloses no area; give at least a closed room in metres")
+        raise PlanError(
+            source, "the outline encloses no area; give at least a closed room in metres"
+        )
     if holes or abs(area - signed_area) > MAX_REPAIRED_SHARE * area:
         reason = shapely.is_valid_reason(polygon)
         raise PlanError(source, f"the outline crosses itself ({reason}); make it a simple polygon")
@@ -156,7 +160,9 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
 def _parse_json(text: str | bytes, source: str) -> Mapping[str, Any]:
     data = parse_json(text, source, PlanError)
     if not isinstance(data, dict) or "verts" not in data:
-        raise PlanError(source, "has no 'verts'; a HouseExpo plan is an object with id, verts, room_category")
+        raise PlanError(
+            source, "has no 'verts'; a HouseExpo plan is an object with id, verts, room_category"
+        )
     return data
 
 
@@ -172,11 +178,15 @@ def _id(data: Mapping[str, Any], source: str) -> str:
     """The plan's own name, by default where it came from."""
     plan_id = data.get("id", source)
     if not isinstance(plan_id, str | int) or len(str(plan_id)) > MAX_ID:
-        raise PlanError(source, f"'id' is {shown(plan_id)}; it must be a name of up to {MAX_ID} characters")
+        raise PlanError(
+            source, f"'id' is {shown(plan_id)}; it must be a name of up to {MAX_ID} characters"
+        )
     return str(plan_id)
 
 
-def _points(value: Any, source: str, what: str, at_least: int = 1, form: str = "[x, y]") -> FloatArray:
+def _points(
+    value: Any, source: str, what: str, at_least: int = 1, form: str = "[x, y]"
+) -> FloatArray:
     """A list of groups of coordinates as an array, shape (N, 2), or as many as the form has."""
     size = form.count(",") + 1
     try:
@@ -186,11 +196,17 @@ def _points(value: Any, source: str, what: str, at_least: int = 1, form: str = "
     if points.ndim != 2 or points.shape[1] != size or points.dtype.kind not in "iuf":
         raise PlanError(source, f"{what} is not a list of {form} of numbers")
     if len(points) < at_least:
-        raise PlanError(source, f"{what} has {len(points)} vertices; an outline needs at least {at_least}")
+        raise PlanError(
+            source, f"{what} has {len(points)} vertices; an outline needs at least {at_least}"
+        )
     if not np.isfinite(points).all():
-        raise PlanError(source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres")
+        raise PlanError(
+            source, f"{what} has a coordinate that is NaN or infinite; give numbers in metres"
+        )
     if np.abs(points).max(initial=0.0) > MAX_PLAN_COORDINATE:
-        raise PlanError(source, f"{what} has a coordinate beyond {MAX_PLAN_COORDINATE:.0f} m; give metres")
+        raise PlanError(
+            source, f"{what} has a coordinate beyond {MAX_PLAN_COORDINATE:.0f} m; give metres"
+        )
     return points.astype(np.float64)
 
 
@@ -207,7 +223,9 @@ def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, .
             if polygon.is_valid and polygon.area > 0.0:
                 rooms.append(Room(category, _mirrored(polygon, mirror)))
         PLAN_PARTS.check(source, len(rooms), PlanError)
-    VERTICES.check(source, len(shapely.get_coordinates([room.polygon for room in rooms])), PlanError)
+    VERTICES.check(
+        source, len(shapely.get_coordinates([room.polygon for room in rooms])), PlanError
+    )
     return tuple(rooms)
 
 
@@ -229,14 +247,20 @@ def _box(entry: Any, source: str) -> Polygon:
 def _doors(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Door, ...]:
     doors = []
     for entry in _list(data, "doors", source):
-        ends = np.round(_points(entry, source, "'doors'", at_least=2) * [1, -1] + [0, mirror], _DECIMALS)
-        doors.append(Door((float(ends[0, 0]), float(ends[0, 1])), (float(ends[1, 0]), float(ends[1, 1]))))
+        ends = np.round(
+            _points(entry, source, "'doors'", at_least=2) * [1, -1] + [0, mirror], _DECIMALS
+        )
+        doors.append(
+            Door((float(ends[0, 0]), float(ends[0, 1])), (float(ends[1, 0]), float(ends[1, 1])))
+        )
     return tuple(doors)
 
 
 def _mirrored(polygon: Polygon, mirror: float) -> Polygon:
     """Turn y from down to up or back, about the line y = mirror / 2."""
-    return shapely.transform(polygon, lambda points: np.round(points * [1, -1] + [0, mirror], _DECIMALS))
+    return shapely.transform(
+        polygon, lambda points: np.round(points * [1, -1] + [0, mirror], _DECIMALS)
+    )
 
 
 def _ring(ring: Any, mirror: float) -> list[list[float]]:

@@ -15,7 +15,14 @@ import numpy as np
 import shapely
 from shapely import Polygon
 
-from slamgym.cad.drawn_plan import LINE_GRID, DrawnWalls, floor_of_walls, middle_line, outline_edges, stacked
+from slamgym.cad.drawn_plan import (
+    LINE_GRID,
+    DrawnWalls,
+    floor_of_walls,
+    middle_line,
+    outline_edges,
+    stacked,
+)
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import PlanError, needing_extra
@@ -32,7 +39,15 @@ SOLIDS = ("IfcWall", "IfcColumn", "IfcCurtainWall", "IfcPlate", "IfcMember")
 MIN_LENGTH = 0.4
 """Openings narrower than this are no doors [m]."""
 
-_DAMAGED = (ValueError, TypeError, LookupError, AttributeError, RuntimeError, ArithmeticError, OSError)
+_DAMAGED = (
+    ValueError,
+    TypeError,
+    LookupError,
+    AttributeError,
+    RuntimeError,
+    ArithmeticError,
+    OSError,
+)
 
 
 def storeys_of(path: Path | str) -> list[str]:
@@ -85,7 +100,9 @@ def _read(file: tuple[Path, str | None]) -> FloorPlan:
     with _undamaged(path, "has geometry that can't be computed"):
         drawn = _cut(elements, elevation + LASER_HEIGHT, str(path))
     plan_id = path.stem if len(storeys) == 1 else f"{path.stem}-{name}"
-    return floor_of_walls(drawn, plan_id, f"{path}, storey {shown(name)}" if len(storeys) > 1 else str(path))
+    return floor_of_walls(
+        drawn, plan_id, f"{path}, storey {shown(name)}" if len(storeys) > 1 else str(path)
+    )
 
 
 def _open(path: Path) -> Any:
@@ -155,7 +172,9 @@ def _openings(wall: Any) -> Iterator[tuple[Any, bool]]:
     """The openings of a wall, and whether a window fills them."""
     for relation in getattr(wall, "HasOpenings", ()) or ():
         opening = relation.RelatedOpeningElement
-        fillings = [filled.RelatedBuildingElement for filled in getattr(opening, "HasFillings", ()) or ()]
+        fillings = [
+            filled.RelatedBuildingElement for filled in getattr(opening, "HasFillings", ()) or ()
+        ]
         yield opening, any(filling.is_a("IfcWindow") for filling in fillings)
 
 
@@ -169,7 +188,9 @@ def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
         body = middle_line(box)
         line = middle_line(opening, body[2:] - body[:2])
         if not box.intersects(shapely.LineString(line.reshape(2, 2))):  # it sticks out of the wall
-            across = np.array([line[1] - line[3], line[2] - line[0]]) / np.hypot(*(line[2:] - line[:2]))
+            across = np.array([line[1] - line[3], line[2] - line[0]]) / np.hypot(
+                *(line[2:] - line[:2])
+            )
             line += np.tile((0.5 * (body[:2] + body[2:]) - line[:2]) @ across * across, 2)
     return line if float(np.hypot(*(line[2:] - line[:2]))) >= MIN_LENGTH else None
 
@@ -205,7 +226,9 @@ def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray
     if not len(crossed):
         return np.empty((0, 2, 2))
     ends = []
-    lone = above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]  # the corner alone on its side
+    lone = (
+        above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]
+    )  # the corner alone on its side
     first = np.argmax(lone, axis=1)
     rows = np.arange(len(crossed))
     tip = points[crossed[rows, first]]

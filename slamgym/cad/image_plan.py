@@ -56,7 +56,9 @@ def read_ros_plan(path: Path | str, smoothing: float = PLAN_SMOOTHING) -> FloorP
 
 
 @as_plan_error()
-def read_image_plan(path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING) -> FloorPlan:
+def read_image_plan(
+    path: Path | str, resolution: float, smoothing: float = PLAN_SMOOTHING
+) -> FloorPlan:
     """Read a black/white picture: white pixels are floor, black and grey ones are not.
 
     White round the building is distinguished from floor by touching the picture's edge; outer doors of up to 1.5 m
@@ -101,7 +103,8 @@ def trace_plan(
     patches = [patch for patch in _patches(inside, frame, source) if patch.area >= SALT_NOISE_AREA]
     if not patches:
         raise PlanError(
-            source, f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution"
+            source,
+            f"has no free patch of {SALT_NOISE_AREA} m2 or more; check colours and resolution",
         )
     largest = connected_part(shapely.GeometryCollection(patches), MIN_PATCH_SHARE, source)
     outline = largest.simplify(smoothing * frame.resolution) if smoothing > 0.0 else largest
@@ -115,7 +118,9 @@ def trace_plan(
 def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     """The connected patches of cells as polygons; cells that only share a corner are apart."""
     padded = np.pad(inside, ((0, 0), (1, 1))).astype(np.int8)
-    change = np.diff(padded, axis=1)  # (height, width + 1): +1 where a run of free cells begins, -1 after it
+    change = np.diff(
+        padded, axis=1
+    )  # (height, width + 1): +1 where a run of free cells begins, -1 after it
     row, first = np.nonzero(change == 1)
     _, stop = np.nonzero(change == -1)
     RUNS.check(source, len(first), PlanError)
@@ -156,5 +161,8 @@ def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
     around = np.pad(white, pad, constant_values=True).astype(np.uint8)
     room = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
     centres = _connected_to_edge(room)
-    covered = cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) <= radius
+    covered = (
+        cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        <= radius
+    )
     return covered[pad:-pad, pad:-pad]

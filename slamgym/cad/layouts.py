@@ -32,7 +32,16 @@ _CARVED = {"Bathroom", "Toilet", "Wardrobe", "Storage"}
 
 # The order in which rooms join a home as it grows; HouseExpo has a bedroom, a bath and a kitchen in nearly
 # every home, and a toilet, a living room and an office in every second or third.
-_SEQUENCE = ("Kitchen", "Bathroom", "Bedroom", "Living_Room", "Toilet", "Bedroom", "Dining_Room", "Bathroom")
+_SEQUENCE = (
+    "Kitchen",
+    "Bathroom",
+    "Bedroom",
+    "Living_Room",
+    "Toilet",
+    "Bedroom",
+    "Dining_Room",
+    "Bathroom",
+)
 _MORE = (
     "Bedroom",
     "Office",
@@ -51,7 +60,14 @@ MAX_CARVED = 3
 _CORRIDOR_WIDTH = (1.05, 1.6)
 _ROOM_DEPTH = (3.8, 5.6)
 _OFFICE_CORRIDOR = (1.5, 2.4)
-_CELL_WIDTH = {"Office": 3.4, "Room": 5.4, "Kitchen": 3.6, "Storage": 2.6, "Toilet": 2.6, "Lobby": 5.0}
+_CELL_WIDTH = {
+    "Office": 3.4,
+    "Room": 5.4,
+    "Kitchen": 3.6,
+    "Storage": 2.6,
+    "Toilet": 2.6,
+    "Lobby": 5.0,
+}
 _ROW_WEIGHTS = {"Office": 0.7, "Room": 0.16, "Storage": 0.05, "Kitchen": 0.04, "Toilet": 0.05}
 
 
@@ -75,7 +91,9 @@ def lay_out_home(area: float, rooms: int, rng: np.random.Generator) -> list[Cell
     """
     public, private, carved = _programme(area, rooms, rng)
     wings = _wings(public, private, rng)
-    main_spaces = [space for space in (*public, *private) if not any(space in wing for wing in wings)]
+    main_spaces = [
+        space for space in (*public, *private) if not any(space in wing for wing in wings)
+    ]
     main_public = [space for space in public if space in main_spaces]
     main_private = [space for space in private if space in main_spaces]
     floor = sum(space.area for space in main_spaces)
@@ -120,7 +138,9 @@ def _programme(
     return public, private, carved
 
 
-def _wings(public: list[Space], private: list[Space], rng: np.random.Generator) -> list[list[Space]]:
+def _wings(
+    public: list[Space], private: list[Space], rng: np.random.Generator
+) -> list[list[Space]]:
     """Choose rooms that stick out of the main block: they make L, T, U and Z shapes."""
     rest = [*private, *public]
     number = min(int(rng.choice([0, 1, 2, 3], p=[0.3, 0.36, 0.24, 0.1])), max(0, len(rest) - 2))
@@ -135,7 +155,9 @@ def _wings(public: list[Space], private: list[Space], rng: np.random.Generator) 
     return wings
 
 
-def _fill_main(box: Box, public: list[Space], private: list[Space], rng: np.random.Generator) -> list[Cell]:
+def _fill_main(
+    box: Box, public: list[Space], private: list[Space], rng: np.random.Generator
+) -> list[Cell]:
     """Divide the main block: public rooms at one end, private ones along a corridor at the other."""
     if len(private) < 3 or rng.random() < 0.3:
         return subdivide(box, [*public, *private], rng)
@@ -143,7 +165,9 @@ def _fill_main(box: Box, public: list[Space], private: list[Space], rng: np.rand
         return _along_corridor(box, private, rng)
     share = sum(space.area for space in public) / sum(space.area for space in (*public, *private))
     front, back = box.cut(share, along_x=box.width >= box.height)
-    return subdivide(front, public, rng) + _along_corridor(back, private, rng, box.width >= box.height)
+    return subdivide(front, public, rng) + _along_corridor(
+        back, private, rng, box.width >= box.height
+    )
 
 
 def _along_corridor(
@@ -156,10 +180,16 @@ def _along_corridor(
     if depth < width + 2.6:
         return subdivide(box, spaces, rng)
     count = len(spaces)
-    split = count if depth < width + 5.0 else int(np.clip(round(count * rng.uniform(0.4, 0.6)), 1, count - 1))
+    split = (
+        count
+        if depth < width + 5.0
+        else int(np.clip(round(count * rng.uniform(0.4, 0.6)), 1, count - 1))
+    )
     total = sum(space.area for space in spaces)
     share = sum(space.area for space in spaces[:split]) / total * (1.0 - width / depth)
-    share = share if split == count else float(np.clip(share, 2.4 / depth, 1.0 - (width + 2.4) / depth))
+    share = (
+        share if split == count else float(np.clip(share, 2.4 / depth, 1.0 - (width + 2.4) / depth))
+    )
     near, rest = box.cut(share, along_x=not along_x)
     corridor, far = rest.cut(width / (rest.height if along_x else rest.width), along_x=not along_x)
     cells = [*subdivide(near, spaces[:split], rng)]
@@ -170,7 +200,9 @@ def _along_corridor(
     return [*cells, Cell("Hallway", corridor.polygon())]
 
 
-def _attach_wing(cells: list[Cell], main: Box, wing: list[Space], rng: np.random.Generator) -> list[Cell]:
+def _attach_wing(
+    cells: list[Cell], main: Box, wing: list[Space], rng: np.random.Generator
+) -> list[Cell]:
     """Put a wing against a side of the main block where it overlaps nothing."""
     area = sum(space.area for space in wing)
     built = shapely.union_all([cell.polygon for cell in cells])
@@ -188,7 +220,9 @@ def _attach_wing(cells: list[Cell], main: Box, wing: list[Space], rng: np.random
     return []
 
 
-def _beside(main: Box, horizontal: bool, after: bool, offset: float, width: float, depth: float) -> Box:
+def _beside(
+    main: Box, horizontal: bool, after: bool, offset: float, width: float, depth: float
+) -> Box:
     """A box that touches the main block from outside."""
     if horizontal:
         x0, y0 = snap(main.x0 + offset), main.y1 if after else snap(main.y0 - depth)
@@ -244,12 +278,16 @@ def lay_out_office(area: float, rng: np.random.Generator) -> list[Cell]:
     scheme = rng.choice(["spine", "ring", "open"], p=[0.4, 0.35, 0.25])
     ring_height = 2 * depth + 2 * corridor + rng.uniform(3.6, 6.0)
     if scheme == "ring" and area > 1.1 * ring_height**2:
-        return _ring(Box(0.0, 0.0, snap(area / ring_height), snap(ring_height)), depth, corridor, rng)
+        return _ring(
+            Box(0.0, 0.0, snap(area / ring_height), snap(ring_height)), depth, corridor, rng
+        )
     spine_height = 2 * depth + corridor
     if scheme == "open" and area > 120.0:
         height = snap(depth + rng.uniform(7.0, 10.0))
         return _open_floor(Box(0.0, 0.0, snap(area / height), height), depth, rng)
-    return _spine(Box(0.0, 0.0, snap(area / spine_height), snap(spine_height)), depth, corridor, rng)
+    return _spine(
+        Box(0.0, 0.0, snap(area / spine_height), snap(spine_height)), depth, corridor, rng
+    )
 
 
 def _spine(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> list[Cell]:
@@ -289,7 +327,10 @@ def _ring(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> 
     if rng.random() < 0.6:  # rooms at the two ends too
         hall = Box(snap(box.x0 + depth), hall.y0, snap(box.x1 - depth), hall.y1)
     core = Box(
-        snap(hall.x0 + corridor), snap(hall.y0 + corridor), snap(hall.x1 - corridor), snap(hall.y1 - corridor)
+        snap(hall.x0 + corridor),
+        snap(hall.y0 + corridor),
+        snap(hall.x1 - corridor),
+        snap(hall.y1 - corridor),
     )
     cells = [
         Cell("Hallway", cut_out(hall.polygon(), core)),
@@ -320,7 +361,9 @@ def _row(
     length = box.width if along_x else box.height
     spaces: list[Space] = []
     while not spaces or sum(space.area for space in spaces) < length - 1.5:
-        category = str(rng.choice(list(weights), p=np.array(list(weights.values())) / sum(weights.values())))
+        category = str(
+            rng.choice(list(weights), p=np.array(list(weights.values())) / sum(weights.values()))
+        )
         spaces.append(Space(category, _CELL_WIDTH[category] * float(rng.uniform(0.8, 1.3))))
     cells = []
     for index, space in enumerate(spaces[:-1]):

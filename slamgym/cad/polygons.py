@@ -75,7 +75,9 @@ def make_valid(polygon: Polygon, source: str) -> BaseGeometry:
     """
     if not polygon.is_valid:
         rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
-        refuse_crossings(np.vstack([np.hstack([points[:-1], points[1:]]) for points in rings]), source)
+        refuse_crossings(
+            np.vstack([np.hstack([points[:-1], points[1:]]) for points in rings]), source
+        )
     return shapely.make_valid(polygon)
 
 

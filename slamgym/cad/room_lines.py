@@ -44,7 +44,14 @@ def build_floor(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPla
     Raises:
         PlanError: If its rooms are malformed, or too little of the floor is connected.
     """
-    malformed = TypeError, ValueError, LookupError, AttributeError, OverflowError, shapely.GEOSException
+    malformed = (
+        TypeError,
+        ValueError,
+        LookupError,
+        AttributeError,
+        OverflowError,
+        shapely.GEOSException,
+    )
     try:
         with np.errstate(invalid="ignore"):  # of rooms without any width; the area tells
             return _build(floor, plan_id, source)
@@ -63,7 +70,9 @@ def read_lines(path: Path) -> dict[str, tuple[Any, str, str]]:
         with open_expanded(path) as file:
             lines = file.read().decode().split("\n")
     except (OSError, UnicodeDecodeError, *DAMAGED) as error:
-        raise InputFileError(path, f"is not a file of floors, one JSON object a line ({error})") from None
+        raise InputFileError(
+            path, f"is not a file of floors, one JSON object a line ({error})"
+        ) from None
     ENTRIES.check(path, len(lines))
     for number, line in enumerate(lines, start=1):
         if not line.strip():
@@ -106,8 +115,12 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     return FloorPlan(
         id=plan_id,
         free_space=largest,
-        rooms=tuple(room for room in rooms if room.polygon.intersection(largest).area > 0.5 * room.area),
-        doors=tuple(door for door in doors if largest.covers(shapely.LineString([door.start, door.end]))),
+        rooms=tuple(
+            room for room in rooms if room.polygon.intersection(largest).area > 0.5 * room.area
+        ),
+        doors=tuple(
+            door for door in doors if largest.covers(shapely.LineString([door.start, door.end]))
+        ),
         source=source,
     )
 
@@ -127,10 +140,14 @@ def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -
     if not MIN_SCALE <= scale < MAX_SCALE:
         raise ValueError(f"m_per_px is {scale}")
     PLAN_PARTS.check(source, len(rooms), PlanError)
-    VERTICES.check(source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError)
+    VERTICES.check(
+        source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError
+    )
     for room in rooms:
         # Distances of all portals to all walls are computed at once.
-        PLAN_PARTS.check(source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError)
+        PLAN_PARTS.check(
+            source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError
+        )
     rings = [_metres(room["polygon"], scale) for room in rooms]
     walls = [np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]
     if walls:
@@ -148,7 +165,9 @@ def _interior(points: FloatArray, source: str) -> Polygon | None:
 
 def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
     """A door at every portal, along the wall that the portal is on."""
-    walls = np.array([segment[:4] for segment in room["segments"]], dtype=np.float64).reshape(-1, 2, 2)
+    walls = np.array([segment[:4] for segment in room["segments"]], dtype=np.float64).reshape(
+        -1, 2, 2
+    )
     walls = walls * [scale, -scale]
     along = walls[:, 1] - walls[:, 0]
     length = np.hypot(*along.T)

@@ -99,7 +99,9 @@ def _load_certain(drawing: PlanSource, plan_id: str) -> FloorPlan:
     plan = drawing.load(plan_id)
     if plan.doubts:
         example = f"{Path(plan.source).name}@0.001"
-        raise PlanError(plan.source, f"{plan.doubts[0]}; give the metres of a unit, as in {example}")
+        raise PlanError(
+            plan.source, f"{plan.doubts[0]}; give the metres of a unit, as in {example}"
+        )
     return plan
 
 
@@ -190,7 +192,9 @@ def _procedural(spec: str) -> PlanIndex:
                 f"{word!r} in {spec!r} must be a whole number (the seed), 'home', 'office' or 'loops', "
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
-    name = "_".join(["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])])
+    name = "_".join(
+        ["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])]
+    )
     return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
@@ -225,7 +229,9 @@ def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
     if path.suffix in (".yaml", ".yml"):
         return PlanIndex({path.stem: (path,)}, read_ros_plan)
     if spec.lower().endswith(PICTURE_SUFFIXES):
-        raise InputFileError(spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example")
+        raise InputFileError(
+            spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example"
+        )
     raise InputFileError(
         spec,
         "is no known kind of floor plan; give .json, .dxf, .ifc, .geojson, a folder, .tar.gz, .jsonl, a ROS .yaml "
@@ -259,7 +265,9 @@ def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> P
     """
     parts = [_split_weight(part) for spec in specs for part in _split_list(spec)]
     if not parts:
-        raise ConfigError("no floor plans are named; give a file, a folder, 'bundled' or 'procedural'")
+        raise ConfigError(
+            "no floor plans are named; give a file, a folder, 'bundled' or 'procedural'"
+        )
     names = [name for name, _ in parts]
     twice = [name for name in names if names.count(name) > 1]
     if twice:

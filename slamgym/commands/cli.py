@@ -62,7 +62,9 @@ class Command:
         if "ros" in hints:  # what follows is ROS's own
             end = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
             argv, given["ros"] = argv[:end], tuple(argv[end:])
-        arguments = tyro.cli(hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,))
+        arguments = tyro.cli(
+            hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,)
+        )
         with contextlib.redirect_stderr(io.StringIO()) if is_quiet else contextlib.nullcontext():
             return int(command(arguments, **given) or 0)
 
@@ -103,13 +105,17 @@ class Group:
         if argv[0] not in self.commands:
             typed = f"{name} {argv[0]}".removeprefix("slamgym ")
             nearest = suggest(argv[0], self.commands)
-            raise SlamgymError(f"unknown command {typed!r}; {nearest} ({name} --help lists them all)")
+            raise SlamgymError(
+                f"unknown command {typed!r}; {nearest} ({name} --help lists them all)"
+            )
         return self.commands[argv[0]].run(f"{name} {argv[0]}", argv[1:])
 
     def usage(self, name: str) -> str:
         """The help."""
         width = max(map(len, self.commands))
-        rows = "\n".join(f"  {word:<{width}}  {command.help}" for word, command in self.commands.items())
+        rows = "\n".join(
+            f"  {word:<{width}}  {command.help}" for word, command in self.commands.items()
+        )
         return (
             f"usage: {name} <command> [options]\n\n{self.help[0].upper()}{self.help[1:]}.\n\ncommands:\n{rows}\n\n"
             f"{name} <command> --help shows a command's options, {QUIET} hides its progress and notes{self.closing}\n"
@@ -142,29 +148,53 @@ GROUPS = {
 }
 """Commands under one name, by what the user types for them."""
 COMMANDS = {
-    "plans list": Command("plans:list_command", "print id, area, rooms and size of every usable plan"),
-    "plans check": Command("plans:check_command", "which plans can be explored, what is wrong with others"),
+    "plans list": Command(
+        "plans:list_command", "print id, area, rooms and size of every usable plan"
+    ),
+    "plans check": Command(
+        "plans:check_command", "which plans can be explored, what is wrong with others"
+    ),
     "plans draw": Command("plans:draw_command", "draw plans on one picture"),
     "plans write": Command("plans:write_command", "write usable plans as HouseExpo files"),
     "plans fetch": Command("plans:fetch_command", "download a public archive of floor plans"),
     "generate": Command("generate:main", "explore floor plans and write SLAM/CAD map pairs"),
     "dataset merge": Command("dataset.folders:merge", "put the shards of a dataset together"),
     "dataset stats": Command("dataset.describe:stats", "what lies in a dataset, as tables or JSON"),
-    "dataset show": Command("dataset.describe:show", "draw pairs: a sample, some by name, the worst"),
+    "dataset show": Command(
+        "dataset.describe:show", "draw pairs: a sample, some by name, the worst"
+    ),
     "dataset check": Command("dataset.folders:check", "verify every file and name every fault"),
-    "dataset clean": Command("dataset.clean:main", "decide which pairs are complete enough to keep"),
-    "dataset review": Command("dataset.clean:review", "a page on which a person judges doubtful pairs"),
-    "dataset realism": Command("dataset.realism:main", "compare its SLAM maps with those of robots"),
-    "dataset split": Command("dataset.folders:split", "put plans, with their near-duplicates, on a side"),
+    "dataset clean": Command(
+        "dataset.clean:main", "decide which pairs are complete enough to keep"
+    ),
+    "dataset review": Command(
+        "dataset.clean:review", "a page on which a person judges doubtful pairs"
+    ),
+    "dataset realism": Command(
+        "dataset.realism:main", "compare its SLAM maps with those of robots"
+    ),
+    "dataset split": Command(
+        "dataset.folders:split", "put plans, with their near-duplicates, on a side"
+    ),
     "dataset render": Command("dataset.render:main", "make uniform square images for training"),
     "watch": Command("watch:main", "watch an exploration in a window, or write it as MP4 or GIF"),
-    "agents train frontiers": Command("agents.train:frontiers", "one that chooses frontiers", LEARNING),
+    "agents train frontiers": Command(
+        "agents.train:frontiers", "one that chooses frontiers", LEARNING
+    ),
     "agents train wheels": Command("agents.train:wheels", "one that drives the wheels", LEARNING),
-    "agents evaluate": Command("agents.evaluate:main", "compare explorers on the same plans and seeds"),
-    "agents record": Command("agents.record:main", "explorations as a Minari dataset for offline learning"),
+    "agents evaluate": Command(
+        "agents.evaluate:main", "compare explorers on the same plans and seeds"
+    ),
+    "agents record": Command(
+        "agents.record:main", "explorations as a Minari dataset for offline learning"
+    ),
     "agents shape": Command("agents.train:shape", "compare reward presets over several seeds"),
-    "bench run": Command("agents.evaluate:bench_command", "explore the buildings with one explorer"),
-    "bench leaderboard": Command("agents.evaluate:leaderboard_command", "rank result files on a page"),
+    "bench run": Command(
+        "agents.evaluate:bench_command", "explore the buildings with one explorer"
+    ),
+    "bench leaderboard": Command(
+        "agents.evaluate:leaderboard_command", "rank result files on a page"
+    ),
     "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
     "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
     "localize": Command("localize:main", "find the robot of a log on a finished map"),
@@ -174,13 +204,25 @@ COMMANDS = {
     "ros2 explore": Command(
         "ros2:explore_command", "explore on any mapper's map, driving itself or by Nav2", ROS2
     ),
-    "ros2 demo": Command("ros2:demo_command", "all three at once, then the map and its drawing", ROS2),
-    "gan train": Command("gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING),
-    "gan translate": Command("gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING),
-    "gan evaluate": Command("gan.main:evaluate_command", "measure translators on test pairs", TRANSLATING),
-    "cad draw": Command("cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"),
+    "ros2 demo": Command(
+        "ros2:demo_command", "all three at once, then the map and its drawing", ROS2
+    ),
+    "gan train": Command(
+        "gan.main:train_command", "train a translator on rendered map pairs", TRANSLATING
+    ),
+    "gan translate": Command(
+        "gan.main:translate_command", "translate SLAM maps to CAD maps", TRANSLATING
+    ),
+    "gan evaluate": Command(
+        "gan.main:evaluate_command", "measure translators on test pairs", TRANSLATING
+    ),
+    "cad draw": Command(
+        "cad.draw:main", "draw a map or a folder of maps; `slamgym cad MAP` is short for it"
+    ),
     "cad compare": Command("cad.compare:main", "what a map shows that differs from a floor plan"),
-    "reproduce": Command("reproduce.main:main", "the paper's experiments, plans to report", TRANSLATING),
+    "reproduce": Command(
+        "reproduce.main:main", "the paper's experiments, plans to report", TRANSLATING
+    ),
     "warmup": Command("doctor:warmup", "compile the numeric kernels, once after an installation"),
     "doctor": Command("doctor:main", "what is installed, what works, and the fix for what doesn't"),
 }

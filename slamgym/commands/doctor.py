@@ -23,7 +23,14 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.progress import tell
 
 _FOR_DEVELOPERS = {"dev", "all", "site"}
-_FAILURES = (SlamgymError, ImportError, OSError, RuntimeError, ValueError, subprocess.SubprocessError)
+_FAILURES = (
+    SlamgymError,
+    ImportError,
+    OSError,
+    RuntimeError,
+    ValueError,
+    subprocess.SubprocessError,
+)
 """Errors of a damaged installation."""
 
 
@@ -65,7 +72,9 @@ def warmup(arguments: WarmupArguments) -> None:
     from slamgym.envs.warmup import BATCHED, KERNEL_PARTS, compile_kernels
     from slamgym.sim.raycast import cast_sweep
 
-    compile_kernels(KERNEL_PARTS.keys() - (set() if arguments.batched else {BATCHED}), available_cores())
+    compile_kernels(
+        KERNEL_PARTS.keys() - (set() if arguments.batched else {BATCHED}), available_cores()
+    )
     tell(f"the kernels are compiled: {kernel_cache(cast_sweep)} and the folders beside it")
 
 
@@ -87,11 +96,15 @@ def main(arguments: DoctorArguments) -> int:
 def findings() -> Iterator[Finding]:
     """Everything that is looked at, in the order in which a user needs it."""
     yield from installed()
-    yield _try("what comes with the package", _pretrained, "install slamgym again, or git restore them")
+    yield _try(
+        "what comes with the package", _pretrained, "install slamgym again, or git restore them"
+    )
     yield _try("numeric kernels", _kernels, "run slamgym warmup, and see what it says")
     yield _try("films (ffmpeg)", _films, "pip install 'slamgym[films]'", "missing")
     if _version("torch"):
-        yield _try("torch", _torch, "install torch again, see https://pytorch.org/get-started", "missing")
+        yield _try(
+            "torch", _torch, "install torch again, see https://pytorch.org/get-started", "missing"
+        )
 
 
 def installed() -> Iterator[Finding]:
@@ -107,7 +120,9 @@ def installed() -> Iterator[Finding]:
         return
     extras, groups = ["", *(named - _FOR_DEVELOPERS)], dict[str, list[str]]()
     for one in requirements:
-        askers = [name for name in extras if one.marker is None or one.marker.evaluate({"extra": name})]
+        askers = [
+            name for name in extras if one.marker is None or one.marker.evaluate({"extra": name})
+        ]
         if askers:  # none on this platform, or developers only
             groups.setdefault(askers[0], []).append(one.name)
     for extra_name, names in sorted(groups.items()):
@@ -174,4 +189,6 @@ def _torch() -> str:
     if total != 3.0:
         raise RuntimeError(f"the sum of three ones is {total}")
     devices = [torch.cuda.get_device_name(number) for number in range(torch.cuda.device_count())]
-    return f"{torch.__version__}, {', '.join(devices) or 'no GPU'}, {torch.get_num_threads()} threads"
+    return (
+        f"{torch.__version__}, {', '.join(devices) or 'no GPU'}, {torch.get_num_threads()} threads"
+    )

@@ -54,7 +54,9 @@ def main(arguments: ExportArguments) -> None:
             log.records,
             log.geometry,
             grid=read_ros_map(own_map) if own_map.is_file() else None,
-            tracks=BagTracks(_track(arguments, "truth"), _track(arguments, "estimate", arguments.localised)),
+            tracks=BagTracks(
+                _track(arguments, "truth"), _track(arguments, "estimate", arguments.localised)
+            ),
             first_stamp=FIRST_STAMP if undated else None,
             storage=arguments.storage,
         )
@@ -69,5 +71,7 @@ def _track(arguments: ExportArguments, name: str, wanted: bool = True) -> Trajec
     if wanted and path.is_file():
         return read_tum(path)
     if wanted and arguments.localised:
-        raise InputFileError(path, "is missing; --localised needs an episode that `slamgym generate` wrote")
+        raise InputFileError(
+            path, "is missing; --localised needs an episode that `slamgym generate` wrote"
+        )
     return None

@@ -38,7 +38,8 @@ class Extra(NamedTuple):
 LEARNING = Extra("agents", ("torch", "stable_baselines3", "tensorboard", "matplotlib"))
 TRANSLATING = Extra("gan", ("torch", "safetensors"))
 ROS2 = Extra(
-    "ros2", ("rclpy", "nav_msgs", "sensor_msgs", "std_srvs", "visualization_msgs", "diagnostic_msgs")
+    "ros2",
+    ("rclpy", "nav_msgs", "sensor_msgs", "std_srvs", "visualization_msgs", "diagnostic_msgs"),
 )
 
 
@@ -131,12 +132,22 @@ def maps_in(folder: Path, is_picture: Callable[[Path], bool], what: str) -> list
     Raises:
         InputFileError: If there is none.
     """
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and not path.name.startswith(".")]
+    files = [
+        path
+        for path in sorted(folder.iterdir())
+        if path.is_file() and not path.name.startswith(".")
+    ]
     maps = [path for path in files if path.suffix.lower() in YAML_SUFFIXES]
     belonging = {path.stem for path in maps}
-    maps += [path for path in files if path not in maps and path.stem not in belonging and is_picture(path)]
+    maps += [
+        path
+        for path in files
+        if path not in maps and path.stem not in belonging and is_picture(path)
+    ]
     if not maps:
-        raise InputFileError(folder, f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}) and no {what}")
+        raise InputFileError(
+            folder, f"holds no ROS maps ({', '.join(YAML_SUFFIXES)}) and no {what}"
+        )
     return maps
 
 

@@ -83,7 +83,9 @@ def main(arguments: GenerateArguments) -> None:
     from slamgym.dataset.images.square_images import ImageConfig
 
     if arguments.shard is not None and arguments.images is not None:
-        raise ConfigError("a shard alone is not rendered; leave --images out and render after the merge")
+        raise ConfigError(
+            "a shard alone is not rendered; leave --images out and render after the merge"
+        )
     config = dataset_config(arguments)
     shard = WHOLE if arguments.shard is None else Shard.parse(arguments.shard)
     # A Ray cluster has its own number of cores.

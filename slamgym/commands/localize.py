@@ -64,7 +64,9 @@ def main(arguments: LocalizeArguments) -> None:
     known = read_map(arguments.map, arguments.resolution)
     log = checked_log(arguments.log, arguments)
     if not log.has_odometry:
-        raise InputFileError(arguments.log, "has no odometry to use, by which the robot is followed")
+        raise InputFileError(
+            arguments.log, "has no odometry to use, by which the robot is followed"
+        )
     result = localize_log(log, known.grid, known.placement, config, initial)
     summary = _summary(arguments, log, config, result)
     _write(arguments, known, result)
@@ -129,7 +131,9 @@ def _line(belief: Belief) -> str:
         "pose": _rounded(belief.pose),
         "covariance": _rounded(belief.covariance[np.triu_indices(3)], 9),
         "fit": round(belief.fit, 3),
-        "hypotheses": [[*_rounded(pose), round(share, 4)] for pose, share in belief.hypotheses[:MOST_SHOWN]],
+        "hypotheses": [
+            [*_rounded(pose), round(share, 4)] for pose, share in belief.hypotheses[:MOST_SHOWN]
+        ],
     }
     return json.dumps(row) + "\n"
 
@@ -139,7 +143,9 @@ def _rounded(values: Any, digits: int = 6) -> list[float]:
 
 
 def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
-    shares = ((count / summary["processed_scans"], state) for state, count in summary["states"].items())
+    shares = (
+        (count / summary["processed_scans"], state) for state, count in summary["states"].items()
+    )
     states = ", ".join(f"{100.0 * share:.0f} % {state}" for share, state in shares)
     yield f"{summary['log']} on {summary['map']}: {counted(summary['scans'], 'scan')}: {states}"
     if summary["localised_after_s"] is not None:

@@ -19,7 +19,12 @@ if TYPE_CHECKING:
 def show_facts(path: Path, reading: LogReading) -> int:
     """Show a log's facts and findings; returns the exit code: 1 if there is a finding."""
     log = checked_log(path, reading, is_said=False)
-    show_table(["", str(path)], facts_of(log), None, *(list(map(str, log.findings)) or ["nothing is wrong"]))
+    show_table(
+        ["", str(path)],
+        facts_of(log),
+        None,
+        *(list(map(str, log.findings)) or ["nothing is wrong"]),
+    )
     return 1 if log.findings else 0
 
 
@@ -38,7 +43,9 @@ def facts_of(log: Log) -> Iterator[tuple[str, str]]:
     yield "ranges", f"{laser.range_min:g} to {laser.range_max:g} m"
     x, y, theta = laser.mount
     yield "mount", f"{x:.3f} m ahead, {y:.3f} m left, turned by {np.degrees(theta):.1f} degrees"
-    ranges = np.concatenate([record.scan.ranges for record in log.records[:: max(1, len(log) // 500)]])
+    ranges = np.concatenate(
+        [record.scan.ranges for record in log.records[:: max(1, len(log) // 500)]]
+    )
     measured, invalid = np.isfinite(ranges).mean(), np.isnan(ranges).mean()
     missing = f"{1.0 - measured - invalid:.1%} without return, {invalid:.1%} invalid"
     yield "readings", f"{measured:.1%} measured, {missing}"

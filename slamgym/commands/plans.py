@@ -94,7 +94,9 @@ def fetch_command(arguments: FetchPlans) -> None:
             progress.update(task, completed=done, total=total or None)
 
         count = fetch_houseexpo(path, advance=show)
-    tell(f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}")
+    tell(
+        f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}"
+    )
 
 
 def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
@@ -110,13 +112,17 @@ def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
     source = open_plans(arguments.plans, ids_file=arguments.ids)
     ids: Sequence[str] = source.ids[: arguments.count]
     if isinstance(arguments, DrawPlans) and len(ids) > MAX_DRAWN and arguments.count is None:
-        raise ConfigError(f"{len(ids)} plans are too many for one picture; add --count 24, for example")
+        raise ConfigError(
+            f"{len(ids)} plans are too many for one picture; add --count 24, for example"
+        )
     console = Console(stderr=True)
     radius, extent = RobotConfig().radius, ObservationConfig().largest_extent
     rejections: _Rejections = []
 
     def usable() -> Iterator[FloorPlan]:
-        for plan_id in track(ids, "plans", console=console, transient=True, disable=not console.is_terminal):
+        for plan_id in track(
+            ids, "plans", console=console, transient=True, disable=not console.is_terminal
+        ):
             try:
                 plan = source.load(plan_id)
                 check_plan(plan, radius, extent)
@@ -131,7 +137,9 @@ def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
 def list_command(arguments: ListPlans) -> None:
     """Run ``slamgym plans list``."""
     plans, rejections = _usable(arguments)
-    tell(f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}")
+    tell(
+        f"{'id':32} {'area m2':>8} {'rooms':>5} {'size m':>13} {'corners':>7} {'holes':>5} {'doors':>5}"
+    )
     for plan in plans:
         min_x, min_y, max_x, max_y = plan.bounds
         size = f"{max_x - min_x:.1f} x {max_y - min_y:.1f}"

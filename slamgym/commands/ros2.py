@@ -64,7 +64,9 @@ def demo_command(arguments: DemoParameters, ros: RosArguments) -> int:
     """Run the command."""
     from slamgym.ros2.demo import run_demo
 
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")  # its robot is nobody else's
+    os.environ.setdefault(
+        "ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST"
+    )  # its robot is nobody else's
     _prepare("drive", "pose_graph", "navigate", "decide")
     return run_demo(arguments, ros)
 

@@ -49,7 +49,9 @@ class SettingsOptions(Arguments):
         for setting in (one for given in self.set for one in given):
             name, equals, text = setting.partition("=")
             if not equals:
-                raise ConfigError(f"--set takes NAME=VALUE, as in lidar.range_max=8, not {shown(setting)}")
+                raise ConfigError(
+                    f"--set takes NAME=VALUE, as in lidar.range_max=8, not {shown(setting)}"
+                )
             _put(values, _full_name(name, names), _value(text))
         for name, value in options.items():
             if value is not None:
@@ -79,7 +81,9 @@ def settings_from_file(path: Path, default: _T) -> _T:
     if isinstance(content, Mapping):
         content = content.get("config", content)  # summaries of results hold them under this name
     if not isinstance(content, Mapping):
-        raise InputFileError(path, "holds no settings; give a JSON object, as --save-config writes it")
+        raise InputFileError(
+            path, "holds no settings; give a JSON object, as --save-config writes it"
+        )
     known = to_dict(default)
     given = {name: value for name, value in content.items() if name in known or name not in STAMPS}
     try:
@@ -107,14 +111,18 @@ def _merged(default: Any, known: dict[str, Any], given: Mapping[str, Any]) -> di
 def _full_name(typed: str, settings: list[str]) -> str:
     """The only setting or section of that name, or whose last parts these are."""
     names = [*settings, *dict.fromkeys(name.rpartition(".")[0] for name in settings if "." in name)]
-    found = [name for name in names if name == typed] or [n for n in names if n.endswith(f".{typed}")]
+    found = [name for name in names if name == typed] or [
+        n for n in names if n.endswith(f".{typed}")
+    ]
     if len(found) == 1:
         return found[0]
     if found:
         raise ConfigError(f"--set {typed}: there are several; say which: {', '.join(found)}")
     parts = typed.count(".") + 1
     ends = {".".join(name.split(".")[-parts:]) for name in settings}
-    raise ConfigError(f"--set: unknown setting {shown(typed)}; {suggest(typed, [*settings, *ends])}")
+    raise ConfigError(
+        f"--set: unknown setting {shown(typed)}; {suggest(typed, [*settings, *ends])}"
+    )
 
 
 def _put(values: dict[str, Any], name: str, value: Any) -> None:
@@ -127,7 +135,9 @@ def _put(values: dict[str, Any], name: str, value: Any) -> None:
         if last not in ERROR_LEVELS:
             raise ConfigError(f"--set {last}: is a section; set one of {', '.join(values[last])}")
         value = ERROR_LEVELS[last](value)
-    is_whole = isinstance(values[last], float) and isinstance(value, int) and not isinstance(value, bool)
+    is_whole = (
+        isinstance(values[last], float) and isinstance(value, int) and not isinstance(value, bool)
+    )
     values[last] = float(value) if is_whole else value
 
 

@@ -210,7 +210,9 @@ _RELATIONS = {
 """Which relations are counted, and what the report calls them."""
 
 
-def _errors_of_relations(result: ReplayResult, relations: Relations | None) -> dict[str, dict[str, float]]:
+def _errors_of_relations(
+    result: ReplayResult, relations: Relations | None
+) -> dict[str, dict[str, float]]:
     from slamgym.metrics import relation_error
 
     errors: dict[str, dict[str, float]] = {}

@@ -96,8 +96,12 @@ def _explore(env: ExploreEnv, plan: FloorPlan, arguments: WatchArguments) -> Non
     from slamgym.viz.recording import open_recording
 
     with contextlib.ExitStack() as files:
-        film = files.enter_context(open_film(arguments.out, arguments.fps)) if arguments.out else None
-        recording = files.enter_context(open_recording(arguments.rerun)) if arguments.rerun else None
+        film = (
+            files.enter_context(open_film(arguments.out, arguments.fps)) if arguments.out else None
+        )
+        recording = (
+            files.enter_context(open_recording(arguments.rerun)) if arguments.rerun else None
+        )
         stride = max(1, round(arguments.speed / arguments.fps / env.config.control_step))
         watcher = _Watcher(env)
         explorer = make_explorer(arguments.explorer, env.explorer_context(), arguments.seed)
@@ -128,7 +132,9 @@ class _Watcher:
         env = self._env
         loop = explorer.loops[0] if explorer.loops else None
         seen = env.mapper.occupancy_grid(), *((loop.candidates, loop.target) if loop else ())
-        if len(seen) != len(self._latest) or any(a is not b for a, b in zip(seen, self._latest, strict=True)):
+        if len(seen) != len(self._latest) or any(
+            a is not b for a, b in zip(seen, self._latest, strict=True)
+        ):
             self._latest, self._deliberation = seen, self._deliberate(loop)
         return self._deliberation
 

@@ -137,8 +137,12 @@ class _Field(NamedTuple):
         close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
         # A text in ``Annotated`` says what became of a former value.
         notes = [note for note in getattr(self.hint, "__metadata__", ()) if isinstance(note, str)]
-        advice = f"; did you mean {close[0]!r}?" if close else "".join(f"; {note}" for note in notes)
-        return ConfigError(f"{name}{fault.place} must be {fault.must_be}, not {shown(fault.value)}{advice}")
+        advice = (
+            f"; did you mean {close[0]!r}?" if close else "".join(f"; {note}" for note in notes)
+        )
+        return ConfigError(
+            f"{name}{fault.place} must be {fault.must_be}, not {shown(fault.value)}{advice}"
+        )
 
     def read(self, value: Any, name: str) -> Any:
         """Convert a JSON value, and refuse one that doesn't fit."""
@@ -154,7 +158,9 @@ def _fields(cls: Any) -> dict[str, _Field]:
     """The fields of a dataclass."""
     hints = typing.get_type_hints(cls, include_extras=True)
     names = [entry.name for entry in dataclasses.fields(cls)]
-    return {name: _Field(hints[name], _conversion(hints[name]), _test(hints[name])) for name in names}
+    return {
+        name: _Field(hints[name], _conversion(hints[name]), _test(hints[name])) for name in names
+    }
 
 
 def _choices(hint: Any) -> list[Any]:
@@ -169,7 +175,8 @@ def _test(hint: Any, rule: Any = None) -> _Test:
     origin, options = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
         return _test(
-            options[0], next((own for own in options[1:] if isinstance(own, Within | OneLine)), rule)
+            options[0],
+            next((own for own in options[1:] if isinstance(own, Within | OneLine)), rule),
         )
     if hint in (int, float) or (hint is str and isinstance(rule, OneLine)):
         return _ruled_test(hint, rule or Within())
@@ -178,7 +185,10 @@ def _test(hint: Any, rule: Any = None) -> _Test:
     if origin in (tuple, list, dict, Mapping) or hasattr(hint, "_fields"):
         return _container_test(hint, rule)
     if origin is typing.Literal:
-        choices, expected = [(type(choice), choice) for choice in options], " or ".join(map(repr, options))
+        choices, expected = (
+            [(type(choice), choice) for choice in options],
+            " or ".join(map(repr, options)),
+        )
         return lambda value: None if (type(value), value) in choices else _Fault(expected, value)
     kind = object if hint is Any else origin or hint
     expected = "None" if hint is types.NoneType else _type_name(hint)
@@ -190,7 +200,10 @@ def _type_name(hint: Any) -> str:
 
 
 def _ruled_test(hint: Any, rule: Within | OneLine) -> _Test:
-    kinds: dict[Any, Any] = {int: numbers.Integral, float: numbers.Real}  # numpy's scalars are numbers, too
+    kinds: dict[Any, Any] = {
+        int: numbers.Integral,
+        float: numbers.Real,
+    }  # numpy's scalars are numbers, too
     kind, usual = kinds.get(hint, hint), (int, float) if hint is float else (hint,)
 
     def find_fault(value: Any) -> _Fault | None:
@@ -205,7 +218,9 @@ def _union_test(tests: Sequence[_Test]) -> _Test:
     def find_fault(value: Any) -> _Fault | None:
         faults = [test(value) for test in tests]
         return (
-            None if None in faults else _Fault(" or ".join(fault.must_be for fault in faults if fault), value)
+            None
+            if None in faults
+            else _Fault(" or ".join(fault.must_be for fault in faults if fault), value)
         )
 
     return find_fault
@@ -214,10 +229,17 @@ def _union_test(tests: Sequence[_Test]) -> _Test:
 def _container_test(hint: Any, rule: Any) -> _Test:
     """The test of a tuple, a named tuple, a list or a mapping and of all that it holds."""
     kind, names = typing.get_origin(hint) or hint, getattr(hint, "_fields", None)
-    options = typing.get_type_hints(hint, include_extras=True).values() if names else typing.get_args(hint)
+    options = (
+        typing.get_type_hints(hint, include_extras=True).values()
+        if names
+        else typing.get_args(hint)
+    )
     tests = [_test(option, rule) for option in options if option is not Ellipsis]
     is_mapping, is_fixed = kind in (dict, Mapping), kind is tuple and Ellipsis not in options
-    form, each = ".{}" if names else "[{!r}]", tests if names or is_fixed else itertools.repeat(tests[-1])
+    form, each = (
+        ".{}" if names else "[{!r}]",
+        tests if names or is_fixed else itertools.repeat(tests[-1]),
+    )
 
     def find_fault(value: Any) -> _Fault | None:
         if not isinstance(value, kind):
@@ -225,7 +247,9 @@ def _container_test(hint: Any, rule: Any) -> _Test:
         if is_fixed and len(value) != len(tests):
             return _Fault(f"{len(tests)} values", value)
         keys = value if is_mapping else names or itertools.count()
-        for key, test, item in zip(keys, each, value.values() if is_mapping else value, strict=False):
+        for key, test, item in zip(
+            keys, each, value.values() if is_mapping else value, strict=False
+        ):
             if (fault := test(item)) is not None:
                 return fault._replace(place=form.format(key) + fault.place)
         return None
@@ -241,7 +265,10 @@ def suggest(name: str, known: typing.Iterable[str]) -> str:
         return f"did you mean {close[0]!r}?"
     if len(known) > _MOST_LISTED:
         known = list(
-            {f"{first}.*" if rest else first for first, _, rest in (n.partition(".") for n in known)}
+            {
+                f"{first}.*" if rest else first
+                for first, _, rest in (n.partition(".") for n in known)
+            }
         )
     return f"known: {', '.join(sorted(known))}"
 
@@ -266,7 +293,9 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
     fields, dropped = _fields(typing.cast(Any, cls)), getattr(cls, "_dropped", {})
     prefix = f"{where}: " if where else ""
     if not isinstance(values, Mapping):
-        raise ConfigError(f"{prefix}{cls.__name__} takes an object of settings by name, not {shown(values)}")
+        raise ConfigError(
+            f"{prefix}{cls.__name__} takes an object of settings by name, not {shown(values)}"
+        )
     converted = {}
     for name, value in values.items():
         if name in fields:
@@ -280,7 +309,9 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
             raise ConfigError(f"{prefix}{name} of {cls.__name__} {always}")
     missing = fields.keys() - converted.keys()
     for entry in dataclasses.fields(typing.cast(Any, cls)) if missing else ():
-        is_needed = entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
+        is_needed = (
+            entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
+        )
         if is_needed and entry.name in missing:
             raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
     return cls(**converted)
@@ -330,10 +361,14 @@ def _conversion(hint: Any) -> _Conversion | None:
     if origin is Annotated:
         return _conversion(options[0])
     if origin in (types.UnionType, typing.Union):
-        return next((_conversion(option) for option in options if dataclasses.is_dataclass(option)), None)
+        return next(
+            (_conversion(option) for option in options if dataclasses.is_dataclass(option)), None
+        )
     if dataclasses.is_dataclass(hint):
         cls = typing.cast(type, hint)
-        return lambda value, where: from_dict(cls, value, where) if isinstance(value, Mapping) else value
+        return lambda value, where: (
+            from_dict(cls, value, where) if isinstance(value, Mapping) else value
+        )
     if origin in (dict, Mapping):
         inner = _conversion(options[1])
         return inner and functools.partial(_to_mapping, inner)
@@ -356,7 +391,10 @@ def _to_tuple(make: Any, conversions: Sequence[_Conversion | None], value: Any, 
         return value
     if conversions:
         pairs = enumerate(zip(itertools.cycle(conversions), value, strict=False))
-        value = [convert(item, f"{where}[{index}]") if convert else item for index, (convert, item) in pairs]
+        value = [
+            convert(item, f"{where}[{index}]") if convert else item
+            for index, (convert, item) in pairs
+        ]
     try:
         return make(value)
     except TypeError:  # too few or too many

@@ -34,7 +34,11 @@ def load_json(text: str | bytes) -> Any:
             print, or is nested beyond reason.
     """
     try:
-        decoded = text if isinstance(text, str) else text.decode(json.detect_encoding(text), "surrogatepass")
+        decoded = (
+            text
+            if isinstance(text, str)
+            else text.decode(json.detect_encoding(text), "surrogatepass")
+        )
         value = _DECODER.decode(decoded)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
@@ -66,7 +70,9 @@ def parse_json(
     try:
         value = load_json(text)
     except ValueError as reason:
-        raise error(where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")) from None
+        raise error(
+            where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")
+        ) from None
     # Fewer brackets than the limit can't be nested deeper.
     brackets = (b"[", b"{") if isinstance(text, bytes) else ("[", "{")
     if sum(map(text.count, brackets)) > DEPTH.value:  # type: ignore[arg-type]
@@ -105,7 +111,9 @@ def parse_yaml(text: str, where: object) -> Any:
         mark = getattr(reason, "problem_mark", None)
         line = "" if mark is None else f":{mark.line + 1}"
         problem = getattr(reason, "problem", None) or "it can't be parsed"
-        raise InputFileError(f"{where}{line}", f"is not valid yaml ({_one_line(problem)})") from None
+        raise InputFileError(
+            f"{where}{line}", f"is not valid yaml ({_one_line(problem)})"
+        ) from None
     # What PyYAML makes of impossible dates, empty numbers and the like.
     except (ValueError, TypeError, AttributeError, LookupError, RecursionError) as reason:
         raise InputFileError(where, f"is not valid yaml ({_one_line(reason)})") from None
@@ -158,7 +166,9 @@ _PlainLoader.add_constructor("tag:yaml.org,2002:int", _yaml_number)
 def _check_depth(value: Any, where: object, error: type[InputFileError]) -> None:
     """Refuse what recursive functions may stumble over, level by level."""
     level, depth = [value], 0
-    while level := [inner for outer in level for inner in _inside(outer) if isinstance(inner, list | dict)]:
+    while level := [
+        inner for outer in level for inner in _inside(outer) if isinstance(inner, list | dict)
+    ]:
         depth += 1
         DEPTH.check(where, depth, error)
 
@@ -174,7 +184,10 @@ def _one_line(reason: object) -> str:
 
 
 def known_fields(
-    cls: type[_T], values: Mapping[str, Any], where: object, error: type[InputFileError] = InputFileError
+    cls: type[_T],
+    values: Mapping[str, Any],
+    where: object,
+    error: type[InputFileError] = InputFileError,
 ) -> _T:
     """Build a dataclass from those values of a document that it declares: files from elsewhere hold more.
 
@@ -188,7 +201,9 @@ def known_fields(
         InputFileError: If a value doesn't fit what its field declares, or one without a default is missing.
     """
     known = {
-        entry.name: values[entry.name] for entry in dataclasses.fields(cast(Any, cls)) if entry.name in values
+        entry.name: values[entry.name]
+        for entry in dataclasses.fields(cast(Any, cls))
+        if entry.name in values
     }
     try:
         return from_dict(cls, known)

@@ -53,7 +53,9 @@ def storage_errors(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         reason = _FIXES.get(error.errno or 0, error.strerror or str(error))
-        raise StorageError(path, f"can't be written ({reason}, then run the same command again)") from error
+        raise StorageError(
+            path, f"can't be written ({reason}, then run the same command again)"
+        ) from error
 
 
 @contextlib.contextmanager
@@ -99,7 +101,9 @@ def open_regular(path: Path | str, limit: Limit | None = None) -> BufferedReader
     try:
         # A pipe without a writer would block here.
         file = open(  # noqa: SIM115 - the caller closes it
-            path, "rb", opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0))
+            path,
+            "rb",
+            opener=lambda name, flags: os.open(name, flags | getattr(os, "O_NONBLOCK", 0)),
         )
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -107,7 +111,9 @@ def open_regular(path: Path | str, limit: Limit | None = None) -> BufferedReader
     try:
         found = os.fstat(file.fileno())
         if not stat.S_ISREG(found.st_mode):
-            raise InputFileError(path, "is no regular file but a device, pipe or socket; give a file")
+            raise InputFileError(
+                path, "is no regular file but a device, pipe or socket; give a file"
+            )
         if limit is not None:
             limit.check(path, found.st_size)
     except InputFileError:
@@ -378,6 +384,7 @@ def exclusive_lock(path: Path) -> Iterator[None]:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except BlockingIOError:
                 raise StorageError(
-                    path.parent, "another run is writing to this folder; wait for it or choose another one"
+                    path.parent,
+                    "another run is writing to this folder; wait for it or choose another one",
                 ) from None
         yield

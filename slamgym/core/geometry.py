@@ -46,7 +46,9 @@ def between(a: Pose2D, b: Pose2D) -> Pose2D:
     """Pose of b seen from a (both given in one parent frame)."""
     cos, sin = math.cos(a[2]), math.sin(a[2])
     dx, dy = b[0] - a[0], b[1] - a[1]
-    return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, math.pi - (math.pi - float(b[2] - a[2])) % _TURN)
+    return Pose2D(
+        cos * dx + sin * dy, -sin * dx + cos * dy, math.pi - (math.pi - float(b[2] - a[2])) % _TURN
+    )
 
 
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:
@@ -75,7 +77,11 @@ def paste(canvas: np.ndarray, picture: np.ndarray, top: int, left: int) -> None:
     """
     rows, cols = (
         slice(min(max(0, first), there), max(0, min(there, first + here)))
-        for first, here, there in zip((top, left), canvas.shape[-2:], picture.shape[-2:], strict=True)
+        for first, here, there in zip(
+            (top, left), canvas.shape[-2:], picture.shape[-2:], strict=True
+        )
     )
     part = picture[..., rows, cols]
-    canvas[..., rows.start - top :, cols.start - left :][..., : part.shape[-2], : part.shape[-1]] = part
+    canvas[..., rows.start - top :, cols.start - left :][
+        ..., : part.shape[-2], : part.shape[-1]
+    ] = part

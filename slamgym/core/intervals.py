@@ -75,10 +75,14 @@ def ratio_of_means(
         groups: The plan of each value, shape (N,), where a plan has several.
     """
     columns = [values, reference]
-    return _bootstrap(columns, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed, groups)
+    return _bootstrap(
+        columns, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed, groups
+    )
 
 
-def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike, seed: int = 0) -> Interval:
+def balanced_accuracy(
+    right: FloatArray, of_second: BoolArray, groups: ArrayLike, seed: int = 0
+) -> Interval:
     """Mean of the accuracies on two classes, however many samples each has: 0.5 for a guess.
 
     Args:
@@ -87,7 +91,9 @@ def balanced_accuracy(right: FloatArray, of_second: BoolArray, groups: ArrayLike
         groups: What is drawn again, e.g. the building of each sample, shape (N,).
         seed: Of the resampling.
     """
-    columns = [w.astype(np.float64) for w in (right * ~of_second, ~of_second, right * of_second, of_second)]
+    columns = [
+        w.astype(np.float64) for w in (right * ~of_second, ~of_second, right * of_second, of_second)
+    ]
 
     def balanced(means: FloatArray) -> FloatArray:
         counts = np.maximum(means[:, 1::2], 1e-12)
@@ -108,7 +114,9 @@ def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None 
     group = np.arange(len(values)) if groups is None else np.unique(groups, return_inverse=True)[1]
     order = np.argsort(values)
     # How often each value is drawn; its median lies where half of the draws are reached.
-    drawn = _fresh_draws(int(group.max()) + 1, seed, _BAND_RESAMPLES)[:, group[order]].cumsum(axis=1)
+    drawn = _fresh_draws(int(group.max()) + 1, seed, _BAND_RESAMPLES)[:, group[order]].cumsum(
+        axis=1
+    )
     half = 0.5 * drawn[:, -1:]
     below, above = (drawn >= half).argmax(axis=1), (drawn > half).argmax(axis=1)
     low, high = _percentiles(0.5 * (values[order][below] + values[order][above]))
@@ -140,13 +148,19 @@ def crossed_ratio(values: FloatArray, reference: FloatArray, seed: int = 0) -> I
     Raises:
         ValueError: If there is no plan, or the plans differ in number.
     """
-    values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    values, reference = (
+        np.asarray(values, dtype=np.float64),
+        np.asarray(reference, dtype=np.float64),
+    )
     if values.shape[1] != reference.shape[1] or values.size == 0 or reference.size == 0:
-        raise ValueError(f"there are no plans to compare on in shapes {values.shape} and {reference.shape}")
+        raise ValueError(
+            f"there are no plans to compare on in shapes {values.shape} and {reference.shape}"
+        )
     rng = np.random.default_rng(seed)
     plans = _draws(values.shape[1], rng)
     means = [
-        ((_draws(len(table), rng) @ table) * plans).sum(axis=1) / table.size for table in (values, reference)
+        ((_draws(len(table), rng) @ table) * plans).sum(axis=1) / table.size
+        for table in (values, reference)
     ]
     low, high = _percentiles(means[0] / means[1])
     return Interval(float(values.mean() / reference.mean()), float(low), float(high))
@@ -182,7 +196,9 @@ def interquartile_mean(values: FloatArray, seed: int = 0) -> Interval:
     return Interval(float(means(np.ones((1, flat.size)))[0]), float(low), float(high))
 
 
-def probability_of_improvement(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
+def probability_of_improvement(
+    values: FloatArray, reference: FloatArray, seed: int = 0
+) -> Interval:
     """Probability that a run on a plan gives a smaller value than one of the reference on the same plan; ties are half.
 
     As Agarwal et al. 2021 define it, averaged over plans, but with plans drawn again: see
@@ -196,7 +212,10 @@ def probability_of_improvement(values: FloatArray, reference: FloatArray, seed: 
     Raises:
         ValueError: If there is none, or the plans differ in number.
     """
-    values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    values, reference = (
+        np.asarray(values, dtype=np.float64),
+        np.asarray(reference, dtype=np.float64),
+    )
     draw = _paired_draws(values, reference, seed)
     better = (values[:, None] < reference).astype(np.float64) + 0.5 * (values[:, None] == reference)
     low, high = _percentiles(draw(better) / better.size)
@@ -214,7 +233,10 @@ def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -
     Raises:
         ValueError: If there is none, the plans differ in number, or one of both always failed.
     """
-    values, reference = np.asarray(values, dtype=np.float64), np.asarray(reference, dtype=np.float64)
+    values, reference = (
+        np.asarray(values, dtype=np.float64),
+        np.asarray(reference, dtype=np.float64),
+    )
     draw = _paired_draws(values, reference, seed)
     both = np.isfinite(values)[:, None] & np.isfinite(reference)
     if not both.any():
@@ -227,10 +249,14 @@ def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -
     return Interval(float(sums[0].sum() / sums[1].sum()), float(low), float(high))
 
 
-def _paired_draws(values: FloatArray, reference: FloatArray, seed: int) -> Callable[[FloatArray], FloatArray]:
+def _paired_draws(
+    values: FloatArray, reference: FloatArray, seed: int
+) -> Callable[[FloatArray], FloatArray]:
     """Make a function that sums a table of shape (runs, other runs, plans) over draws of all three, to shape (R,)."""
     if values.shape[1:] != reference.shape[1:]:
-        raise ValueError(f"there are no plans to compare on in shapes {values.shape} and {reference.shape}")
+        raise ValueError(
+            f"there are no plans to compare on in shapes {values.shape} and {reference.shape}"
+        )
     runs, plans = _crossed_draws(values, seed)
     others = _crossed_draws(reference, seed + 1)[0]
 

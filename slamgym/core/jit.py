@@ -93,7 +93,9 @@ def _prepared(dispatcher: Any) -> Any:
         except Exception:  # noqa: BLE001 - unpickling may raise anything
             return {}
 
-    dispatcher.get_call_template = lambda args, keywords: find([unliteral(each) for each in args], keywords)
+    dispatcher.get_call_template = lambda args, keywords: find(
+        [unliteral(each) for each in args], keywords
+    )
     dispatcher._cache._cache_file._load_index = load_index
     return dispatcher
 
@@ -122,7 +124,9 @@ def use_temporary_cache() -> str:
     ):
         folder = Path(tempfile.mkdtemp(prefix="slamgym-kernels-"))
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
-    sys.stderr.write(f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n")
+    sys.stderr.write(
+        f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n"
+    )
     return str(folder)
 
 

@@ -39,7 +39,9 @@ class Limit(NamedTuple):
             raise ConfigError(f"{self.variable} must be a whole number above 0, not {shown(text)}")
         return int(text)
 
-    def check(self, where: object, count: float, error: type[InputFileError] = InputFileError) -> None:
+    def check(
+        self, where: object, count: float, error: type[InputFileError] = InputFileError
+    ) -> None:
         """Refuse a file that holds more.
 
         Args:
@@ -61,11 +63,20 @@ class Limit(NamedTuple):
 
 FILE_BYTES = Limit("SLAMGYM_MAX_FILE_BYTES", 1 << 30, "bytes", "any file, after decompression")
 DOCUMENT_BYTES = Limit(
-    "SLAMGYM_MAX_DOCUMENT_BYTES", 4 << 20, "bytes", "a floor plan, other JSON document, or line of a list"
+    "SLAMGYM_MAX_DOCUMENT_BYTES",
+    4 << 20,
+    "bytes",
+    "a floor plan, other JSON document, or line of a list",
 )
-DRAWING_BYTES = Limit("SLAMGYM_MAX_DRAWING_BYTES", 64 << 20, "bytes", "a DXF, IFC or GeoJSON drawing")
-WEIGHT_BYTES = Limit("SLAMGYM_MAX_WEIGHT_BYTES", 4 << 30, "bytes", "weights, or the state of a training")
-YAML_BYTES = Limit("SLAMGYM_MAX_YAML_BYTES", 1 << 16, "bytes", "a YAML file: a map's description, a recipe")
+DRAWING_BYTES = Limit(
+    "SLAMGYM_MAX_DRAWING_BYTES", 64 << 20, "bytes", "a DXF, IFC or GeoJSON drawing"
+)
+WEIGHT_BYTES = Limit(
+    "SLAMGYM_MAX_WEIGHT_BYTES", 4 << 30, "bytes", "weights, or the state of a training"
+)
+YAML_BYTES = Limit(
+    "SLAMGYM_MAX_YAML_BYTES", 1 << 16, "bytes", "a YAML file: a map's description, a recipe"
+)
 DEPTH = Limit("SLAMGYM_MAX_DEPTH", 32, "levels of nesting", "a JSON or YAML document")
 EXPANSION = Limit(
     "SLAMGYM_MAX_EXPANSION", 200, "bytes for each compressed one", "a compressed file above 4 MB"
@@ -77,8 +88,12 @@ ENTRIES = Limit(
     "an archive, a drawing (its blocks expanded), or a file of one floor a line",
 )
 PIXELS = Limit("SLAMGYM_MAX_PIXELS", 100_000_000, "pixels", "a picture")
-VERTICES = Limit("SLAMGYM_MAX_VERTICES", 50_000, "vertices", "a floor plan, holes and rooms included")
-PLAN_PARTS = Limit("SLAMGYM_MAX_PARTS", 10_000, "holes, rooms or doors", "a floor plan, of each kind")
+VERTICES = Limit(
+    "SLAMGYM_MAX_VERTICES", 50_000, "vertices", "a floor plan, holes and rooms included"
+)
+PLAN_PARTS = Limit(
+    "SLAMGYM_MAX_PARTS", 10_000, "holes, rooms or doors", "a floor plan, of each kind"
+)
 CROSSINGS = Limit(
     "SLAMGYM_MAX_CROSSINGS", 1000, "places where the outline crosses itself", "an outline to repair"
 )
@@ -88,9 +103,14 @@ NEAR_PAIRS = Limit(
     "pairs of walls close to each other",
     "a floor plan: closer than the robot is wide, which makes its geometry slow",
 )
-RUNS = Limit("SLAMGYM_MAX_RUNS", 1_000_000, "runs of floor in its rows", "a picture traced as a floor plan")
+RUNS = Limit(
+    "SLAMGYM_MAX_RUNS", 1_000_000, "runs of floor in its rows", "a picture traced as a floor plan"
+)
 MAP_CELLS = Limit(
-    "SLAMGYM_MAX_MAP_CELLS", 200_000_000, "cells", "the map that an explorer sees, which grows with the plan"
+    "SLAMGYM_MAX_MAP_CELLS",
+    200_000_000,
+    "cells",
+    "the map that an explorer sees, which grows with the plan",
 )
 IFC_SECONDS = Limit(
     "SLAMGYM_MAX_IFC_SECONDS", 300, "seconds", "reading an IFC model, in a process of its own"

@@ -39,12 +39,12 @@ class OneLine(NamedTuple):
         )
 
     def __str__(self) -> str:
-        return (
-            f"{self.noun} of at most {self.max_bytes} bytes, without a leading dot or any of {self.forbidden}"
-        )
+        return f"{self.noun} of at most {self.max_bytes} bytes, without a leading dot or any of {self.forbidden}"
 
 
-_ONE_PART = OneLine("a plain file name", '/\\:*?"<>|')  # separators, and what Windows forbids besides
+_ONE_PART = OneLine(
+    "a plain file name", '/\\:*?"<>|'
+)  # separators, and what Windows forbids besides
 FileName = Annotated[str, _ONE_PART]
 """A name out of a file that becomes a part of a path."""
 Label = Annotated[str, OneLine("printable text", "|`")]
@@ -72,7 +72,9 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
     first: dict[str, Path] = {}
     for name, path in zip(names, paths, strict=True):
         if (other := first.setdefault(name.casefold(), path)) is not path:
-            raise InputFileError(path, f"would be written as {name!r}, and so would {other}; rename one")
+            raise InputFileError(
+                path, f"would be written as {name!r}, and so would {other}; rename one"
+            )
     return names
 
 
@@ -113,7 +115,9 @@ def own_function(spec: str, what: str) -> Callable[..., Any]:
     try:
         function = getattr(importlib.import_module(module), name) if module and name else None
     except Exception as error:
-        raise ConfigError(f"{what} {spec!r} can't be imported ({error}); give module:function") from error
+        raise ConfigError(
+            f"{what} {spec!r} can't be imported ({error}); give module:function"
+        ) from error
     if not callable(function):
         raise ConfigError(f"{what} {spec!r} is no function; give module:function")
     return function

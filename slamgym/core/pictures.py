@@ -35,7 +35,11 @@ _DAMAGED = (
 
 
 def decode_picture(
-    where: object, encoded: bytes, error: type[InputFileError] = InputFileError, *, upright: bool = False
+    where: object,
+    encoded: bytes,
+    error: type[InputFileError] = InputFileError,
+    *,
+    upright: bool = False,
 ) -> Any:
     """Decode a PNG, JPEG, BMP, PGM or TIFF picture.
 
@@ -68,8 +72,15 @@ def decode_picture(
             image = getattr(module, f"{reader}ImageFile")(io.BytesIO(encoded))
             PIXELS.check(where, image.width * image.height, error)
             if image.mode in ("I", "F") and reader != "Ppm":
-                raise error(where, "has numbers of 32 bits for pixels; save it with 8 bits per channel")
-            if image.tile and image.tile[0][0] in ("raw", "ppm") and reader == "Ppm" and image.mode != "1":
+                raise error(
+                    where, "has numbers of 32 bits for pixels; save it with 8 bits per channel"
+                )
+            if (
+                image.tile
+                and image.tile[0][0] in ("raw", "ppm")
+                and reader == "Ppm"
+                and image.mode != "1"
+            ):
                 return _netpbm_pixels(image, encoded)
             image.load()
             pixels = _pixels(ImageOps.exif_transpose(image) if upright else image)

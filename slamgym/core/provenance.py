@@ -40,7 +40,8 @@ def check_origin(path: Path | str) -> None:
         )
     if sha256_of(path) != expected:
         raise InputFileError(
-            path, f"is not the file that came with slamgym ({CHECKSUMS.name}); install slamgym again"
+            path,
+            f"is not the file that came with slamgym ({CHECKSUMS.name}); install slamgym again",
         )
 
 
@@ -63,7 +64,11 @@ def read_checksums() -> dict[str, str]:
 def current_checksums() -> dict[str, str]:
     """The same as the files are now."""
     paths = {f"{name}/{path.name}": path for name in _FOLDERS for path in home_of(name).iterdir()}
-    return {name: sha256_of(paths[name]) for name in sorted(paths) if paths[name].suffix not in _NOT_LISTED}
+    return {
+        name: sha256_of(paths[name])
+        for name in sorted(paths)
+        if paths[name].suffix not in _NOT_LISTED
+    }
 
 
 def write_checksums() -> None:
@@ -72,7 +77,9 @@ def write_checksums() -> None:
     Raises:
         StorageError: If the list can't be written.
     """
-    write_text(CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in current_checksums().items()))
+    write_text(
+        CHECKSUMS, "".join(f"{digest}  {name}\n" for name, digest in current_checksums().items())
+    )
 
 
 if __name__ == "__main__":

@@ -10,7 +10,11 @@ def printable(text: str) -> str:
     That is control characters, line ends, marks that turn the direction of writing, and bytes of a file's name
     that are no UTF-8 (halves of surrogate pairs): a name from outside neither steers a terminal nor looks like another.
     """
-    return text if text.isprintable() else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    return (
+        text
+        if text.isprintable()
+        else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+    )
 
 
 def markup(text: str) -> str:
@@ -27,5 +31,9 @@ def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         padded = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
         return "| " + " | ".join([first.ljust(widths[0]), *padded]) + " |\n"
 
-    rule = "|" + "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])]) + "|\n"
+    rule = (
+        "|"
+        + "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])])
+        + "|\n"
+    )
     return line(*headings) + rule + "".join(line(*row) for row in table[1:])

@@ -121,21 +121,32 @@ class GridFrame(NamedTuple):
     def to_cell(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Convert points [m] to (row, col), which may lie outside the grid."""
         if isinstance(x, float) and isinstance(y, float):  # most calls are for one point
-            across, up = (x - self.origin_x) / self.resolution, (y - self.origin_y) / self.resolution
+            across, up = (
+                (x - self.origin_x) / self.resolution,
+                (y - self.origin_y) / self.resolution,
+            )
             return self.height_px - 1 - math.floor(up), math.floor(across)
         col = np.floor((np.asarray(x) - self.origin_x) / self.resolution).astype(np.int64)
         row = (
-            self.height_px - 1 - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
+            self.height_px
+            - 1
+            - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
         )
         return row, col
 
     def to_point(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Convert cells to the points (x, y) [m] of their centres."""
         if isinstance(row, (float, int)) and isinstance(col, (float, int)):
-            right, up = (col + 0.5) * self.resolution, (self.height_px - row - 0.5) * self.resolution
+            right, up = (
+                (col + 0.5) * self.resolution,
+                (self.height_px - row - 0.5) * self.resolution,
+            )
             return self.origin_x + right, self.origin_y + up
         x = self.origin_x + (np.asarray(col, dtype=np.float64) + 0.5) * self.resolution
-        y = self.origin_y + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
+        y = (
+            self.origin_y
+            + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
+        )
         return x, y
 
     def to_points(self, row: Any, col: Any) -> FloatArray:
@@ -166,7 +177,9 @@ class OccupancyGrid:
 
     def __post_init__(self) -> None:
         if self.cells.shape != self.frame.shape:
-            raise ValueError(f"cells have shape {self.cells.shape} but the frame says {self.frame.shape}")
+            raise ValueError(
+                f"cells have shape {self.cells.shape} but the frame says {self.frame.shape}"
+            )
 
 
 Observation = dict[str, Any]

@@ -73,12 +73,16 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     layout = Layout(Path(root))
     require_manifest(layout.manifest, "slamgym generate")
     settings, faults = _read_settings(layout.config, "format_version", FORMAT_VERSION)
-    hashes = {_hash_of(form) for form in (settings, current_settings(settings))}  # it may have been continued
+    hashes = {
+        _hash_of(form) for form in (settings, current_settings(settings))
+    }  # it may have been continued
     listed, plans, last = _Listed(layout.manifest), set[str](), -1
     for record in _iterate_records(layout.manifest, PairRecord.from_line, faults):
         faults += listed.add(record, layout.image("B", record.name))
         if record.index <= last:
-            faults.append(FileFault(layout.manifest, f"is not in the order of the index at {record.name}"))
+            faults.append(
+                FileFault(layout.manifest, f"is not in the order of the index at {record.name}")
+            )
         plans.add(record.plan_id)
         last = max(last, record.index)
         faults += _check_record(layout, record, settings, hashes)
@@ -106,7 +110,9 @@ def is_image_folder(root: Path | str) -> bool:
     return any((Path(root) / split).is_dir() for split in SPLITS)
 
 
-def check_image_folder(root: Path | str, advance: Callable[[], None] = lambda: None) -> list[FileFault]:
+def check_image_folder(
+    root: Path | str, advance: Callable[[], None] = lambda: None
+) -> list[FileFault]:
     """Verify a folder that ``slamgym dataset render`` has written.
 
     Args:
@@ -195,7 +201,9 @@ def _iterate_records(
         faults.append(FileFault(path, "ends in the middle of a line"))
 
 
-def _read_settings(path: Path, version_key: str, version: int) -> tuple[dict[str, Any], list[FileFault]]:
+def _read_settings(
+    path: Path, version_key: str, version: int
+) -> tuple[dict[str, Any], list[FileFault]]:
     """Read a ``config.json``; empty if it can't be used.
 
     Args:
@@ -226,13 +234,17 @@ def _check_record(
     """Compare a record with the settings."""
     where = Path(f"{layout.manifest}: {record.name}")
     if record.slot.name != record.name:
-        yield FileFault(where, f"its index {record.index} and plan {record.plan_id!r} give another name")
+        yield FileFault(
+            where, f"its index {record.index} and plan {record.plan_id!r} give another name"
+        )
     if not settings:
         return
     if record.config_hash not in hashes:
         yield FileFault(where, "was made with other settings than config.json holds")
     if record.seed != exploration_seed(settings.get("seed", 0), record.plan_id, record.repetition):
-        yield FileFault(where, "its seed doesn't follow from the dataset's seed, its plan and its repetition")
+        yield FileFault(
+            where, "its seed doesn't follow from the dataset's seed, its plan and its repetition"
+        )
 
 
 def _check_image(
@@ -256,7 +268,9 @@ def _check_image(
         yield FileFault(path, error.reason)
         return
     if image.ndim != 2 or image.dtype != np.uint8:
-        yield FileFault(path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8")
+        yield FileFault(
+            path, f"has shape {image.shape} and type {image.dtype}, not one channel of uint8"
+        )
         return
     if image.shape != tuple(shape):
         yield FileFault(path, f"has shape {image.shape}, the manifest says {tuple(shape)}")
@@ -294,10 +308,14 @@ def _check_episode(folder: Path, record: PairRecord) -> Iterator[FileFault]:
             yield FileFault(sums, f"doesn't list {name}")
     for name, digest in listed.items():
         yield from _check_file(folder / name, digest, f"its digest in {SUMS}")
-    yield from _unexpected_files(folder, {*listed, SUMS, "episode.json"}, "is no file of an exploration")
+    yield from _unexpected_files(
+        folder, {*listed, SUMS, "episode.json"}, "is no file of an exploration"
+    )
 
 
-def _check_file(path: Path, sha256: str, source: str = "the digest in the manifest") -> Iterator[FileFault]:
+def _check_file(
+    path: Path, sha256: str, source: str = "the digest in the manifest"
+) -> Iterator[FileFault]:
     """Verify that a file is there and has the content of which a source tells the digest."""
     if not path.is_file():
         yield FileFault(path, "is missing")
@@ -332,11 +350,18 @@ def _json_object(line: str, where: str) -> dict[str, Any]:
     return value
 
 
-def _check_side_files(root: Path, plans: Collection[str], names: Collection[str]) -> Iterator[FileFault]:
+def _check_side_files(
+    root: Path, plans: Collection[str], names: Collection[str]
+) -> Iterator[FileFault]:
     """Verify that the split and the verdicts, where there are any, know the pairs."""
     lists: tuple[tuple[Path, str, Collection[str], Callable[[], Collection[str]]], ...] = (
         (split_path(root), "plan", plans, lambda: read_split(root).plans),
-        (root / VERDICTS_FILE, "pair", names, lambda: {verdict.name for verdict in iterate_verdicts(root)}),
+        (
+            root / VERDICTS_FILE,
+            "pair",
+            names,
+            lambda: {verdict.name for verdict in iterate_verdicts(root)},
+        ),
     )
     for path, noun, wanted, read in lists:
         if not path.exists():
@@ -348,7 +373,9 @@ def _check_side_files(root: Path, plans: Collection[str], names: Collection[str]
             continue
         missing = [name for name in wanted if name not in known]
         if missing:
-            yield FileFault(path, f"doesn't know {counted(len(missing), noun)}, such as {missing[0]}")
+            yield FileFault(
+                path, f"doesn't know {counted(len(missing), noun)}, such as {missing[0]}"
+            )
 
 
 def _on_both_sides(layout: ImageLayout, records: Sequence[ImageRecord]) -> Iterator[FileFault]:

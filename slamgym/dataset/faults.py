@@ -22,7 +22,10 @@ _WORDS: dict[MapFaultKind, tuple[str, str]] = {
     "map_error": ("map error", "map error {value:.2f} m > {limit:.2f} m"),
     "position_error": ("position error", "position error {value:.2f} m > {limit:.2f} m"),
     "hardly_driven": ("stuck", "stuck: drove {value:.1f} m"),
-    "incomplete": ("incomplete", "incomplete: probability {value:.2f} of being complete < {limit:.2f}"),
+    "incomplete": (
+        "incomplete",
+        "incomplete: probability {value:.2f} of being complete < {limit:.2f}",
+    ),
     "doubtful": ("doubtful", "doubtful: probability {value:.2f} of being complete < {limit:.2f}"),
     "unreadable": ("unreadable", "{detail}"),
     "low_coverage": ("low coverage", "low coverage: {value:.3f} < {limit:g}, ended by {detail}"),
@@ -54,7 +57,10 @@ class MapFault:
     def sentence(self) -> str:
         """The fault in words."""
         text = _WORDS[self.kind][1].format(
-            value=self.value, limit=self.limit, detail=self.detail, below=_below(self.value, self.limit)
+            value=self.value,
+            limit=self.limit,
+            detail=self.detail,
+            below=_below(self.value, self.limit),
         )
         return f"{text}: {self._ending}" if self.kind == "coverage" and self.detail else text
 
@@ -88,7 +94,9 @@ class Criteria(Settings):
     max_ate: Positive = 0.60
     """Position error of the estimate [m]: about twice the map error that it causes."""
 
-    def faults(self, coverage: float, map_error: float, ate: float, *, has_clutter: bool) -> list[MapFault]:
+    def faults(
+        self, coverage: float, map_error: float, ate: float, *, has_clutter: bool
+    ) -> list[MapFault]:
         """Faults of a map; empty if it is good.
 
         Args:
@@ -115,7 +123,9 @@ def has_clutter(record: PairRecord) -> bool:
 
 def record_faults(record: PairRecord, criteria: Criteria) -> list[MapFault]:
     """Faults of a pair by the truth; empty if it is good."""
-    found = criteria.faults(record.coverage, record.map_error, record.ate, has_clutter=has_clutter(record))
+    found = criteria.faults(
+        record.coverage, record.map_error, record.ate, has_clutter=has_clutter(record)
+    )
     if found and found[0].kind == "coverage":
         found[0] = dataclasses.replace(found[0], detail=record.finished)
         if record.path_length < STUCK_PATH:

@@ -37,7 +37,15 @@ from slamgym.core.files import (
     text_lines,
 )
 from slamgym.core.pictures import encode_png
-from slamgym.dataset.format import SIDES, SUMS, FolderLayout, Layout, digest_lines, is_shard_name, read_object
+from slamgym.dataset.format import (
+    SIDES,
+    SUMS,
+    FolderLayout,
+    Layout,
+    digest_lines,
+    is_shard_name,
+    read_object,
+)
 from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.manifest_file import ManifestFile
 from slamgym.dataset.record import MapPair, Outcome, Slot, make_record
@@ -97,7 +105,9 @@ class DatasetFolder:
             for folder in (*(layout.root / side for side in SIDES), layout.episodes):
                 sync_folder(folder)
             self._manifest.write()
-            rejected = "".join(json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items()))
+            rejected = "".join(
+                json.dumps(entry) + "\n" for _, entry in sorted(self.rejected.items())
+            )
             if rejected or layout.rejected.exists():
                 replace_if_changed(layout.rejected, rejected.encode())
         now = time.monotonic()
@@ -114,9 +124,12 @@ class DatasetFolder:
 
     def _list_committed(self) -> None:
         missing = self.committed - self._manifest.listed
-        names = {index: name for index, name in pair_names(self.layout.episodes) if index in missing}
+        names = {
+            index: name for index, name in pair_names(self.layout.episodes) if index in missing
+        }
         self._manifest.agree_with(
-            self.committed, lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes()
+            self.committed,
+            lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes(),
         )
 
     def _scan(self) -> set[int]:
@@ -205,7 +218,9 @@ def stage_pair(
     Raises:
         StorageError: If a file can't be written.
     """
-    files = {side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)}
+    files = {
+        side: encode_png(image) for side, image in zip(SIDES, (pair.cad, pair.slam), strict=True)
+    }
     with storage_errors(staged):
         make_staging_place(staged)
         for side, data in files.items():
@@ -234,7 +249,11 @@ def is_whole(layout: Layout, name: str) -> bool:
     folder = layout.episode(name)
     if folder.is_symlink() or not folder.is_dir():
         return False
-    files = [*(layout.image(side, name) for side in SIDES), folder / "episode.json", *folder.iterdir()]
+    files = [
+        *(layout.image(side, name) for side in SIDES),
+        folder / "episode.json",
+        *folder.iterdir(),
+    ]
     return all(path.is_file() and not path.is_symlink() for path in files)
 
 
@@ -295,9 +314,13 @@ def claim_folder(
         remove_leftovers(FolderLayout(root).manifest)
         names = sorted(entry.name for entry in root.iterdir())
     if path.name not in names:
-        unexpected = [name for name in names if name != FolderLayout(root).lock.name and not may_hold(name)]
+        unexpected = [
+            name for name in names if name != FolderLayout(root).lock.name and not may_hold(name)
+        ]
         if unexpected:
-            raise ConfigError(f"{root}: holds {unexpected[0]} and no {content}; choose a new folder")
+            raise ConfigError(
+                f"{root}: holds {unexpected[0]} and no {content}; choose a new folder"
+            )
         replace_file(path, (json.dumps(settings, indent=2) + "\n").encode())
         return
     before, now = as_read(read_object(path)), as_read(json.loads(json.dumps(settings)))
@@ -314,6 +337,8 @@ def differences(before: Any, now: Any, where: str = "") -> Iterator[str]:
     """Name the settings that differ between two JSON values."""
     if isinstance(before, dict) and isinstance(now, dict):
         for key in sorted(before.keys() | now.keys()):
-            yield from differences(before.get(key), now.get(key), f"{where}.{key}" if where else key)
+            yield from differences(
+                before.get(key), now.get(key), f"{where}.{key}" if where else key
+            )
     elif before != now:
         yield f"{where} was {json.dumps(before)}, now {json.dumps(now)}"

@@ -125,9 +125,7 @@ def require_manifest(manifest: Path, made_by: str) -> None:
     what = f"holds no {manifest.name}" if root.is_dir() else "is no folder"
     what += f"; name a folder that `{made_by}` has written"
     if shard_folders(root):
-        what = (
-            f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them"
-        )
+        what = f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them"
     raise InputFileError(root, what)
 
 
@@ -196,7 +194,9 @@ def read_manifest(root: Path | str) -> Iterator[PairRecord]:
     """
     layout = Layout(Path(root))
     if (layout.root / "train").is_dir() and not layout.episodes.is_dir():
-        raise InputFileError(root, "holds rendered images; name the dataset that they were made from")
+        raise InputFileError(
+            root, "holds rendered images; name the dataset that they were made from"
+        )
     for line, where in manifest_lines(layout.manifest, "slamgym generate"):
         yield PairRecord.from_line(line, where)
 
@@ -231,9 +231,13 @@ def load_pair(root: Path | str, name: str) -> tuple[ByteArray, ByteArray]:
     layout = Layout(Path(root))
     cad, slam = (read_png(layout.image(side, name)) for side in SIDES)
     if cad.ndim != 2:
-        raise InputFileError(layout.image("A", name), "has colours; `slamgym dataset check` names all faults")
+        raise InputFileError(
+            layout.image("A", name), "has colours; `slamgym dataset check` names all faults"
+        )
     if slam.shape != cad.shape:
-        raise InputFileError(layout.image("B", name), f"has shape {slam.shape} but A has {cad.shape}")
+        raise InputFileError(
+            layout.image("B", name), f"has shape {slam.shape} but A has {cad.shape}"
+        )
     return cad, slam
 
 

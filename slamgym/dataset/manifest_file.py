@@ -30,7 +30,10 @@ class ManifestFile:
         """Slots of the pairs that the file will list when it is written."""
         try:
             self.listed = {index for index, _ in self._lines()}
-        except (ValueError, InputFileError):  # it was edited; the pairs' own files say what belongs there
+        except (
+            ValueError,
+            InputFileError,
+        ):  # it was edited; the pairs' own files say what belongs there
             path.unlink()
 
     def agree_with(self, committed: set[int], read_line: Callable[[int], bytes]) -> None:
@@ -58,7 +61,11 @@ class ManifestFile:
         if not self._fresh and not self._is_stale and self._path.exists():
             return
         # What is not listed any more, or is to be replaced, is left out.
-        kept = (entry for entry in self._lines() if entry[0] in self.listed and entry[0] not in self._fresh)
+        kept = (
+            entry
+            for entry in self._lines()
+            if entry[0] in self.listed and entry[0] not in self._fresh
+        )
         merged = heapq.merge(kept, sorted(self._fresh.items()), key=itemgetter(0))
         replace_file(self._path, map(itemgetter(1), merged))
         self._fresh.clear()

@@ -58,7 +58,9 @@ def merge_shards(root: Path | str) -> MergeReport:
     # A run that was killed at once has left a folder without anything in it.
     shards = [folder for folder in shard_folders(root) if Layout(folder).config.is_file()]
     if not shards:
-        raise ConfigError(f"{root}: holds no shard; give the folder that `slamgym generate --shard` wrote to")
+        raise ConfigError(
+            f"{root}: holds no shard; give the folder that `slamgym generate --shard` wrote to"
+        )
     settings = _common_settings(shards)
     total = sum(1 for shard in shards for _ in pair_names(Layout(shard).episodes))
     with open_dataset(root, settings) as folder:
@@ -105,7 +107,9 @@ def _take_pair(folder: DatasetFolder, shard: Layout, name: str, times: dict[str,
     line = shard.episode(name) / "episode.json"
     record = PairRecord.from_line(read_text(line), str(line))
     if record.name != name or record.slot.name != name:
-        raise InputFileError(line, f"is the record of {record.name!r}, not of its folder; take the pair out")
+        raise InputFileError(
+            line, f"is the record of {record.name!r}, not of its folder; take the pair out"
+        )
     staged = folder.stage(name)
     files = {path: staged / "episode" / path.name for path in shard.episode(name).iterdir()}
     files |= {shard.image(side, name): staged / f"{side}.png" for side in SIDES}

@@ -16,7 +16,16 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Counted, Measured, Positive, Settings, Share, Within, from_dict, to_dict
+from slamgym.core.config import (
+    Counted,
+    Measured,
+    Positive,
+    Settings,
+    Share,
+    Within,
+    from_dict,
+    to_dict,
+)
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.names import FileName, as_file_name
@@ -50,7 +59,9 @@ class MapPair:
     frame: GridFrame  # of both, map frame
 
 
-def make_pair(plan: FloorPlan, start: Pose2D, slam_map: OccupancyGrid, config: PairConfig) -> MapPair:
+def make_pair(
+    plan: FloorPlan, start: Pose2D, slam_map: OccupancyGrid, config: PairConfig
+) -> MapPair:
     """Draw the plan and place the SLAM map in the smallest common frame.
 
     The SLAM map's cells are copied, never resampled: the plan is drawn onto the SLAM map's own lattice.
@@ -71,7 +82,9 @@ def make_pair(plan: FloorPlan, start: Pose2D, slam_map: OccupancyGrid, config: P
     return MapPair(cad=cad.cells, slam=place(slam_map, frame), frame=frame)
 
 
-def common_frame(bounds: tuple[float, float, float, float], grid: GridFrame, margin: float) -> GridFrame:
+def common_frame(
+    bounds: tuple[float, float, float, float], grid: GridFrame, margin: float
+) -> GridFrame:
     """The smallest frame on the lattice of ``grid`` that covers bounds [m], the grid and a margin [m]."""
     low = [min(a, b) - margin for a, b in zip(bounds[:2], grid.bounds[:2], strict=True)]
     high = [max(a, b) + margin for a, b in zip(bounds[2:], grid.bounds[2:], strict=True)]
@@ -259,7 +272,10 @@ def make_record(
             return 0.0
         return _rounded(absolute_trajectory_error(path, truth, align=False).translation.rmse)
 
-    believed, last = outcome.final_estimate, truth.poses[-1] if len(truth) else outcome.final_estimate
+    believed, last = (
+        outcome.final_estimate,
+        truth.poses[-1] if len(truth) else outcome.final_estimate,
+    )
     return PairRecord(
         name=slot.name,
         **asdict(slot),

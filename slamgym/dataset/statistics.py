@@ -52,7 +52,9 @@ class ValueColumn:
         """Number of records with each value, the most frequent first."""
         codes = self.codes
         return dict(
-            Counter({value: int((codes == code).sum()) for value, code in self._known.items()}).most_common()
+            Counter(
+                {value: int((codes == code).sum()) for value, code in self._known.items()}
+            ).most_common()
         )
 
     def groups(self) -> dict[str, IntArray]:
@@ -62,7 +64,10 @@ class ValueColumn:
         if len(numbers) > MAX_VALUES and not words:
             found = self._ranges(numbers)
         else:
-            found = {str(key): np.flatnonzero(self.codes == self._known[key]) for key in (*numbers, *words)}
+            found = {
+                str(key): np.flatnonzero(self.codes == self._known[key])
+                for key in (*numbers, *words)
+            }
         missing = np.flatnonzero(self.codes < 0)
         return found | ({"not set": missing} if len(missing) else {})
 
@@ -104,7 +109,9 @@ class RecordColumns:
             for name, column in self.conditions.items():
                 column.add(record.conditions.get(name))
         self._keys = np.array(keys)
-        self._figures = dict(zip(FIGURES, np.array(figures).reshape(-1, len(FIGURES)).T, strict=True))
+        self._figures = dict(
+            zip(FIGURES, np.array(figures).reshape(-1, len(FIGURES)).T, strict=True)
+        )
 
     def __len__(self) -> int:
         return len(self._keys)
@@ -192,8 +199,12 @@ def dataset_statistics(root: Path | str) -> DatasetStatistics:
     dropped = Counter[str]()
     columns = RecordColumns(read_manifest(layout.root))
     kept = columns.joined(_verdicts(layout.root, dropped))
-    seconds = columns.joined((name, times["cpu_seconds"]) for name, times in read_times(layout.timing))
-    rejected = {entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()}
+    seconds = columns.joined(
+        (name, times["cpu_seconds"]) for name, times in read_times(layout.timing)
+    )
+    rejected = {
+        entry["plan_id"]: entry["error"] for entry in read_rejected(layout.rejected).values()
+    }
 
     def summarise(places: IntArray) -> GroupStatistics:
         return _summarise(columns, places, kept[places], seconds[places])
@@ -280,7 +291,9 @@ def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[Sheet
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
-        estimate = Layout(Path(root)).episode(record.name) / "estimate.tum"  # a network maps without a path
+        estimate = (
+            Layout(Path(root)).episode(record.name) / "estimate.tum"
+        )  # a network maps without a path
         path = read_tum(estimate).poses[:, :2] if estimate.is_file() else np.empty((0, 2))
         details = (
             f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "

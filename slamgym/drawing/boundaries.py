@@ -60,7 +60,9 @@ def candidate_lines(space: FreeSpace) -> FloatArray:
     of, edge = space.edges_near(space.start[corners], WIDEST)
     corner = corners[of]
     place, along = space.start[corner], space.along[edge]
-    share = ((place - space.start[edge]) * along).sum(axis=1) / np.maximum(space.length[edge] ** 2, 1e-12)
+    share = ((place - space.start[edge]) * along).sum(axis=1) / np.maximum(
+        space.length[edge] ** 2, 1e-12
+    )
     share = np.clip(share, 0.0, 1.0)
     end = space.start[edge] + share[:, None] * along
     width = np.hypot(*(end - place).T)
@@ -122,7 +124,9 @@ def boundary_signs(
         beyond = end[:, None] + JAMB_STEPS[None, :, None] * way[:, None]
         solids.append(0.1 * (values_at(free, frame, beyond, 0) == 0).cumprod(axis=1).sum(axis=1))
     least, mean = _log_odds(on_line.min(axis=1)), _log_odds(on_line.mean(axis=1))
-    return np.column_stack([least, mean, np.log(width), np.log1p(np.minimum(*depths)), np.maximum(*solids)])
+    return np.column_stack(
+        [least, mean, np.log(width), np.log1p(np.minimum(*depths)), np.maximum(*solids)]
+    )
 
 
 def _log_odds(share: FloatArray) -> FloatArray:

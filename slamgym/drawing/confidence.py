@@ -40,10 +40,14 @@ def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]
     parts = [part for piece in pieces for part in _split(piece, evidence.seen_along(piece))]
     signs = wall_signs(parts, evidence)
     walls = []
-    for part, seen, sure in zip(parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True):
+    for part, seen, sure in zip(
+        parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True
+    ):
         layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
         start, end = map(tuple, part.centre_line.tolist())
-        walls.append(DrawnWall(start, end, part.body, part.thickness, part.known, sure, seen, layer))
+        walls.append(
+            DrawnWall(start, end, part.body, part.thickness, part.known, sure, seen, layer)
+        )
     return walls
 
 
@@ -55,7 +59,9 @@ def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
     """
     seen = [float(evidence.seen_along(wall).mean()) for wall in walls]
     hidden = [evidence.hidden_behind(wall) for wall in walls]
-    lines: Any = shapely.linestrings(np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2))
+    lines: Any = shapely.linestrings(
+        np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
+    )
     one, other = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=NEAR_WALL)
     metres = np.bincount(one, shapely.length(lines)[other], minlength=len(walls))
     return np.column_stack([seen, hidden, np.log(np.bincount(one, minlength=len(walls)) / metres)])
@@ -71,7 +77,9 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
         runs[low : high + 1] = [(runs[low][0], runs[high][1])]
     parts = []
     for low, high in runs:
-        start, end = (piece.start + place / len(seen) * (piece.end - piece.start) for place in (low, high))
+        start, end = (
+            piece.start + place / len(seen) * (piece.end - piece.start) for place in (low, high)
+        )
         before, after = piece.before if low == 0 else 0.0, piece.after if high == len(seen) else 0.0
         parts.append(replace(piece, start=start, end=end, before=before, after=after))
     return parts

@@ -45,7 +45,9 @@ def trace_outlines(
     pieces = [np.empty((0, 2, 2))]
     for which, links in enumerate(_LINKS):
         at = kind[rows, cols] == which
-        pieces += [np.stack([sides[first][at], sides[second][at]], axis=1) for first, second in links]
+        pieces += [
+            np.stack([sides[first][at], sides[second][at]], axis=1) for first, second in links
+        ]
     lines = np.concatenate(pieces)
     lines = lines[(lines[:, 0] != lines[:, 1]).any(axis=1)]
     left, _, _, top = frame.bounds
@@ -56,7 +58,9 @@ def trace_outlines(
     return [ring for ring in oriented_rings(floor) if Polygon(ring).area >= least[ring.is_ccw]]
 
 
-def _crossings(padded: FloatArray, rows: IntArray, cols: IntArray, down: int, right: int) -> FloatArray:
+def _crossings(
+    padded: FloatArray, rows: IntArray, cols: IntArray, down: int, right: int
+) -> FloatArray:
     """Where outlines cross the sides from cells to their neighbours, (N, 2) in cells: column and minus row."""
     first, second = padded[rows, cols], padded[rows + down, cols + right]
     share = (LEVEL - first) / np.where(first == second, 1.0, second - first)

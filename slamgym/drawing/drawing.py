@@ -151,7 +151,10 @@ class Drawing:
         return FloorPlan(
             self.name,
             largest,
-            tuple(PlanRoom("Room" if room.name == room.id else room.name, room.polygon) for room in rooms),
+            tuple(
+                PlanRoom("Room" if room.name == room.id else room.name, room.polygon)
+                for room in rooms
+            ),
             tuple(PlanDoor(door.start, door.end) for door in doors),
             str(self.provenance.get("source", self.name)),
         )

@@ -159,5 +159,9 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
 
 def _continues(a: Edge, b: Edge) -> bool:
     """Return True if an edge continues along the line of another."""
-    same = a.axis != FREE_AXIS and a.axis == b.axis and (a.direction * b.direction.conjugate()).real > 0.0
+    same = (
+        a.axis != FREE_AXIS
+        and a.axis == b.axis
+        and (a.direction * b.direction.conjugate()).real > 0.0
+    )
     return same and abs(a.offset - b.offset) <= MERGE

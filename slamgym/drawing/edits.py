@@ -46,7 +46,9 @@ class Correction:
 
     def __post_init__(self) -> None:
         is_place = self.kind in ("join", "name_room")
-        if len(self.at if is_place else self.line) != 2 or (self.kind == "name_room" and not self.name):
+        if len(self.at if is_place else self.line) != 2 or (
+            self.kind == "name_room" and not self.name
+        ):
             needed = "'at': [x, y]" if is_place else "'line': [[x, y], [x, y]]"
             raise ConfigError(
                 f"{self.kind} needs {needed}{' and a name' if self.kind == 'name_room' else ''}"
@@ -56,7 +58,11 @@ class Correction:
 
     def as_dict(self) -> dict[str, Any]:
         """What JSON says of it."""
-        return {name: value for name, value in vars(self).items() if value != getattr(Correction, name, None)}
+        return {
+            name: value
+            for name, value in vars(self).items()
+            if value != getattr(Correction, name, None)
+        }
 
     @property
     def shape(self) -> BaseGeometry:

@@ -13,7 +13,15 @@ from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.floorplan import fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+)
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.polygons import SMALLEST_HOLE
 from slamgym.drawing.walls import WallPiece
@@ -38,12 +46,16 @@ class Evidence:
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall with an occupied cell within :data:`SEEN_WITHIN` of either face."""
         places = _places(piece, [0.0, piece.thickness] if piece.known else [0.0])
-        return values_at(self._to_wall, self.grid.frame, places, math.inf).min(axis=0) <= SEEN_WITHIN
+        return (
+            values_at(self._to_wall, self.grid.frame, places, math.inf).min(axis=0) <= SEEN_WITHIN
+        )
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
         places = _places(piece, [piece.thickness + depth for depth in HIDDEN_DEPTHS])
-        return float((values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean())
+        return float(
+            (values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean()
+        )
 
 
 def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
@@ -52,7 +64,9 @@ def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
     return np.stack([piece.places((np.arange(count) + 0.5) / count, depth) for depth in depths])
 
 
-def values_at(picture: np.ndarray, frame: GridFrame, points: FloatArray, beyond: float) -> np.ndarray:
+def values_at(
+    picture: np.ndarray, frame: GridFrame, points: FloatArray, beyond: float
+) -> np.ndarray:
     """Values of the cells under points (..., 2) [m]; ``beyond`` outside of the picture."""
     rows, cols = frame.to_cell(points[..., 0], points[..., 1])
     inside = (rows >= 0) & (rows < frame.height_px) & (cols >= 0) & (cols < frame.width_px)
@@ -68,7 +82,10 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     """Patches of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
-    closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) & inside
+    closed = (
+        cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+        & inside
+    )
     # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
     wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
     return cell_polygons(wide, grid.frame, SMALLEST_HOLE)

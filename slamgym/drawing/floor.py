@@ -110,7 +110,10 @@ def floor_of_rooms(
     """
     known = distance_to(echoes | (seen & (free >= 0.5))) <= SEEN_WITHIN / cell
     rejected, closed = _patches(without_rays(seen & (free < 0.5), cell), known)
-    opened = cv2.dilate((closed >= CLOSED_SEEN)[rejected].astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    opened = (
+        cv2.dilate((closed >= CLOSED_SEEN)[rejected].astype(np.uint8), np.ones((3, 3), np.uint8))
+        > 0
+    )
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
     floor &= ~_doubted(free, floor, seen, known, rooms, cell)
@@ -155,13 +158,23 @@ def _thin_walls(seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
 
 
 def _doubted(
-    free: Float32Array, floor: BoolArray, seen: BoolArray, known: BoolArray, rooms: IntArray, cell: float
+    free: Float32Array,
+    floor: BoolArray,
+    seen: BoolArray,
+    known: BoolArray,
+    rooms: IntArray,
+    cell: float,
 ) -> BoolArray:
     """Patches of floor that was never seen and isn't closed in or sure, or that would join two rooms."""
     labels, closed = _patches(floor & (distance_to(seen) > BESIDE_SEEN / cell), known)
-    mean = np.bincount(labels.ravel(), free.ravel(), len(closed)) / np.maximum(np.bincount(labels.ravel()), 1)
+    mean = np.bincount(labels.ravel(), free.ravel(), len(closed)) / np.maximum(
+        np.bincount(labels.ravel()), 1
+    )
     doubted = (mean < SURE_OF_UNSEEN) & (closed < CLOSED_UNSEEN)
-    doubted |= _rooms_beside(_widened(labels, math.ceil(2.0 * BESIDE_SEEN / cell)), rooms, len(closed)) != 1
+    doubted |= (
+        _rooms_beside(_widened(labels, math.ceil(2.0 * BESIDE_SEEN / cell)), rooms, len(closed))
+        != 1
+    )
     doubted[0] = False
     return doubted[labels]
 

@@ -21,7 +21,10 @@ class FreeSpace:
         self.direction = self.along / np.maximum(self.length, 1e-12)[:, None]
         firsts = np.cumsum([0, *(len(ring) for ring in rings[:-1])])
         self.before = np.concatenate(
-            [first + np.roll(np.arange(len(ring)), 1) for first, ring in zip(firsts, rings, strict=True)]
+            [
+                first + np.roll(np.arange(len(ring)), 1)
+                for first, ring in zip(firsts, rings, strict=True)
+            ]
         )
         self.after: IntArray = np.argsort(self.before)
         edges = shapely.linestrings(np.stack([self.start, self.start + self.along], axis=1))
@@ -32,12 +35,16 @@ class FreeSpace:
 
     def edges_near(self, places: FloatArray, distance: float) -> tuple[IntArray, IntArray]:
         """Pairs of places (N, 2) and edges that lie so near [m]: the numbers of both."""
-        place, edge = self._edges.query(shapely.points(places), predicate="dwithin", distance=distance)
+        place, edge = self._edges.query(
+            shapely.points(places), predicate="dwithin", distance=distance
+        )
         return place, edge
 
     def edges_near_edges(self, distance: float) -> list[IntArray]:
         """Numbers of the edges that lie so near [m] to each edge, itself included."""
-        edge, other = self._edges.query(self._edges.geometries, predicate="dwithin", distance=distance)
+        edge, other = self._edges.query(
+            self._edges.geometries, predicate="dwithin", distance=distance
+        )
         order = np.lexsort((other, edge))
         return np.split(other[order], np.searchsorted(edge[order], np.arange(1, len(self.start))))
 

@@ -69,7 +69,9 @@ def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
     return LineString([(x0 - before * dx, y0 - before * dy), (x1 + after * dx, y1 + after * dy)])
 
 
-def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: GridFrame) -> list[Gap]:
+def likely_gaps(
+    floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: GridFrame
+) -> list[Gap]:
     """The :func:`~slamgym.drawing.boundaries.candidates` that are likely and no likelier one crosses or repeats."""
     lines, signs = candidates(floor, seen, layers, frame)
     odds = boundary_log_odds(signs)
@@ -81,7 +83,9 @@ def likely_gaps(floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: 
         stays[other] &= not stays[likelier]
     return [
         Gap((x0, y0), (x1, y1), value)
-        for ((x0, y0), (x1, y1)), value in zip(lines[stays].tolist(), odds[stays].tolist(), strict=True)
+        for ((x0, y0), (x1, y1)), value in zip(
+            lines[stays].tolist(), odds[stays].tolist(), strict=True
+        )
     ]
 
 
@@ -105,8 +109,14 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
     """
     parts = _cut(floor, gaps)
     sides = joined_rooms(parts, gaps)
-    room = _joined(np.array([part.area for part in parts]), sides, np.array([gap.log_odds for gap in gaps]))
-    kept = [gap for gap, (a, b) in zip(gaps, sides, strict=True) if min(a, b) >= 0 and room[a] != room[b]]
+    room = _joined(
+        np.array([part.area for part in parts]), sides, np.array([gap.log_odds for gap in gaps])
+    )
+    kept = [
+        gap
+        for gap, (a, b) in zip(gaps, sides, strict=True)
+        if min(a, b) >= 0 and room[a] != room[b]
+    ]
     rooms = _cut(floor, kept)
     rooms.sort(key=lambda part: (-round(part.centroid.y, 3), part.centroid.x))
     doors = [
@@ -160,7 +170,9 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
 def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> IntArray:
     """Which part of a floor lies on either side of each gap, (G, 2); -1 for none."""
     ends = np.array([(gap.start, gap.end) for gap in gaps]).reshape(-1, 2, 2)
-    aside = (ends[:, 1] - ends[:, 0])[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
+    aside = (
+        (ends[:, 1] - ends[:, 0])[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
+    )
     places = shapely.points(ends.mean(axis=1)[None] + np.stack([aside, -aside]))
     sides = np.full(places.shape, -1)
     for side, row in zip(places, sides, strict=True):

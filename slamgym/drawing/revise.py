@@ -35,7 +35,9 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
         if _share_within(entry.shape, changed) < 0.5:
             raise corrections.error(entry, "no floor lies there")
         # A slit between its end and another wall is wall.
-        beyond = [0.0 if floor.covers(Point(p).buffer(2.0 * NECK)) else 2.0 * NECK for p in entry.line]
+        beyond = [
+            0.0 if floor.covers(Point(p).buffer(2.0 * NECK)) else 2.0 * NECK for p in entry.line
+        ]
         body = lengthened(entry.shape, *beyond).buffer(0.5 * entry.thickness, cap_style="flat")
         changed = changed.difference(_parts_at(entry.shape, body.intersection(changed)))
     for entry in corrections.of("add_door"):
@@ -47,11 +49,15 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
             changed = changed.union(passage)
     if changed is floor:
         return floor
-    closed = changed.buffer(SLIT, join_style="mitre").buffer(-SLIT, join_style="mitre").simplify(2e-3)
+    closed = (
+        changed.buffer(SLIT, join_style="mitre").buffer(-SLIT, join_style="mitre").simplify(2e-3)
+    )
     return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_CUT**2])
 
 
-def revised_division(floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections) -> Division:
+def revised_division(
+    floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections
+) -> Division:
     """The rooms of a floor, with other boundaries.
 
     Args:
@@ -69,7 +75,9 @@ def revised_division(floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corr
             raise corrections.error(entry, "no door and no boundary between two rooms lies there")
         joined.append(gaps[away.index(min(away))])
     gaps = [gap for gap in gaps if gap not in joined]
-    added = {entry: list(_crossings(entry, floor, gaps)) for entry in corrections.of("split", "add_door")}
+    added = {
+        entry: list(_crossings(entry, floor, gaps)) for entry in corrections.of("split", "add_door")
+    }
     for gap in itertools.chain(*added.values()):
         gaps = [*(old for old in gaps if not _is_same(old, gap)), gap]
     division = divide(floor, gaps)

@@ -24,7 +24,13 @@ from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, 
 from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.revise import revised_division, revised_floor, room_names
-from slamgym.drawing.settings import DEFAULT_MODEL, DRAWN_DOORS, OUTER_THICKNESS, SEEN_SHARE, SMALLEST_ROOM
+from slamgym.drawing.settings import (
+    DEFAULT_MODEL,
+    DRAWN_DOORS,
+    OUTER_THICKNESS,
+    SEEN_SHARE,
+    SMALLEST_ROOM,
+)
 from slamgym.drawing.walls import find_walls
 from slamgym.metrics.wall_direction import find_wall_direction
 
@@ -74,17 +80,24 @@ def make_drawing(
     floor, gaps = _find_floor(grid, used, angle)
     floor = revised_floor(floor, corrections)
     if floor.is_empty:
-        raise InputFileError(where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution")
+        raise InputFileError(
+            where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution"
+        )
     evidence = Evidence(grid)
     division = revised_division(floor, gaps, corrections)
     walls = judged_walls(find_walls(floor), evidence)
     rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
     kept = {
-        "model": model if isinstance(model, str) else getattr(model, "__name__", type(model).__name__),
+        "model": model
+        if isinstance(model, str)
+        else getattr(model, "__name__", type(model).__name__),
         "corrections": [entry.as_dict() for entry in corrections.corrections],
         "slamgym": slamgym.__version__,
-        **{key: printable(value) if isinstance(value, str) else value for key, value in provenance.items()},
+        **{
+            key: printable(value) if isinstance(value, str) else value
+            for key, value in provenance.items()
+        },
     }
     drawing = Drawing(
         name=printable(name),
@@ -98,10 +111,14 @@ def make_drawing(
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=kept,
     )
-    return replace(drawing, doubts=tuple(find_doubts(drawing, direction if angle_deg is None else None)))
+    return replace(
+        drawing, doubts=tuple(find_doubts(drawing, direction if angle_deg is None else None))
+    )
 
 
-def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tuple[MultiPolygon, list[Gap]]:
+def _find_floor(
+    grid: OccupancyGrid, model: FloorModel, angle_deg: float
+) -> tuple[MultiPolygon, list[Gap]]:
     """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
     layers = model(grid, angle_deg)
     seen, space = seen_floor(grid, angle_deg)
@@ -112,7 +129,9 @@ def _find_floor(grid: OccupancyGrid, model: FloorModel, angle_deg: float) -> tup
     rooms = np.zeros(seen.shape, np.int64)
     for number, room in enumerate(division.rooms, 1):
         rooms[filled(room, grid.frame)] = number
-    picture = floor_of_rooms(layers.free, seen, grid.cells == OCCUPIED, rooms, grid.frame.resolution)
+    picture = floor_of_rooms(
+        layers.free, seen, grid.cells == OCCUPIED, rooms, grid.frame.resolution
+    )
     floor = straightened(picture, grid.frame, angle_deg)
     return floor, [] if floor.is_empty else [onto_faces(gap, floor) for gap in division.doors]
 
@@ -125,7 +144,10 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     margin = int(np.ceil(KNOWN_MARGIN / cell))
     top, left = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
     cells = grid.cells[top : rows[-1] + margin + 1, left : cols[-1] + margin + 1]
-    x, y = frame.origin_x + left * cell, frame.origin_y + (frame.height_px - top - len(cells)) * cell
+    x, y = (
+        frame.origin_x + left * cell,
+        frame.origin_y + (frame.height_px - top - len(cells)) * cell,
+    )
     return OccupancyGrid(np.ascontiguousarray(cells), GridFrame(cell, x, y, *cells.shape))
 
 
@@ -153,13 +175,19 @@ def _doors(
         layer: Layer = "SEEN" if is_seen else "INFERRED"
         names = tuple(rooms[k].id for k in sorted(pair))
         kind = gap.kind or ("door" if gap.length <= DRAWN_DOORS[1] else "opening")
-        depth = max([walls[k].thickness for k in beside if walls[k].thickness_known], default=OUTER_THICKNESS)
+        depth = max(
+            [walls[k].thickness for k in beside if walls[k].thickness_known],
+            default=OUTER_THICKNESS,
+        )
         doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))
     return tuple(doors)
 
 
 def _dimensions(
-    floor: MultiPolygon, rooms: tuple[DrawnRoom, ...], doors: tuple[DrawnDoor, ...], angle_deg: float
+    floor: MultiPolygon,
+    rooms: tuple[DrawnRoom, ...],
+    doors: tuple[DrawnDoor, ...],
+    angle_deg: float,
 ) -> list[Dimension]:
     """Clear width and depth of each room through its middle, and both lengths of the building."""
     axes = unit_vectors(np.radians([angle_deg, angle_deg + 90.0]))
@@ -168,7 +196,9 @@ def _dimensions(
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:
             continue
-        circle = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05))
+        circle = shapely.get_coordinates(
+            shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05)
+        )
         for axis in axes:
             line = _clear_line(room.polygon, circle[0], axis, shut)
             if line is not None:
@@ -178,10 +208,16 @@ def _dimensions(
         aside = (spans[1 - k].min() - 0.8) * axes[1 - k]
         ends = [place * axis + aside for place in (spans[k].min(), spans[k].max())]
         found.append((LineString(ends), "building"))
-    return [Dimension((x0, y0), (x1, y1), of) for line, of in found for (x0, y0), (x1, y1) in [line.coords]]
+    return [
+        Dimension((x0, y0), (x1, y1), of)
+        for line, of in found
+        for (x0, y0), (x1, y1) in [line.coords]
+    ]
 
 
-def _clear_line(room: Polygon, middle: FloatArray, axis: FloatArray, shut: BaseGeometry) -> LineString | None:
+def _clear_line(
+    room: Polygon, middle: FloatArray, axis: FloatArray, shut: BaseGeometry
+) -> LineString | None:
     """A line from wall to wall near a point that avoids doors: their lines lie in the middle of walls."""
     across = np.array([-axis[1], axis[0]])
     for aside in BESIDE_DOORS:

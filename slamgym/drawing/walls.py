@@ -101,10 +101,17 @@ def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
         for part in _stretches(length, [stretch for _, stretch in behind], taken[face], whole):
             at_ends = part.low < 1e-6, part.high > length - 1e-6
             # A short face between two corners that reach into the floor is the end of a wall.
-            is_jamb = whole and all(at_ends) and length <= THICKEST_WALL and not (any(convex) or part.known)
+            is_jamb = (
+                whole
+                and all(at_ends)
+                and length <= THICKEST_WALL
+                and not (any(convex) or part.known)
+            )
             if part.high - part.low < SHORTEST or is_jamb:
                 continue
-            first, last = (complex(start[face] + place * direction[face]) for place in (part.low, part.high))
+            first, last = (
+                complex(start[face] + place * direction[face]) for place in (part.low, part.high)
+            )
             # Longer at the corners of its room, so that bodies meet.
             corner = max(part.thickness, OUTER_THICKNESS)
             before, after = (corner if at_ends[k] and convex[k] else 0.0 for k in (0, 1))
@@ -131,7 +138,10 @@ def _behind(
     """
     ends = np.stack([start[near], start[near] + length[near] * direction[near]])
     places = (ends - start[face]) * direction[face].conjugate()
-    low, high = np.maximum(places.real.min(axis=0), 0.0), np.minimum(places.real.max(axis=0), length[face])
+    low, high = (
+        np.maximum(places.real.min(axis=0), 0.0),
+        np.minimum(places.real.max(axis=0), length[face]),
+    )
     depth = -places.imag.mean(axis=0)
     good = (direction[near] * direction[face].conjugate()).real < -ANTIPARALLEL
     good &= (high - low > SHORTEST) & (depth > 0.005) & (depth <= THICKEST_WALL)
@@ -148,7 +158,11 @@ def _stretches(
     for low, high in itertools.pairwise(sorted(marks)):
         middle = 0.5 * (low + high)
         if high - low >= 1e-6 and not any(a <= middle <= b for a, b in taken):
-            over = (part._replace(low=low, high=high) for part in behind if part.low <= middle <= part.high)
+            over = (
+                part._replace(low=low, high=high)
+                for part in behind
+                if part.low <= middle <= part.high
+            )
             cells.append(next(over, _Stretch(low, high, OUTER_THICKNESS, known=False)))
     merged: list[_Stretch] = []
     for cell, following in itertools.zip_longest(cells, cells[1:]):

@@ -31,8 +31,14 @@ class MapError:
         is_read: Whether a reward of the latest step read it.
     """
 
-    def __init__(self, prepared: PreparedPlan, start: Pose2D, newest: Callable[[], OccupancyGrid]) -> None:
-        self._prepared, self._world_from_map, self._newest = prepared, Pose2D(start.x, start.y, 0.0), newest
+    def __init__(
+        self, prepared: PreparedPlan, start: Pose2D, newest: Callable[[], OccupancyGrid]
+    ) -> None:
+        self._prepared, self._world_from_map, self._newest = (
+            prepared,
+            Pose2D(start.x, start.y, 0.0),
+            newest,
+        )
         grid = newest()
         self._grid: OccupancyGrid | None = None  # the one measured last
         self._before: OccupancyGrid | float = OccupancyGrid(grid.cells.copy(), grid.frame)
@@ -42,7 +48,10 @@ class MapError:
         """Mean distance of the newest map's occupied cells, or of a map's, from the nearest true obstacle [m]."""
         grid = self._newest() if grid is None else grid
         if grid is not self._grid:
-            self._grid, self._error = grid, self._obstacle_distance.mean_error(grid, self._world_from_map)
+            self._grid, self._error = (
+                grid,
+                self._obstacle_distance.mean_error(grid, self._world_from_map),
+            )
         return self._error
 
     def of_next_step(self) -> Callable[[], tuple[float, float]]:
@@ -98,7 +107,9 @@ class Assessment:
         self._reward = reward
         self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
         self.look()
-        self.latest = self._record(None, duration=0.0, distance=0.0, contact=False, terminated=False)
+        self.latest = self._record(
+            None, duration=0.0, distance=0.0, contact=False, terminated=False
+        )
         if "map_error" in reward.terms:
             _ = self.latest.map_error
 
@@ -123,7 +134,9 @@ class Assessment:
         goes_on = self._reward(self.latest)
         self.latest = replace(self.latest, terminated=True)
         ends = self._reward(self.latest)
-        return ends[0] - goes_on[0], {name: value - goes_on[1][name] for name, value in ends[1].items()}
+        return ends[0] - goes_on[0], {
+            name: value - goes_on[1][name] for name, value in ends[1].items()
+        }
 
     def info(self) -> dict[str, Any]:
         """The newest figures, as ``info`` shows them."""

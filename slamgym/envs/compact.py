@@ -23,7 +23,14 @@ from slamgym.core.types import (
 )
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.far_look import BLOCK_SIDE, FAR_SIZE, FarLook
-from slamgym.envs.turned_reading import CellBox, Tiles, fetch_rows, line_table, read_turned, turned_grid
+from slamgym.envs.turned_reading import (
+    CellBox,
+    Tiles,
+    fetch_rows,
+    line_table,
+    read_turned,
+    turned_grid,
+)
 
 BLOCKS = 21
 """Blocks along a side of the map's crop."""
@@ -112,9 +119,14 @@ class MapTiles(NamedTuple):
     def of(cells: ByteArray, corner: tuple[int, int], resolution: float) -> "MapTiles":
         """Take cells, shape (H, W), row 0 at the bottom, that begin at a row and column of the lattice."""
         below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
-        above, right = (-(below + cells.shape[0]) % BLOCK_SIDE, -(left + cells.shape[1]) % BLOCK_SIDE)
+        above, right = (
+            -(below + cells.shape[0]) % BLOCK_SIDE,
+            -(left + cells.shape[1]) % BLOCK_SIDE,
+        )
         whole = np.pad(cells, ((below, above), (left, right)), constant_values=UNKNOWN)
-        return MapTiles(whole, (corner[0] - below, corner[1] - left), resolution, (0, 0, *whole.shape))
+        return MapTiles(
+            whole, (corner[0] - below, corner[1] - left), resolution, (0, 0, *whole.shape)
+        )
 
     @staticmethod
     def of_grid(cells: ByteArray, frame: GridFrame) -> "MapTiles":
@@ -139,7 +151,11 @@ class CompactObserver:
     """
 
     def __init__(
-        self, num_beams: int, limits: tuple[float, float, float], side: float, looks_far: bool = False
+        self,
+        num_beams: int,
+        limits: tuple[float, float, float],
+        side: float,
+        looks_far: bool = False,
     ) -> None:
         self.limits, self.side = np.array(limits, dtype=np.float64), side
         self._far = FarLook(1) if looks_far else None
@@ -152,14 +168,18 @@ class CompactObserver:
         robot, lidar = config.robot, config.lidar
         limits = robot.max_linear, robot.max_angular, lidar.range_max
         observation = config.observation
-        return cls(lidar.num_beams, limits, observation.crop_side, observation.preset == "compact_far")
+        return cls(
+            lidar.num_beams, limits, observation.crop_side, observation.preset == "compact_far"
+        )
 
     def refresh(self, published: MapTiles) -> None:
         """Look far, at a map that was published just now."""
         if self._far:
             self._far.refresh(0, *published[:3])
 
-    def observe(self, shown: MapTiles, ranges: Float32Array, pose: Pose2D, velocity: Twist2D) -> Float32Array:
+    def observe(
+        self, shown: MapTiles, ranges: Float32Array, pose: Pose2D, velocity: Twist2D
+    ) -> Float32Array:
         """The observation.
 
         Args:

@@ -49,13 +49,17 @@ class CompletionDetector:
             on the exploration loop, which also knows where the robot tried in vain.
     """
 
-    def __init__(self, robot_radius: float, min_size: float, promise: Promise | None = None) -> None:
+    def __init__(
+        self, robot_radius: float, min_size: float, promise: Promise | None = None
+    ) -> None:
         self._promise = promise
         self._radius = robot_radius
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
         self._min_size = min_size
-        self._remembered: FloatArray = np.zeros((0, 2))  # centres of the frontier's cells, map frame [m]
+        self._remembered: FloatArray = np.zeros(
+            (0, 2)
+        )  # centres of the frontier's cells, map frame [m]
         self._trusted = 0  # for so many checks
 
     @classmethod

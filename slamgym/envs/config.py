@@ -12,7 +12,14 @@ from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
 from slamgym.envs.rewards import RewardConfig
 from slamgym.planning.promise import Promise
-from slamgym.sim import ClutterConfig, LidarConfig, OdometryConfig, RobotConfig, lidar_level, odometry_level
+from slamgym.sim import (
+    ClutterConfig,
+    LidarConfig,
+    OdometryConfig,
+    RobotConfig,
+    lidar_level,
+    odometry_level,
+)
 from slamgym.slam import SlamConfig
 
 MAP_UPDATE_INTERVAL = 2.0
@@ -72,7 +79,9 @@ class ObservationConfig(Settings, section="observation"):
 
     def holding(self, extent: float) -> "ObservationConfig":
         """The same with a canvas that holds a plan of some extent [m], wherever the robot starts."""
-        return dataclasses.replace(self, map_size=max(self.map_size, float(math.ceil(2.0 * extent))))
+        return dataclasses.replace(
+            self, map_size=max(self.map_size, float(math.ceil(2.0 * extent)))
+        )
 
     def frame(self) -> GridFrame:
         """The global canvas in the map frame: centred on the start, the origin being a corner of cells."""
@@ -167,7 +176,9 @@ class ExploreConfig(
         """
         return dataclasses.replace(
             self,
-            observation=dataclasses.replace(self.observation, preset="dict", map="global", shared_map=True),
+            observation=dataclasses.replace(
+                self.observation, preset="dict", map="global", shared_map=True
+            ),
             actions="physical" if self.actions == "discrete" else self.actions,
             coverage_goal=None,
             terminate_when_explored=False,
@@ -209,7 +220,11 @@ def resolve_config(config: ExploreConfig | None, settings: Mapping[str, Any]) ->
 
 def resolve_part(name: str, current: Any, value: Any) -> Any:
     """A field's new value: as given, or with what a mapping or the name of an error level changes."""
-    if not dataclasses.is_dataclass(current) or isinstance(current, type) or isinstance(value, type(current)):
+    if (
+        not dataclasses.is_dataclass(current)
+        or isinstance(current, type)
+        or isinstance(value, type(current))
+    ):
         return value
     if isinstance(value, str) and name in ERROR_LEVELS:
         return ERROR_LEVELS[name](value)

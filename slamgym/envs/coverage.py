@@ -44,7 +44,9 @@ class ReachableFloor:
         passages: Passages that remain between furniture, where there is some.
     """
 
-    def __init__(self, plan: FloorPlan, robot_radius: float, passages: Passages | None = None) -> None:
+    def __init__(
+        self, plan: FloorPlan, robot_radius: float, passages: Passages | None = None
+    ) -> None:
         self._dilation = robot_radius * (1.0 + CORNER)
         self._free: BaseGeometry = plan.free_space
         self._passages = passages
@@ -72,9 +74,13 @@ class ReachableFloor:
             if index < 0:
                 cells = np.zeros(self.frame.shape, dtype=np.bool_)
             elif self._passages is not None and self._labels is not None:
-                cells = self._passages.floor_about(self._labels == index, self._dilation, self.frame)
+                cells = self._passages.floor_about(
+                    self._labels == index, self._dilation, self.frame
+                )
             else:
-                floor = self._parts[index].buffer(self._dilation, quad_segs=8).intersection(self._free)
+                floor = (
+                    self._parts[index].buffer(self._dilation, quad_segs=8).intersection(self._free)
+                )
                 cells = np.ascontiguousarray(fill_segments(_outlines(floor), self.frame)[::-1])
             cells.flags.writeable = False
             self._masks[index] = cells
@@ -146,12 +152,16 @@ class Coverage:
             true_ranges: Ranges without noise from there, shape (num_beams,) [m].
         """
         place, sensor = (self.frame.origin_x, self.frame.origin_y, CELL), compose(pose, self._mount)
-        self._seen += sweep(self._unseen, *place, *sensor, self._directions, true_ranges, self._usable)
+        self._seen += sweep(
+            self._unseen, *place, *sensor, self._directions, true_ranges, self._usable
+        )
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:
     """All edges of an area's polygons, shape (S, 4) [m]."""
-    return ring_segments([ring for part in polygon_parts(area) for ring in (part.exterior, *part.interiors)])
+    return ring_segments(
+        [ring for part in polygon_parts(area) for ring in (part.exterior, *part.interiors)]
+    )
 
 
 @kernel

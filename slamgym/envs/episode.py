@@ -42,7 +42,9 @@ def explored_env(env: ExploreConfig) -> ExploreConfig:
     return dataclasses.replace(env.for_explorer(), time_limit=None)
 
 
-def fitted_env(plan: FloorPlan, env: ExploreConfig, minutes: Literal["auto"] | float) -> ExploreConfig:
+def fitted_env(
+    plan: FloorPlan, env: ExploreConfig, minutes: Literal["auto"] | float
+) -> ExploreConfig:
     """The settings for one plan: its limit of robot time [min], and a canvas that holds it."""
     observation = env.observation.holding(plan.extent)
     return dataclasses.replace(env, time_limit=time_limit(plan, minutes), observation=observation)
@@ -93,7 +95,9 @@ class Episode:
     def records(self) -> Iterator[LogRecord]:
         """Scans and odometry, as a robot would log them."""
         log = self.log
-        for stamp, pose, ranges in zip(log.stamps.tolist(), log.odometry.tolist(), log.ranges, strict=True):
+        for stamp, pose, ranges in zip(
+            log.stamps.tolist(), log.odometry.tolist(), log.ranges, strict=True
+        ):
             yield LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, ranges, self.geometry))
 
 
@@ -139,7 +143,9 @@ def episode_steps(
         yield info
 
 
-def run_episode(plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer) -> Episode:
+def run_episode(
+    plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer
+) -> Episode:
     """Let an explorer map a building until it says that it is done or the time is up.
 
     Args:

@@ -150,7 +150,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         **settings: Any,
     ) -> None:
         if render_mode is not None and render_mode not in RENDER_MODES:
-            raise ConfigError(f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}")
+            raise ConfigError(
+                f"unknown render_mode {render_mode!r}; {suggest(render_mode, RENDER_MODES)}"
+            )
         self.config = resolve_config(config, settings)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": round(self.config.lidar.rate)}
@@ -185,7 +187,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._prepared, start = self._plan_cache.choose_site(wanted, streams, config.clutter)
         self._refuse_too_large(self._prepared.plan, start)
 
-        self._simulation = simulation = Simulation(self._prepared, start, config, self._lidar, streams)
+        self._simulation = simulation = Simulation(
+            self._prepared, start, config, self._lidar, streams
+        )
         self.assessment = Assessment(
             self._prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
@@ -221,7 +225,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         if self.render_mode == "rgb_array":
             return self._draw()
         if self.render_mode is None:
-            gym.logger.warn('render() needs a render_mode: make the environment with render_mode="rgb_array"')
+            gym.logger.warn(
+                'render() needs a render_mode: make the environment with render_mode="rgb_array"'
+            )
         return None
 
     def close(self) -> None:
@@ -287,7 +293,10 @@ class ExploreEnv(gym.Env[Any, Any]):
         """
         config = self.config
         observation = config.observation
-        if (observation.preset, observation.map) != ("dict", "global") or config.actions == "discrete":
+        if (observation.preset, observation.map) != (
+            "dict",
+            "global",
+        ) or config.actions == "discrete":
             raise ConfigError(
                 'explorers need observation={"preset": "dict", "map": "global"} and velocities as actions; '
                 "ExploreConfig.for_explorer() sets both"
@@ -318,11 +327,17 @@ class ExploreEnv(gym.Env[Any, Any]):
             return True
         if not (config.terminate_when_explored and is_publication_due):
             return False
-        return self._frontiers.is_explored(simulation.mapper.occupancy_grid(), simulation.believed_pose)
+        return self._frontiers.is_explored(
+            simulation.mapper.occupancy_grid(), simulation.believed_pose
+        )
 
     def _observe(self, is_publication_due: bool) -> Any:
         simulation = self.simulation
-        ranges, pose, velocity = simulation.scan.ranges, simulation.believed_pose, simulation.velocity
+        ranges, pose, velocity = (
+            simulation.scan.ranges,
+            simulation.believed_pose,
+            simulation.velocity,
+        )
         is_new = simulation.is_new_scan_processed
         seen = self._view.look(
             SensedStep(simulation.mapper, ranges, pose, velocity, is_new, is_publication_due)

@@ -101,7 +101,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             raise ConfigError(f"discount must lie in (0, 1], not {discount}")
         config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
-        self.loop_config: ExplorationLoopConfig = resolve_part("loop", ExplorationLoopConfig(), loop or {})
+        self.loop_config: ExplorationLoopConfig = resolve_part(
+            "loop", ExplorationLoopConfig(), loop or {}
+        )
         self.discount = discount
         self.inner = ExploreEnv(
             plans,

@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import OCCUPIED, UNKNOWN, ByteArray, Float32Array, FloatArray, Int32Array, IntArray
+from slamgym.core.types import (
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Int32Array,
+    IntArray,
+)
 from slamgym.envs.batch.arrays import put
 
 SECTORS = 24
@@ -19,7 +27,8 @@ SECTORS = 24
 FAR_SIZE = SECTORS + 3
 """Numbers of the far look."""
 _DIRECTIONS = tuple(
-    (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS)) for k in range(SECTORS)
+    (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS))
+    for k in range(SECTORS)
 )
 BLOCK_SIDE = 4
 """Cells along a side of a block, on the map's lattice."""
@@ -147,7 +156,9 @@ def write_far(
         sin, cos = math.sin(poses[i, 2]), math.cos(poses[i, 2])
         for k in range(SECTORS):
             ahead, left = _DIRECTIONS[k]
-            numbers[k] = _way_by(blocks, row, col, ahead * sin + left * cos, ahead * cos - left * sin)
+            numbers[k] = _way_by(
+                blocks, row, col, ahead * sin + left * cos, ahead * cos - left * sin
+            )
         shortest = numbers[:SECTORS].min()
         for k in range(SECTORS):
             detour = (numbers[k] - shortest) * size / _DETOUR if numbers[k] < np.inf else 1.0
@@ -202,13 +213,18 @@ class FarLook:
         self._shapes, self._corners = (np.zeros((count, 2), dtype=np.int64) for _ in range(2))
         self._size = 1.0
 
-    def refresh(self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float) -> None:
+    def refresh(
+        self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float
+    ) -> None:
         """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.MapTiles`."""
         shape = [size // BLOCK_SIDE + 2 for size in cells.shape]
         count = shape[0] * shape[1]
         if count > self._ways.shape[1]:
             self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
-        self._shapes[index], self._corners[index] = shape, [first // BLOCK_SIDE - 1 for first in corner]
+        self._shapes[index], self._corners[index] = (
+            shape,
+            [first // BLOCK_SIDE - 1 for first in corner],
+        )
         self._size = resolution * BLOCK_SIDE
         blocks = self._ways[index, :count].reshape(shape)
         draw_blocks(cells, blocks)

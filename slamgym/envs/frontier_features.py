@@ -74,7 +74,9 @@ class FrontierFeatures:
             }
         )
         self._shapes = {name: box.shape or () for name, box in self.space.items()}
-        self._history: deque[tuple[float, float]] = deque([(0.0, 0.0)])  # (time, known area) at decisions
+        self._history: deque[tuple[float, float]] = deque(
+            [(0.0, 0.0)]
+        )  # (time, known area) at decisions
         self._grown_at = 0.0
 
     def observe(self, loop: ExplorationLoop) -> Observation:
@@ -90,10 +92,14 @@ class FrontierFeatures:
             observation["candidates"][: len(rows)] = np.clip(rows, -LIMIT, LIMIT)
             observation["mask"][: len(rows)] = 1.0
         whole = self._measure_whole(loop, costmap, rows)
-        observation["globals"][:] = np.clip([whole[name] for name in GLOBAL_FEATURES], -LIMIT, LIMIT)
+        observation["globals"][:] = np.clip(
+            [whole[name] for name in GLOBAL_FEATURES], -LIMIT, LIMIT
+        )
         return observation
 
-    def _measure_whole(self, loop: ExplorationLoop, costmap: Costmap, rows: FloatArray) -> dict[str, float]:
+    def _measure_whole(
+        self, loop: ExplorationLoop, costmap: Costmap, rows: FloatArray
+    ) -> dict[str, float]:
         """Features of the whole, given those of the candidates, shape (N, len(CANDIDATE_FEATURES))."""
         time, area = loop.time, loop.known_area
         last_time, last_area = self._history[-1]
@@ -104,7 +110,9 @@ class FrontierFeatures:
             self._history.popleft()
         since, before = self._history[0]
         # Without the margin about the known part.
-        height, width = (max(0.1, size * costmap.frame.resolution - 1.0) for size in costmap.frame.shape)
+        height, width = (
+            max(0.1, size * costmap.frame.resolution - 1.0) for size in costmap.frame.shape
+        )
         return {
             "time": time / 600.0,
             "known_area": area / 100.0,
@@ -134,7 +142,9 @@ def expected_unseen_share(loop: ExplorationLoop) -> float:
     return unseen / (unseen + len(space.order))
 
 
-def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> list[dict[str, float]]:
+def _measure(
+    loop: ExplorationLoop, costmap: Costmap, crops: Float32Array
+) -> list[dict[str, float]]:
     """Features of the candidates; fills their crops."""
     candidates, pose, resolution = loop.candidates, loop.pose, costmap.frame.resolution
     classes, cell, regions = unknown_regions(costmap, [one.frontier.cells for one in candidates])
@@ -148,14 +158,22 @@ def _measure(loop: ExplorationLoop, costmap: Costmap, crops: Float32Array) -> li
         places = np.empty((1 + len(one.path), 2))
         places[0], places[1:] = one.frontier.middle, one.path
         clearances = _wall_distances(costmap, places)
-        row, col = (float(place) / COARSENING for place in costmap.frame.to_cell(*one.frontier.middle))
+        row, col = (
+            float(place) / COARSENING for place in costmap.frame.to_cell(*one.frontier.middle)
+        )
         cut_frontier_crop(classes, row, col, outward, CROP_CELL / cell, crops[index])
         ahead, left, _ = between(pose, Pose2D(*one.frontier.middle, 0.0))
         turn, arrival = _turns(one, pose, outward, steps)
-        length, straight, clearance = one.path_length, one.frontier.min_distance, float(clearances[0])
+        length, straight, clearance = (
+            one.path_length,
+            one.frontier.min_distance,
+            float(clearances[0]),
+        )
         size, unknown = one.frontier.size * resolution, regions[index]
         extent = float(np.hypot(*(one.points.max(axis=0) - one.points.min(axis=0))))
-        behind = extent**2 if fits_through(costmap, one.frontier, loop.context.robot_radius) else 0.0
+        behind = (
+            extent**2 if fits_through(costmap, one.frontier, loop.context.robot_radius) else 0.0
+        )
         gain = expected_gain(costmap, one.frontier.middle, loop.context.geometry.range_max)
         measured.append(
             {
@@ -227,13 +245,25 @@ def _nearest_and_mean(places: FloatArray) -> list[tuple[float, float]]:
     return list(zip(apart.min(axis=1).tolist(), apart.mean(axis=1).tolist(), strict=True))
 
 
-def _turns(candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: int) -> tuple[float, float]:
+def _turns(
+    candidate: FrontierCandidate, pose: Pose2D, outward: float, steps: int
+) -> tuple[float, float]:
     """Turns of the robot at both ends of the path [rad]; directions are taken over so many ``steps``."""
     path = candidate.path
-    ahead = path[min(len(path) - 1, steps)] if len(path) > steps // 2 else np.array(candidate.frontier.middle)
-    first = math.remainder(math.atan2(ahead[1] - pose.y, ahead[0] - pose.x) - pose.theta, 2.0 * math.pi)
+    ahead = (
+        path[min(len(path) - 1, steps)]
+        if len(path) > steps // 2
+        else np.array(candidate.frontier.middle)
+    )
+    first = math.remainder(
+        math.atan2(ahead[1] - pose.y, ahead[0] - pose.x) - pose.theta, 2.0 * math.pi
+    )
     before = path[max(0, len(path) - 1 - steps)]
-    last = math.atan2(path[-1, 1] - before[1], path[-1, 0] - before[0]) if len(path) > 1 else pose.theta
+    last = (
+        math.atan2(path[-1, 1] - before[1], path[-1, 0] - before[0])
+        if len(path) > 1
+        else pose.theta
+    )
     return first, math.remainder(outward - last, 2.0 * math.pi)
 
 
@@ -245,7 +275,9 @@ def _wall_distances(costmap: Costmap, points: FloatArray) -> Float32Array:
     """
     frame = costmap.frame
     row, col = frame.to_cell(points[:, 0], points[:, 1])
-    there = costmap.distance[np.clip(row, 0, frame.height_px - 1), np.clip(col, 0, frame.width_px - 1)]
+    there = costmap.distance[
+        np.clip(row, 0, frame.height_px - 1), np.clip(col, 0, frame.width_px - 1)
+    ]
     return np.minimum(there * np.float32(frame.resolution), np.float32(FARTHEST_WALL))
 
 

@@ -10,7 +10,15 @@ import numpy as np
 from gymnasium import spaces
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import UNKNOWN, ByteArray, Float32Array, FloatArray, Observation, Pose2D, Twist2D
+from slamgym.core.types import (
+    UNKNOWN,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    Observation,
+    Pose2D,
+    Twist2D,
+)
 from slamgym.envs.compact import CompactObserver, MapTiles
 from slamgym.envs.config import ExploreConfig, ObservationConfig
 from slamgym.envs.turned_reading import Tiles, fetch_rows, line_table, read_turned, turned_grid
@@ -32,10 +40,19 @@ def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: By
         out: Receives the crop, shape (h, w).
     """
     (height, width), cells, known = out.shape, tiles[0], tiles[3]
-    last, cols, flat = (height * samples - 1, width * samples - 1), cells.shape[1], cells.reshape(-1)
+    last, cols, flat = (
+        (height * samples - 1, width * samples - 1),
+        cells.shape[1],
+        cells.reshape(-1),
+    )
     first, down, right = turned_grid(tiles, pose, pitch, last)
-    table, read = line_table(cols, right, width, samples), np.empty((samples, width * samples), np.uint8)
-    best = np.empty(width * samples, np.uint8)  # values less one: of these occupied is the largest, then free
+    table, read = (
+        line_table(cols, right, width, samples),
+        np.empty((samples, width * samples), np.uint8),
+    )
+    best = np.empty(
+        width * samples, np.uint8
+    )  # values less one: of these occupied is the largest, then free
     fetch_rows(flat, cols, known, (first, down, right), last, read)
     for i in range(height):
         out[i] = UNKNOWN
@@ -74,7 +91,9 @@ class Measurements:
 
     def __init__(self, config: ExploreConfig) -> None:
         extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
-        speed = 2.0 * np.array([config.robot.max_linear, config.robot.max_angular], dtype=np.float32)
+        speed = 2.0 * np.array(
+            [config.robot.max_linear, config.robot.max_angular], dtype=np.float32
+        )
         steps, longest = config.max_steps, np.finfo(np.float32).max
         limit = longest if steps is None else steps * config.control_step
         range_max, num_beams = config.lidar.range_max, config.lidar.num_beams

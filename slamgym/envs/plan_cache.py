@@ -84,7 +84,9 @@ class PreparedPlan:
     @cached_property
     def surfaces(self) -> Surfaces:
         """The materials of walls and furniture."""
-        return furnished_surfaces(self._wall_surfaces, self.clutter.segments(), self._surface_config)
+        return furnished_surfaces(
+            self._wall_surfaces, self.clutter.segments(), self._surface_config
+        )
 
     @cached_property
     def _wall_surfaces(self) -> Surfaces:
@@ -150,7 +152,8 @@ class PlanCache:
                 self._refused[plan_id] = error = refusal.with_traceback(None)
         assert error is not None
         raise PlanError(
-            error.path, f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)"
+            error.path,
+            f"{error.reason} (and {_TRIES} plans drawn in a row can't be explored either)",
         )
 
     def choose_site(
@@ -173,7 +176,9 @@ class PlanCache:
         else:
             prepared = self.of(plan) if isinstance(plan, FloorPlan) else self.named(plan)
         if not clutter.is_empty:
-            prepared = prepared.furnished(make_clutter(prepared.plan, streams.clutter, clutter, self._robot))
+            prepared = prepared.furnished(
+                make_clutter(prepared.plan, streams.clutter, clutter, self._robot)
+            )
         return prepared, wanted.start or prepared.sample_start(streams.start)
 
     def named(self, plan_id: str) -> PreparedPlan:
@@ -205,7 +210,11 @@ class PlanCache:
             PlanError: If it can't be explored.
         """
         prepared = self._plan_cache.get(plan.id)
-        return prepared if prepared is not None and prepared.plan is plan else self._keep(plan.id, plan)
+        return (
+            prepared
+            if prepared is not None and prepared.plan is plan
+            else self._keep(plan.id, plan)
+        )
 
     def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
@@ -234,7 +243,9 @@ def _open(plans: PlansArgument) -> PlanSource:
         return listed_plans(plans)
     if hasattr(plans, "load") and hasattr(plans, "ids"):
         return plans
-    raise ConfigError(f"plans must name, hold or be floor plans, not {plans!r}; see slamgym.cad.open_plans")
+    raise ConfigError(
+        f"plans must name, hold or be floor plans, not {plans!r}; see slamgym.cad.open_plans"
+    )
 
 
 class ResetOptions(NamedTuple):
@@ -262,5 +273,7 @@ class ResetOptions(NamedTuple):
         try:
             x, y, theta = (float(value) for value in start)
         except (TypeError, ValueError):
-            raise ConfigError(f"the reset option 'start' must be (x, y, theta), not {start!r}") from None
+            raise ConfigError(
+                f"the reset option 'start' must be (x, y, theta), not {start!r}"
+            ) from None
         return cls(plan, Pose2D(x, y, theta))

@@ -43,7 +43,9 @@ class StepRecord:
     """True if the exploration is complete: the coverage goal is reached or no frontier is left."""
     floor_area: float = math.nan
     """The reachable floor [m2]."""
-    map_errors: Callable[[], tuple[float, float]] = field(default=lambda: (math.nan, math.nan), compare=False)
+    map_errors: Callable[[], tuple[float, float]] = field(
+        default=lambda: (math.nan, math.nan), compare=False
+    )
     """Measures ``previous_map_error`` and ``map_error`` when they are read, until the next step."""
 
     @property
@@ -185,7 +187,9 @@ class Reward:
         terms = {name: (getattr(config, name), function) for name, function in functions.items()}
         self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
         if not isinstance(extra or {}, Mapping):
-            raise ConfigError(f"reward_terms must be a mapping of names to (weight, function), not {extra!r}")
+            raise ConfigError(
+                f"reward_terms must be a mapping of names to (weight, function), not {extra!r}"
+            )
         for name, entry in (extra or {}).items():
             weight, function = _own_term(name, entry, functions)
             self.terms[name] = weight, partial(_own_value, name, function)
@@ -193,7 +197,9 @@ class Reward:
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""
-        contributions = {name: weight * float(term(step)) for name, (weight, term) in self.terms.items()}
+        contributions = {
+            name: weight * float(term(step)) for name, (weight, term) in self.terms.items()
+        }
         return float(sum(contributions.values())), contributions
 
     def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
@@ -201,7 +207,9 @@ class Reward:
         total = np.zeros(np.shape(steps.coverage))
         contributions = {}
         for name, (weight, term) in self.terms.items():
-            contributions[name] = np.broadcast_to(weight * np.asarray(term(steps), np.float64), total.shape)
+            contributions[name] = np.broadcast_to(
+                weight * np.asarray(term(steps), np.float64), total.shape
+            )
             total += contributions[name]
         return total, contributions
 
@@ -210,15 +218,25 @@ def _own_term(
     name: str, entry: tuple[float, RewardFunction], taken: Mapping[str, RewardFunction]
 ) -> tuple[float, RewardFunction]:
     if name in taken:
-        raise ConfigError(f"reward_terms: {name!r} is a term already; set its weight by reward.{name}")
+        raise ConfigError(
+            f"reward_terms: {name!r} is a term already; set its weight by reward.{name}"
+        )
     try:
         weight, function = entry
         weight = float(weight)
     except (TypeError, ValueError):
-        raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}") from None
+        raise ConfigError(
+            f"reward_terms[{name!r}] must be (weight, function), not {entry!r}"
+        ) from None
     if not callable(function) or not math.isfinite(weight):
-        hint = suggest(function, taken) if isinstance(function, str) else "give a function of a StepRecord"
-        raise ConfigError(f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}")
+        hint = (
+            suggest(function, taken)
+            if isinstance(function, str)
+            else "give a function of a StepRecord"
+        )
+        raise ConfigError(
+            f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}"
+        )
     return weight, function
 
 
@@ -233,7 +251,9 @@ def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
             f"reward term {name!r} failed after {step.time:.1f} s: {type(error).__name__}: {error}"
         ) from error
     if not math.isfinite(value):
-        raise ConfigError(f"reward term {name!r} gave {value} after {step.time:.1f} s, not a finite number")
+        raise ConfigError(
+            f"reward term {name!r} gave {value} after {step.time:.1f} s, not a finite number"
+        )
     return value
 
 
@@ -241,5 +261,6 @@ def _each(steps: StepRecord) -> Iterator[StepRecord]:
     """The transitions of a record of arrays, shape (N,)."""
     count = np.shape(steps.coverage)
     return map(
-        StepRecord, *(np.broadcast_to(getattr(steps, one.name), count).tolist() for one in fields(steps))
+        StepRecord,
+        *(np.broadcast_to(getattr(steps, one.name), count).tolist() for one in fields(steps)),
     )

@@ -52,7 +52,9 @@ class Actions:
             self.space = spaces.Discrete(len(self._commands))
         else:
             high = np.array([linear, angular]) / self._scale
-            self.space = spaces.Box(-high.astype(np.float32), high.astype(np.float32), dtype=np.float32)
+            self.space = spaces.Box(
+                -high.astype(np.float32), high.astype(np.float32), dtype=np.float32
+            )
 
     def to_command(self, action: Any) -> Twist2D:
         """The velocity that an action asks for; the world cuts off what exceeds the robot's limits.
@@ -114,9 +116,16 @@ class SimulatedRobot:
     """
 
     def __init__(
-        self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
+        self,
+        prepared: PreparedPlan,
+        start: Pose2D,
+        config: ExploreConfig,
+        lidar: Lidar,
+        streams: Streams,
     ) -> None:
-        self.world = World(prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces)
+        self.world = World(
+            prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces
+        )
         self.world.reset(start)
         self._lidar = lidar
         self._rng = streams.lidar
@@ -184,9 +193,17 @@ class Simulation(SimulatedRobot):
     """
 
     def __init__(
-        self, prepared: PreparedPlan, start: Pose2D, config: ExploreConfig, lidar: Lidar, streams: Streams
+        self,
+        prepared: PreparedPlan,
+        start: Pose2D,
+        config: ExploreConfig,
+        lidar: Lidar,
+        streams: Streams,
     ) -> None:
-        initial, finished = Pose2D(0.0, 0.0, start.theta), finished_map(prepared.plan, start, config)
+        initial, finished = (
+            Pose2D(0.0, 0.0, start.theta),
+            finished_map(prepared.plan, start, config),
+        )
         self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
         self._believes_truth = config.slam.mode == "ground_truth"
         super().__init__(prepared, start, config, lidar, streams)

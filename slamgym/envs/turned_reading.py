@@ -41,8 +41,16 @@ def turned_grid(tiles: Tiles, pose: FloatArray, pitch: float, last: Place) -> Li
     one = float(1 << _FRACTION)
     cos, sin = round(pitch * one * math.cos(pose[2])), round(pitch * one * math.sin(pose[2]))
     # Exact to the lattice for any given part of the map.
-    row = round(pose[1] / resolution * one) + (last[0] * sin + last[1] * cos) // 2 - (corner[0] << _FRACTION)
-    col = round(pose[0] / resolution * one) + (last[0] * cos - last[1] * sin) // 2 - (corner[1] << _FRACTION)
+    row = (
+        round(pose[1] / resolution * one)
+        + (last[0] * sin + last[1] * cos) // 2
+        - (corner[0] << _FRACTION)
+    )
+    col = (
+        round(pose[0] / resolution * one)
+        + (last[0] * cos - last[1] * sin) // 2
+        - (corner[1] << _FRACTION)
+    )
     return (row, col), (-sin, -cos), (-cos, sin)
 
 
@@ -87,7 +95,12 @@ def fetch_rows(
     for a, b in ((0, 0), (0, last[1]), (last[0], 0), (last[0], last[1])):
         row = (first[0] + a * down[0] + b * right[0]) >> _FRACTION
         col = (first[1] + a * down[1] + b * right[1]) >> _FRACTION
-        top, bottom, left, end = min(top, row), max(bottom, row + 1), min(left, col), max(end, col + 1)
+        top, bottom, left, end = (
+            min(top, row),
+            max(bottom, row + 1),
+            min(left, col),
+            max(end, col + 1),
+        )
     seen = np.uint8(0)
     left, end = max(left, known[1]), min(end, known[3])
     for row in range(max(top, known[0]), min(bottom, known[2])):
@@ -113,7 +126,13 @@ def _points_between(begin: int, step: int, low: int, end: int, points: Place) ->
 
 @kernel
 def read_turned(
-    flat: ByteArray, cols: int, known: CellBox, lines: Lines, samples: int, table: np.ndarray, read: ByteArray
+    flat: ByteArray,
+    cols: int,
+    known: CellBox,
+    lines: Lines,
+    samples: int,
+    table: np.ndarray,
+    read: ByteArray,
 ) -> bool:
     """Read the points of some lines; unknown where the map is. No part of an array is taken, which would be counted.
 

@@ -84,7 +84,9 @@ def compile_kernels(names: Collection[str], workers: int) -> None:
         names: Of :data:`KERNEL_PARTS`.
         workers: Most processes.
     """
-    fresh = [name for name, (_, last) in KERNEL_PARTS.items() if name in names and not is_compiled(last)]
+    fresh = [
+        name for name, (_, last) in KERNEL_PARTS.items() if name in names and not is_compiled(last)
+    ]
     if not fresh:
         return
     say("slamgym: compiling the numeric kernels, once after installation")
@@ -107,7 +109,10 @@ def _compile(name: str) -> str:
 def _drive() -> None:
     """Drive and scan with a known pose, and then with the nose to the wall, for the kernels of contact."""
     env = ExploreEnv(
-        _two_rooms(), ExploreConfig().for_explorer(), localization="ground_truth", reward={"map_error": 1.0}
+        _two_rooms(),
+        ExploreConfig().for_explorer(),
+        localization="ground_truth",
+        reward={"map_error": 1.0},
     )
     for start, action in (None, (1.0, 0.5)), ((0.24, 1.0, 3.14), (1.0, 0.0)):
         env.reset(seed=0, options={"start": start} if start else None)
@@ -123,7 +128,9 @@ def _match(mode: Any) -> None:
     for step in range(24):
         turn = 0.6 * step
         pose = Pose2D(0.8 * math.sin(turn), 0.8 - 0.8 * math.cos(turn), turn)
-        mapper.update(pose, LaserScan(2.0 * step, _seen_from(pose, 1.5 if step < 23 else 1.1), _LASER))
+        mapper.update(
+            pose, LaserScan(2.0 * step, _seen_from(pose, 1.5 if step < 23 else 1.1), _LASER)
+        )
     mapper.finish()
     mapper.render(GridFrame(0.1, -4.0, -4.0, 80, 80))
 
@@ -133,7 +140,10 @@ def _navigate() -> None:
     frame = GridFrame(0.05, -4.0, -4.0, 160, 160)
     cells = np.full(frame.shape, UNKNOWN, np.uint8)
     cells[50:111, 50:111], cells[50:110, 51:110] = OCCUPIED, FREE
-    navigator, pose = Navigator(ExplorerContext(frame=frame, geometry=_LASER)), Pose2D(0.0, 0.0, 0.0)
+    navigator, pose = (
+        Navigator(ExplorerContext(frame=frame, geometry=_LASER)),
+        Pose2D(0.0, 0.0, 0.0),
+    )
     navigator.update_map(OccupancyGrid(cells, frame), pose, 0.0)
     if navigator.costmap is not None:
         find_frontiers(navigator.costmap, pose)
@@ -149,7 +159,9 @@ def _navigate() -> None:
 
 def _decide() -> None:
     """Choose among frontiers."""
-    env = ExploreFrontiersEnv(_two_rooms(), localization="ground_truth", observation={"map_size": 10.0})
+    env = ExploreFrontiersEnv(
+        _two_rooms(), localization="ground_truth", observation={"map_size": 10.0}
+    )
     env.reset(seed=0, options={"start": (0.8, 1.0, 0.0)})
     # As the networks of explorers do.
     product(np.ones((1, 1), np.float32), np.ones((1, 1)))
@@ -162,14 +174,18 @@ def _decide() -> None:
 
 def _furnish() -> None:
     """Drive among furniture and people."""
-    env = ExploreEnv(_two_rooms(), localization="ground_truth", clutter={"furniture": 1.0, "people": 1})
+    env = ExploreEnv(
+        _two_rooms(), localization="ground_truth", clutter={"furniture": 1.0, "people": 1}
+    )
     env.reset(seed=0)
 
 
 def _step_many() -> None:
     """Step many robots at once."""
     for preset in ("map", "compact_far"):
-        batch = BatchExploreEnv(1, _two_rooms(), localization="ground_truth", observation={"preset": preset})
+        batch = BatchExploreEnv(
+            1, _two_rooms(), localization="ground_truth", observation={"preset": preset}
+        )
         batch.reset(seed=0)
         batch.step(batch.action_space.sample())
 
@@ -190,9 +206,20 @@ def _seen_from(pose: Pose2D, half: float) -> Float32Array:
     """Ranges of a scan in a square room about the origin, whose side is twice ``half`` [m]."""
     angles = pose.theta + _LASER.angles
     x, y = np.cos(angles), np.sin(angles)
-    return np.minimum((half * np.sign(x) - pose.x) / x, (half * np.sign(y) - pose.y) / y).astype(np.float32)
+    return np.minimum((half * np.sign(x) - pose.x) / x, (half * np.sign(y) - pose.y) / y).astype(
+        np.float32
+    )
 
 
 def _two_rooms() -> FloorPlan:
-    outline = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (2.2, 3.0), (2.2, 1.5), (1.8, 1.5), (1.8, 3.0), (0.0, 3.0)]
+    outline = [
+        (0.0, 0.0),
+        (4.0, 0.0),
+        (4.0, 3.0),
+        (2.2, 3.0),
+        (2.2, 1.5),
+        (1.8, 1.5),
+        (1.8, 3.0),
+        (0.0, 3.0),
+    ]
     return FloorPlan("warm-up", shapely.Polygon(outline))

@@ -76,7 +76,9 @@ class _Message(NamedTuple):
     robot_pose: Pose2D
     laser_pose: Pose2D
     ranges: Float32Array  # (n,) [m], as logged
-    beams: tuple[float, float] | None  # angle of the first and step [rad], where the message says so
+    beams: (
+        tuple[float, float] | None
+    )  # angle of the first and step [rad], where the message says so
     range_max: float | None  # [m]
 
 
@@ -97,24 +99,36 @@ def read_carmen(path: Path | str, range_max: float | None = None) -> Log:
     path = Path(path)
     warnings = LogWarnings()
     hints, messages = _read_messages(path, warnings)
-    scans = _of_one_kind(path, [message for message in messages if message.kind != "ODOM"], warnings)
+    scans = _of_one_kind(
+        path, [message for message in messages if message.kind != "ODOM"], warnings
+    )
     if not scans:
-        faults = "; ".join(["holds no usable laser scan (FLASER or ROBOTLASER1)", *warnings.sentences()[:3]])
+        faults = "; ".join(
+            ["holds no usable laser scan (FLASER or ROBOTLASER1)", *warnings.sentences()[:3]]
+        )
         raise InputFileError(path, faults)
     places = [f"{path}:{scan.line}" for scan in scans]
-    scans = [scans[index] for index in usable_scans([scan.stamp for scan in scans], places, warnings)]
+    scans = [
+        scans[index] for index in usable_scans([scan.stamp for scan in scans], places, warnings)
+    ]
     declared = scans[0].range_max if scans[0].range_max is not None else hints.get("range_max")
     limit, findings = range_limit([scan.ranges for scan in scans], declared, range_max)
     geometry = _geometry(scans, hints, limit)
     lines = {scan.line for scan in scans}
     driven = [message for message in messages if message.kind == "ODOM" or message.line in lines]
     stamps = np.array([message.stamp for message in driven])
-    poses, jumps = without_jumps(Trajectory(stamps, np.array([message.robot_pose for message in driven])))
-    track = OdometryTrack(stamps, poses, np.flatnonzero([message.kind != "ODOM" for message in driven]))
+    poses, jumps = without_jumps(
+        Trajectory(stamps, np.array([message.robot_pose for message in driven]))
+    )
+    track = OdometryTrack(
+        stamps, poses, np.flatnonzero([message.kind != "ODOM" for message in driven])
+    )
     records = []
     for scan, pose in zip(scans, poses[track.scans].tolist(), strict=True):
         ranges = _ranges(path, scan, limit, warnings)
-        records.append(LogRecord(scan.stamp, Pose2D(*pose), LaserScan(scan.stamp, ranges, geometry)))
+        records.append(
+            LogRecord(scan.stamp, Pose2D(*pose), LaserScan(scan.stamp, ranges, geometry))
+        )
     return Log(str(path), records, geometry, warnings, track, (*findings, *jumps))
 
 
@@ -170,7 +184,9 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
             while chunk := file.read1():
                 lines = (lines[-1] + chunk).split(b"\n")
                 if max(len(lines[0]), len(lines[-1])) > MAX_LINE_BYTES:
-                    raise InputFileError(path, "has a line of several megabytes; a CARMEN log is expected")
+                    raise InputFileError(
+                        path, "has a line of several megabytes; a CARMEN log is expected"
+                    )
                 yield from lines[:-1]
             yield lines[-1]
     except DAMAGED as error:
@@ -257,7 +273,9 @@ def _geometry(scans: list[_Message], hints: dict[str, float], range_max: float) 
         # An even count covers [-90, 90) degrees, an odd one [-90, 90]; other fans are taken as symmetric.
         covered = step * (count if count % 2 == 0 else count - 1)
         start = -0.5 * math.pi if abs(covered - math.pi) < 0.02 else -0.5 * step * (count - 1)
-    return LaserGeometry(count, start, step, hints.get("range_min", 0.0), range_max, _mount(scans, hints))
+    return LaserGeometry(
+        count, start, step, hints.get("range_min", 0.0), range_max, _mount(scans, hints)
+    )
 
 
 def _mount(scans: list[_Message], hints: dict[str, float]) -> Pose2D:
@@ -268,7 +286,9 @@ def _mount(scans: list[_Message], hints: dict[str, float]) -> Pose2D:
     offsets = np.array([between(scan.robot_pose, scan.laser_pose) for scan in scans])
     middle = np.median(offsets, axis=0)
     difference = np.abs(offsets - middle)
-    agreeing = (difference[:, :2].max(axis=1) < 0.02) & (np.abs(wrap_angle(difference[:, 2])) < 0.02)
+    agreeing = (difference[:, :2].max(axis=1) < 0.02) & (
+        np.abs(wrap_angle(difference[:, 2])) < 0.02
+    )
     if agreeing.mean() >= 0.95 and np.hypot(middle[0], middle[1]) < 3.0:
         x, y, theta = (round(float(value), 5) + 0.0 for value in middle)
         return Pose2D(x, y, theta)

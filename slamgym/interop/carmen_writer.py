@@ -18,7 +18,11 @@ COMPRESSION = 4
 
 
 def write_carmen(
-    path: Path | str, records: Iterable[LogRecord], geometry: LaserGeometry, *, message: str | None = None
+    path: Path | str,
+    records: Iterable[LogRecord],
+    geometry: LaserGeometry,
+    *,
+    message: str | None = None,
 ) -> None:
     """Write a log that CARMEN, GMapping and other SLAM programs replay.
 

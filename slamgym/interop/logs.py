@@ -73,7 +73,11 @@ def read_relations(path: Path | str) -> Relations:
     Raises:
         InputFileError: If the file is missing or empty, or a line has no eight finite numbers.
     """
-    table = np.array([row for _, row in rows_of_eight(path, "t1 t2 x y z roll pitch yaw")], dtype=np.float64)
+    table = np.array(
+        [row for _, row in rows_of_eight(path, "t1 t2 x y z roll pitch yaw")], dtype=np.float64
+    )
     if not len(table):
         raise InputFileError(path, "holds no relation")
-    return Relations(table[:, 0], table[:, 1], np.column_stack([table[:, 2:4], wrap_angle(table[:, 7])]))
+    return Relations(
+        table[:, 0], table[:, 1], np.column_stack([table[:, 2:4], wrap_angle(table[:, 7])])
+    )

@@ -60,7 +60,9 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
     if path.is_dir():
         inner = [*path.glob("*.yaml"), *path.glob("*.yml")]
         if len(inner) != 1 and path / "map.yaml" not in inner:
-            raise InputFileError(path, f"holds {len(inner)} yaml files; name the one that describes the map")
+            raise InputFileError(
+                path, f"holds {len(inner)} yaml files; name the one that describes the map"
+            )
         return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
     if suffix in (*YAML_SUFFIXES, ".json"):
         _refuse_resolution(path, resolution)
@@ -76,7 +78,9 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
             "is cartographer's own state; write a map of it by cartographer_pbstream_to_ros_map "
             "-pbstream_filename FILE -map_filestem map, and give map.yaml",
         )
-    raise InputFileError(path, "is no known kind of map; give a ROS .yaml, a picture or a Valetudo .json")
+    raise InputFileError(
+        path, "is no known kind of map; give a ROS .yaml, a picture or a Valetudo .json"
+    )
 
 
 def _read_ros(path: Path) -> RobotMap:
@@ -99,9 +103,13 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
         for suffix in YAML_SUFFIXES:
             if path.with_suffix(suffix).exists():
                 return _read_ros(path.with_suffix(suffix))
-        raise InputFileError(path, "is a picture without a yaml; give its metres per pixel by --resolution")
+        raise InputFileError(
+            path, "is a picture without a yaml; give its metres per pixel by --resolution"
+        )
     if not (math.isfinite(resolution) and MIN_RESOLUTION <= resolution <= MAX_RESOLUTION):
-        raise InputFileError(path, f"its resolution is {resolution}; it must be metres per pixel, above 0")
+        raise InputFileError(
+            path, f"its resolution is {resolution}; it must be metres per pixel, above 0"
+        )
     return RobotMap(read_bare_map(path, resolution))
 
 
@@ -115,11 +123,15 @@ def _check(grid: OccupancyGrid, path: Path) -> tuple[str, ...]:
     free, occupied = grid.cells == FREE, grid.cells == OCCUPIED
     cell = grid.frame.resolution
     if not free.any():
-        raise InputFileError(path, "is no map: none of its cells is free; check its thresholds, or negate it")
+        raise InputFileError(
+            path, "is no map: none of its cells is free; check its thresholds, or negate it"
+        )
     if not occupied.any():
         raise InputFileError(path, "is no map: none of its cells is occupied; check its thresholds")
     if free.sum() < MIN_FREE:
-        raise InputFileError(path, f"is no map: it has {free.sum()} free cells, fewer than {MIN_FREE}")
+        raise InputFileError(
+            path, f"is no map: it has {free.sum()} free cells, fewer than {MIN_FREE}"
+        )
     rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
     extent = cell * max(int(rows[-1] - rows[0]), int(cols[-1] - cols[0])) + cell
     doubts = []

@@ -18,7 +18,9 @@ MUCH_FASTER = 5.0
 def with_track(log: Log, track: OdometryTrack) -> Log:
     """The log with other odometry poses, at the scans and between them."""
     poses = map(Pose2D._make, track.poses[track.scans].tolist())
-    records = [record._replace(odometry=pose) for record, pose in zip(log.records, poses, strict=True)]
+    records = [
+        record._replace(odometry=pose) for record, pose in zip(log.records, poses, strict=True)
+    ]
     return replace(log, records=records, recorded_track=track)
 
 
@@ -57,7 +59,9 @@ def without_jumps(odometry: Trajectory) -> tuple[FloatArray, tuple[LogFinding, .
     # Messages may come in bursts, after a pause in which the robot drove: the longest wait around a step counts.
     waits = np.pad(np.maximum(np.diff(stamps), 1e-3), 1, mode="edge")
     waits = np.maximum(np.maximum(waits[:-2], waits[1:-1]), waits[2:])
-    steps = np.array([np.hypot(*np.diff(poses[:, :2], axis=0).T), np.abs(wrap_angle(np.diff(poses[:, 2])))])
+    steps = np.array(
+        [np.hypot(*np.diff(poses[:, :2], axis=0).T), np.abs(wrap_angle(np.diff(poses[:, 2])))]
+    )
     usual = np.median(steps / waits, axis=1)
     too_fast = steps / waits > np.maximum(FASTEST, MUCH_FASTER * usual)[:, None]
     jumps = np.flatnonzero((too_fast & (steps > LEAST_JUMP)).any(axis=0))

@@ -113,7 +113,9 @@ class Log:
         if self.recorded_track is not None:
             return self.recorded_track
         stamps = np.array([record.stamp for record in self.records], dtype=np.float64)
-        poses = np.array([record.odometry for record in self.records], dtype=np.float64).reshape(-1, 3)
+        poses = np.array([record.odometry for record in self.records], dtype=np.float64).reshape(
+            -1, 3
+        )
         return OdometryTrack(stamps, poses, np.arange(len(stamps)))
 
     def noting(self, kind: str, sentence: str) -> "Log":
@@ -132,7 +134,9 @@ class Log:
         return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
 
 
-def usable_scans(stamps: Sequence[float], places: Sequence[str], warnings: LogWarnings) -> list[int]:
+def usable_scans(
+    stamps: Sequence[float], places: Sequence[str], warnings: LogWarnings
+) -> list[int]:
     """Indices of the scans whose time runs forwards.
 
     Args:

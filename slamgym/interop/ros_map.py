@@ -79,13 +79,18 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
     image = destination.with_name(destination.name + ".pgm")
     description = destination.with_name(destination.name + ".yaml")
     rows, cols = grid.cells.shape
-    write_bytes(image, b"P5\n%d %d\n255\n" % (cols, rows) + np.ascontiguousarray(grid.cells).tobytes())
+    write_bytes(
+        image, b"P5\n%d %d\n255\n" % (cols, rows) + np.ascontiguousarray(grid.cells).tobytes()
+    )
     resolution, *origin = map(float, grid.frame[:3])
     values = {
         "image": image.name,
         "mode": "trinary",
         "resolution": resolution,
-        "origin": [*(round(value, 12) for value in origin), 0.0],  # -20.700000000000003 is written as -20.7
+        "origin": [
+            *(round(value, 12) for value in origin),
+            0.0,
+        ],  # -20.700000000000003 is written as -20.7
         "negate": 0,
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
@@ -118,7 +123,9 @@ def read_ros_map(path: Path | str) -> OccupancyGrid:
     """
     grid, placement = read_turned_map(path)
     if placement.theta != 0.0:
-        raise InputFileError(path, f"is rotated by {placement.theta}; turn the image and set the yaw to 0")
+        raise InputFileError(
+            path, f"is rotated by {placement.theta}; turn the image and set the yaw to 0"
+        )
     return grid
 
 
@@ -143,7 +150,9 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     negated, mode = description.negate in ("1", "true"), description.mode
     pixels = _read_pixels(path.parent / description.image)
     if mode == "raw" and (negated or pixels.dtype != np.uint8):
-        raise InputFileError(path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel")
+        raise InputFileError(
+            path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel"
+        )
     grey, transparent = grey_picture(pixels)
     if mode == "raw":
         # The occupancy in percent, and 255 (or any value above 100) for unknown.
@@ -184,7 +193,9 @@ def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
 
 
 def classify_greys(
-    grey: ByteArray, occupied_thresh: float = OCCUPIED_THRESHOLD, free_thresh: float = FREE_THRESHOLD
+    grey: ByteArray,
+    occupied_thresh: float = OCCUPIED_THRESHOLD,
+    free_thresh: float = FREE_THRESHOLD,
 ) -> ByteArray:
     """Classify the pixels of a map image (dark walls, light free space) as 0, 205 or 254.
 
@@ -216,7 +227,9 @@ def classify_greys(
 def _read_description(path: Path) -> MapDescription:
     values = parse_yaml(read_text(path, YAML_BYTES), path)
     if not isinstance(values, dict):
-        raise InputFileError(path, "is not a map description; it needs the keys image, resolution and origin")
+        raise InputFileError(
+            path, "is not a map description; it needs the keys image, resolution and origin"
+        )
     words = {name: str(values[name]).lower() for name in ("mode", "negate") if name in values}
     keys = ("resolution", "occupied_thresh", "free_thresh")
     numbers = {name: _as_number(values[name]) for name in keys if name in values}
@@ -225,7 +238,9 @@ def _read_description(path: Path) -> MapDescription:
         numbers["origin"] = [*map(_as_number, origin), *[0.0] * (len(origin) == 2)]
     description = known_fields(MapDescription, {**values, **words, **numbers}, path)
     if not description.image or "\0" in description.image:
-        raise InputFileError(path, f"'image' is {shown(description.image)}; it names the map's image file")
+        raise InputFileError(
+            path, f"'image' is {shown(description.image)}; it names the map's image file"
+        )
     return description
 
 

@@ -9,7 +9,15 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, Float32Array, FloatArray, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    Float32Array,
+    FloatArray,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.interop.records import MAX_ABS_COORDINATE, BrokenMessageError, check_beams
 from slamgym.interop.transforms import planar, rigid_transform
 
@@ -35,8 +43,13 @@ def matrix_of(position: Any, orientation: Any, what: str) -> FloatArray:
         BrokenMessageError: Named by ``what``, if the quaternion is zero.
         ValueError: If a value is no number or absurdly large.
     """
-    place, turn = (position.x, position.y, position.z), [getattr(orientation, axis) for axis in "xyzw"]
-    return rigid_transform(np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what)
+    place, turn = (
+        (position.x, position.y, position.z),
+        [getattr(orientation, axis) for axis in "xyzw"],
+    )
+    return rigid_transform(
+        np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what
+    )
 
 
 def pose_of(pose: Any, what: str) -> Pose2D:
@@ -66,7 +79,9 @@ def geometry_of(message: Any, mount: Pose2D, flipped: bool, range_max: float) ->
     """The laser that a LaserScan shows, with its mount and the range from which on a reading means no return [m]."""
     (first, step), count = _fan(message, flipped), len(message.ranges)
     angle_min = min(first, first + (count - 1) * step)
-    return LaserGeometry(count, angle_min, abs(step), max(float(message.range_min), 0.0), range_max, mount)
+    return LaserGeometry(
+        count, angle_min, abs(step), max(float(message.range_min), 0.0), range_max, mount
+    )
 
 
 def ranges_of(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
@@ -121,7 +136,9 @@ def odometry_fields(header: Fields, child: str, pose: Pose2D, twist: FloatArray)
     }  # fmt: skip
 
 
-def scan_fields(header: Fields, ranges: Float32Array, laser: LaserGeometry, scan_time: float) -> Fields:
+def scan_fields(
+    header: Fields, ranges: Float32Array, laser: LaserGeometry, scan_time: float
+) -> Fields:
     """The fields of a LaserScan message; no return is +inf, as REP 117 has it."""
     return {
         "header": header,
@@ -144,4 +161,8 @@ def grid_fields(header: Fields, grid: OccupancyGrid) -> Fields:
     resolution, x, y, rows, cols = grid.frame
     origin = pose_fields(Pose2D(x, y, 0.0))
     info = {"resolution": resolution, "width": cols, "height": rows, "origin": origin}
-    return {"header": header, "info": {**info, "map_load_time": header["stamp"]}, "data": data[::-1].ravel()}
+    return {
+        "header": header,
+        "info": {**info, "map_load_time": header["stamp"]},
+        "data": data[::-1].ravel(),
+    }

@@ -27,7 +27,14 @@ from slamgym.interop.records import (
     longest_ordered,
     usable_scans,
 )
-from slamgym.interop.ros_messages import check_scan, geometry_of, matrix_of, pose_of, ranges_of, stamp_of
+from slamgym.interop.ros_messages import (
+    check_scan,
+    geometry_of,
+    matrix_of,
+    pose_of,
+    ranges_of,
+    stamp_of,
+)
 from slamgym.interop.transforms import TransformTree, clean_frame, planar
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -133,7 +140,9 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
         scan = LaserScan(stamp, ranges_of(message, geometry, flipped), geometry)
         records.append(LogRecord(stamp, Pose2D(*pose), scan))
     found, sources = contents.findings, contents.sources
-    return Log(str(path), records, geometry, warnings, track, found, odometry is not None, sources=sources)
+    return Log(
+        str(path), records, geometry, warnings, track, found, odometry is not None, sources=sources
+    )
 
 
 def _away(times: FloatArray, stamps: FloatArray) -> FloatArray:
@@ -150,10 +159,14 @@ def _read_contents(contents: _Contents) -> None:
         typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
         with rosbags.highlevel.AnyReader([_bag_path(path)], default_typestore=typestore) as reader:
             topics = _choose_topics(contents, reader)
-            wanted = [c for c in reader.connections if c.topic in topics or c.msgtype in TRANSFORM_TYPES]
+            wanted = [
+                c for c in reader.connections if c.topic in topics or c.msgtype in TRANSFORM_TYPES
+            ]
             for connection, stamp_ns, raw in reader.messages(connections=wanted):
                 try:
-                    _take(contents, connection, reader.deserialize(raw, connection.msgtype), stamp_ns)
+                    _take(
+                        contents, connection, reader.deserialize(raw, connection.msgtype), stamp_ns
+                    )
                 except Exception as error:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
                     fault = f"message on {connection.topic} that can't be decoded"
                     known = isinstance(error, BrokenMessageError)
@@ -195,7 +208,9 @@ def _choose_topics(contents: _Contents, reader: Any) -> set[str]:
     contents.sources["scan topic"] = scan
     if len(scans) > 1 and choices.scan_topic is None:
         others = ", ".join(sorted(scans.keys() - {scan}))
-        contents.find("lasers", f"of several lasers {scan} is used, not {others} (--scan-topic chooses)")
+        contents.find(
+            "lasers", f"of several lasers {scan} is used, not {others} (--scan-topic chooses)"
+        )
     if choices.odometry_topic == NO_ODOMETRY or choices.odometry_frame is not None:
         return {scan}
     usual = (f"{scan.rpartition('/')[0]}/odom", *USUAL_ODOMETRY_TOPICS)
@@ -206,11 +221,15 @@ def _choose_topics(contents: _Contents, reader: Any) -> set[str]:
     return {scan, odometry}
 
 
-def _choose_topic(path: Path, topics: Counter[str], wanted: str | None, usual: tuple[str, ...]) -> str | None:
+def _choose_topic(
+    path: Path, topics: Counter[str], wanted: str | None, usual: tuple[str, ...]
+) -> str | None:
     """The wanted topic, else a usual one, else that with most messages."""
     if wanted is not None and wanted not in topics:
         known = ", ".join(sorted(topics)) or "none"
-        raise InputFileError(path, f"holds no such message on the topic {wanted!r} (such topics: {known})")
+        raise InputFileError(
+            path, f"holds no such message on the topic {wanted!r} (such topics: {known})"
+        )
     most = max(topics, key=lambda topic: (topics[topic], topic), default=None)
     return wanted or next((name for name in usual if name in topics), most)
 
@@ -234,7 +253,9 @@ def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> 
             except BrokenMessageError as error:
                 contents.warnings.add(str(error), f"{stamp:.3f} s")
                 continue
-            contents.transforms.add(parent, child, stamp, matrix, static=topic.endswith("tf_static"))
+            contents.transforms.add(
+                parent, child, stamp, matrix, static=topic.endswith("tf_static")
+            )
 
 
 def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
@@ -275,7 +296,11 @@ def _odometry_frame(contents: _Contents) -> str | None:
         raise InputFileError(contents.path, f"{found}; choose by --odometry-frame")
     if frames:
         return frames[0]
-    faults = [f"{count} x {kind}" for kind, count in contents.warnings.counts.items() if "quaternion" in kind]
+    faults = [
+        f"{count} x {kind}"
+        for kind, count in contents.warnings.counts.items()
+        if "quaternion" in kind
+    ]
     reason = "; ".join(faults[:2]) or "no Odometry messages, and the laser moves in no frame of tf"
     choose = "the laser alone is used (--odometry-topic, --odometry-frame choose)"
     contents.find("odometry", f"there is none ({reason}): {choose}")

@@ -87,9 +87,13 @@ def write_rosbag2(
         rosbags.rosbag2.Writer(part, version=8, storage_plugin=plugin) as writer,
     ):
         bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
-        bag.write_transform("/tf_static", records[0].stamp, ("base_footprint", "base_scan"), geometry.mount)
+        bag.write_transform(
+            "/tf_static", records[0].stamp, ("base_footprint", "base_scan"), geometry.mount
+        )
         if grid is not None:
-            bag.write("/map", records[0].stamp, **grid_fields(bag.header(records[0].stamp, "map"), grid))
+            bag.write(
+                "/map", records[0].stamp, **grid_fields(bag.header(records[0].stamp, "map"), grid)
+            )
         _write_records(bag, records, geometry, tracks)
 
 
@@ -105,14 +109,18 @@ def _write_records(
     scan_time = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     for i, record in enumerate(records):
         stamp, pose = record.stamp, record.odometry
-        bag.write("/clock", stamp, clock=bag.header(stamp, "")["stamp"])  # for nodes with use_sim_time
+        bag.write(
+            "/clock", stamp, clock=bag.header(stamp, "")["stamp"]
+        )  # for nodes with use_sim_time
         bag.write_transform("/tf", stamp, ("odom", "base_footprint"), pose)
         if estimates is not None:
             map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
             bag.write_transform("/tf", stamp, ("map", "odom"), map_to_odom)
         bag.write_odometry("/odom", stamp, "odom", pose, twists[i])
         if true_poses is not None:
-            bag.write_odometry("/ground_truth", stamp, "map", Pose2D(*true_poses[i]), true_twists[i])
+            bag.write_odometry(
+                "/ground_truth", stamp, "map", Pose2D(*true_poses[i]), true_twists[i]
+            )
         header = bag.header(stamp, "base_scan")
         bag.write("/scan", stamp, **scan_fields(header, record.scan.ranges, laser, scan_time))
 
@@ -149,7 +157,14 @@ def _staged_folder(path: Path) -> Iterator[Path]:
 
 
 def _latched_qos() -> Any:
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
 
     forever = QosTime(9223372036, 854775807)
     keep, reliable = QosHistory.KEEP_LAST, QosReliability.RELIABLE
@@ -200,12 +215,22 @@ class _Bag:
         """The fields of a Header message."""
         return header_fields(self._nanoseconds(stamp), frame)
 
-    def write_transform(self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D) -> None:
+    def write_transform(
+        self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D
+    ) -> None:
         """Write the pose of a frame, the second, in its parent."""
         self.write(
-            topic, stamp, transforms=[transform_fields(self.header(stamp, frames[0]), frames[1], pose)]
+            topic,
+            stamp,
+            transforms=[transform_fields(self.header(stamp, frames[0]), frames[1], pose)],
         )
 
-    def write_odometry(self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray) -> None:
+    def write_odometry(
+        self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray
+    ) -> None:
         """Write a pose in ``frame`` and the speeds [m/s, rad/s] in the robot's own."""
-        self.write(topic, stamp, **odometry_fields(self.header(stamp, frame), "base_footprint", pose, twist))
+        self.write(
+            topic,
+            stamp,
+            **odometry_fields(self.header(stamp, frame), "base_footprint", pose, twist),
+        )

@@ -17,7 +17,9 @@ def clean_frame(name: str) -> str:
     return name.lstrip("/")
 
 
-def rigid_transform(translation: FloatArray, quaternion: FloatArray, what: str = "transform") -> FloatArray:
+def rigid_transform(
+    translation: FloatArray, quaternion: FloatArray, what: str = "transform"
+) -> FloatArray:
     """Return the 4 x 4 matrix of a translation [m] and a quaternion (x, y, z, w).
 
     Raises:
@@ -36,7 +38,9 @@ def rigid_transform(translation: FloatArray, quaternion: FloatArray, what: str =
 
 def planar(matrix: FloatArray) -> Pose2D:
     """Position and heading of a transform, seen from above."""
-    return Pose2D(float(matrix[0, 3]), float(matrix[1, 3]), float(np.arctan2(matrix[1, 0], matrix[0, 0])))
+    return Pose2D(
+        float(matrix[0, 3]), float(matrix[1, 3]), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
+    )
 
 
 class TransformTree:
@@ -54,7 +58,9 @@ class TransformTree:
         self._latest: dict[str, FloatArray] = {}
         self._history: dict[str, list[tuple[float, Pose2D]]] = defaultdict(list)
 
-    def add(self, parent: str, child: str, stamp: float, matrix: FloatArray, *, static: bool) -> None:
+    def add(
+        self, parent: str, child: str, stamp: float, matrix: FloatArray, *, static: bool
+    ) -> None:
         """Take one published transform."""
         parent, child = clean_frame(parent), clean_frame(child)
         self._parents[child] = parent
@@ -64,7 +70,11 @@ class TransformTree:
 
     def moving(self) -> dict[str, str]:
         """Frames that move, each with the frame that it moves in."""
-        return {child: self._parents[child] for child, history in self._history.items() if len(history) > 1}
+        return {
+            child: self._parents[child]
+            for child, history in self._history.items()
+            if len(history) > 1
+        }
 
     def odometry_frames(self, laser: str) -> list[str]:
         """Frames in which the laser moves, of several those called ``odom``, else those not called as the world is.
@@ -72,14 +82,23 @@ class TransformTree:
         Where the tree doesn't hold the laser, all in which something moves.
         """
         moving, above = self.moving(), self._chain(clean_frame(laser))
-        frames = sorted({parent for child, parent in moving.items() if child in above} or {*moving.values()})
+        frames = sorted(
+            {parent for child, parent in moving.items() if child in above} or {*moving.values()}
+        )
         called = [frame for frame in frames if frame.rpartition("/")[2] == "odom"]
-        return called or [frame for frame in frames if frame.rpartition("/")[2] not in WORLDS] or frames
+        return (
+            called
+            or [frame for frame in frames if frame.rpartition("/")[2] not in WORLDS]
+            or frames
+        )
 
     def base_of(self, frame: str) -> str:
         """The topmost frame to which a frame is fixed."""
         moving, base = self.moving(), clean_frame(frame)
-        return next((name for name in self._chain(base) if name in moving or name not in self._parents), base)
+        return next(
+            (name for name in self._chain(base) if name in moving or name not in self._parents),
+            base,
+        )
 
     def motion(self, parent: str) -> tuple[str, Trajectory]:
         """The frame with the longest history of those that move in ``parent``, and its planar poses, by time."""

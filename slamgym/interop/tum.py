@@ -28,7 +28,9 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
     write_text(path, "# timestamp x y z qx qy qz qw\n" + "".join(lines))
 
 
-def write_doubt(path: Path | str, stamps: FloatArray, doubtful: BoolArray, covariances: FloatArray) -> None:
+def write_doubt(
+    path: Path | str, stamps: FloatArray, doubtful: BoolArray, covariances: FloatArray
+) -> None:
     """Write what a trajectory file can't hold: where its poses are in doubt, and how far each may be off.
 
     A CSV file with a line for each of the trajectory's. Tools that read TUM files expect eight columns.
@@ -65,7 +67,9 @@ def read_tum(path: Path | str) -> Trajectory:
         stamps.append(stamp)
         yaw = math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
         poses.append((x, y, wrap_angle(yaw)))
-    return Trajectory(np.array(stamps, dtype=np.float64), np.array(poses, dtype=np.float64).reshape(-1, 3))
+    return Trajectory(
+        np.array(stamps, dtype=np.float64), np.array(poses, dtype=np.float64).reshape(-1, 3)
+    )
 
 
 def rows_of_eight(path: Path | str, meaning: str) -> Iterator[tuple[str, list[float]]]:

@@ -20,7 +20,15 @@ import numpy as np
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, PIXELS, shown
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, GridFrame, IntArray, OccupancyGrid
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    GridFrame,
+    IntArray,
+    OccupancyGrid,
+)
 
 CHUNK = b"ValetudoMap"
 """Name of the text chunk that holds the map in a PNG."""
@@ -54,7 +62,9 @@ def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[
         raise InputFileError(where, "is no Valetudo map; it needs the keys pixelSize and layers")
     size, pixel = value.get("size"), value["pixelSize"]
     if not (_is_number(pixel) and PIXEL_SIZES[0] <= pixel <= PIXEL_SIZES[1]):
-        raise InputFileError(where, f"'pixelSize' is {shown(pixel)}; it must be the centimetres of a pixel")
+        raise InputFileError(
+            where, f"'pixelSize' is {shown(pixel)}; it must be the centimetres of a pixel"
+        )
     height = (
         size.get("y", 0) if isinstance(size, dict) else 0
     )  # y = 0 of the map's frame lies so far below its top
@@ -66,7 +76,9 @@ def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[
     ENTRIES.check(where, len(entries))
     layers = [layer for layer in (_layer(entry, where) for entry in entries) if len(layer.runs)]
     if not layers:
-        raise InputFileError(where, "has no pixels of floor, rooms or walls; let the robot map first")
+        raise InputFileError(
+            where, "has no pixels of floor, rooms or walls; let the robot map first"
+        )
     runs = np.vstack([layer.runs for layer in layers])
     left, top = runs[:, :2].min(axis=0).tolist()
     cols, rows = int(runs[:, [0, 2]].sum(axis=1).max()) - left, int(runs[:, 1].max()) + 1 - top
@@ -78,7 +90,9 @@ def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[
         for layer in layers:
             if layer.kind == kind:
                 layer.paint(cells, left, top, grey)
-    frame = GridFrame(resolution, left * resolution, 0.01 * height - (top + rows) * resolution, rows, cols)
+    frame = GridFrame(
+        resolution, left * resolution, 0.01 * height - (top + rows) * resolution, rows, cols
+    )
     segments = []
     for number, layer in enumerate(layers):
         if layer.kind == "segment":
@@ -107,7 +121,9 @@ def embedded_map(content: bytes, where: Path | str) -> Any:
             try:
                 text = inflate.decompress(data[len(CHUNK) + 2 :], DOCUMENT_BYTES.value + 1)
             except zlib.error:
-                raise InputFileError(where, "has a damaged ValetudoMap chunk; export the map again") from None
+                raise InputFileError(
+                    where, "has a damaged ValetudoMap chunk; export the map again"
+                ) from None
             return parse_json(text, where)
         place += 12 + length
     return None
@@ -133,7 +149,9 @@ def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
     if kind not in ("floor", "segment", "wall"):
         return _Layer("other", "", np.empty((0, 3), np.int64))
     if not isinstance(about, dict):
-        raise InputFileError(where, f"has a layer whose metaData is {shown(about)}; it must be an object")
+        raise InputFileError(
+            where, f"has a layer whose metaData is {shown(about)}; it must be an object"
+        )
     runs = _numbers(layer, "compressedPixels", 3, where)
     if (runs[:, 2] < 0).any():
         raise InputFileError(where, "has a run of pixels of a negative length")
@@ -150,5 +168,7 @@ def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) 
     # numpy would give every item the size of the longest text among them.
     whole = isinstance(values, list) and all(type(number) is int for number in values)
     if not whole or len(values) % group or max(map(abs, values), default=0) > MAX_PIXEL:
-        raise InputFileError(where, f"'{key}' of a layer is no list of whole numbers in groups of {group}")
+        raise InputFileError(
+            where, f"'{key}' of a layer is no list of whole numbers in groups of {group}"
+        )
     return np.array(values, np.int64).reshape(-1, group)

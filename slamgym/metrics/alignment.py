@@ -278,7 +278,10 @@ class _Search:
         turned = Similarity(0.0, 0.0, angle, log_scale).matrix(1, 1)[:, :2] @ self.pivot
         moved = self.pivot - turned
         return Similarity(
-            float(moved[0]) + shift_x, float(moved[1]) + shift_y, float(wrap_angle(angle)), log_scale
+            float(moved[0]) + shift_x,
+            float(moved[1]) + shift_y,
+            float(wrap_angle(angle)),
+            log_scale,
         )
 
 

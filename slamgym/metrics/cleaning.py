@@ -33,7 +33,9 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
     free = _fill_furniture(slam == FREE, LARGEST_FURNITURE / metres_per_px)
-    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WIDEST_WALL_GAP / metres_per_px))
+    walls = cv2.morphologyEx(
+        (~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WIDEST_WALL_GAP / metres_per_px)
+    )
     opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(NARROWEST_FLOOR / metres_per_px))
     return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
 

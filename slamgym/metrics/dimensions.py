@@ -81,10 +81,16 @@ def measure_dimensions(
     widths, lengths, thicknesses = [], [], []
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
         across = [
-            [run for run in floor_runs(line) if run.length >= narrowest and _in_one_room(run, numbers)]
+            [
+                run
+                for run in floor_runs(line)
+                if run.length >= narrowest and _in_one_room(run, numbers)
+            ]
             for line, numbers in zip(b, labels, strict=True)
         ]
-        widths += list(_run_errors(across, [floor_runs(line) for line in a], piece, 0.0, or_none=True))
+        widths += list(
+            _run_errors(across, [floor_runs(line) for line in a], piece, 0.0, or_none=True)
+        )
         walls = [[run for run in wall_runs(line) if run.length <= thickest] for line in b]
         thicknesses += list(
             _run_errors(walls, [wall_runs(line) for line in a], piece, SEARCH / metres_per_px)
@@ -143,7 +149,8 @@ def floor_runs(line: Float32Array) -> list[Run]:
     starts = firsts + 0.5 - padded[firsts + 1] - padded[firsts]
     ends = lasts - 0.5 + padded[lasts + 1] + padded[lasts + 2]
     return [
-        Run(*run) for run in zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
+        Run(*run)
+        for run in zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
     ]
 
 
@@ -200,7 +207,11 @@ def _same_ends(a: Run, b: Run) -> bool:
 
 
 def _run_errors(
-    truth: list[list[Run]], drawn: list[list[Run]], min_px: float, search_px: float, or_none: bool = False
+    truth: list[list[Run]],
+    drawn: list[list[Run]],
+    min_px: float,
+    search_px: float,
+    or_none: bool = False,
 ) -> Iterator[float]:
     """Drawn minus true length of every straight piece of true runs, the median over its lines [cells].
 
@@ -231,15 +242,22 @@ def _in_one_room(run: Run, numbers: IntArray) -> bool:
     return bool(room > 0 and np.count_nonzero(labels == room) >= 0.95 * len(labels))
 
 
-def _length_errors(drawn: Float32Array, truth: Float32Array, metres_per_px: float) -> Iterator[float]:
+def _length_errors(
+    drawn: Float32Array, truth: Float32Array, metres_per_px: float
+) -> Iterator[float]:
     """Length errors of every straight face along the columns' axis [cells]: drawn (with any excess) minus true."""
     reach = SEARCH / metres_per_px
     for values, other in ((truth, drawn), (truth[::-1], drawn[::-1])):
-        faces = [[Run(r.first, r.first, r.start, r.start) for r in floor_runs(column)] for column in values.T]
+        faces = [
+            [Run(r.first, r.first, r.start, r.start) for r in floor_runs(column)]
+            for column in values.T
+        ]
         for piece in straight_pieces(faces, MIN_WALL / metres_per_px):
             row = float(np.median([run.start for run in piece.runs]))
             first, last = piece.line, piece.line + len(piece.runs) - 1
-            yield _face_length(other, row, first, last, reach) - _face_length(values, row, first, last, reach)
+            yield _face_length(other, row, first, last, reach) - _face_length(
+                values, row, first, last, reach
+            )
 
 
 def _face_length(values: Float32Array, row: float, first: int, last: int, reach: float) -> float:

@@ -57,7 +57,9 @@ class MapLayers:
         return MapLayers(free - door, 1.0 - free, door, np.zeros_like(free))
 
 
-def layer_shares(cad: ByteArray, doors: BoolArray, slam: ByteArray, metres_per_px: float) -> ByteArray:
+def layer_shares(
+    cad: ByteArray, doors: BoolArray, slam: ByteArray, metres_per_px: float
+) -> ByteArray:
     """The layers that a translator shall draw for a pair.
 
     Args:
@@ -73,7 +75,9 @@ def layer_shares(cad: ByteArray, doors: BoolArray, slam: ByteArray, metres_per_p
     floor = np.where(explored, cad, 0).astype(np.uint8)
     near_floor = distance_to(floor > FREE // 2) <= max(WALL_DEPTH / metres_per_px, 1.0)
     wall = np.where(explored & near_floor, FREE - floor, 0)
-    layers = np.stack([np.where(doors, 0, floor), wall, np.where(doors, floor, 0), FREE - floor - wall])
+    layers = np.stack(
+        [np.where(doors, 0, floor), wall, np.where(doors, floor, 0), FREE - floor - wall]
+    )
     return layers.astype(np.uint8)
 
 

@@ -68,10 +68,18 @@ class ObstacleDistance:
         self.frame = GridFrame.covering((low[0], low[1], high[0], high[1]), _CELL, _MARGIN)
         canvas = np.full(self.frame.shape, 255, dtype=np.uint8)
         # Pixels with row 0 at the bottom; a pixel's centre is at a whole number.
-        pixels = (segments.reshape(-1, 2) - [self.frame.origin_x, self.frame.origin_y]) / _CELL - 0.5
+        pixels = (
+            segments.reshape(-1, 2) - [self.frame.origin_x, self.frame.origin_y]
+        ) / _CELL - 0.5
         lines = np.rint(pixels * (1 << _SHIFT)).astype(np.int32).reshape(-1, 2, 2)
         cv2.polylines(
-            canvas, list(lines), isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT
+            canvas,
+            list(lines),
+            isClosed=False,
+            color=0,
+            thickness=1,
+            lineType=cv2.LINE_8,
+            shift=_SHIFT,
         )
         pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[::-1]
         self._field: Float32Array = (pixels_away * _CELL).astype(np.float32)

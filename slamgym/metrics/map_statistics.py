@@ -69,7 +69,9 @@ def cut_to_floor(cells: ByteArray) -> ByteArray:
 
     Without free space it is empty.
     """
-    _, _, stats, _ = cv2.connectedComponentsWithStats((cells == FREE).astype(np.uint8), connectivity=4)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(
+        (cells == FREE).astype(np.uint8), connectivity=4
+    )
     if len(stats) < 2:
         return cells[:0, :0]
     left, top, width, height, _ = stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))]
@@ -111,7 +113,8 @@ def look_statistics(cells: ByteArray) -> dict[str, float]:
         "free_fragments_per_100m2": 100.0 * free_fragments(free) / area,
         "blob_median_px": float(np.median(sizes)) if len(sizes) else 0.0,
         **_ray_statistics(free, unknown, area),
-        "specks_in_free_share": float(specks[specks <= _SPECK_CELLS].sum()) / max(float(free.sum()), 1.0),
+        "specks_in_free_share": float(specks[specks <= _SPECK_CELLS].sum())
+        / max(float(free.sum()), 1.0),
         "dots_in_unknown_per_100m2": 100.0 * _dots(occupied, unknown) / area,
         **_straightness(occupied),
         "free_area_m2": area,
@@ -165,7 +168,12 @@ def _run_lengths(occupied: BoolArray) -> dict[str, float]:
         edges = np.diff(np.pad(picture, ((0, 0), (1, 1))).astype(np.int8), axis=1)
         lengths.append(np.nonzero(edges == -1)[1] - np.nonzero(edges == 1)[1])
     run = np.concatenate(lengths)
-    names = {"run_1": run == 1, "run_2": run == 2, "run_3": run == 3, "run_4_to_6": (run >= 4) & (run <= 6)}
+    names = {
+        "run_1": run == 1,
+        "run_2": run == 2,
+        "run_3": run == 3,
+        "run_4_to_6": (run >= 4) & (run <= 6),
+    }
     return {name: float(hit.sum() / max(len(run), 1)) for name, hit in names.items()}
 
 
@@ -200,8 +208,12 @@ def _ray_statistics(free: BoolArray, unknown: BoolArray, area: float) -> dict[st
 
 def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
     """Blobs of at most three occupied cells with more unknown than free neighbours: ends of stray beams."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied.astype(np.uint8), connectivity=8)
-    near = cv2.filter2D(unknown.astype(np.float32), -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(
+        occupied.astype(np.uint8), connectivity=8
+    )
+    near = cv2.filter2D(
+        unknown.astype(np.float32), -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE
+    )
     count = np.bincount(labels.ravel(), minlength=len(stats))
     share = np.bincount(labels.ravel(), near.ravel(), len(stats)) / np.maximum(count, 1)
     return int(((stats[1:, cv2.CC_STAT_AREA] <= _SPECK_CELLS) & (share[1:] > 0.5)).sum())
@@ -212,8 +224,12 @@ def _straightness(occupied: BoolArray) -> dict[str, float]:
     if not occupied.any():
         return {"wall_coherence": 0.0, "bent_share": 0.0, "axis_alignment": 0.0}
     image = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
-    gx, gy = (cv2.Sobel(image, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0))
-    xx, yy, xy = (cv2.GaussianBlur(part, (0, 0), _NEIGHBOURHOOD) for part in (gx * gx, gy * gy, gx * gy))
+    gx, gy = (
+        cv2.Sobel(image, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0)
+    )
+    xx, yy, xy = (
+        cv2.GaussianBlur(part, (0, 0), _NEIGHBOURHOOD) for part in (gx * gx, gy * gy, gx * gy)
+    )
     coherence = (np.hypot(xx - yy, 2.0 * xy) / np.maximum(xx + yy, 1e-9))[occupied]
     # Directions count modulo 90 degrees, as walls of one building stand square to each other.
     turns = np.exp(4j * np.arctan2(gy, gx).astype(np.float64))

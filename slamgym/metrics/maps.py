@@ -15,7 +15,15 @@ import cv2
 import numpy as np
 
 from slamgym.core.thin_walls import SHARE_STEPS, close_thin_walls
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+)
 
 MIN_OCCUPIED_SHARE = 0.3
 """A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
@@ -95,8 +103,12 @@ def resample_slam(
         return cells
     size = (shape[1], shape[0])
     if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
-        return np.asarray(cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8)
-    occupied = cv2.resize((cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(
+            cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8
+        )
+    occupied = cv2.resize(
+        (cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA
+    )
     free = cv2.resize((cells == FREE).astype(np.float32), size, interpolation=cv2.INTER_AREA)
     result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
     # Nothing of it known: neither share may decide.
@@ -113,10 +125,15 @@ def keep_thin_walls(share: Float32Array, drawing: Float32Array, matrix: FloatArr
         matrix: (2, 3), from (col, row) of the drawing to that of ``share``.
     """
     kept, finer = share.copy(), np.array([[SHARE_STEPS], [1.0]])
-    for values, image, motion in ((kept, drawing, matrix), (kept.T, drawing.T, matrix[::-1, [1, 0, 2]])):
+    for values, image, motion in (
+        (kept, drawing, matrix),
+        (kept.T, drawing.T, matrix[::-1, [1, 0, 2]]),
+    ):
         # Cubic: linear interpolation would lift a wall of one cell to a half next to its middle.
         size = (SHARE_STEPS * (values.shape[1] - 1) + 1, values.shape[0])
-        line = cv2.warpAffine(np.ascontiguousarray(image), finer * motion, size, flags=cv2.INTER_CUBIC)
+        line = cv2.warpAffine(
+            np.ascontiguousarray(image), finer * motion, size, flags=cv2.INTER_CUBIC
+        )
         close_thin_walls(values, line >= 0.5)
     return kept
 
@@ -185,7 +202,8 @@ def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
 def distance_to(mask: BoolArray) -> FloatArray:
     """Euclidean distance of each cell's centre from that of the nearest true cell [cells]."""
     return np.asarray(
-        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE), dtype=np.float64
+        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE),
+        dtype=np.float64,
     )
 
 
@@ -196,4 +214,6 @@ def check_same_shape(a: np.ndarray, b: np.ndarray) -> None:
         ValueError: If the shapes differ.
     """
     if a.shape != b.shape:
-        raise ValueError(f"the maps have different shapes: {a.shape} and {b.shape}; put them on one frame")
+        raise ValueError(
+            f"the maps have different shapes: {a.shape} and {b.shape}; put them on one frame"
+        )

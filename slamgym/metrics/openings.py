@@ -13,7 +13,14 @@ import cv2
 import numpy as np
 
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray
-from slamgym.metrics.dimensions import FLOOR, MAX_THICKNESS, Run, floor_runs, straight_pieces, wall_runs
+from slamgym.metrics.dimensions import (
+    FLOOR,
+    MAX_THICKNESS,
+    Run,
+    floor_runs,
+    straight_pieces,
+    wall_runs,
+)
 from slamgym.metrics.maps import check_same_shape
 from slamgym.metrics.rooms import label_rooms
 
@@ -74,7 +81,8 @@ def compare_openings(
     cores = np.where(from_walls(truth >= FLOOR) * metres_per_px > 0.2, rooms, 0)
     kept = [door for door in doors if _is_open(door, drawn >= FLOOR, cores, metres_per_px)]
     widths = [
-        _clear_width(door, drawn, metres_per_px) - _clear_width(door, truth, metres_per_px) for door in kept
+        _clear_width(door, drawn, metres_per_px) - _clear_width(door, truth, metres_per_px)
+        for door in kept
     ]
     holes: dict[tuple[int, int], int] = defaultdict(int)
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
@@ -118,7 +126,9 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
         mask = np.zeros(rooms.shape, np.uint8)
         mask[tuple(np.array(cells).T)] = 1
         # A border is a staircase of single steps: one cell of slack joins them.
-        count, labels = cv2.connectedComponents(cv2.dilate(mask, np.ones((3, 3), np.uint8)), connectivity=8)
+        count, labels = cv2.connectedComponents(
+            cv2.dilate(mask, np.ones((3, 3), np.uint8)), connectivity=8
+        )
         for number in range(1, count):
             places = [cell for cell in cells if labels[cell] == number]
             row, col = max(places, key=lambda cell: radius[cell])
@@ -153,7 +163,10 @@ def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: fl
         slice(max(0, door.col - reach), door.col + reach + 1),
     )
     _, parts = cv2.connectedComponents(drawn[window].astype(np.uint8), connectivity=4)
-    sides = [set(np.unique(parts[drawn[window] & (cores[window] == room)]).tolist()) for room in door.rooms]
+    sides = [
+        set(np.unique(parts[drawn[window] & (cores[window] == room)]).tolist())
+        for room in door.rooms
+    ]
     return bool(sides[0] & sides[1])
 
 
@@ -182,7 +195,9 @@ def _holes(
     by_line: list[list[Run]] = []
     for line, labels in zip(truth, rooms, strict=True):
         walls = [wall for wall in wall_runs(line) if wall.length <= thickest]
-        by_line.append([wall for wall in walls if 0 < labels[wall.first - 1] != labels[wall.last + 1] > 0])
+        by_line.append(
+            [wall for wall in walls if 0 < labels[wall.first - 1] != labels[wall.last + 1] > 0]
+        )
     found = []
     for piece in straight_pieces(by_line, smallest + 2 * trimmed):
         middle = len(piece.runs) // 2

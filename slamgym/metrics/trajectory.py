@@ -37,7 +37,9 @@ class ErrorStatistics:
         """
         errors = np.abs(np.asarray(errors, dtype=np.float64))
         if errors.size == 0:
-            raise ValueError("there is no error to summarise: the trajectories share no moment in time")
+            raise ValueError(
+                "there is no error to summarise: the trajectories share no moment in time"
+            )
         return ErrorStatistics(
             rmse=float(np.sqrt(np.mean(errors**2))),
             mean=float(errors.mean()),
@@ -102,7 +104,9 @@ def align_se2(points: FloatArray, target: FloatArray) -> Pose2D:
     return Pose2D(float(shift[0]), float(shift[1]), theta)
 
 
-def absolute_trajectory_error(estimate: Trajectory, truth: Trajectory, *, align: bool = True) -> PoseError:
+def absolute_trajectory_error(
+    estimate: Trajectory, truth: Trajectory, *, align: bool = True
+) -> PoseError:
     """ATE: distance of the estimated poses from the true ones at the same moments.
 
     Args:
@@ -128,7 +132,9 @@ def _paired(estimate: Trajectory, truth: Trajectory) -> tuple[FloatArray, FloatA
     return reference[valid], estimate.poses[valid]
 
 
-def relative_pose_error(estimate: Trajectory, truth: Trajectory, *, delta: float = 1.0) -> PoseError:
+def relative_pose_error(
+    estimate: Trajectory, truth: Trajectory, *, delta: float = 1.0
+) -> PoseError:
     """RPE: error of the motion over each stretch of ``delta`` metres of the true path.
 
     Args:
@@ -145,7 +151,8 @@ def relative_pose_error(estimate: Trajectory, truth: Trajectory, *, delta: float
     starts = np.flatnonzero(ends < len(travelled))
     ends = ends[starts]
     error = relative_poses(
-        relative_poses(reference[starts], reference[ends]), relative_poses(poses[starts], poses[ends])
+        relative_poses(reference[starts], reference[ends]),
+        relative_poses(poses[starts], poses[ends]),
     )
     return PoseError(*_statistics(error))
 
@@ -175,13 +182,19 @@ def relation_error(
     The errors are those of eq. (4) of the paper with the absolute instead of the squared error, as its tables
     have it: ``delta = relative^-1 * estimated``, of which the length and the angle are taken.
     """
-    wanted = np.abs(np.asarray(end_stamps) - start_stamps) > REVISIT_SECONDS if revisits else np.s_[:]
+    wanted = (
+        np.abs(np.asarray(end_stamps) - start_stamps) > REVISIT_SECONDS if revisits else np.s_[:]
+    )
     starts, start_known = _nearest_poses(trajectory, np.asarray(start_stamps)[wanted])
     ends, end_known = _nearest_poses(trajectory, np.asarray(end_stamps)[wanted])
     known = start_known & end_known
     if not known.any():
-        raise ValueError("no relation lies within the time of the trajectory; are they of the same log?")
-    error = relative_poses(np.asarray(relative)[wanted][known], relative_poses(starts[known], ends[known]))
+        raise ValueError(
+            "no relation lies within the time of the trajectory; are they of the same log?"
+        )
+    error = relative_poses(
+        np.asarray(relative)[wanted][known], relative_poses(starts[known], ends[known])
+    )
     return RelationError(*_statistics(error), missing=int(np.count_nonzero(~known)))
 
 
@@ -203,7 +216,9 @@ def relative_poses(a: FloatArray, b: FloatArray) -> FloatArray:
     """Each pose of ``b`` seen from the pose of ``a`` in the same row; both have shape (N, 3)."""
     cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
     dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-    return np.column_stack([cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(b[:, 2] - a[:, 2])])
+    return np.column_stack(
+        [cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(b[:, 2] - a[:, 2])]
+    )
 
 
 def normalised_estimation_error_squared(

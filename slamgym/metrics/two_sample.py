@@ -46,7 +46,9 @@ def distinguish(
     group = np.unique(np.array(buildings), return_inverse=True)[1]
     fewest = min(len(np.unique(group[of_second == kind])) for kind in (False, True))
     if fewest < 2:
-        raise ConfigError("a test needs maps of at least two buildings of each kind; add maps of others")
+        raise ConfigError(
+            "a test needs maps of at least two buildings of each kind; add maps of others"
+        )
     folds = min(folds, fewest)
     right = np.zeros(len(of_second))
     for repeat in range(repeats):

@@ -13,7 +13,15 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+)
 
 TOLERANCE_PX = 1.5
 """A straight piece strays by at most this from the border's cells."""
@@ -115,7 +123,9 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
     elsewhere = np.abs(_difference(bins, angle)) >= APART_DEG
     rival = int(np.argmax(np.where(elsewhere, scores, -1.0)))
     share = float(scores[rival] / scores.max())
-    return WallDirection(float(_difference(angle, 0.0)), float(scores.max()), float(bins[rival]), share)
+    return WallDirection(
+        float(_difference(angle, 0.0)), float(scores.max()), float(bins[rival]), share
+    )
 
 
 def _difference(angle: FloatArray | float, other: FloatArray | float) -> FloatArray:
@@ -174,7 +184,9 @@ def turned(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray
         angle_deg: [deg]
         fill: Value of what comes from beyond the border.
     """
-    return cells if angle_deg == 0.0 else np.asarray(_turn(cells, angle_deg, cv2.INTER_NEAREST, fill))
+    return (
+        cells if angle_deg == 0.0 else np.asarray(_turn(cells, angle_deg, cv2.INTER_NEAREST, fill))
+    )
 
 
 def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
@@ -219,4 +231,6 @@ def transformed(
         method: OpenCV's interpolation.
     """
     size = (image.shape[1], image.shape[0])
-    return cv2.warpAffine(image, matrix, size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill)
+    return cv2.warpAffine(
+        image, matrix, size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
+    )

@@ -95,11 +95,22 @@ def landmark_problem(
     )
     sigmas = np.array([sigma_range, sigma_bearing])
     return LandmarkProblem(
-        true_poses, believed, control_sigmas, mount_x, unique, points, scan, landmark, measured, sigmas
+        true_poses,
+        believed,
+        control_sigmas,
+        mount_x,
+        unique,
+        points,
+        scan,
+        landmark,
+        measured,
+        sigmas,
     )
 
 
-def _observed_cells(hits: Int32Array, per_scan: int, rng: np.random.Generator) -> tuple[IntArray, Int32Array]:
+def _observed_cells(
+    hits: Int32Array, per_scan: int, rng: np.random.Generator
+) -> tuple[IntArray, Int32Array]:
     """(scan, cell) of every observation: each cell once per scan, at most ``per_scan`` of them, at random."""
     cells = []
     for row in hits:

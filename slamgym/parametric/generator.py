@@ -134,7 +134,9 @@ def _map(
     mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
     gate = OdometryGate(update_thresholds(slam))
     odometry, unseen = np.empty_like(path.poses), np.empty(0, dtype=np.float32)
-    for index, (stamp, pose) in enumerate(zip(path.stamps.tolist(), path.poses.tolist(), strict=True)):
+    for index, (stamp, pose) in enumerate(
+        zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
+    ):
         driven = Twist2D(0.0, 0.0)
         if index:
             motion = world.carry(Pose2D(*pose), step)
@@ -165,12 +167,16 @@ def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
     error = size * _TURN * rng.standard_normal() * np.column_stack([-y, x, np.ones_like(x)])
     first = rng.uniform(0.0, 2.0 * math.pi)
     for heading in (first, first + 0.5 * math.pi):
-        kx, ky = (2.0 * math.pi / _WAVELENGTH * part for part in (math.cos(heading), math.sin(heading)))
+        kx, ky = (
+            2.0 * math.pi / _WAVELENGTH * part for part in (math.cos(heading), math.sin(heading))
+        )
         height_x, height_y = size * _WARP * rng.standard_normal(2)
         along = kx * x + ky * y + rng.uniform(0.0, 2.0 * math.pi)
         # Half of its curl is how far a field turns what lies in it.
         curl = 0.5 * (kx * height_y - ky * height_x)
-        error += np.column_stack([height_x * np.sin(along), height_y * np.sin(along), curl * np.cos(along)])
+        error += np.column_stack(
+            [height_x * np.sin(along), height_y * np.sin(along), curl * np.cos(along)]
+        )
     error[:, :2] -= error[0, :2]
     error[0] = 0.0
     return error
@@ -179,7 +185,10 @@ def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
 def _view(env: ExploreConfig) -> ScannerView:
     """What the mapper uses of a laser."""
     lidar = env.lidar
-    far, view = min(lidar.range_max, env.slam.max_usable_range), math.radians(lidar.field_of_view_deg)
+    far, view = (
+        min(lidar.range_max, env.slam.max_usable_range),
+        math.radians(lidar.field_of_view_deg),
+    )
     return ScannerView(
         view, lidar.range_min, far, lidar.num_beams // (env.slam.beam_skip + 1), lidar.mount[0]
     )
@@ -193,4 +202,6 @@ def _frame_about(plan: "FloorPlan", drawn: GridFrame) -> GridFrame:
         max(0, math.ceil((needed + DRIFT_MARGIN) / step))
         for needed in (x - min_x, y - min_y, max_x - x - width * step, max_y - y - height * step)
     )
-    return GridFrame(step, x - left * step, y - below * step, height + below + above, width + left + right)
+    return GridFrame(
+        step, x - left * step, y - below * step, height + below + above, width + left + right
+    )

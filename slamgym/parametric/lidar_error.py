@@ -79,11 +79,17 @@ class WallBeams:
     field: Float32Array  # (2, H, W) [m] displacement d_L, world frame, 0 where no beam hit
     hit: BoolArray  # (H, W) walls whose beam measured them
     lost: BoolArray  # (H, W) walls whose beam met something else
-    stray_points: FloatArray  # (N, 2) [m] where beams of any range set a cell, true placement, world frame
+    stray_points: (
+        FloatArray  # (N, 2) [m] where beams of any range set a cell, true placement, world frame
+    )
 
 
 def wall_beams(
-    visibility: Visibility, errors: LidarErrors, range_max: float, severity: float, rng: np.random.Generator
+    visibility: Visibility,
+    errors: LidarErrors,
+    range_max: float,
+    severity: float,
+    rng: np.random.Generator,
 ) -> WallBeams:
     """The exteroceptive displacement of every seen wall cell: eqs. (11), (12) corrected.
 
@@ -137,7 +143,9 @@ def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray) -> Fl
     hits = np.full((len(field), *(size + 2 * half for size in field.shape[1:])), np.nan, np.float32)
     hits[:, rows + half, cols + half] = field[:, rows, cols]
     windows = sliding_window_view(hits, (_MEDIAN_PX, _MEDIAN_PX), axis=(1, 2))[:, rows, cols]
-    ordered = np.sort(windows.reshape(len(field), len(rows), _MEDIAN_PX**2))  # what is no number goes last
+    ordered = np.sort(
+        windows.reshape(len(field), len(rows), _MEDIAN_PX**2)
+    )  # what is no number goes last
     middle = (np.isfinite(ordered).sum(axis=2, keepdims=True) - 1) // 2
     filtered = np.zeros_like(field)
     filtered[:, rows, cols] = np.take_along_axis(ordered, middle, axis=2)[:, :, 0]

@@ -119,12 +119,16 @@ def deform(
     )
     beams = wall_beams(visibility, robot.lidar, scanner.range_max, model.severity, of_beams)
     if model.method == "ekf_schur":
-        forward, known, controls, believed = _landmark_slam(model, path.poses, visibility, robot, of_noise)
+        forward, known, controls, believed = _landmark_slam(
+            model, path.poses, visibility, robot, of_noise
+        )
     else:
         controls = disturb(increments_of(path.poses), robot.phases, model.two_phase, of_noise)
         believed = integrate(path.poses[0], controls)
         # The EKF has taken the LIDAR's errors in as measurements; here they are added.
-        forward = displacements(path.poses, believed, visibility) + densify(beams.field, beams.hit, 0.0)
+        forward = displacements(path.poses, believed, visibility) + densify(
+            beams.field, beams.hit, 0.0
+        )
         known = visibility.seen
     forward = densify(forward, known, SMOOTHING / frame.resolution)
 
@@ -161,7 +165,14 @@ def _landmark_slam(
     """
     controls = believed_increments(increments_of(poses), robot.wheels)
     problem = landmark_problem(
-        poses, controls, visibility, ScannerView().mount_x, robot.lidar, model.ekf, rng, model.severity
+        poses,
+        controls,
+        visibility,
+        ScannerView().mount_x,
+        robot.lidar,
+        model.ekf,
+        rng,
+        model.severity,
     )
     estimate = solve_schur(problem)
     rows, cols = np.divmod(problem.cells, visibility.frame.width_px)

@@ -97,7 +97,9 @@ def increments_of(poses: FloatArray) -> Increments:
     turn = np.asarray(wrap_angle(np.diff(poses[:, 2])))
     middle = poses[:-1, 2] + 0.5 * turn
     cos, sin = np.cos(middle), np.sin(middle)
-    return Increments(cos * step[:, 0] + sin * step[:, 1], -sin * step[:, 0] + cos * step[:, 1], turn)
+    return Increments(
+        cos * step[:, 0] + sin * step[:, 1], -sin * step[:, 0] + cos * step[:, 1], turn
+    )
 
 
 def integrate(start: FloatArray, increments: Increments) -> FloatArray:

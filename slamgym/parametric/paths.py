@@ -57,8 +57,14 @@ def check_waypoints(waypoints: Waypoints, name: str) -> None:
     points, times = waypoints.points, waypoints.times
     _require(len(points) >= 2, name, f"has {len(points)} waypoint(s); give at least two")
     finite = np.isfinite(points).all(axis=1)
-    _require(finite.all(), name, f"waypoint {np.argmin(finite) + 1} is not a pair of finite numbers")
-    _require(np.diff(points, axis=0).any(), name, "all waypoints lie in one place; give two different ones")
+    _require(
+        finite.all(), name, f"waypoint {np.argmin(finite) + 1} is not a pair of finite numbers"
+    )
+    _require(
+        np.diff(points, axis=0).any(),
+        name,
+        "all waypoints lie in one place; give two different ones",
+    )
     if times is not None:
         known = times.shape == (len(points),) and np.isfinite(times).all()
         _require(known, name, "every waypoint needs one finite time of arrival")
@@ -76,7 +82,9 @@ def _duration(length: float, top_speed: float, acceleration: float) -> float:
     return length / (acceleration * ramp) + ramp
 
 
-def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> tuple[FloatArray, FloatArray]:
+def _trapezoid(
+    length: float, top_speed: float, acceleration: float, n: int
+) -> tuple[FloatArray, FloatArray]:
     """Time and distance of a move from rest to rest over ``length``, n + 1 samples."""
     ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
     speed, total = acceleration * ramp, _duration(length, top_speed, acceleration)
@@ -90,7 +98,9 @@ def _trapezoid(length: float, top_speed: float, acceleration: float, n: int) -> 
     return t, distance
 
 
-def drive(waypoints: Waypoints, name: str = "the trajectory", robot: RobotConfig = _ROBOT) -> Trajectory:
+def drive(
+    waypoints: Waypoints, name: str = "the trajectory", robot: RobotConfig = _ROBOT
+) -> Trajectory:
     """Drive along waypoints: turn in place, drive straight; slower than the robot can where times allow it.
 
     Args:
@@ -242,7 +252,9 @@ def read_waypoints(path: Path | str) -> Waypoints:
             if number == 1:
                 continue  # the header
             where = f"{path}:{number}"
-            raise InputFileError(where, f"is not a line of numbers x,y[,t]: {shown(line)}") from error
+            raise InputFileError(
+                where, f"is not a line of numbers x,y[,t]: {shown(line)}"
+            ) from error
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             raise InputFileError(
                 f"{path}:{number}", "has not two (x,y) or three (x,y,t) numbers like the rest"
@@ -254,7 +266,9 @@ def read_waypoints(path: Path | str) -> Waypoints:
     return Waypoints(table[:, :2], table[:, 2] if table.shape[1] == 3 else None)
 
 
-def trajectory_from_file(path: Path | str, plan: "FloorPlan", robot: RobotConfig = _ROBOT) -> Trajectory:
+def trajectory_from_file(
+    path: Path | str, plan: "FloorPlan", robot: RobotConfig = _ROBOT
+) -> Trajectory:
     """The true path that a file holds: waypoints (``.csv``) or recorded poses (``.tum`` or ``.txt``).
 
     Convention: the numbers are in the world frame of the plan.

@@ -15,9 +15,7 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.parametric.ekf_slam import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
 
-_ITERATIONS = (
-    2  # Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg
-)
+_ITERATIONS = 2  # Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg
 _MAX_SCANS = 4000  # beyond this the factors of a long winding path fill gigabytes
 
 
@@ -47,7 +45,9 @@ def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
     return LandmarkEstimate(poses, points)
 
 
-def _gauss_newton_step(problem: LandmarkProblem, poses: FloatArray, points: FloatArray) -> FloatArray:
+def _gauss_newton_step(
+    problem: LandmarkProblem, poses: FloatArray, points: FloatArray
+) -> FloatArray:
     """One step, for the poses after the first and then for the landmarks, shape (3 (T - 1) + 2 N,)."""
     scan, landmark = problem.scan, problem.landmark
     predicted, by_pose, by_point = observation_model(poses[scan], points[landmark], problem.mount_x)
@@ -57,17 +57,23 @@ def _gauss_newton_step(problem: LandmarkProblem, poses: FloatArray, points: Floa
 
     moved, before, after = _motion_terms(problem, poses)
     ends = np.arange(len(moved))[:, None] + np.arange(2)
-    motion = _blocks(np.stack([before, after], axis=1).reshape(-1, 3, 3), ends.ravel(), len(poses), 2)
+    motion = _blocks(
+        np.stack([before, after], axis=1).reshape(-1, 3, 3), ends.ravel(), len(poses), 2
+    )
     sight = _blocks(by_pose, scan, len(poses)), _blocks(by_point, landmark, len(points))
     # The first pose is known: its three columns drop out.
     J = block_array([[motion, None], list(sight)], format="csc")[:, 3:]
     residual = np.concatenate([moved.ravel(), (observed / problem.sigmas).ravel()])
     symmetric = {"SymmetricMode": True}
-    factor = splu(csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric)
+    factor = splu(
+        csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+    )
     return np.asarray(factor.solve(J.T @ residual))
 
 
-def _motion_terms(problem: LandmarkProblem, poses: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _motion_terms(
+    problem: LandmarkProblem, poses: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Odometry's residuals (T - 1, 3), and their Jacobians by the earlier and the later pose (T - 1, 3, 3)."""
     motion = increments_of(poses)
     middle = poses[:-1, 2] + 0.5 * motion.turn

@@ -56,8 +56,12 @@ def observe_cells(
             step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
             per_col = 1.0 / abs(dx) if dx != 0.0 else math.inf
             per_row = 1.0 / abs(dy) if dy != 0.0 else math.inf
-            next_col = ((col + 1 - x0) if dx > 0.0 else (x0 - col)) * per_col if dx != 0.0 else math.inf
-            next_row = ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_row if dy != 0.0 else math.inf
+            next_col = (
+                ((col + 1 - x0) if dx > 0.0 else (x0 - col)) * per_col if dx != 0.0 else math.inf
+            )
+            next_row = (
+                ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_row if dy != 0.0 else math.inf
+            )
             travelled = 0.0
             while travelled <= range_max_px and 0 <= row < height and 0 <= col < width:
                 if last[row, col] != k:
@@ -112,7 +116,9 @@ def beam_angles(scanner: ScannerView, resolution: float) -> FloatArray:
     return np.asarray(view / (num - 1) * beams - 0.5 * view, dtype=np.float64)
 
 
-def observe(occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: ScannerView) -> Visibility:
+def observe(
+    occupied: BoolArray, frame: GridFrame, poses: FloatArray, scanner: ScannerView
+) -> Visibility:
     """Cast the scans of a trajectory on a raster.
 
     Convention: ``poses`` are in the frame that ``frame`` places the raster in.

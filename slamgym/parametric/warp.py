@@ -17,7 +17,9 @@ _INVERSIONS = 6
 """Fixed-point iterations: each one shrinks the error by the field's slope (of the order of the heading error)."""
 
 
-def displacements(true_poses: FloatArray, believed_poses: FloatArray, visibility: Visibility) -> Float32Array:
+def displacements(
+    true_poses: FloatArray, believed_poses: FloatArray, visibility: Visibility
+) -> Float32Array:
     """The proprioceptive field d_O over every seen cell, placed by the first scan that saw it, like a landmark.
 
     A scan displaces what it draws by a rigid motion: p' = that + R(thetahat - theta)(p - t).
@@ -76,7 +78,9 @@ def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Ar
         filled = of_label[:, labels]
     if sigma_px <= 0.0:
         return filled.astype(np.float32)
-    return np.stack([cv2.GaussianBlur(c, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE) for c in filled])
+    return np.stack(
+        [cv2.GaussianBlur(c, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE) for c in filled]
+    )
 
 
 def invert(forward: Float32Array, resolution: float) -> Float32Array:
@@ -93,7 +97,10 @@ def invert(forward: Float32Array, resolution: float) -> Float32Array:
     for _ in range(_INVERSIONS):
         cols, rows = _sample_positions(d, resolution)
         d = np.stack(
-            [cv2.remap(c, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE) for c in forward]
+            [
+                cv2.remap(c, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+                for c in forward
+            ]
         )
     return d
 

@@ -70,7 +70,9 @@ class Costmap:
     """Costs of the known part of a map."""
 
     costs: ByteArray  # (H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown
-    distance: Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf: it is far
+    distance: (
+        Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf: it is far
+    )
     frame: GridFrame
     cells: ByteArray  # (H, W) the map that it was made of
     config: CostmapConfig
@@ -91,8 +93,14 @@ def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> Occupa
     if end_row == 0:
         first_row, end_row, first_col, end_col = row, row + 1, col, col + 1
     pad = math.ceil(margin / size)
-    top, bottom = max(0, min(first_row, row) - pad), min(frame.height_px, max(end_row, row + 1) + pad)
-    left, right = max(0, min(first_col, col) - pad), min(frame.width_px, max(end_col, col + 1) + pad)
+    top, bottom = (
+        max(0, min(first_row, row) - pad),
+        min(frame.height_px, max(end_row, row + 1) + pad),
+    )
+    left, right = (
+        max(0, min(first_col, col) - pad),
+        min(frame.width_px, max(end_col, col + 1) + pad),
+    )
     origin = frame.origin_x + left * size, frame.origin_y + (frame.height_px - bottom) * size
     window = GridFrame(size, *origin, bottom - top, right - left)
     return OccupancyGrid(np.array(grid.cells[top:bottom, left:right], order="C"), window)
@@ -158,13 +166,23 @@ def make_costmap(
             near that, is computed again; the result is the same, but for distances of unknown cells beyond its border.
     """
     config, frame, cells = config or CostmapConfig(), grid.frame, grid.cells
-    costs, distance = np.full(frame.shape, NO_INFORMATION, np.uint8), np.full(frame.shape, np.inf, np.float32)
+    costs, distance = (
+        np.full(frame.shape, NO_INFORMATION, np.uint8),
+        np.full(frame.shape, np.inf, np.float32),
+    )
     older = np.full(frame.shape, UNKNOWN, np.uint8)
-    if before is not None and (before.config, before.frame.resolution) == (config, frame.resolution):
+    if before is not None and (before.config, before.frame.resolution) == (
+        config,
+        frame.resolution,
+    ):
         top = round((before.frame.bounds[3] - frame.bounds[3]) / frame.resolution)
         left = round((frame.origin_x - before.frame.origin_x) / frame.resolution)
-        below, right = (there - here for here, there in zip(frame.shape, before.frame.shape, strict=True))
-        if below <= top <= 0 and right <= left <= 0:  # else obstacles may have gone beyond the border
+        below, right = (
+            there - here for here, there in zip(frame.shape, before.frame.shape, strict=True)
+        )
+        if (
+            below <= top <= 0 and right <= left <= 0
+        ):  # else obstacles may have gone beyond the border
             paste(older, before.cells, top, left)
             paste(costs, before.costs, top, left)
             paste(distance, before.distance, top, left)
@@ -175,7 +193,9 @@ def make_costmap(
         (slice(max(0, row - far), end_row + far), slice(max(0, col - far), end_col + far))
         for far in (reach, 2 * reach)
     )
-    inside = tuple(slice(a.start - b.start, a.stop - b.start) for a, b in zip(near, around, strict=True))
+    inside = tuple(
+        slice(a.start - b.start, a.stop - b.start) for a, b in zip(near, around, strict=True)
+    )
     squared = _squared_distance(cells[around])[inside]
     squared[squared > reach**2] = np.inf
     distance[near] = np.sqrt(squared)
@@ -192,7 +212,9 @@ def _squared_distance(cells: ByteArray) -> Float32Array:
     """
     import cv2  # here, because help pages read the settings above
 
-    distance = cv2.distanceTransform((cells != OCCUPIED).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    distance = cv2.distanceTransform(
+        (cells != OCCUPIED).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
+    )
     # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
     return np.rint(np.minimum(distance, 1e6) ** 2)
 
@@ -204,7 +226,9 @@ def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
     """
     if not cells.flags.c_contiguous or cells.shape[1] % 8:
         return _box(cells != UNKNOWN)
-    row, end_row, col, end_col = _box(cells.view(np.uint64) != np.full(8, UNKNOWN, np.uint8).view(np.uint64))
+    row, end_row, col, end_col = _box(
+        cells.view(np.uint64) != np.full(8, UNKNOWN, np.uint8).view(np.uint64)
+    )
     return row, end_row, 8 * col, 8 * end_col
 
 
@@ -225,7 +249,9 @@ def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
     distance = np.sqrt(np.arange(math.floor((end / resolution) ** 2 + 1e-9) + 1)) * resolution
     decayed = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * (distance - config.inscribed_radius))
     decayed[distance > config.inflation_radius + 1e-9] = FREE_COST
-    table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(np.uint8)
+    table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(
+        np.uint8
+    )
     table[0] = LETHAL_COST
     return np.append(table, np.uint8(_COASTAL_COST if coastal else FREE_COST))
 

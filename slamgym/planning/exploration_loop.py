@@ -20,7 +20,11 @@ from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION
 from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
-from slamgym.planning.frontier_candidates import FrontierCandidate, frontiers_in_reach, make_candidates
+from slamgym.planning.frontier_candidates import (
+    FrontierCandidate,
+    frontiers_in_reach,
+    make_candidates,
+)
 from slamgym.planning.frontiers import Frontier, fits_through
 from slamgym.planning.navigator import STOP, Goal, GoalStatus, Navigator, NavigatorConfig
 from slamgym.planning.promise import Promise, is_kept
@@ -84,7 +88,9 @@ class ExplorationLoop:
         target: The frontier that the robot drives to, None if there is none.
     """
 
-    def __init__(self, context: ExplorerContext, config: ExplorationLoopConfig | None = None) -> None:
+    def __init__(
+        self, context: ExplorerContext, config: ExplorationLoopConfig | None = None
+    ) -> None:
         self.context = context
         self.config = config or ExplorationLoopConfig()
         self.num_frontiers = 0
@@ -268,7 +274,9 @@ class ExplorationLoop:
         if self.target is None or status not in (GoalStatus.SUCCEEDED, GoalStatus.ABORTED):
             return
         self._growth.reached += status is GoalStatus.SUCCEEDED
-        self._growth.futile = 0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
+        self._growth.futile = (
+            0 if self._growth.grown_at >= self._choice.made_at else self._growth.futile + 1
+        )
         if self.navigator.reason == "stuck":
             self.navigator.block_ahead(self.pose, self.time)
         self._drop_target()
@@ -312,7 +320,9 @@ class ExplorationLoop:
                 near = {one.whole for one in ahead if one.is_by_wall}
                 ahead = [one for one in ahead if one.is_by_wall or one.whole not in near]
             self.num_frontiers = len(ahead)
-            self.candidates = make_candidates(costmap, space, ahead, self.config.max_candidates, keep)
+            self.candidates = make_candidates(
+                costmap, space, ahead, self.config.max_candidates, keep
+            )
         if not self.candidates:
             self.target = None
             self.navigator.cancel()
@@ -346,7 +356,9 @@ class ExplorationLoop:
         costmap, radius = self.navigator.costmap, self.context.robot_radius
         if costmap is None or self.navigator.reachable is None:
             return None
-        if not (self.candidates or self._has_tried_all) or self._recovery.has_open_space(self.known_map()):
+        if not (self.candidates or self._has_tried_all) or self._recovery.has_open_space(
+            self.known_map()
+        ):
             return None
         return [one for one in self.wanted if fits_through(costmap, one, radius)]
 

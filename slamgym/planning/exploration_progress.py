@@ -53,4 +53,6 @@ class LastChoice:
     is_new_map: bool = False  # since the last search of candidates
     is_stale: bool = True  # something but the map has changed since then
     settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
-    checked: tuple[Costmap, FrontierCandidate] | None = None  # a frontier that is still there on a map
+    checked: tuple[Costmap, FrontierCandidate] | None = (
+        None  # a frontier that is still there on a map
+    )

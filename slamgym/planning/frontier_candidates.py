@@ -59,7 +59,9 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
     height, width = costs.shape[0] // COARSENING, costs.shape[1] // COARSENING
     cut = costs[: height * COARSENING, : width * COARSENING]
     steps = range(COARSENING)
-    joined: ByteArray = np.minimum.reduce([cut[r::COARSENING, c::COARSENING] for r in steps for c in steps])
+    joined: ByteArray = np.minimum.reduce(
+        [cut[r::COARSENING, c::COARSENING] for r in steps for c in steps]
+    )
     size = frame.resolution * COARSENING
     bottom = frame.origin_y + frame.height_px * frame.resolution - height * size
     return joined, GridFrame(size, frame.origin_x, bottom, height, width)
@@ -135,7 +137,9 @@ def make_candidates(
     return found
 
 
-def split_frontier(frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float) -> list[Frontier]:
+def split_frontier(
+    frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float
+) -> list[Frontier]:
     """Cut a frontier in halves, across its longer side, until no part extends farther than an extent [m]."""
     parts, done = [frontier.cells], []
     while parts:
@@ -183,4 +187,8 @@ def _target(frontier: Frontier, points: FloatArray, keep: Point | None) -> Point
     """Where the robot would go for a frontier, given by its cells' centres, too."""
     if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= _KEPT_WITHIN:
         return keep
-    return frontier.middle if math.dist(frontier.centroid, frontier.middle) > _BEND else frontier.centroid
+    return (
+        frontier.middle
+        if math.dist(frontier.centroid, frontier.middle) > _BEND
+        else frontier.centroid
+    )

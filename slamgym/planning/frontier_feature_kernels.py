@@ -37,7 +37,9 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
         coarsening: Side of a coarse cell [cells].
         shape: Of the coarse map.
     """
-    row, col = (np.minimum(cells[:, k] // coarsening, shape[k] - 1, dtype=np.int64) for k in range(2))
+    row, col = (
+        np.minimum(cells[:, k] // coarsening, shape[k] - 1, dtype=np.int64) for k in range(2)
+    )
     return np.stack(np.divmod(np.unique(row * shape[1] + col), shape[1]), axis=1)
 
 
@@ -112,12 +114,20 @@ def explore_unknown_region(
     if ring < near_steps:
         near = tail
     return UnknownRegion(
-        near, tail, outside / tail if tail else 0.0, 1.0 if head == tail else 0.0, free, occupied, others
+        near,
+        tail,
+        outside / tail if tail else 0.0,
+        1.0 if head == tail else 0.0,
+        free,
+        occupied,
+        others,
     )
 
 
 @kernel
-def _seed_unknown_region(classes: ByteArray, cells: IntArray, seen: BoolArray, queue: Int32Array) -> int:
+def _seed_unknown_region(
+    classes: ByteArray, cells: IntArray, seen: BoolArray, queue: Int32Array
+) -> int:
     """Queue the unknown cells at and next to a frontier; returns their number."""
     height, width = classes.shape
     tail = 0
@@ -125,7 +135,12 @@ def _seed_unknown_region(classes: ByteArray, cells: IntArray, seen: BoolArray, q
         for dr in range(-1, 2):
             for dc in range(-1, 2):
                 r, c = cells[i, 0] + dr, cells[i, 1] + dc
-                if 0 <= r < height and 0 <= c < width and classes[r, c] == 0 and not seen[r * width + c]:
+                if (
+                    0 <= r < height
+                    and 0 <= c < width
+                    and classes[r, c] == 0
+                    and not seen[r * width + c]
+                ):
                     seen[r * width + c] = True
                     queue[tail] = r * width + c
                     tail += 1

@@ -8,7 +8,15 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, ByteArray, GridFrame, Int32Array, IntArray, LaserGeometry, Pose2D
+from slamgym.core.types import (
+    BoolArray,
+    ByteArray,
+    GridFrame,
+    Int32Array,
+    IntArray,
+    LaserGeometry,
+    Pose2D,
+)
 from slamgym.planning.costmap import INSCRIBED_COST, LETHAL_COST, NO_INFORMATION, Costmap
 from slamgym.planning.frontier_feature_kernels import unknown_by_ray
 
@@ -39,7 +47,9 @@ class Reachable(NamedTuple):
 
     order: Int32Array  # (N,) flat indices in the order of the search
     mask: BoolArray  # (H * W,) the same as a mask
-    num_centre: int  # the robot's centre can stand on the first so many cells; its body covers the others
+    num_centre: (
+        int  # the robot's centre can stand on the first so many cells; its body covers the others
+    )
 
 
 def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
@@ -52,7 +62,9 @@ def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     import cv2
 
     row, col = costmap.frame.to_cell(pose.x, pose.y)
-    start = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, ANY, costmap.costs.size)
+    start = nearest_open_cell(
+        costmap.costs, int(row), int(col), INSCRIBED_COST, ANY, costmap.costs.size
+    )
     if start < 0:
         return None
     order, mask = flood(costmap.costs, start, INSCRIBED_COST)
@@ -125,10 +137,16 @@ def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fron
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5
     centroid = cells.mean(axis=0)
-    from_robot, from_centroid = (((cells - place) ** 2).sum(axis=1) for place in ((row, col), centroid))
+    from_robot, from_centroid = (
+        ((cells - place) ** 2).sum(axis=1) for place in ((row, col), centroid)
+    )
     nearest, middle = int(np.argmin(from_robot)), int(np.argmin(from_centroid))
-    mean, near, inner = (frame.to_point(*cell.tolist()) for cell in (centroid, cells[nearest], cells[middle]))
-    return Frontier(len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, mean, near, inner, cells)
+    mean, near, inner = (
+        frame.to_point(*cell.tolist()) for cell in (centroid, cells[nearest], cells[middle])
+    )
+    return Frontier(
+        len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, mean, near, inner, cells
+    )
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
@@ -273,7 +291,9 @@ def flood(costs: ByteArray, start: int, limit: int) -> tuple[Int32Array, BoolArr
 
 
 @kernel
-def collect_frontiers(edge: BoolArray, order: Int32Array, min_size: float) -> tuple[Int32Array, IntArray]:
+def collect_frontiers(
+    edge: BoolArray, order: Int32Array, min_size: float
+) -> tuple[Int32Array, IntArray]:
     """Group the frontier cells next to the flooded ones, 8-connected.
 
     Args:

@@ -24,7 +24,11 @@ _STANDS_AT = 0.3
 
 
 def plan_path(
-    costmap: Costmap, start: Pose2D, goal: Point, tolerance: float = 0.5, reachable: Reachable | None = None
+    costmap: Costmap,
+    start: Pose2D,
+    goal: Point,
+    tolerance: float = 0.5,
+    reachable: Reachable | None = None,
 ) -> FloatArray | None:
     """The cheapest path to a goal, or to the place nearest to it where the robot's centre can be.
 
@@ -48,7 +52,9 @@ def plan_path(
     if place is None:
         return None
     first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
-    length, parent = search_path(costmap.costs, first, last, np.array([last]), INSCRIBED_COST, COST_FACTOR)
+    length, parent = search_path(
+        costmap.costs, first, last, np.array([last]), INSCRIBED_COST, COST_FACTOR
+    )
     if not math.isfinite(length[0]):
         return None
     cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))
@@ -89,7 +95,9 @@ def place_near(
     """
     row, col = costmap.frame.to_cell(*goal)
     steps = math.ceil(tolerance / costmap.frame.resolution)
-    cell = nearest_open_cell(costmap.costs, int(row), int(col), INSCRIBED_COST, reachable.mask, steps)
+    cell = nearest_open_cell(
+        costmap.costs, int(row), int(col), INSCRIBED_COST, reachable.mask, steps
+    )
     return None if cell < 0 else divmod(int(cell), costmap.frame.width_px)
 
 
@@ -116,7 +124,9 @@ class CoarsePaths:
         shape = [-(-size // SHRINK) for size in costmap.costs.shape]
         self._costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
         self._costs[rows // SHRINK, cols // SHRINK] = 0
-        self._crossable = np.where(self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0))
+        self._crossable = np.where(
+            self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0)
+        )
         self.cell = SHRINK * costmap.frame.resolution
 
     def place(self, point: Point) -> int:
@@ -148,7 +158,9 @@ class CoarsePaths:
         first, last = self.place(start), self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
-        length, parent = search_path(self._costs, first, last, np.array([last]), INSCRIBED_COST, 0.0)
+        length, parent = search_path(
+            self._costs, first, last, np.array([last]), INSCRIBED_COST, 0.0
+        )
         if not math.isfinite(length[0]):
             return np.zeros((0, 2))
         row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])
@@ -165,7 +177,9 @@ class PathLengths:
     def __init__(self) -> None:
         self._places, self._lengths = np.zeros((0, 2)), np.zeros((0, 0))
 
-    def matrix(self, paths: CoarsePaths, pose: Pose2D, places: FloatArray, per_turn: float) -> FloatArray:
+    def matrix(
+        self, paths: CoarsePaths, pose: Pose2D, places: FloatArray, per_turn: float
+    ) -> FloatArray:
         """Path lengths between the robot and some places.
 
         Args:
@@ -182,9 +196,13 @@ class PathLengths:
         away = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
         # A place that has moved by less than a cell is the old one.
         same = np.argmax(away < paths.cell, axis=1)
-        lengths = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)[np.ix_(same, same)]
+        lengths = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)[
+            np.ix_(same, same)
+        ]
         cells = np.array([paths.place((x, y)) for x, y in points.tolist()])
-        near = np.argsort(first := paths.lengths_from(int(cells[0]), cells), kind="stable")[: 1 + NEAR_PLACES]
+        near = np.argsort(first := paths.lengths_from(int(cells[0]), cells), kind="stable")[
+            : 1 + NEAR_PLACES
+        ]
         for i in np.union1d(near, np.flatnonzero(same >= count)):
             lengths[i] = lengths[:, i] = paths.lengths_from(int(cells[i]), cells) if i else first
             lengths = np.minimum(lengths, lengths[i] + lengths[i][:, None])

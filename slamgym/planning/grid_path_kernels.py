@@ -91,7 +91,11 @@ def search_path(
     flat = costs.reshape(-1)
     # Memory that isn't written to costs nothing, so most of it isn't filled.
     distance, parent = np.empty(height * width, np.float32), np.empty(height * width, np.int32)
-    is_awaited, is_reached, is_closed = np.uint8(1), np.uint8(2), np.uint8(4)  # bits of a cell's state
+    is_awaited, is_reached, is_closed = (
+        np.uint8(1),
+        np.uint8(2),
+        np.uint8(4),
+    )  # bits of a cell's state
     state = np.zeros(height * width, np.uint8)
     num_awaited = 0
     for end in wanted:
@@ -129,11 +133,16 @@ def search_path(
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 neighbour = np.uint64(cell + dr * width + dc)
-                if state[neighbour] & is_closed or flat[neighbour] >= limit:  # closed is the cell itself, too
+                if (
+                    state[neighbour] & is_closed or flat[neighbour] >= limit
+                ):  # closed is the cell itself, too
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
-                    if flat[np.uint64(cell + dr * width)] >= limit or flat[np.uint64(cell + dc)] >= limit:
+                    if (
+                        flat[np.uint64(cell + dr * width)] >= limit
+                        or flat[np.uint64(cell + dc)] >= limit
+                    ):
                         continue
                     length = _SQRT2
                 reached = so_far + length * steps[flat[neighbour]]

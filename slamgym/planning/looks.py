@@ -24,7 +24,9 @@ class Looks:
 
     def __init__(self, context: ExplorerContext) -> None:
         laser = context.geometry
-        self._laser = np.array([*laser.mount, laser.angle_min, laser.angle_increment, laser.range_max])
+        self._laser = np.array(
+            [*laser.mount, laser.angle_min, laser.angle_increment, laser.range_max]
+        )
         self._poses: list[Pose2D] = []
         self._scans: list[Float32Array] = []
 
@@ -51,14 +53,23 @@ class Looks:
             passed beyond, how far, those that met something there, the nearest, and how squarely one was lost.
         """
         poses, scans = np.array(self._poses), np.array(self._scans)
-        chosen = [one[np.linspace(0, len(one) - 1, min(_POINTS, len(one))).astype(int)] for one in frontiers]
+        chosen = [
+            one[np.linspace(0, len(one) - 1, min(_POINTS, len(one))).astype(int)]
+            for one in frontiers
+        ]
         pairs = zip(chosen, outward, strict=True)
-        return np.array([_tally(poses, scans, points, towards, self._laser) for points, towards in pairs])
+        return np.array(
+            [_tally(poses, scans, points, towards, self._laser) for points, towards in pairs]
+        )
 
 
 @kernel
 def _tally(
-    poses: FloatArray, scans: Float32Array, points: FloatArray, outward: FloatArray, laser: FloatArray
+    poses: FloatArray,
+    scans: Float32Array,
+    points: FloatArray,
+    outward: FloatArray,
+    laser: FloatArray,
 ) -> FloatArray:
     """Count the beams of scans (T, beams) from poses (T, 3) towards points (N, 2), by what became of them."""
     x, y, turn, first, step, longest = laser
@@ -95,5 +106,16 @@ def _tally(
     near = math.log1p(near_by / len(points)) / 2.0
     at, lost_at, met_at = nearest / longest, nearest_lost / longest, nearest_met / longest
     return np.array(
-        [counts[0], at, counts[1], lost_at, near, counts[2], beyond / longest, counts[3], met_at, square]
+        [
+            counts[0],
+            at,
+            counts[1],
+            lost_at,
+            near,
+            counts[2],
+            beyond / longest,
+            counts[3],
+            met_at,
+            square,
+        ]
     )

@@ -106,7 +106,9 @@ def _inflation(radius: float) -> CostmapConfig:
 
     Paths keep within sight of walls, which a scanner of short range needs to localise the robot.
     """
-    return CostmapConfig(radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=1.5)
+    return CostmapConfig(
+        radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=1.5
+    )
 
 
 class Navigator:
@@ -290,7 +292,9 @@ class Navigator:
         if self.costmap is None or self.goal is None:
             self._abort("no map")
             return
-        path = plan_path(self.costmap, pose, (self.goal.x, self.goal.y), PLAN_TOLERANCE, self.reachable)
+        path = plan_path(
+            self.costmap, pose, (self.goal.x, self.goal.y), PLAN_TOLERANCE, self.reachable
+        )
         if path is not None:
             self.follower.set_path(path)
         elif not keep_old:
@@ -330,7 +334,9 @@ class Navigator:
             leg.best_remaining, leg.progress_at = remaining, time
             if _apart(pose, leg.recovered_from) > 0.5:
                 leg.recoveries, leg.recovered_from = 0, pose
-        return time - leg.anchor_at > _STUCK_TIME or time - leg.progress_at > self.config.progress_time
+        return (
+            time - leg.anchor_at > _STUCK_TIME or time - leg.progress_at > self.config.progress_time
+        )
 
     def _begin_recovery(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Start the next recovery, or give the goal up after the last one."""
@@ -371,7 +377,10 @@ class Navigator:
             return False
         distance = self.context.robot_radius + 0.05
         headings = [pose.theta + math.pi + angle for angle in (-0.5, 0.0, 0.5)]
-        behind = [(pose.x + distance * math.cos(one), pose.y + distance * math.sin(one)) for one in headings]
+        behind = [
+            (pose.x + distance * math.cos(one), pose.y + distance * math.sin(one))
+            for one in headings
+        ]
         row, col, _ = cells_inside(self.costmap.frame, np.array(behind))
         return not (self.costmap.costs[row, col] == LETHAL_COST).any()
 

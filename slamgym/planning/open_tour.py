@@ -51,7 +51,9 @@ def lengths_by_first(lengths: FloatArray) -> FloatArray:
     """
     matrix = _finite(lengths)
     between = np.ascontiguousarray(np.minimum(matrix, matrix.T)[1:, 1:])
-    return matrix[0, 1:] + (exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between))
+    return matrix[0, 1:] + (
+        exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between)
+    )
 
 
 def _finite(lengths: FloatArray) -> FloatArray:
@@ -123,7 +125,9 @@ def exact_tour(lengths: FloatArray) -> IntArray:
     order = np.empty(n, np.int64)
     if n == 0:
         return order
-    best, before = _held_karp(np.ascontiguousarray(lengths[0, 1:]), np.ascontiguousarray(lengths[1:, 1:]))
+    best, before = _held_karp(
+        np.ascontiguousarray(lengths[0, 1:]), np.ascontiguousarray(lengths[1:, 1:])
+    )
     visited = (1 << n) - 1
     last = int(np.argmin(best[visited]))
     for position in range(n - 1, -1, -1):
@@ -192,14 +196,18 @@ def _or_opt(lengths: FloatArray, tour: IntArray) -> bool:
             last = first + size - 1
             taken = lengths[tour[first - 1], tour[first]]
             if last + 1 < n:
-                taken += lengths[tour[last], tour[last + 1]] - lengths[tour[first - 1], tour[last + 1]]
+                taken += (
+                    lengths[tour[last], tour[last + 1]] - lengths[tour[first - 1], tour[last + 1]]
+                )
             for after in range(n):
                 # The stretch goes between the places at `after` and `after + 1`, in its order.
                 if first - 1 <= after <= last:
                     continue
                 added = lengths[tour[after], tour[first]]
                 if after + 1 < n:
-                    added += lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
+                    added += (
+                        lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
+                    )
                 if added - taken < -_GAIN:
                     before, begin, end = tour.copy(), min(first, after + 1), max(last, after) + 1
                     shift = first - begin if after < first else size

@@ -74,7 +74,9 @@ class PathFollower:
         if not len(self.path):
             return 0.0
         x, y = self.path[self._index]
-        return math.hypot(x - pose.x, y - pose.y) + float(self._along[-1] - self._along[self._index])
+        return math.hypot(x - pose.x, y - pose.y) + float(
+            self._along[-1] - self._along[self._index]
+        )
 
     def points(self, ranges: Float32Array) -> FloatArray:
         """Obstacles that a scan shows, in the robot's frame, shape (N, 2) [m]."""
@@ -117,7 +119,9 @@ class PathFollower:
 
         # The arc through the pursued point has curvature 2 sin(error) / distance.
         curvature, fastest = 2.0 * math.sin(error) / max(distance, 1e-3), context.max_linear
-        linear = min(fastest, self.fastest_turn / max(abs(curvature), 1e-6), distance / context.control_step)
+        linear = min(
+            fastest, self.fastest_turn / max(abs(curvature), 1e-6), distance / context.control_step
+        )
         near = obstacles[(obstacles**2).sum(axis=1) < (fastest * _HORIZON + self._apart) ** 2]
         free = self._free_time(near, linear, linear * curvature)
         if free >= _HORIZON:
@@ -146,7 +150,10 @@ class PathFollower:
         if linear <= 0.0 or free >= _HORIZON:
             return command
         chord = linear * _HORIZON * (math.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
-        end, step = (chord * math.cos(turned), chord * math.sin(turned)), self.context.control_step / 2
+        end, step = (
+            (chord * math.cos(turned), chord * math.sin(turned)),
+            self.context.control_step / 2,
+        )
         *arc, gain = best_arc(near, end, fastest, self._apart, step)
         return Twist2D(*arc) if gain > 0.02 else Twist2D(linear * free / _HORIZON, angular)
 
@@ -161,7 +168,9 @@ class PathFollower:
         corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
         next_ones = self.path[self._index : self._index + _SEARCHED]
         self._index += int(np.argmin(((next_ones - np.array(here)) ** 2).sum(axis=1)))
-        chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, frame.resolution)
+        chosen = lookahead_on_path(
+            self.path, self._index, here, costmap.costs, corner, frame.resolution
+        )
         x, y = self.path[chosen].tolist()
         return between(pose, Pose2D(x, y, 0.0))[:2]
 
@@ -235,7 +244,10 @@ def lookahead_on_path(
         for k in range(1, steps + 1):
             px = x + (path[i, 0] - x) * k / steps
             py = y + (path[i, 1] - y) * k / steps
-            row, col = int(np.floor((top - py) / resolution)), int(np.floor((px - left) / resolution))
+            row, col = (
+                int(np.floor((top - py) / resolution)),
+                int(np.floor((px - left) / resolution)),
+            )
             open_cell = 0 <= row < height and 0 <= col < width and costs[row, col] < INSCRIBED_COST
             # Where the robot already stands too near to an obstacle the line may lead out, but not in again.
             if not open_cell and (left_start or k == steps):
@@ -248,7 +260,9 @@ def lookahead_on_path(
 
 
 @kernel
-def free_travel(points: FloatArray, linear: float, angular: float, radius: float, time_step: float) -> float:
+def free_travel(
+    points: FloatArray, linear: float, angular: float, radius: float, time_step: float
+) -> float:
     """For how long a round robot can hold a velocity before it comes too near to a point, up to the horizon [s].
 
     Args:
@@ -304,7 +318,12 @@ def best_arc(
             angular = fastest[1] * j / 6.0
             turned = 0.5 * angular * _HORIZON
             chord = linear * _HORIZON * (np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
-            gain = start - np.hypot(target[0] - chord * np.cos(turned), target[1] - chord * np.sin(turned))
-            if gain > best[2] and free_travel(points, linear, angular, radius, time_step) >= _HORIZON:
+            gain = start - np.hypot(
+                target[0] - chord * np.cos(turned), target[1] - chord * np.sin(turned)
+            )
+            if (
+                gain > best[2]
+                and free_travel(points, linear, angular, radius, time_step) >= _HORIZON
+            ):
                 best = (linear, angular, gain)
     return best

@@ -88,7 +88,11 @@ def build_roadmap(grid: OccupancyGrid, clearance: float, rng: np.random.Generato
 
 
 def lines_are_clear(
-    starts: FloatArray, ends: FloatArray, clearance_map: Float32Array, grid: OccupancyGrid, clearance: float
+    starts: FloatArray,
+    ends: FloatArray,
+    clearance_map: Float32Array,
+    grid: OccupancyGrid,
+    clearance: float,
 ) -> BoolArray:
     """Mask of those straight drives that keep clear of walls, shape (E,).
 
@@ -102,9 +106,13 @@ def lines_are_clear(
     longest = float(np.hypot(*(ends - starts).T).max(initial=0.0))
     steps = max(2, int(np.ceil(longest / (0.5 * grid.frame.resolution))) + 1)
     clear = np.ones(len(starts), dtype=np.bool_)
-    for share in np.linspace(0.0, 1.0, steps):  # a line is dropped at its first point that is too near
+    for share in np.linspace(
+        0.0, 1.0, steps
+    ):  # a line is dropped at its first point that is too near
         alive = np.flatnonzero(clear)
-        row, col, inside = cells_inside(grid.frame, starts[alive] + share * (ends[alive] - starts[alive]))
+        row, col, inside = cells_inside(
+            grid.frame, starts[alive] + share * (ends[alive] - starts[alive])
+        )
         clear[alive[~inside]] = False
         clear[alive[inside]] = clearance_map[row, col] > clearance
     return clear
@@ -118,7 +126,9 @@ def shorten(
     while kept[-1] < len(points) - 1:
         i = kept[-1]
         ends = points[i + 1 :]
-        clear = lines_are_clear(np.broadcast_to(points[i], ends.shape), ends, clearance_map, grid, clearance)
+        clear = lines_are_clear(
+            np.broadcast_to(points[i], ends.shape), ends, clearance_map, grid, clearance
+        )
         clear[0] = True  # a drive of the roadmap itself
         kept.append(i + 1 + int(np.flatnonzero(clear)[-1]))
     return np.asarray(points[kept])

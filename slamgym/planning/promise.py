@@ -86,7 +86,9 @@ def is_offered(promise: Promise, unseen: Mapping[str, FloatArray | Float32Array]
         promise: The promise.
         unseen: The ``share`` and ``area`` [m2] of the floor that was unseen when explorations were stopped, shape (N,).
     """
-    name, most = ("area", promise.left or 0.0) if promise.seen is None else ("share", 1.0 - promise.seen)
+    name, most = (
+        ("area", promise.left or 0.0) if promise.seen is None else ("share", 1.0 - promise.seen)
+    )
     broken = np.count_nonzero(unseen[name] > most)
     # One exploration more than were seen may fail, too: that is what the new one is.
     return bool(broken + 1 <= (len(unseen["share"]) + 1) * (1.0 - promise.confidence) + 1e-9)

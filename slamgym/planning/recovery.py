@@ -11,7 +11,13 @@ import numpy as np
 
 from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning.costmap import INSCRIBED_COST, Costmap, cells_inside, make_costmap
-from slamgym.planning.frontiers import Point, Reachable, find_frontiers, fits_through, frontier_cells
+from slamgym.planning.frontiers import (
+    Point,
+    Reachable,
+    find_frontiers,
+    fits_through,
+    frontier_cells,
+)
 from slamgym.planning.grid_path import plan_path
 from slamgym.planning.navigator import PLAN_TOLERANCE, Goal, Navigator
 from slamgym.planning.unmapped import find_open_space, is_unmapped
@@ -53,7 +59,9 @@ class RecoveryBehaviours:
     def note_time(self, time: float) -> None:
         """Note the time of a control step: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
-        self.is_turning &= time - self._began_at < 2.0 * LOOK_AROUND_BEFORE  # else the wheels don't turn
+        self.is_turning &= (
+            time - self._began_at < 2.0 * LOOK_AROUND_BEFORE
+        )  # else the wheels don't turn
 
     def turn(self, pose: Pose2D) -> Twist2D:
         """Velocity for the next control step of a look around."""
@@ -87,7 +95,11 @@ class RecoveryBehaviours:
     def look_again(self, pose: Pose2D, time: float) -> bool:
         """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
         navigator, looked = self._navigator, self._looked_from
-        costmap, space, radius = navigator.costmap, navigator.reachable, navigator.context.robot_radius
+        costmap, space, radius = (
+            navigator.costmap,
+            navigator.reachable,
+            navigator.context.robot_radius,
+        )
         if costmap is None or space is None:
             return False
         grid = navigator.corrections.without_specks(navigator.map_alone(pose))

@@ -20,7 +20,13 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.planning.costmap import LETHAL_COST, Costmap, cells_inside, mark_obstacles, unmapped_points
+from slamgym.planning.costmap import (
+    LETHAL_COST,
+    Costmap,
+    cells_inside,
+    mark_obstacles,
+    unmapped_points,
+)
 
 _MEMORY = 10.0
 """Obstacles that only the scan showed are kept for so long [s]: people walk on."""
@@ -91,7 +97,9 @@ class MapCorrections:
                 row, col, _ = cells_inside(grid.frame, places)
                 self._freest.cells[row, col] = FREE
         else:
-            np.maximum(before.cells, grid.cells, out=before.cells)  # in place: free is the largest value
+            np.maximum(
+                before.cells, grid.cells, out=before.cells
+            )  # in place: free is the largest value
 
     def without_specks(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map without specks where an older one was free, which legs of somebody who walked there leave."""
@@ -112,7 +120,9 @@ class MapCorrections:
             grid = free_at(points, grid, UNKNOWN)
         return grid
 
-    def keep_around(self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid) -> None:
+    def keep_around(
+        self, pose: Pose2D, radius: float, costmap: Costmap, grid: OccupancyGrid
+    ) -> None:
         """Keep the obstacles near the robot for good, even if map and scan show them no more.
 
         For where it gave a goal up. A pane of glass returns only the beams that meet it at right angles. So it comes
@@ -150,7 +160,9 @@ class MapCorrections:
         return mark_obstacles(grid, self._kept, apart=0.0) if len(self._kept) else grid
 
 
-def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry) -> FloatArray | None:
+def find_open_space(
+    pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry
+) -> FloatArray | None:
     """Points in the widest direction in which a scan met nothing, shape (N, 2), map frame [m]; None if there is none.
 
     Args:
@@ -176,7 +188,9 @@ def find_open_space(pose: Pose2D, ranges: Float32Array, geometry: LaserGeometry)
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
     """True if most of some open space, points (N, 2) [m], is unknown in a map."""
     row, col, _ = cells_inside(grid.frame, points)
-    return bool(np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points))
+    return bool(
+        np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points)
+    )
 
 
 def free_at(points: FloatArray, grid: OccupancyGrid, value: int) -> OccupancyGrid:

@@ -36,7 +36,9 @@ class DemoNode(RosNode):
         ended: Name of the process that has ended.
     """
 
-    def __init__(self, parameters: DemoParameters, nodes: dict[str, subprocess.Popen[bytes]]) -> None:
+    def __init__(
+        self, parameters: DemoParameters, nodes: dict[str, subprocess.Popen[bytes]]
+    ) -> None:
         super().__init__("slamgym_demo", parameters)
         self._nodes, self._truth = nodes, PoseHistory()
         self.coverage, self.error, self.stamp, self.ended = 0.0, float("nan"), 0.0, ""
@@ -59,7 +61,9 @@ class DemoNode(RosNode):
 
     def _look(self) -> None:
         """End as soon as one of the nodes has ended."""
-        self.ended = next((name for name, node in self._nodes.items() if node.poll() is not None), "")
+        self.ended = next(
+            (name for name, node in self._nodes.items() if node.poll() is not None), ""
+        )
         if self.ended:
             self.worker.end()
 

@@ -149,7 +149,9 @@ class Exploration:
     def return_to_start(self) -> None:
         """Drive to where the exploration began, if it has; it is paused then, if it isn't done."""
         if self._pilot is not None and self.start is not None:
-            self._back = WayBack(self._context, self.start, self._pilot.loop.navigator.inscribed_radius)
+            self._back = WayBack(
+                self._context, self.start, self._pilot.loop.navigator.inscribed_radius
+            )
             self._is_paused, self._notes = False, self._notes if self._is_over else []
 
     def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> DriveOrder:
@@ -213,10 +215,14 @@ class Exploration:
         if not loop.finished:
             trials.note(loop)
             known = f"{counted(loop.num_frontiers, 'frontier')}, {loop.known_area:.0f} m2 known"
-            self.state = ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
+            self.state = (
+                ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
+            )
             self.text = f"{self.state.value}: {known}"
             return self._order(twist, loop.navigator)
-        is_lost = loop.navigator.reachable is None or not knows_place(grid, pose, self.settings.robot_radius)
+        is_lost = loop.navigator.reachable is None or not knows_place(
+            grid, pose, self.settings.robot_radius
+        )
         if not trials.is_over(loop, is_lost, now):
             return self._stand(*self._describe_end(loop))
         self._is_over, count = True, len(loop.unreached())
@@ -235,10 +241,15 @@ class Exploration:
             text = f"waiting for a map with a frontier that the robot can get to; {again}"
             return ExplorationState.WAITING, text
         if self._trials.is_blocked:
-            return ExplorationState.BLOCKED, f"blocked: no place was reached, left are {count}; {again}"
+            return (
+                ExplorationState.BLOCKED,
+                f"blocked: no place was reached, left are {count}; {again}",
+            )
         return ExplorationState.EXPLORING, f"exploring: places not reached: {count}; {again}"
 
-    def _return(self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array) -> DriveOrder:
+    def _return(
+        self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
+    ) -> DriveOrder:
         twist = back.step(grid, pose, ranges, self._clock.now)
         if back.result:
             self._back, self._is_paused = None, not self._is_over

@@ -161,7 +161,9 @@ class ExploreNode(RosNode):
     def _read_map(self, message: Any) -> None:
         def read() -> Grid:
             info, origin = message.info, pose_of(message.info.origin, "map")
-            return self._foreign.take(message.data, info.width, info.height, info.resolution, origin)
+            return self._foreign.take(
+                message.data, info.width, info.height, info.resolution, origin
+            )
 
         self._use_map(read, stamp_of(message.header, 0.0))
 
@@ -215,7 +217,9 @@ class ExploreNode(RosNode):
         order = self._exploration.step(pose, scan, self._stamp)
         names, is_moving = self._options, order.twist != STOP
         if self._goals is not None:
-            self._goals.send(order.number, order.goal, pose, self.header(self._stamp, names.map_frame))
+            self._goals.send(
+                order.number, order.goal, pose, self.header(self._stamp, names.map_frame)
+            )
         elif self._is_moving or is_moving or self._exploration.state not in STANDING:
             self._velocity.send(order.twist, self.header(self._stamp, names.base_frame))
         self._is_moving = is_moving

@@ -42,7 +42,9 @@ class ForeignMap:
         self._values: NDArray[np.int8] | None = None  # (H, W), row 0 at the bottom
         self._resolution, self._origin = LATTICE_CELL, (0.0, 0.0)
 
-    def take(self, data: Any, width: int, height: int, resolution: float, origin: Pose2D) -> OccupancyGrid:
+    def take(
+        self, data: Any, width: int, height: int, resolution: float, origin: Pose2D
+    ) -> OccupancyGrid:
         """Take over a whole map.
 
         Args:
@@ -65,11 +67,17 @@ class ForeignMap:
                 f"above 0 and an origin within {MAX_ORIGIN:g} m"
             )
         if origin.theta != 0.0:
-            raise self._error(f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0")
+            raise self._error(
+                f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0"
+            )
         resolution = round(resolution, 7)  # the message has it in single precision
         MAP_CELLS.check(self.name, width * height * max(1.0, resolution / LATTICE_CELL) ** 2)
         values = self._checked(data, width, height)
-        self._values, self._resolution, self._origin = values.copy(), resolution, (origin.x, origin.y)
+        self._values, self._resolution, self._origin = (
+            values.copy(),
+            resolution,
+            (origin.x, origin.y),
+        )
         return self._on_lattice(self._values)
 
     def patch(self, data: Any, x: int, y: int, width: int, height: int) -> OccupancyGrid | None:
@@ -115,7 +123,9 @@ class ForeignMap:
         ranks = classify_values(values)
         frame: list[tuple[int, int]] = []
         for axis, start in ((1, self._origin[0]), (0, self._origin[1])):
-            ranks, first = _onto_lattice(ranks, start / LATTICE_CELL, self._resolution / LATTICE_CELL, axis)
+            ranks, first = _onto_lattice(
+                ranks, start / LATTICE_CELL, self._resolution / LATTICE_CELL, axis
+            )
             low = (first - _MARGIN) // _BLOCK * _BLOCK
             high = -((first + ranks.shape[axis] + _MARGIN) // -_BLOCK) * _BLOCK
             margins = [(0, 0), (0, 0)]
@@ -126,7 +136,8 @@ class ForeignMap:
         cells = np.ascontiguousarray(_VALUES[ranks[::-1]])
         cells.flags.writeable = False
         return OccupancyGrid(
-            cells, GridFrame(LATTICE_CELL, left * LATTICE_CELL, bottom * LATTICE_CELL, height, width)
+            cells,
+            GridFrame(LATTICE_CELL, left * LATTICE_CELL, bottom * LATTICE_CELL, height, width),
         )
 
 

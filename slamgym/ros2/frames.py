@@ -90,7 +90,9 @@ class RobotFrames:
         self.odometry = PoseHistory()
         self.map_from_odom: Pose2D | None = None
         self.pose_stamp = -math.inf  # of the latest pose on the map [s]
-        self.map_stamp = -math.inf  # of the newest odometry when the map's place was last heard of [s]
+        self.map_stamp = (
+            -math.inf
+        )  # of the newest odometry when the map's place was last heard of [s]
 
     def take_odometry(self, message: Any) -> None:
         """Take an Odometry message.
@@ -117,7 +119,9 @@ class RobotFrames:
         for entry in message.transforms:
             parent, child = clean_frame(entry.header.frame_id), clean_frame(entry.child_frame_id)
             try:
-                matrix = matrix_of(entry.transform.translation, entry.transform.rotation, "transform")
+                matrix = matrix_of(
+                    entry.transform.translation, entry.transform.rotation, "transform"
+                )
             except (BrokenMessageError, ValueError):
                 continue
             self._tree.add(parent, child, 0.0, matrix, static=static)
@@ -199,7 +203,9 @@ class ScanSync:
         while self._waiting:
             stamp, message = self._waiting[0]
             odometry = self._frames.odometry.at(stamp)
-            if odometry is not None and self._is_placed(stamp, clean_frame(message.header.frame_id)):
+            if odometry is not None and self._is_placed(
+                stamp, clean_frame(message.header.frame_id)
+            ):
                 self._waiting.popleft()
                 self._deliver(message, stamp, odometry)
             elif stamp > self._frames.odometry.newest:

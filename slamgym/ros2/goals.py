@@ -30,7 +30,9 @@ class GoalSender:
 
     def __init__(self, node: RosNode, ended: Callable[[int, bool], None]) -> None:
         self._node, self._ended = node, ended
-        self._action = ActionClient(node, NavigateToPose, "navigate_to_pose") if NavigateToPose else None
+        self._action = (
+            ActionClient(node, NavigateToPose, "navigate_to_pose") if NavigateToPose else None
+        )
         self._topic = node.create_publisher(PoseStamped, "goal_pose", 10)
         self._number = 0
         self._handle: Any = None
@@ -48,7 +50,9 @@ class GoalSender:
             return
         self._number, place = number, goal or here
         message = (
-            None if place is None else fill(PoseStamped(), {"header": header, "pose": pose_fields(place)})
+            None
+            if place is None
+            else fill(PoseStamped(), {"header": header, "pose": pose_fields(place)})
         )
         if self._action is None:
             if message is not None:
@@ -59,7 +63,9 @@ class GoalSender:
             answer = self._action.send_goal_async(NavigateToPose.Goal(pose=message))
             answer.add_done_callback(functools.partial(self._take_answer, number))
         else:
-            self._node.once("navigation", "waiting for the action navigate_to_pose: is Nav2 running?")
+            self._node.once(
+                "navigation", "waiting for the action navigate_to_pose: is Nav2 running?"
+            )
             self._ended(number, False)
 
     def cancel(self) -> None:
@@ -77,4 +83,6 @@ class GoalSender:
         if number != self._number:  # it isn't wanted any more
             self.cancel()
         result = handle.get_result_async()
-        result.add_done_callback(lambda done: self._ended(number, done.result().status == SUCCEEDED))
+        result.add_done_callback(
+            lambda done: self._ended(number, done.result().status == SUCCEEDED)
+        )

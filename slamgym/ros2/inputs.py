@@ -45,7 +45,11 @@ def usable_scan(scan: LaserScan | None) -> LaserScan | None:
         return None
     count, ranges, geometry = len(scan.ranges), scan.ranges, scan.geometry
     step, reach = geometry.angle_increment, geometry.range_max
-    if not all(map(math.isfinite, (geometry.angle_min, step, reach))) or step == 0.0 or reach <= 0.0:
+    if (
+        not all(map(math.isfinite, (geometry.angle_min, step, reach)))
+        or step == 0.0
+        or reach <= 0.0
+    ):
         return None
     if step < 0.0:
         ranges, first = ranges[::-1], geometry.angle_min + step * (count - 1)
@@ -62,7 +66,9 @@ def fit_ranges(scan: LaserScan | None, geometry: LaserGeometry) -> Float32Array:
         return np.zeros(0, np.float32)
     ranges, theirs = scan.ranges, scan.geometry
     if theirs[:3] != geometry[:3]:
-        index = np.rint((geometry.angles - theirs.angle_min) % (2.0 * math.pi) / theirs.angle_increment)
+        index = np.rint(
+            (geometry.angles - theirs.angle_min) % (2.0 * math.pi) / theirs.angle_increment
+        )
         index = index.astype(np.int64) % max(1, round(2.0 * math.pi / theirs.angle_increment))
         measured = index < len(ranges)
         ranges = np.where(measured, np.append(ranges, 0.0)[np.where(measured, index, -1)], 0.0)

@@ -42,9 +42,7 @@ class LaserReader:
             self.geometry = self._first(message)
         beams, usual = len(message.ranges), self.geometry.num_beams
         if abs(beams - usual) > OTHER_BEAMS * usual:
-            what = (
-                f"a scan has {beams} beams where the first had {usual}: what the first didn't see is left out"
-            )
+            what = f"a scan has {beams} beams where the first had {usual}: what the first didn't see is left out"
             self._warn("beams", f"{what}; call the service reset if the laser was changed")
         return LaserScan(stamp, ranges_of(message, self.geometry, self._flipped), self.geometry)
 
@@ -52,12 +50,12 @@ class LaserReader:
         frame = clean_frame(message.header.frame_id)
         found = self._frames.mount(frame)
         if found is None:
-            what = (
-                f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame)"
-            )
+            what = f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame)"
             self._warn("mount", f"{what}: laser_mount is taken, {tuple(self._mount)}")
         mount, self._flipped = found or (self._mount, False)
-        limit, findings = range_limit([np.array(message.ranges, np.float32)], float(message.range_max), None)
+        limit, findings = range_limit(
+            [np.array(message.ranges, np.float32)], float(message.range_max), None
+        )
         for finding in findings:
             self._warn(finding.kind, finding.sentence)
         return geometry_of(message, mount, self._flipped, limit)

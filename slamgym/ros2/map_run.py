@@ -108,7 +108,10 @@ class MapRun:
         config = self._configure(SlamConfig.for_log(geometry.range_max, geometry.num_beams))
         if known is not None:
             localization = replace(config.localization, start="known" if known.start else "global")
-            config, start = replace(config, mode="map", localization=localization), known.start or start
+            config, start = (
+                replace(config, mode="map", localization=localization),
+                known.start or start,
+            )
         finished = None if known is None else known.grid
         return make_mapper(config, geometry, start, np.random.default_rng(0), finished)
 

@@ -16,7 +16,14 @@ from slamgym.core.files import exclusive_lock, storage_errors
 from slamgym.core.types import Pose2D
 from slamgym.interop import read_ros_map
 from slamgym.interop.records import BrokenMessageError
-from slamgym.interop.ros_messages import Fields, grid_fields, pose_fields, pose_of, stamp_of, transform_fields
+from slamgym.interop.ros_messages import (
+    Fields,
+    grid_fields,
+    pose_fields,
+    pose_of,
+    stamp_of,
+    transform_fields,
+)
 from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
 from slamgym.ros2.map_run import Configure, KnownPlace, MapRun
 from slamgym.ros2.node import LATCHED, RosNode
@@ -103,7 +110,9 @@ class MapNode(RosNode):
             self.get_logger().warning(f"{jump}: begun again; {self._restart()}")
             run = self._run
         if stamp <= run.stamp:
-            self.once("order", "scans with the stamp of the last one, or an older one, are left out")
+            self.once(
+                "order", "scans with the stamp of the last one, or an older one, are left out"
+            )
             return
         try:
             self._is_new |= run.add(message, stamp, odometry)
@@ -177,7 +186,9 @@ class MapNode(RosNode):
             return
         stats = mapper.stats
         level, text = (
-            (DiagnosticStatus.WARN, "in doubt") if stats.is_doubtful else (DiagnosticStatus.OK, "sure")
+            (DiagnosticStatus.WARN, "in doubt")
+            if stats.is_doubtful
+            else (DiagnosticStatus.OK, "sure")
         )
         figures = {
             "scans": stats.scans,
@@ -188,7 +199,9 @@ class MapNode(RosNode):
             **mapper.report(),
         }
         values = [KeyValue(key=key, value=str(value)) for key, value in figures.items()]
-        status = DiagnosticStatus(level=level, name="slamgym_map: pose", message=text, values=values)
+        status = DiagnosticStatus(
+            level=level, name="slamgym_map: pose", message=text, values=values
+        )
         self._diagnostics({"status": [status]})
 
     def close(self) -> None:

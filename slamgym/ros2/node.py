@@ -156,8 +156,13 @@ class RosNode(Node):
         changes = {}
         for field in dataclasses.fields(parameters):
             if self.has_parameter(field.name):
-                default, value = getattr(parameters, field.name), self.get_parameter(field.name).value
-                with contextlib.suppress(TypeError, ValueError):  # its field refuses what it can't be
+                default, value = (
+                    getattr(parameters, field.name),
+                    self.get_parameter(field.name).value,
+                )
+                with contextlib.suppress(
+                    TypeError, ValueError
+                ):  # its field refuses what it can't be
                     if isinstance(default, tuple):
                         value = tuple(map(float, value))
                     elif isinstance(default, str | Path | float) and not isinstance(value, bool):
@@ -177,7 +182,8 @@ class RosNode(Node):
         frame, wanted = clean_frame(message.header.frame_id), self.get_parameter("map_frame").value
         if frame != wanted:
             self.once(
-                topic, f"{topic} is in the frame {frame!r}, not {wanted!r} (parameter map_frame): left out"
+                topic,
+                f"{topic} is in the frame {frame!r}, not {wanted!r} (parameter map_frame): left out",
             )
         return bool(frame == wanted)
 

@@ -34,7 +34,9 @@ class GoalDesk:
         goal = navigator.goal if navigator is not None and navigator.is_active else None
         if goal is not self._goal:
             self._goal, self._owner = goal, navigator
-            place = _pose_at(goal, navigator) if goal is not None and navigator is not None else None
+            place = (
+                _pose_at(goal, navigator) if goal is not None and navigator is not None else None
+            )
             self.last = place, self.last[1] + 1
         return DriveOrder(twist, *self.last)
 

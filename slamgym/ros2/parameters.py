@@ -82,7 +82,9 @@ class ExploreParameters(FrameNames):
 
     def _check(self) -> None:
         if len(self.area) % 2 or 0 < len(self.area) < 6:
-            raise ConfigError(f"--area is x y of three corners or more, not {len(self.area)} numbers")
+            raise ConfigError(
+                f"--area is x y of three corners or more, not {len(self.area)} numbers"
+            )
 
     @property
     def corners(self) -> tuple[tuple[float, float], ...]:

@@ -62,7 +62,9 @@ def begin_robot(
     prepared, pose = plans.choose_site(wanted, streams, config.clutter)
     robot = SimulatedRobot(prepared, pose, config, lidar, streams)
     floor = prepared.floor
-    coverage = Coverage(floor.mask(pose.x, pose.y), floor.frame, lidar.geometry, config.usable_range)
+    coverage = Coverage(
+        floor.mask(pose.x, pose.y), floor.frame, lidar.geometry, config.usable_range
+    )
     return robot, prepared.plan, coverage
 
 
@@ -78,7 +80,9 @@ class SimNode(RosNode):
         super().__init__("slamgym_sim", parameters)
         self._defaults, self._config = parameters, config
         self._lidar = Lidar(config.lidar)
-        self._plans = PlanCache(self.read_parameters(parameters).plans, config.robot, config.lidar.surfaces)
+        self._plans = PlanCache(
+            self.read_parameters(parameters).plans, config.robot, config.lidar.surfaces
+        )
         self._send = {
             "scan": self.offer(LaserScan, "scan", SENSOR),
             "odom": self.offer(Odometry, "odom"),
@@ -100,7 +104,9 @@ class SimNode(RosNode):
     def _begin(self) -> None:
         """Begin an episode by the parameters as they are now."""
         parameters = self.read_parameters(self._defaults)
-        self.robot, plan, self._coverage = begin_robot(self._plans, parameters, self._config, self._lidar)
+        self.robot, plan, self._coverage = begin_robot(
+            self._plans, parameters, self._config, self._lidar
+        )
         self._options = parameters
         self._command, self._commanded_at = Twist2D(0.0, 0.0), 0.0
         self._unanswered, self._placed_at = (
@@ -161,7 +167,9 @@ class SimNode(RosNode):
         twist = np.array(robot.velocity)
         self._send["tf"](transform_fields(header, "base_footprint", pose))
         self._send["odom"](odometry_fields(header, "base_footprint", pose, twist))
-        self._send["pose"]({"header": self.header(stamp, "map"), "pose": pose_fields(robot.true_map_pose)})
+        self._send["pose"](
+            {"header": self.header(stamp, "map"), "pose": pose_fields(robot.true_map_pose)}
+        )
         self._coverage.add(robot.true_pose, robot.true_ranges)
         self._send["coverage"]({"data": float(self._coverage.share)})
         scan, laser = robot.scan, self._lidar.geometry

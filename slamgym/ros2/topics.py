@@ -32,7 +32,9 @@ def listen_to_odometry(node: RosNode, frames: RobotFrames, then: Callable[[], No
     node.listen(Odometry, "odom", take_odometry, SENSOR)
     if TFMessage:
         node.listen(TFMessage, "/tf", functools.partial(take_transforms, static=False), SENSOR)
-        node.listen(TFMessage, "/tf_static", functools.partial(take_transforms, static=True), LATCHED)
+        node.listen(
+            TFMessage, "/tf_static", functools.partial(take_transforms, static=True), LATCHED
+        )
 
 
 def listen_to_scans(node: RosNode, callback: Callable[[Any], None]) -> None:
@@ -58,20 +60,26 @@ class KeptTopic:
         callback: Called with each message.
     """
 
-    def __init__(self, node: RosNode, kind: Any, topic: str, callback: Callable[[Any], None]) -> None:
+    def __init__(
+        self, node: RosNode, kind: Any, topic: str, callback: Callable[[Any], None]
+    ) -> None:
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
         self._is_kept = True
         self._subscription = node.create_subscription(kind, topic, callback, LATCHED)
         node.create_timer(0.5, self._adapt, clock=node.wall_clock)
 
     def _adapt(self) -> None:
-        publishers = self._node.get_publishers_info_by_topic(self._node.resolve_topic_name(self._topic))
+        publishers = self._node.get_publishers_info_by_topic(
+            self._node.resolve_topic_name(self._topic)
+        )
         kept = {end.qos_profile.durability != DurabilityPolicy.VOLATILE for end in publishers}
         if len(kept) == 1 and kept != {self._is_kept}:
             self._node.destroy_subscription(self._subscription)
             self._is_kept = not self._is_kept
             qos = LATCHED if self._is_kept else RELIABLE
-            self._subscription = self._node.create_subscription(self._kind, self._topic, self._callback, qos)
+            self._subscription = self._node.create_subscription(
+                self._kind, self._topic, self._callback, qos
+            )
 
 
 class VelocityTopic:
@@ -100,7 +108,9 @@ class VelocityTopic:
     def _adapt(self) -> None:
         """Change the type if the other side has only the other one."""
         node, is_sender = self._node, self._receive is None
-        others = node.get_subscriptions_info_by_topic if is_sender else node.get_publishers_info_by_topic
+        others = (
+            node.get_subscriptions_info_by_topic if is_sender else node.get_publishers_info_by_topic
+        )
         ends = others(node.resolve_topic_name("cmd_vel"))
         stamped = {end.topic_type.endswith("TwistStamped") for end in ends}
         if len(stamped) == 1 and stamped != {self._kind is TwistStamped}:
@@ -116,7 +126,10 @@ class VelocityTopic:
 
     def send(self, command: Twist2D, header: Fields) -> None:
         """Publish a command."""
-        fields: Fields = {"linear": {"x": float(command.linear)}, "angular": {"z": float(command.angular)}}
+        fields: Fields = {
+            "linear": {"x": float(command.linear)},
+            "angular": {"z": float(command.angular)},
+        }
         if self._kind is TwistStamped:
             fields = {"header": header, "twist": fields}
         self._end.publish(fill(self._kind(), fields))

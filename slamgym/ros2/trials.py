@@ -37,7 +37,10 @@ class Trials:
         self.again_at = -math.inf  # [s]
         self.pause = 0.0  # [s]
         self.is_blocked = False  # the robot reached none of what was left
-        self._tried, self._in_vain = 0, 0  # with another goal reached meanwhile, and in a row without any
+        self._tried, self._in_vain = (
+            0,
+            0,
+        )  # with another goal reached meanwhile, and in a row without any
         self._reached, self._known_area = 0, math.nan  # by the loop when this try began
 
     def note(self, loop: ExplorationLoop) -> None:
@@ -69,5 +72,9 @@ class Trials:
         self._in_vain = 0 if is_driving else self._in_vain + 1
         self.is_blocked = left and not is_driving
         self.pause = min(FIRST_PAUSE * 2.0 ** min(tries, 10), _LONGEST_PAUSE)
-        self.again_at, self._reached, self._known_area = time + self.pause, loop.reached, loop.known_area
+        self.again_at, self._reached, self._known_area = (
+            time + self.pause,
+            loop.reached,
+            loop.known_area,
+        )
         return False

@@ -66,7 +66,10 @@ class Display:
             self._publish(exploration, self._node.header(stamp, self._parameters.map_frame))
         if pose is None or grid is None or scan is None:
             return
-        if not self._driven or math.dist(pose[:2], self._driven[-1][:2]) > self._parameters.robot_radius:
+        if (
+            not self._driven
+            or math.dist(pose[:2], self._driven[-1][:2]) > self._parameters.robot_radius
+        ):
             self._driven.append(pose)
         if self._recording is not None:
             view = exploration.view()
@@ -78,13 +81,17 @@ class Display:
             self._recording.believe(stamp, RobotBelief(grid, pose, scan, driven, radius), weighed)
         if self._film is not None and abs(stamp - self._filmed_at) >= FRAME_INTERVAL:
             self._filmed_at, path = stamp, exploration.view().path
-            self._film(self._view.draw(grid, [np.array(self._driven), *[path][: len(path)]], self._text))
+            self._film(
+                self._view.draw(grid, [np.array(self._driven), *[path][: len(path)]], self._text)
+            )
 
     def _publish(self, exploration: Exploration, header: Fields) -> None:
         """Publish frontiers and the path."""
         view = exploration.view()
         markers = [Marker(action=Marker.DELETEALL)]
-        markers += [_marker(number, points, False) for number, points in enumerate(view.frontiers, 1)]
+        markers += [
+            _marker(number, points, False) for number, points in enumerate(view.frontiers, 1)
+        ]
         if view.chosen is not None:
             markers.append(_marker(0, view.chosen, True))
         self._markers({"markers": [fill(marker, {"header": header}) for marker in markers]})
@@ -103,4 +110,6 @@ def _marker(number: int, points: FloatArray, is_chosen: bool) -> Any:
     marker.points = [Point(x=x, y=y, z=0.0) for x, y in points.tolist()]
     colour = {"r": 0.1, "g": 0.8 if is_chosen else 0.4, "b": 0.2 if is_chosen else 1.0, "a": 1.0}
     scale = {"x": 0.05, "y": 0.05, "z": 0.05}
-    return fill(marker, {"color": colour, "scale": scale, "pose": pose_fields(Pose2D(0.0, 0.0, 0.0))})
+    return fill(
+        marker, {"color": colour, "scale": scale, "pose": pose_fields(Pose2D(0.0, 0.0, 0.0))}
+    )

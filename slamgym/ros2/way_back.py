@@ -44,7 +44,9 @@ class WayBack:
         if navigator.status is GoalStatus.SUCCEEDED:
             apart = math.dist(pose[:2], self._start[:2])
             self.result = (
-                "at the start" if apart < 1.0 else f"{apart:.1f} m from the start, the nearest place"
+                "at the start"
+                if apart < 1.0
+                else f"{apart:.1f} m from the start, the nearest place"
             )
         elif navigator.status is GoalStatus.ABORTED:
             self._again_at = time + FIRST_PAUSE * 2.0**self._tries

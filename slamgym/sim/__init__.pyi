@@ -5,7 +5,13 @@ from .raycast import cast_rays
 from .robot import RobotConfig
 from .space import Motion, World, sample_start
 from .surfaces import SurfaceConfig, Surfaces, make_surfaces
-from .wheel_odometry import OdometryConfig, OdometryLevel, WheelOdometry, name_of_odometry, odometry_level
+from .wheel_odometry import (
+    OdometryConfig,
+    OdometryLevel,
+    WheelOdometry,
+    name_of_odometry,
+    odometry_level,
+)
 
 __all__ = [
     "Clutter",

@@ -105,12 +105,17 @@ def measure_beams(
         distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
         if hits[i] >= 0:
             kind, cosine = PLAIN, _cosine(ux, uy, segments, hits[i])
-            if hits[i] + 1 < len(surfaces.first) and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]:
+            if (
+                hits[i] + 1 < len(surfaces.first)
+                and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]
+            ):
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
             if kind != PLAIN:
                 ray = (x, y, ux, uy)
-                distance, cosine, echo, depth = _trace_beam(ray, true[i], hits[i], segments, surfaces, model)
+                distance, cosine, echo, depth = _trace_beam(
+                    ray, true[i], hits[i], segments, surfaces, model
+                )
         is_edge = _is_jump(true, i, i - 1) or _is_jump(true, i, i + 1)
         if is_edge and distance == true[i] <= model.range_max and model.beam_width > 0.0:
             distance = _blend((x, y, ux, uy), i, distance, true, hits, segments, model)
@@ -134,12 +139,16 @@ def measure_beams(
         sigma = max(model.sigma, model.sigma_relative * distance)
         error = normal[0, i]
         if model.bias > 0.0:
-            error += model.bias * _smooth_noise(surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased)
+            error += model.bias * _smooth_noise(
+                surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased
+            )
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
 
 
 @kernel
-def fail_beams(ranges: FloatArray, fate: FloatArray, lost: float, stray: float, range_max: float) -> None:
+def fail_beams(
+    ranges: FloatArray, fate: FloatArray, lost: float, stray: float, range_max: float
+) -> None:
     """Let some beams hear nothing, and some read anything up to what they would have.
 
     Args:
@@ -158,7 +167,9 @@ def fail_beams(ranges: FloatArray, fate: FloatArray, lost: float, stray: float, 
 def write_rep117(ranges: FloatArray, range_min: float, range_max: float, out: Float32Array) -> None:
     """Write ranges as REP 117 has them: too near to measure is -inf, nothing in range is +inf."""
     for i in range(len(ranges)):
-        out[i] = np.inf if ranges[i] > range_max else (-np.inf if ranges[i] < range_min else ranges[i])
+        out[i] = (
+            np.inf if ranges[i] > range_max else (-np.inf if ranges[i] < range_min else ranges[i])
+        )
 
 
 @kernel
@@ -179,13 +190,24 @@ def _trace_beam(
         scene = surfaces.outside if outdoors else segments
         cosine = _cosine(ux, uy, scene, hit)
         kind, own_echo, depth = 0.0, 1.0, 0.0
-        if not outdoors and hit + 1 < len(surfaces.first) and surfaces.first[hit] < surfaces.first[hit + 1]:
-            kind, own_echo, depth = _patch(surfaces, hit, _along(x, y, ux, uy, length, segments, hit))
+        if (
+            not outdoors
+            and hit + 1 < len(surfaces.first)
+            and surfaces.first[hit] < surfaces.first[hit + 1]
+        ):
+            kind, own_echo, depth = _patch(
+                surfaces, hit, _along(x, y, ux, uy, length, segments, hit)
+            )
         if kind == GLASS and (
             cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)
         ):
             kind = 0.0
-        is_back = pane >= 0.0 and length - pane < _THICKEST_WALL and hit < surfaces.num_walls and not outdoors
+        is_back = (
+            pane >= 0.0
+            and length - pane < _THICKEST_WALL
+            and hit < surfaces.num_walls
+            and not outdoors
+        )
         if kind == MIRROR and cosine < _SPECULAR_COS:
             passed += length
             x, y = x + length * ux, y + length * uy
@@ -199,7 +221,9 @@ def _trace_beam(
                 echo *= _THROUGH_GLASS
             before = length
             length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, model.range_max - passed)
-            far, thing = next_hit(x, y, ux, uy, before + 1e-6, surfaces.outside, model.range_max - passed)
+            far, thing = next_hit(
+                x, y, ux, uy, before + 1e-6, surfaces.outside, model.range_max - passed
+            )
             if far < length:
                 outdoors, length, hit = True, far, thing
         else:
@@ -217,7 +241,9 @@ def _cosine(ux: float, uy: float, segments: FloatArray, s: int) -> float:
 
 
 @kernel
-def _along(x: float, y: float, ux: float, uy: float, length: float, segments: FloatArray, s: int) -> float:
+def _along(
+    x: float, y: float, ux: float, uy: float, length: float, segments: FloatArray, s: int
+) -> float:
     """Distance along a segment at which a beam meets it [m]."""
     ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
     dx, dy = x + length * ux - segments[s, 0], y + length * uy - segments[s, 1]
@@ -244,7 +270,10 @@ def _patch(surfaces: Surfaces, s: int, along: float) -> tuple[float, float, floa
 @kernel
 def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
     """True if glass returns a beam at a place from any side."""
-    return _hash(surfaces.seed + 3, math.floor(x / _DIRT_SIZE), math.floor(y / _DIRT_SIZE)) < _DIRTY_SHARE
+    return (
+        _hash(surfaces.seed + 3, math.floor(x / _DIRT_SIZE), math.floor(y / _DIRT_SIZE))
+        < _DIRTY_SHARE
+    )
 
 
 @kernel

@@ -14,7 +14,14 @@ from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Person, Walkable
 from slamgym.sim.robot import RobotConfig
-from slamgym.sim.rooms_and_doors import RoomArea, doors_of, has_leaf, is_closed, leaf_boxes, room_areas
+from slamgym.sim.rooms_and_doors import (
+    RoomArea,
+    doors_of,
+    has_leaf,
+    is_closed,
+    leaf_boxes,
+    room_areas,
+)
 
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import Door, FloorPlan
@@ -41,7 +48,9 @@ _LEG = 0.1
 
 
 class ClutterConfig(
-    Settings, section="clutter", dropped={"passage": _PASSAGE, "walking_speed": list(_WALKING_SPEED)}
+    Settings,
+    section="clutter",
+    dropped={"passage": _PASSAGE, "walking_speed": list(_WALKING_SPEED)},
 ):
     """Amounts of furniture, doors and people. The default is an empty building."""
 
@@ -137,7 +146,11 @@ def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
     parts += [legs.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3).reshape(-1, 4)]
     others = boxes[~is_leg]
     parts += [np.concatenate([others, np.roll(others, -1, axis=1)], axis=2).reshape(-1, 4)]
-    parts += [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in solids if len(corners) != 4]
+    parts += [
+        np.hstack([corners, np.roll(corners, -1, axis=0)])
+        for corners in solids
+        if len(corners) != 4
+    ]
     return np.vstack(parts)
 
 
@@ -156,7 +169,8 @@ class Changes:
         self._rows = rows[len(rows) - sum(len(places[0]) for places in self._places) :]
         ends = np.cumsum([len(places[0]) for places in self._places])
         self._slices = [
-            slice(int(end) - len(places[0]), int(end)) for end, places in zip(ends, self._places, strict=True)
+            slice(int(end) - len(places[0]), int(end))
+            for end, places in zip(ends, self._places, strict=True)
         ]
         self.reset()
 
@@ -172,7 +186,10 @@ class Changes:
         if not self.movables:
             return self._clutter.solids()
         moved = zip(self.movables, self._now, strict=True)
-        return (*self._clutter.furniture, *(solid for places, now in moved for solid in places[now]))
+        return (
+            *self._clutter.furniture,
+            *(solid for places, now in moved for solid in places[now]),
+        )
 
     def advance(self, span: float, discs: FloatArray) -> bool:
         """Let time pass, in which something may be moved, but nothing that would come near to somebody.
@@ -197,7 +214,9 @@ class Changes:
 
     def _is_away(self, index: int, place: int, discs: FloatArray) -> bool:
         """True if no person is on the way of a piece: in the box about its old and its new place."""
-        points = np.vstack([self._rows[self._slices[index]], self._places[index][place]]).reshape(-1, 2)
+        points = np.vstack([self._rows[self._slices[index]], self._places[index][place]]).reshape(
+            -1, 2
+        )
         low, high = points.min(axis=0), points.max(axis=0)
         gap = discs[:, :2] - np.clip(discs[:, :2], low, high)
         return bool((np.hypot(*gap.T) > discs[:, 2]).all())
@@ -208,7 +227,10 @@ class Changes:
 
 
 def make_clutter(
-    plan: "FloorPlan", rng: np.random.Generator, config: ClutterConfig, robot: RobotConfig | None = None
+    plan: "FloorPlan",
+    rng: np.random.Generator,
+    config: ClutterConfig,
+    robot: RobotConfig | None = None,
 ) -> Clutter:
     """Furnish and populate a building.
 
@@ -243,10 +265,14 @@ def make_clutter(
     lost = before - _rooms_with(labels, reach(radius))
     people, walkable = _populate(passages, walking, config, rng)
     if left_out:
-        _logger.info("%s: no room for %d pieces of furniture; %d stand", plan.id, left_out, len(placed))
+        _logger.info(
+            "%s: no room for %d pieces of furniture; %d stand", plan.id, left_out, len(placed)
+        )
     return Clutter(
         furniture=furniture,
-        outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(-1, 6),
+        outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(
+            -1, 6
+        ),
         movables=(*chairs, *(tuple((_corners(leaf),) for leaf in places) for places in leaves)),
         people=people,
         walkable=walkable,
@@ -309,7 +335,9 @@ def _surroundings(door: "Door") -> FloatArray:
     """A door with the space that furniture keeps free on either side of it."""
     (x0, y0), (x1, y1) = door.start, door.end
     ux, uy = (x1 - x0) / door.width, (y1 - y0) / door.width
-    return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, 0.5 * door.width + _DOOR_ROOM, _DOOR_ROOM])
+    return np.array(
+        [0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, 0.5 * door.width + _DOOR_ROOM, _DOOR_ROOM]
+    )
 
 
 def _corners(box: FloatArray) -> FloatArray:
@@ -349,7 +377,9 @@ def _populate(
         return (), None
     people = tuple(
         Person(
-            passages.sample_point(cells, rng), float(rng.uniform(*_WALKING_SPEED)), int(rng.integers(2**32))
+            passages.sample_point(cells, rng),
+            float(rng.uniform(*_WALKING_SPEED)),
+            int(rng.integers(2**32)),
         )
         for _ in range(config.people)
     )

@@ -64,7 +64,10 @@ class ContactSolver:
         self._body = pymunk.Body(ROBOT_MASS, moment)
         shape = pymunk.Circle(self._body, robot.radius + SKIN)
         self._people = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
-        people = [pymunk.Circle(body, float(disc[2])) for body, disc in zip(self._people, discs, strict=True)]
+        people = [
+            pymunk.Circle(body, float(disc[2]))
+            for body, disc in zip(self._people, discs, strict=True)
+        ]
         self._space.add(self._body, shape, *self._people, *_walls(self._space, segments), *people)
 
     def place_people(self, discs: FloatArray) -> None:
@@ -95,14 +98,19 @@ class ContactSolver:
         velocity, position = body.velocity, body.position
         # The step moved the body before it solved, from rest: that is the push which the last overlap asked
         # for.
-        push_x, push_y, push_turn = position.x - pose.x, position.y - pose.y, body.angle - pose.theta
+        push_x, push_y, push_turn = (
+            position.x - pose.x,
+            position.y - pose.y,
+            body.angle - pose.theta,
+        )
         push = push_x / _SOLVER_STEP, push_y / _SOLVER_STEP, push_turn / _SOLVER_STEP
         return (velocity.x, velocity.y, body.angular_velocity), push
 
 
 def _walls(space: pymunk.Space, segments: FloatArray) -> list[pymunk.Segment]:
     return [
-        pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0) for x0, y0, x1, y1 in segments.tolist()
+        pymunk.Segment(space.static_body, (x0, y0), (x1, y1), 0.0)
+        for x0, y0, x1, y1 in segments.tolist()
     ]
 
 
@@ -113,7 +121,9 @@ def wall_order(segments: FloatArray) -> IntArray:
     space.add(*walls)
     everywhere = pymunk.BB(-math.inf, -math.inf, math.inf, math.inf)
     index_of = {wall: index for index, wall in enumerate(walls)}
-    return np.array([index_of[wall] for wall in space.bb_query(everywhere, pymunk.ShapeFilter())], np.int64)  # type: ignore[index]
+    return np.array(
+        [index_of[wall] for wall in space.bb_query(everywhere, pymunk.ShapeFilter())], np.int64
+    )  # type: ignore[index]
 
 
 _PERSISTENCE = 3  # steps after which a contact is forgotten
@@ -132,7 +142,9 @@ class DiscBody(NamedTuple):
     def of(cls, robot: RobotConfig) -> "DiscBody":
         """The body of a robot."""
         bias = 1.0 - math.pow(pymunk.Space().collision_bias, _SOLVER_STEP)
-        return cls(robot.radius + SKIN, pymunk.moment_for_circle(ROBOT_MASS, 0.0, robot.radius), bias)
+        return cls(
+            robot.radius + SKIN, pymunk.moment_for_circle(ROBOT_MASS, 0.0, robot.radius), bias
+        )
 
 
 class DiscContacts(NamedTuple):
@@ -157,7 +169,12 @@ class DiscContacts(NamedTuple):
 
 @kernel
 def solve_disc(
-    contacts: DiscContacts, i: int, walls: FloatArray, disc: DiscBody, state: FloatArray, wish: Velocity
+    contacts: DiscContacts,
+    i: int,
+    walls: FloatArray,
+    disc: DiscBody,
+    state: FloatArray,
+    wish: Velocity,
 ) -> tuple[Velocity, Velocity]:
     """Remove from a velocity what contact forbids, as :meth:`ContactSolver.solve` does.
 
@@ -185,7 +202,9 @@ def solve_disc(
     turned = state[2] + push[2] * _SOLVER_STEP
     box, near = (x - radius, y - radius, x + radius, y + radius), contacts.near[i]
     # A new list is gone through as the tree lists the walls, an old one backwards.
-    is_new = not (near[0] <= box[0] and near[2] >= box[2] and near[1] <= box[1] and near[3] >= box[3])
+    is_new = not (
+        near[0] <= box[0] and near[2] >= box[2] and near[1] <= box[1] and near[3] >= box[3]
+    )
     if is_new:
         _list_pairs(contacts, i, walls, box, contacts.order[i, : len(walls)])
     count = marks[_PAIRS]
@@ -234,7 +253,11 @@ def solve_disc(
         if is_settled:
             break  # further rounds would change nothing
     push[0], push[1], push[2] = bx, by, turn
-    moved = (x - state[0]) / _SOLVER_STEP, (y - state[1]) / _SOLVER_STEP, (turned - state[2]) / _SOLVER_STEP
+    moved = (
+        (x - state[0]) / _SOLVER_STEP,
+        (y - state[1]) / _SOLVER_STEP,
+        (turned - state[2]) / _SOLVER_STEP,
+    )
     return (vx, vy, w), moved
 
 
@@ -267,7 +290,12 @@ def _meet(x: float, y: float, wall: FloatArray, disc: DiscBody, contact: FloatAr
 
 @kernel
 def _box(wall: FloatArray) -> tuple[float, float, float, float]:
-    return min(wall[0], wall[2]), min(wall[1], wall[3]), max(wall[0], wall[2]), max(wall[1], wall[3])
+    return (
+        min(wall[0], wall[2]),
+        min(wall[1], wall[3]),
+        max(wall[0], wall[2]),
+        max(wall[1], wall[3]),
+    )
 
 
 @kernel
@@ -277,7 +305,11 @@ def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float,
 
 @kernel
 def _list_pairs(
-    contacts: DiscContacts, i: int, walls: FloatArray, box: tuple[float, float, float, float], order: IntArray
+    contacts: DiscContacts,
+    i: int,
+    walls: FloatArray,
+    box: tuple[float, float, float, float],
+    order: IntArray,
 ) -> None:
     """Note the walls near the box about the robot, widened so that the list holds for a while."""
     near, marks = contacts.near[i], contacts.marks[i]

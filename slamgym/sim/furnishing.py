@@ -10,7 +10,15 @@ import numpy as np
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
-from slamgym.sim.furniture import SMALL_THINGS, UNTIDY_TABLES, Corners, Piece, Shape, pieces_for, shape_of
+from slamgym.sim.furniture import (
+    SMALL_THINGS,
+    UNTIDY_TABLES,
+    Corners,
+    Piece,
+    Shape,
+    pieces_for,
+    shape_of,
+)
 from slamgym.sim.passages import Passages
 from slamgym.sim.rooms_and_doors import RoomArea
 
@@ -123,7 +131,11 @@ def _place(
 
 @kernel
 def _at_walls(
-    width: float, walls: FloatArray, gaps: tuple[float, float], from_corner: FloatArray, draws: FloatArray
+    width: float,
+    walls: FloatArray,
+    gaps: tuple[float, float],
+    from_corner: FloatArray,
+    draws: FloatArray,
 ) -> FloatArray:
     """Poses of the middle of a piece's back, shape (N, 3); two of three are near a corner."""
     total = np.zeros(len(walls) + 1)
@@ -133,7 +145,9 @@ def _at_walls(
     number = len(draws) if total[-1] > 0.0 else 0
     poses = np.empty((number, 3))
     for i in range(number):
-        wall = min(np.searchsorted(total, draws[i, 0] * total[-1], side="right") - 1, len(walls) - 1)
+        wall = min(
+            np.searchsorted(total, draws[i, 0] * total[-1], side="right") - 1, len(walls) - 1
+        )
         x0, y0, x1, y1 = walls[wall]
         length = math.hypot(x1 - x0, y1 - y0)
         near, far = 0.5 * width + gaps[0], length - 0.5 * width - gaps[0]
@@ -181,7 +195,9 @@ def put_down(pieces: Sequence[PlacedPiece]) -> tuple[Solids, tuple[tuple[Solids,
     flat = [[*piece.shape.solids, *_legs(piece.shape)] for piece in pieces]
     sizes = [len(corners) for solids in flat for corners in solids]
     local = np.array([corner for solids in flat for corners in solids for corner in corners])
-    owner = np.repeat(np.arange(len(pieces)), [sum(len(corners) for corners in solids) for solids in flat])
+    owner = np.repeat(
+        np.arange(len(pieces)), [sum(len(corners) for corners in solids) for solids in flat]
+    )
     x, y, theta = np.array([piece.pose for piece in pieces])[owner].T
     cos, sin = np.cos(theta), np.sin(theta)
     world = np.column_stack(

@@ -55,7 +55,9 @@ class Piece:
     place: Literal["wall", "middle", "anywhere"] = "wall"
     seats: int = 0  # chairs at each long side that isn't at a wall
     turned: float = 0.0  # standard deviation of its angle [rad]
-    share_of_wall: float = 0.0  # its width is at least this share of its wall, if the range allows it
+    share_of_wall: float = (
+        0.0  # its width is at least this share of its wall, if the range allows it
+    )
 
 
 Corners = Sequence[tuple[float, float]]
@@ -72,7 +74,12 @@ class Shape:
 
 
 def shape_of(
-    piece: Piece, width: float, depth: float, rng: np.random.Generator, places: int, untidiness: float = 0.0
+    piece: Piece,
+    width: float,
+    depth: float,
+    rng: np.random.Generator,
+    places: int,
+    untidiness: float = 0.0,
 ) -> Shape:
     """Draw the shape of a piece of a size: its form, and the places of its chairs, of which the first is now.
 
@@ -130,7 +137,9 @@ def _solids(form: Form, back: float, width: float, depth: float) -> Sequence[Cor
         return (_box(back, -half, front, half),)
     if form == "round":
         angles = [(corner + 0.5) * (2.0 * math.pi / _CORNERS) for corner in range(_CORNERS)]
-        return ([(middle + 0.5 * depth * math.cos(angle), half * math.sin(angle)) for angle in angles],)
+        return (
+            [(middle + 0.5 * depth * math.cos(angle), half * math.sin(angle)) for angle in angles],
+        )
     if form == "column":
         return (_square(middle, 0.0, _LEG),)
     if form == "panels":
@@ -164,7 +173,9 @@ _PLANT = Piece((0.22, 0.4), (0.22, 0.4), ("round",), 0.5, number=2)
 _RADIATOR = Piece((0.6, 1.6), (0.08, 0.12), chance=0.7)
 _LAMP = Piece((0.06, 0.06), (0.06, 0.06), ("column",), 0.4)
 _CHAIR = Piece((_SEAT, _SEAT), (_SEAT, _SEAT), ("legs",), 0.5, number=2, turned=0.15)
-_TOYS = Piece((0.1, 0.2), (0.1, 0.2), ("solid", "round"), 0.4, number=3, place="anywhere", turned=1.0)
+_TOYS = Piece(
+    (0.1, 0.2), (0.1, 0.2), ("solid", "round"), 0.4, number=3, place="anywhere", turned=1.0
+)
 _SHOES = Piece((0.1, 0.24), (0.27, 0.3), chance=0.7, number=3, turned=0.1)
 _DINING = Piece((1.2, 1.8), (0.75, 0.95), ("legs",), 0.9, place="middle", seats=2)
 _ROUND_TABLE = Piece((0.9, 1.1), (0.9, 1.1), ("column",), 0.3, place="middle", seats=1)

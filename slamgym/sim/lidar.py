@@ -208,7 +208,9 @@ class Lidar:
         self._law = plain(self.law)
         self.is_perfect = config == lidar_level("exact", config)
 
-    def look(self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)) -> Sighting:
+    def look(
+        self, pose: Pose2D, segments: FloatArray, velocity: Twist2D = Twist2D(0.0, 0.0)
+    ) -> Sighting:
         """Find the surface that each beam meets first.
 
         Convention: ``pose`` is the robot's *base* in the frame of the segments when the last beam is measured; the
@@ -234,7 +236,9 @@ class Lidar:
     def _bases(self, pose: Pose2D, velocity: Twist2D) -> list[Pose2D]:
         """Where the base was for each part of the sweep that ends at ``pose``."""
         distance, turn = velocity.linear * self.config.sweep, velocity.angular * self.config.sweep
-        parts = min(_MOST_PARTS, math.ceil(max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN)))
+        parts = min(
+            _MOST_PARTS, math.ceil(max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN))
+        )
         if parts < 1:
             return [pose]
         bases = []
@@ -248,7 +252,9 @@ class Lidar:
         """The ranges of :meth:`look`, shape (num_beams,) [m]."""
         return self.look(pose, segments).ranges
 
-    def scan(self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float) -> LaserScan:
+    def scan(
+        self, pose: Pose2D, segments: FloatArray, rng: np.random.Generator, stamp: float
+    ) -> LaserScan:
         """Measure in a world of plain surfaces.
 
         Convention: as :meth:`look`. Errors lie along the beam: a beam's direction is always exact.
@@ -265,7 +271,11 @@ class Lidar:
         return self.measure(self.look(pose, segments), rng, stamp)
 
     def measure(
-        self, sighting: Sighting, rng: np.random.Generator, stamp: float, surfaces: Surfaces | None = None
+        self,
+        sighting: Sighting,
+        rng: np.random.Generator,
+        stamp: float,
+        surfaces: Surfaces | None = None,
     ) -> LaserScan:
         """Make a scan of what the beams meet.
 
@@ -284,7 +294,9 @@ class Lidar:
         write_rep117(ranges, float(self.config.range_min), float(self.config.range_max), out)
         return LaserScan(stamp, out, self.geometry)
 
-    def _with_errors(self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator) -> FloatArray:
+    def _with_errors(
+        self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator
+    ) -> FloatArray:
         config, true = self.config, sighting.ranges
         normal = rng.standard_normal((2, len(true)))
         measured = np.empty(len(true))

@@ -203,7 +203,11 @@ def settle(
     change = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
     contact = change > _CONTACT_TOLERANCE
     # Cut to what the skin allows, even if the solver returns more.
-    dx, dy, turn = (left[0] + push[0]) * span, (left[1] + push[1]) * span, (left[2] + push[2]) * span
+    dx, dy, turn = (
+        (left[0] + push[0]) * span,
+        (left[1] + push[1]) * span,
+        (left[2] + push[2]) * span,
+    )
     distance = math.hypot(dx, dy)
     if distance > SKIN:
         share = SKIN / distance

@@ -88,7 +88,8 @@ class Passages:
         before = self.clearance[around].copy()
         self.block(box)
         if all(
-            _stay_connected(before >= radius, self.clearance[around] >= radius) for radius in radii + ROUNDING
+            _stay_connected(before >= radius, self.clearance[around] >= radius)
+            for radius in radii + ROUNDING
         ):
             return True
         self.clearance[around] = before
@@ -158,7 +159,9 @@ class Passages:
         """The cells of a point or of points, cut to the raster: row from the bottom, and column."""
         rows, cols = (
             np.clip(((np.asarray(values) - origin) / PASSAGE_CELL).astype(np.int64), 0, count - 1)
-            for values, origin, count in zip((y, x), self.origin[::-1], self.frame.shape, strict=True)
+            for values, origin, count in zip(
+                (y, x), self.origin[::-1], self.frame.shape, strict=True
+            )
         )
         return rows, cols
 
@@ -193,7 +196,9 @@ class Passages:
         rows, cols = np.nonzero(cells)
         index = int(rng.integers(len(rows)))
         x, y = self.origin
-        return x + (float(cols[index]) + 0.5) * PASSAGE_CELL, y + (float(rows[index]) + 0.5) * PASSAGE_CELL
+        return x + (float(cols[index]) + 0.5) * PASSAGE_CELL, y + (
+            float(rows[index]) + 0.5
+        ) * PASSAGE_CELL
 
 
 @kernel

@@ -52,7 +52,9 @@ class Walkable:
     def covers(self, here: FloatArray, there: FloatArray) -> bool:
         """True if a straight path stays on it; points (x, y) [m]."""
         number = 2 + int(np.hypot(*(there - here)) / (0.5 * PASSAGE_CELL))
-        path = (here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin) / PASSAGE_CELL
+        path = (
+            here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin
+        ) / PASSAGE_CELL
         cols, rows = np.floor(path).astype(np.int64).T
         height, width = self.cells.shape
         if rows.min() < 0 or cols.min() < 0 or rows.max() >= height or cols.max() >= width:
@@ -103,7 +105,10 @@ class Crowd:
             cos, sin = math.cos(heading), math.sin(heading)
             for side in (-1.0, 1.0):
                 ahead, left = side * swing, side * _LEG_APART
-                middle = self.discs[index, :2] + (ahead * cos - left * sin, ahead * sin + left * cos)
+                middle = self.discs[index, :2] + (
+                    ahead * cos - left * sin,
+                    ahead * sin + left * cos,
+                )
                 corners = ring + middle
                 outlines.append(np.hstack([corners[:-1], corners[1:]]))
         return np.vstack(outlines) if outlines else np.empty((0, 4))
@@ -150,7 +155,9 @@ class Crowd:
         here = self.discs[index, :2]
         best = 0.0
         for angle, distance in zip(
-            rng.uniform(-math.pi, math.pi, _TRIES), rng.uniform(0.5, _LONGEST_PATH, _TRIES), strict=True
+            rng.uniform(-math.pi, math.pi, _TRIES),
+            rng.uniform(0.5, _LONGEST_PATH, _TRIES),
+            strict=True,
         ):
             there = here + distance * np.array([math.cos(angle), math.sin(angle)])
             if distance > best and self._walkable.covers(here, there):

@@ -152,7 +152,17 @@ def cast_sweep(
         begin, end = -(-k * num_beams // count), -(-(k + 1) * num_beams // count)
         first = angle_min + begin * angle_increment if begin else angle_min
         x, y, theta = sensors[k, 0], sensors[k, 1], sensors[k, 2]
-        cast_hits(x, y, theta, first, angle_increment, segments, range_max, out[begin:end], hits[begin:end])
+        cast_hits(
+            x,
+            y,
+            theta,
+            first,
+            angle_increment,
+            segments,
+            range_max,
+            out[begin:end],
+            hits[begin:end],
+        )
 
 
 @kernel

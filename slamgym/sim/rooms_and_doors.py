@@ -108,7 +108,9 @@ def room_areas(
         if name.lower() in _NAMELESS:
             category = likely_category(area, max(spread) / min(spread), rng)
         own = walls[sides == label]
-        found.append(RoomArea(name or f"room {label}", category, area, (mean_x, mean_y), spread, own, label))
+        found.append(
+            RoomArea(name or f"room {label}", category, area, (mean_x, mean_y), spread, own, label)
+        )
     return found, labels
 
 
@@ -134,7 +136,9 @@ def _named(plan: "FloorPlan", passages: Passages) -> IntArray:
         if abs((x1 - x0) * (y1 - y0) - plan.rooms[index].area) < 1e-6:
             labels[row0 : row1 + 1, col0 : col1 + 1] = index + 1
         else:
-            inside = fill_segments(ring_segments([polygon.exterior, *polygon.interiors]), passages.frame)
+            inside = fill_segments(
+                ring_segments([polygon.exterior, *polygon.interiors]), passages.frame
+            )
             labels[inside[::-1]] = index + 1
     return labels
 
@@ -143,7 +147,9 @@ def _guessed(free: BoolArray) -> IntArray:
     """Labels from 1: wide places, and to each what is nearest to it."""
     import cv2
 
-    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) * PASSAGE_CELL
+    distance = (
+        cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) * PASSAGE_CELL
+    )
     _, cores = cv2.connectedComponents((distance > 0.5 * _WIDEST_DOOR).astype(np.uint8))
     _, nearest = cv2.distanceTransformWithLabels(
         (cores == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
@@ -186,7 +192,9 @@ def doors_of(plan: "FloorPlan") -> list["Door"]:
     from slamgym.cad.doors import SIMPLIFY, find_openings
 
     simple = plan.free_space.simplify(SIMPLIFY)
-    return find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []
+    return (
+        find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []
+    )
 
 
 def has_leaf(door: "Door") -> bool:

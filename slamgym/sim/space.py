@@ -337,14 +337,20 @@ def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float
 
 
 def _sample_among(
-    passages: Passages, clutter: Clutter, plan: "FloorPlan", robot: RobotConfig, rng: np.random.Generator
+    passages: Passages,
+    clutter: Clutter,
+    plan: "FloorPlan",
+    robot: RobotConfig,
+    rng: np.random.Generator,
 ) -> Pose2D:
     """Draw from the cells of the largest part that furniture, doors and people leave."""
     radius = _room_for(robot)
     cells = passages.largest_part(radius)
     for _ in range(_DRAWS if cells.any() else 0):
         x, y = passages.sample_point(cells, rng)
-        if all(math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people):
+        if all(
+            math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people
+        ):
             return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
     raise _fits_nowhere(plan, robot)
 

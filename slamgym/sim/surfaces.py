@@ -27,7 +27,9 @@ PLAIN, GLASS, MIRROR = 0.0, 1.0, 2.0
 _MODULE = 2.5  # [m] walls are cut into equal modules of at most this
 # Of a module that is seen through: a gap between curtains, up to a French window; drawn evenly in its logarithm.
 _NARROWEST_PANE, _WIDEST_PANE = 0.08, 0.9
-_PANE_SHARE = (_WIDEST_PANE - _NARROWEST_PANE) / math.log(_WIDEST_PANE / _NARROWEST_PANE)  # on average
+_PANE_SHARE = (_WIDEST_PANE - _NARROWEST_PANE) / math.log(
+    _WIDEST_PANE / _NARROWEST_PANE
+)  # on average
 _MIRROR_SHARE = 0.25
 _DARK_SHARE = 0.5  # of a module, on average
 _SHORTEST = 0.6  # [m] shorter walls have no pane and no mirror
@@ -139,10 +141,14 @@ def wall_surfaces(plan: "FloorPlan", config: SurfaceConfig) -> Surfaces:
     panes: list[list[tuple[float, ...]]] = []
     outside: list[FloatArray] = []
     for wall, is_outer in zip(walls, outer, strict=True):
-        patches = _wall_patches(wall, config.glazing if is_outer else config.inner_glazing, config, rng)
+        patches = _wall_patches(
+            wall, config.glazing if is_outer else config.inner_glazing, config, rng
+        )
         panes.append(_with_frames(wall, patches, plan, config, rng))
         if is_outer:
-            outside += [_things_outside(wall, patch, plan, rng) for patch in patches if patch[2] == GLASS]
+            outside += [
+                _things_outside(wall, patch, plan, rng) for patch in patches if patch[2] == GLASS
+            ]
     counts = [len(patches) for patches in panes]
     flat = [patch for patches in panes for patch in patches]
     return Surfaces(
@@ -169,7 +175,9 @@ def furnished_surfaces(walls: Surfaces, furniture: FloatArray, config: SurfaceCo
     begins[1:] = (furniture[:-1, 2:] != furniture[1:, :2]).any(axis=1)
     # Its own stream: moving a chair doesn't change the walls.
     draws = np.random.default_rng([walls.seed, 1]).random((int(begins.sum()), 2)).tolist()
-    by_piece = np.array([_echo(strength) if draw < config.dark else 1.0 for draw, strength in draws])
+    by_piece = np.array(
+        [_echo(strength) if draw < config.dark else 1.0 for draw, strength in draws]
+    )
     echoes = by_piece[np.cumsum(begins) - 1]
     is_dark = echoes < 1.0
     patches = np.zeros((int(is_dark.sum()), 5))
@@ -203,7 +211,9 @@ def _wall_patches(
     length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
     modules = math.ceil(length / _MODULE)
     size = length / modules
-    chances = np.array([glazing / _PANE_SHARE, config.mirrors / _MIRROR_SHARE, config.dark / _DARK_SHARE])
+    chances = np.array(
+        [glazing / _PANE_SHARE, config.mirrors / _MIRROR_SHARE, config.dark / _DARK_SHARE]
+    )
     if length < _SHORTEST:
         chances[:2] = 0.0
     ends = np.cumsum(chances)
@@ -240,7 +250,9 @@ def _with_frames(
     for begin, end, kind, *_ in patches:
         if kind == GLASS:
             depth = float(rng.uniform(0.0, config.frames))
-            frames += [(at - _FRAME_WIDTH, at, PLAIN, 1.0, depth) for at in (begin, end + _FRAME_WIDTH)]
+            frames += [
+                (at - _FRAME_WIDTH, at, PLAIN, 1.0, depth) for at in (begin, end + _FRAME_WIDTH)
+            ]
     length = float(np.hypot(*(wall[2:] - wall[:2])))
     direction = (wall[2:] - wall[:2]) / length
     for jamb in (point for door in plan.doors for point in (door.start, door.end)):
@@ -264,7 +276,9 @@ def _things_outside(
     if shapely.contains_xy(plan.free_space, *(middle + 0.01 * out)):
         out = -out
     number = int(rng.integers(_THINGS_OUTSIDE + 1))
-    away = _NEAREST_OUTSIDE * exp(math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) * rng.random(number))
+    away = _NEAREST_OUTSIDE * exp(
+        math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) * rng.random(number)
+    )
     aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
     half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random(number)
     far = _NEAREST_BACKDROP * (_FURTHEST_OUTSIDE / _NEAREST_BACKDROP) ** rng.random()

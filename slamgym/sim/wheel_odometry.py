@@ -24,7 +24,9 @@ OdometryLevel = Literal["ideal", "low", "medium", "high"]
 
 
 class OdometryConfig(
-    Settings, section="odometry", dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0}
+    Settings,
+    section="odometry",
+    dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0},
 ):
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 
@@ -128,7 +130,9 @@ class WheelOdometry:
         believed_base: The wheel base that the odometry believes in [m].
     """
 
-    def __init__(self, config: OdometryConfig, robot: RobotConfig, rng: np.random.Generator) -> None:
+    def __init__(
+        self, config: OdometryConfig, robot: RobotConfig, rng: np.random.Generator
+    ) -> None:
         self.config = config
         diameter, wheelbase, scale = rng.standard_normal(3).tolist()
         self.diameter_ratio = 1.0 + config.diameter_ratio_std * diameter
@@ -173,7 +177,9 @@ class WheelOdometry:
         return self.pose
 
 
-def count_ticks(before: tuple[float, float], rolled: tuple[float, float], tick: float) -> tuple[float, float]:
+def count_ticks(
+    before: tuple[float, float], rolled: tuple[float, float], tick: float
+) -> tuple[float, float]:
     """Distance of each wheel by its ticks [m]; a fraction of a tick is carried over to the next reading.
 
     Args:

@@ -48,7 +48,9 @@ def fill_levels(levels: ByteArray) -> None:
 
 
 @kernel
-def block_score(level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du: int, dv: int) -> int:
+def block_score(
+    level: np.ndarray, low: int, us: np.ndarray, vs: np.ndarray, du: int, dv: int
+) -> int:
     """Sum of a level's values at the points moved by an offset.
 
     Cells left of or below the grid still see its border: their block of maxima may reach into it.
@@ -140,11 +142,17 @@ def turned_cells(
     for a in range(len(headings)):
         cos, sin = math.cos(headings[a]), math.sin(headings[a])
         for i in range(len(points)):
-            us[a, i] = math.floor((origin[0] + cos * points[i, 0] - sin * points[i, 1]) / SUBMAP_CELL)
-            vs[a, i] = math.floor((origin[1] + sin * points[i, 0] + cos * points[i, 1]) / SUBMAP_CELL)
+            us[a, i] = math.floor(
+                (origin[0] + cos * points[i, 0] - sin * points[i, 1]) / SUBMAP_CELL
+            )
+            vs[a, i] = math.floor(
+                (origin[1] + sin * points[i, 0] + cos * points[i, 1]) / SUBMAP_CELL
+            )
         for i in range(len(sides)):
             x, y = cos * sides[i, 0] - sin * sides[i, 1], sin * sides[i, 0] + cos * sides[i, 1]
-            us[a, i] += width * ((0 if x > 0.0 else 2) if abs(x) >= abs(y) else (1 if y > 0.0 else 3))
+            us[a, i] += width * (
+                (0 if x > 0.0 else 2) if abs(x) >= abs(y) else (1 if y > 0.0 else 3)
+            )
     return us, vs
 
 
@@ -184,7 +192,9 @@ def search_blocks(
             for j in range(rows):
                 u, v = first + (i << top), first + (j << top)
                 if len(floors) == 0 or floors[top, v, u]:
-                    bounds[(a * cols + i) * rows + j] = block_score(levels[top], 1 << top, us[a], vs[a], u, v)
+                    bounds[(a * cols + i) * rows + j] = block_score(
+                        levels[top], 1 << top, us[a], vs[a], u, v
+                    )
     places, best, count = np.empty((min(len(bounds), MOST_PLACES), 4)), least, 0
     for place in np.argsort(-bounds):
         wanted = max(best - margin, least)

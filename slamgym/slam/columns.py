@@ -37,7 +37,9 @@ class Columns:
     def append(self, **values: Any) -> None:
         """Add a row; an array that is not named gets zeros."""
         if self._length == self._capacity:
-            self._arrays = {name: np.concatenate([a, np.zeros_like(a)]) for name, a in self._arrays.items()}
+            self._arrays = {
+                name: np.concatenate([a, np.zeros_like(a)]) for name, a in self._arrays.items()
+            }
             self._capacity *= 2
         for name, value in values.items():
             self._arrays[name][self._length] = value

@@ -218,7 +218,9 @@ class SlamConfig(
     @staticmethod
     def gmapping(particles: int = 30) -> "SlamConfig":
         """The launch file's settings with so many particles, also where the defaults differ from it."""
-        return SlamConfig("rbpf", particles, minimum_score=50.0, max_usable_range=3.0, no_return="ignore")
+        return SlamConfig(
+            "rbpf", particles, minimum_score=50.0, max_usable_range=3.0, no_return="ignore"
+        )
 
     @staticmethod
     def for_log(max_range: float, num_beams: int) -> "SlamConfig":

@@ -66,7 +66,10 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
             continue
         xx, xy, yy = _scatter(points, first, last + 1)
         half_trace, half_gap = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
-        thickness, spread = half_trace - half_gap, half_trace + half_gap  # variances across and along
+        thickness, spread = (
+            half_trace - half_gap,
+            half_trace + half_gap,
+        )  # variances across and along
         if thickness <= NORMAL_THICKNESS**2 and spread >= 4.0 * thickness:
             angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
             out[i, 0], out[i, 1] = math.cos(angle), math.sin(angle)

@@ -77,8 +77,12 @@ def nearest_square(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> 
         if left & np.uint64(1 << k):
             near_u, near_v = k % 3 - 1, k // 3 - 1
             if not inside:
-                tile = np.uint64(table[(cell_v + near_v) >> TILE_BITS, (cell_u + near_u) >> TILE_BITS])
-            cell = np.uint64((((at_v + near_v) & TILE_MASK) << TILE_BITS) | ((at_u + near_u) & TILE_MASK))
+                tile = np.uint64(
+                    table[(cell_v + near_v) >> TILE_BITS, (cell_u + near_u) >> TILE_BITS]
+                )
+            cell = np.uint64(
+                (((at_v + near_v) & TILE_MASK) << TILE_BITS) | ((at_u + near_u) & TILE_MASK)
+            )
             du = near_u + cells[tile, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS) - in_u
             dv = near_v + cells[tile, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS) - in_v
             nearest = min(nearest, du * du + dv * dv)
@@ -104,7 +108,13 @@ def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
 
 @kernel
 def score(
-    cells: np.ndarray, table: np.ndarray, turned: FloatArray, u: float, v: float, gain: float, to_beat: float
+    cells: np.ndarray,
+    table: np.ndarray,
+    turned: FloatArray,
+    u: float,
+    v: float,
+    gain: float,
+    to_beat: float,
 ) -> float:
     """GMapping's matching score of a position; ``gain`` in 1/cells^2.
 
@@ -205,7 +215,11 @@ def log_likelihood(
 
 @kernel
 def match_particles(
-    maps: TileMaps, poses: FloatArray, points: FloatArray, s: MatchSettings, log_likelihoods: FloatArray
+    maps: TileMaps,
+    poses: FloatArray,
+    points: FloatArray,
+    s: MatchSettings,
+    log_likelihoods: FloatArray,
 ) -> int:
     """Move each particle to the best match of the scan with the particle's own map.
 

@@ -11,7 +11,15 @@ import numpy as np
 
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.jit import kernel
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, Float32Array, FloatArray, LaserGeometry
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    Float32Array,
+    FloatArray,
+    LaserGeometry,
+)
 from slamgym.slam.config import SlamConfig
 
 _FRACTION = 32

@@ -17,7 +17,13 @@ from slamgym.core.types import (
     OccupancyGrid,
 )
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.hit_count_kernels import BeamTable, classify_counts, draw_scans, draw_scans_once, regrid
+from slamgym.slam.hit_count_kernels import (
+    BeamTable,
+    classify_counts,
+    draw_scans,
+    draw_scans_once,
+    regrid,
+)
 
 BLOCK = 64
 """The grid grows by blocks of this many cells, so that it seldom grows."""
@@ -41,7 +47,9 @@ class HitCountMap:
         self._memory_limit = config.memory_limit_mb * 1e6
         self.corner = (0, 0)
         """Lattice (row, col) of the lower left cell."""
-        self._counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)  # hits and visits, row 0 at the bottom
+        self._counts: np.ndarray = np.zeros(
+            (0, 0, 2), dtype=np.int32
+        )  # hits and visits, row 0 at the bottom
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
         self._dirty: tuple[int, int, int, int] | None = None  # lattice rows and cols, half open
 
@@ -62,7 +70,9 @@ class HitCountMap:
             return
         scans = poses, ranges, self._beams, sign
         bounds = self._draw_scans(self._counts, self.corner, self._resolution, *scans)
-        first_col, first_row, last_col, last_row = (math.floor(value / self._resolution) for value in bounds)
+        first_col, first_row, last_col, last_row = (
+            math.floor(value / self._resolution) for value in bounds
+        )
         box = (first_row, first_col, last_row + 1, last_col + 1)
         if self._grow_to(box):
             self._draw_scans(self._counts, self.corner, self._resolution, *scans)
@@ -88,7 +98,13 @@ class HitCountMap:
         """Let the grid grow to cover lattice rows and columns ``box``; true if it had to."""
         row, col = self.corner
         rows, cols = self._cells.shape
-        if rows and box[0] >= row and box[1] >= col and box[2] <= row + rows and box[3] <= col + cols:
+        if (
+            rows
+            and box[0] >= row
+            and box[1] >= col
+            and box[2] <= row + rows
+            and box[3] <= col + cols
+        ):
             return False
         box = _around(box, (row, col, row + rows, col + cols) if rows else None)
         low = [math.floor(value / BLOCK) * BLOCK for value in box[:2]]
@@ -99,7 +115,10 @@ class HitCountMap:
                 f"than slam.memory_limit_mb={self._memory_limit / 1e6:.0f} allows; raise it, use a coarser "
                 "resolution, or check the log for impossible ranges"
             )
-        counts, cells = np.zeros((*shape, 2), dtype=np.int32), np.full(shape, UNKNOWN, dtype=np.uint8)
+        counts, cells = (
+            np.zeros((*shape, 2), dtype=np.int32),
+            np.full(shape, UNKNOWN, dtype=np.uint8),
+        )
         at = (slice(row - low[0], row - low[0] + rows), slice(col - low[1], col - low[1] + cols))
         counts[at], cells[at] = self._counts, self._cells
         self.corner, self._counts, self._cells = (low[0], low[1]), counts, cells
@@ -111,7 +130,9 @@ class HitCountMap:
             row, col = self.corner
             first_row, first_col, last_row, last_col = self._dirty
             box = first_row - row, first_col - col, last_row - row, last_col - col
-            classify_counts(self._counts, box, self._threshold, (0.0, 0.0), self._min_passes, self._cells)
+            classify_counts(
+                self._counts, box, self._threshold, (0.0, 0.0), self._min_passes, self._cells
+            )
             self._dirty = None
         return self._cells
 
@@ -121,7 +142,9 @@ class HitCountMap:
         if any(self._margins):
             cells = np.empty_like(cells)
             box = 0, 0, *cells.shape
-            classify_counts(self._counts, box, self._threshold, self._margins, self._min_passes, cells)
+            classify_counts(
+                self._counts, box, self._threshold, self._margins, self._min_passes, cells
+            )
         return cropped_to_known(cells, self.corner, self._resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
@@ -146,7 +169,12 @@ def _around(
     """The smallest box that holds two, each half open."""
     if other is None:
         return box
-    return min(box[0], other[0]), min(box[1], other[1]), max(box[2], other[2]), max(box[3], other[3])
+    return (
+        min(box[0], other[0]),
+        min(box[1], other[1]),
+        max(box[2], other[2]),
+        max(box[3], other[3]),
+    )
 
 
 def cropped_to_known(cells: ByteArray, corner: tuple[int, int], resolution: float) -> OccupancyGrid:

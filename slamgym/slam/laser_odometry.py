@@ -124,6 +124,8 @@ def with_steps(log: Log, steps: FloatArray) -> Log:
     headings = np.cumsum(np.append(poses[0, 2], steps[:, 2]))
     ahead = unit_vectors(headings[:-1])
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
-    places = np.cumsum(np.vstack([poses[:1, :2], steps[:, :1] * ahead + steps[:, 1:2] * left]), axis=0)
+    places = np.cumsum(
+        np.vstack([poses[:1, :2], steps[:, :1] * ahead + steps[:, 1:2] * left]), axis=0
+    )
     moved = np.column_stack([places, wrap_angle(headings)])
     return with_track(log, OdometryTrack(stamps, moved, scans))

@@ -230,7 +230,11 @@ class PoseTracker(Mapper):
     """
 
     def __init__(
-        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+        self,
+        config: SlamConfig,
+        geometry: LaserGeometry,
+        initial_pose: Pose2D,
+        rng: np.random.Generator,
     ) -> None:
         del rng  # nothing is random here
         super().__init__(config, geometry)

@@ -41,6 +41,8 @@ def make_mapper(
     """
     if config.mode == "map":
         if finished is None:
-            raise ConfigError("slam.mode 'map' needs a finished map to find itself on, and is given none")
+            raise ConfigError(
+                "slam.mode 'map' needs a finished map to find itself on, and is given none"
+            )
         return MapLocalizer(config, geometry, initial_pose, rng, finished)
     return MODES[config.mode](config, geometry, initial_pose, rng)

@@ -16,7 +16,9 @@ def add_way(distance: float, turn: float, increment: Pose2D) -> tuple[float, flo
     return distance + math.hypot(increment[0], increment[1]), turn + abs(increment[2])
 
 
-def is_far_enough(distance: float, turn: float, waited: float, updates: tuple[float, float, float]) -> bool:
+def is_far_enough(
+    distance: float, turn: float, waited: float, updates: tuple[float, float, float]
+) -> bool:
     """Return True if a scan must be processed after so much motion [m, rad] and time [s], by three thresholds."""
     return distance >= updates[0] or turn >= updates[1] or waited > updates[2]
 
@@ -48,7 +50,11 @@ class OdometryGate:
     @property
     def since_processed(self) -> Pose2D:
         """Motion since the last processed scan, in the robot frame of that time."""
-        return Pose2D(0.0, 0.0, 0.0) if self._last is None else between(self._last_processed, self._last)
+        return (
+            Pose2D(0.0, 0.0, 0.0)
+            if self._last is None
+            else between(self._last_processed, self._last)
+        )
 
     def must_process(self, odometry: Pose2D, stamp: float) -> bool:
         """Take the odometry pose of a scan; True if the scan must be processed. The first one must."""
@@ -126,7 +132,9 @@ def noise_array(noise: MotionNoise) -> FloatArray:
 
 
 @kernel
-def sample_motion(poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray) -> None:
+def sample_motion(
+    poses: FloatArray, increments: FloatArray, normals: FloatArray, noise: FloatArray
+) -> None:
     """Move each particle by the odometry increments since the last processed scan, with its own noise.
 
     GMapping adds noise at every scan, also at those it doesn't process; so the spread depends on the scan

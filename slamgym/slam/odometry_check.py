@@ -35,7 +35,9 @@ WHEEL_ERRORS, MATCH_ERRORS, CONTRADICTION = (0.025, 0.17), 10.0, 3.0
 """Standard deviation of wheels [m or rad], and its share of what they measure; the factor by which that of matches is
 underestimated; and the deviations by which most of some pairs in a row contradict the odometry; with half as many a
 pair agrees. By these no stretch of five good logs is contradicted, and six of one whose wheels lost their sign."""
-OTHERWISE = "(--odometry-topic or --odometry-frame names another, --odometry-topic none leaves it out)"
+OTHERWISE = (
+    "(--odometry-topic or --odometry-frame names another, --odometry-topic none leaves it out)"
+)
 
 
 class PairMotions(NamedTuple):
@@ -76,7 +78,9 @@ def measure_pairs(log: Log) -> PairMotions:
     """Motions of a sample of pairs, by the scans and by the odometry; pairs that say nothing are left out."""
     stamps = np.array([record.stamp for record in log])
     every = np.arange(len(log) - 1)
-    after = np.maximum(np.searchsorted(stamps, stamps[:-1] + PAIR_SECONDS).clip(max=len(every)), every + 1)
+    after = np.maximum(
+        np.searchsorted(stamps, stamps[:-1] + PAIR_SECONDS).clip(max=len(every)), every + 1
+    )
     first = every[:: max(int(np.median(after - every)), 1 + len(every) // MOST_PAIRS)]
     scans = np.array([first, after[first]])
     odometry = _odometry_of(log, scans)
@@ -100,7 +104,9 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     order = np.argsort(log.track.stamps, kind="stable")
     stamps, headings = log.track.stamps[order], np.unwrap(log.track.poses[order, 2])
     turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
-    begin, end = (np.interp(times[turning] + OFFSETS[:, None], stamps, headings) for times in pairs.stamps)
+    begin, end = (
+        np.interp(times[turning] + OFFSETS[:, None], stamps, headings) for times in pairs.stamps
+    )
     error = np.abs(wrap_angle(pairs.laser[turning, 2] - (end - begin)))
     costs = np.minimum(error, OUTLIER_TURN) ** 2
     best = int(np.argmin(costs.sum(axis=1)))
@@ -119,7 +125,11 @@ def odometry_shares(pairs: PairMotions) -> tuple[float, float, float]:
     driving = np.abs(laser) > MOVED[0]
     ratios = odometry[driving] / laser[driving]
     angle = math.atan2(_middle(ratios.imag), _middle(ratios.real))
-    return _middle(pairs.odometry[turning, 2] / pairs.laser[turning, 2]), _middle(np.abs(ratios)), angle
+    return (
+        _middle(pairs.odometry[turning, 2] / pairs.laser[turning, 2]),
+        _middle(np.abs(ratios)),
+        angle,
+    )
 
 
 def _middle(values: FloatArray) -> float:
@@ -133,9 +143,15 @@ def _lie(pairs: PairMotions) -> str:
     if missed:
         return f"measures no {' and no '.join(missed)}"
     if turns < 0.0:
-        return "turns left where the laser turns right (one upside down needs its mount in tf_static)"
+        return (
+            "turns left where the laser turns right (one upside down needs its mount in tf_static)"
+        )
     degrees = round(abs(math.degrees(angle))) if abs(angle) > ASKEW else 0
-    return f"goes {degrees} degrees beside the laser (is its mount in tf_static right?)" if degrees else ""
+    return (
+        f"goes {degrees} degrees beside the laser (is its mount in tf_static right?)"
+        if degrees
+        else ""
+    )
 
 
 def _rescaled(log: Log, pairs: PairMotions) -> Log:
@@ -148,9 +164,7 @@ def _rescaled(log: Log, pairs: PairMotions) -> Log:
     steps = relative_poses(log.track.poses[:-1], log.track.poses[1:])
     for what, share, columns in off:
         steps[:, columns] /= share
-        sentence = (
-            f"the odometry makes {share:.2f} of the laser's {what}: they are divided by that {OTHERWISE}"
-        )
+        sentence = f"the odometry makes {share:.2f} of the laser's {what}: they are divided by that {OTHERWISE}"
         log = log.noting("scale", sentence)
     return with_steps(log, steps)
 
@@ -159,10 +173,14 @@ def _distrusted(log: Log, pairs: PairMotions) -> Log:
     """The log with the stretches in which the scans contradict its odometry."""
     error = pairs.laser - pairs.odometry
     error[:, 2] = wrap_angle(error[:, 2])
-    laser, wheels = (np.column_stack([np.hypot(*part.T[:2]), np.abs(part[:, 2])]) for part in pairs[2::2])
+    laser, wheels = (
+        np.column_stack([np.hypot(*part.T[:2]), np.abs(part[:, 2])]) for part in pairs[2::2]
+    )
     spread = WHEEL_ERRORS[0] + WHEEL_ERRORS[1] * wheels[:, [0, 0, 1]]
     information = pairs.information / MATCH_ERRORS**2
-    deviations = np.array([_deviation(*each) for each in zip(error, information, spread**-2, strict=True)])
+    deviations = np.array(
+        [_deviation(*each) for each in zip(error, information, spread**-2, strict=True)]
+    )
     # What lies between the two says nothing.
     agrees, contradicts = deviations < 0.5 * CONTRADICTION, deviations > CONTRADICTION
     telling = (np.maximum(laser, wheels) > MOVED).any(axis=1) & (agrees | contradicts)

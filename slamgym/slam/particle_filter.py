@@ -60,7 +60,11 @@ class ParticleFilter(Mapper):
     """Mode ``rbpf``; see :class:`slamgym.slam.mapper.Mapper`. A single particle draws no noise: scan matching."""
 
     def __init__(
-        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+        self,
+        config: SlamConfig,
+        geometry: LaserGeometry,
+        initial_pose: Pose2D,
+        rng: np.random.Generator,
     ) -> None:
         count = config.particles
         super().__init__(config, geometry)
@@ -79,7 +83,9 @@ class ParticleFilter(Mapper):
     @property
     def pose(self) -> Pose2D:
         """The best particle's pose, moved on by the odometry since."""
-        return compose(Pose2D(*self._poses[self.best_particle].tolist()), self._gate.since_processed)
+        return compose(
+            Pose2D(*self._poses[self.best_particle].tolist()), self._gate.since_processed
+        )
 
     @property
     def best_particle(self) -> int:
@@ -98,12 +104,16 @@ class ParticleFilter(Mapper):
         deviations = self._poses - self._poses[self.best_particle]
         deviations[:, 2] = wrap_angle(deviations[:, 2])
         deviations -= (self._weights[:, None] * deviations).sum(axis=0)
-        return np.asarray(product((deviations * self._weights[:, None]).T, deviations), dtype=np.float64)
+        return np.asarray(
+            product((deviations * self._weights[:, None]).T, deviations), dtype=np.float64
+        )
 
     def know(self, grid: OccupancyGrid) -> None:
         """Begin with an older map, which scans are matched with, too."""
         super().know(grid)
-        self._maps = ParticleMaps(len(self._poses), self._config.resolution, self._config.memory_limit_mb)
+        self._maps = ParticleMaps(
+            len(self._poses), self._config.resolution, self._config.memory_limit_mb
+        )
         self._maps.add_known(grid)
 
     def _num_bytes(self) -> int:
@@ -114,7 +124,9 @@ class ParticleFilter(Mapper):
         increments = self._gate.take(scan.stamp)
         # A single particle is at its best where the odometry says.
         draw = self._rng.standard_normal if len(self._poses) > 1 else np.zeros
-        sample_motion(self._poses, increments, draw((len(increments), *self._poses.shape)), self._noise)
+        sample_motion(
+            self._poses, increments, draw((len(increments), *self._poses.shape)), self._noise
+        )
         points = usable_end_points(scan.ranges, plain(self._beams), np.inf)
         self._maps.cover(self._poses, farthest(points) + MATCH_MARGIN)
         if len(self._tree) > 0:

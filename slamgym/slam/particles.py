@@ -146,18 +146,32 @@ class ParticleMaps:
         """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
         side = TILE * self.resolution
         low = [math.floor((value - radius) / side) for value in poses[:, :2].min(axis=0).tolist()]
-        high = [math.floor((value + radius) / side) + 1 for value in poses[:, :2].max(axis=0).tolist()]
+        high = [
+            math.floor((value + radius) / side) + 1 for value in poses[:, :2].max(axis=0).tolist()
+        ]
         row, col = self._corner
         _, rows, cols = self.tables.shape
-        if rows and low[1] >= row and low[0] >= col and high[1] <= row + rows and high[0] <= col + cols:
+        if (
+            rows
+            and low[1] >= row
+            and low[0] >= col
+            and high[1] <= row + rows
+            and high[0] <= col + cols
+        ):
             return
         first_row, first_col, last_row, last_col = low[1], low[0], high[1], high[0]
         if rows:
             first_row = row if first_row >= row else min(first_row, row - GROWTH_TILES)
             first_col = col if first_col >= col else min(first_col, col - GROWTH_TILES)
-            last_row = row + rows if last_row <= row + rows else max(last_row, row + rows + GROWTH_TILES)
-            last_col = col + cols if last_col <= col + cols else max(last_col, col + cols + GROWTH_TILES)
-        tables = np.zeros((len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32)
+            last_row = (
+                row + rows if last_row <= row + rows else max(last_row, row + rows + GROWTH_TILES)
+            )
+            last_col = (
+                col + cols if last_col <= col + cols else max(last_col, col + cols + GROWTH_TILES)
+            )
+        tables = np.zeros(
+            (len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32
+        )
         below, left = row - first_row, col - first_col
         tables[:, below : below + rows, left : left + cols] = self.tables
         self.tables, self._corner = tables, (first_row, first_col)

@@ -102,8 +102,12 @@ def _begin_cell(pool: TilePool, table: np.ndarray, cell_u: int, cell_v: int) -> 
         for du in range(-1, 2):
             near = tile
             if not inside:
-                near = writable_tile(pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS)
-            near_cell = np.uint64((((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK))
+                near = writable_tile(
+                    pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS
+                )
+            near_cell = np.uint64(
+                (((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK)
+            )
             # Seen from the neighbour, the new mean lies the other way.
             pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= np.uint16(
                 1 << (3 * (1 - dv) + 1 - du)

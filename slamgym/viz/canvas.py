@@ -69,7 +69,11 @@ def with_heading(picture: ByteArray, heading: str, height: int = 40) -> ByteArra
 
 
 def draw_scale_bar(
-    picture: ByteArray, place: tuple[int, int], metres_per_px: float, most_px: float, backed: bool = False
+    picture: ByteArray,
+    place: tuple[int, int],
+    metres_per_px: float,
+    most_px: float,
+    backed: bool = False,
 ) -> int:
     """Draw a bar of a round length with its length next to it.
 

@@ -10,7 +10,15 @@ import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.geometry import compose, transform_points
-from slamgym.core.types import BoolArray, ByteArray, FloatArray, GridFrame, LaserScan, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    BoolArray,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     FAINT,
@@ -115,10 +123,14 @@ class _View:
 
     def pixels(self, points: FloatArray) -> np.ndarray:
         """World points (N, 2) as fixed-point pixels (column, row) of a panel."""
-        pixels = np.column_stack([points[:, 0] - self.left, self.top - points[:, 1]]) * self.scale - 0.5
+        pixels = (
+            np.column_stack([points[:, 0] - self.left, self.top - points[:, 1]]) * self.scale - 0.5
+        )
         return fixed_point(pixels)
 
-    def draw_segments(self, panel: ByteArray, segments: FloatArray, colour: Colour, thickness: int) -> None:
+    def draw_segments(
+        self, panel: ByteArray, segments: FloatArray, colour: Colour, thickness: int
+    ) -> None:
         """Draw world segments (S, 4)."""
         lines = list(self.pixels(segments.reshape(-1, 2)).reshape(-1, 2, 2))
         cv2.polylines(panel, lines, False, colour, thickness, cv2.LINE_AA, SHIFT)
@@ -143,7 +155,9 @@ class _View:
             rows, cols = (math.ceil(side / shrink) * shrink for side in grid.cells.shape)
             padded = blank((rows, cols), UNKNOWN_TINT)
             padded[rows - colours.shape[0] :, : colours.shape[1]] = colours
-            colours = cv2.resize(padded, (cols // shrink, rows // shrink), interpolation=cv2.INTER_AREA)
+            colours = cv2.resize(
+                padded, (cols // shrink, rows // shrink), interpolation=cv2.INTER_AREA
+            )
         height, width = colours.shape[:2]
         coarse = GridFrame(frame.resolution * shrink, frame.origin_x, frame.origin_y, height, width)
         return self.place(colours, coarse, UNKNOWN_TINT, smooth=shrink > 1)
@@ -166,7 +180,9 @@ def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
 
 def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     """Draw the true state: seen floor, furniture, people, beams, the true path."""
-    seen = view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
+    seen = (
+        view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
+    )
     panel[seen & (panel == WHITE).all(axis=2)] = SEEN_TINT
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)

@@ -43,10 +43,14 @@ def open_film(path: Path, frames_per_second: float) -> Iterator[ShowPicture]:
     check_film_name(path)
     with staged(path) as part:
         if path.suffix.lower() == ".gif":
-            writer: Any = imageio.get_writer(part, format="GIF", duration=1000.0 / frames_per_second, loop=0)
+            writer: Any = imageio.get_writer(
+                part, format="GIF", duration=1000.0 / frames_per_second, loop=0
+            )
         else:
             # The default block size of 16 would scale the picture.
-            writer = imageio.get_writer(part, format="FFMPEG", fps=frames_per_second, macro_block_size=2)
+            writer = imageio.get_writer(
+                part, format="FFMPEG", fps=frames_per_second, macro_block_size=2
+            )
         with writer:
             yield lambda picture: writer.append_data(_even(picture))
 

@@ -63,7 +63,10 @@ def draw_map(
         RGB, shape (height, width, 3).
     """
     picture, factor = map_picture(grid)
-    pixels, thickness = frame_pixels(path, grid.frame, factor), max(1, round(picture.shape[1] / 800))
+    pixels, thickness = (
+        frame_pixels(path, grid.frame, factor),
+        max(1, round(picture.shape[1] / 800)),
+    )
     for run in np.split(
         np.arange(len(path)), [] if doubtful is None else np.flatnonzero(np.diff(doubtful)) + 1
     ):
@@ -78,7 +81,9 @@ def map_picture(grid: OccupancyGrid) -> tuple[ByteArray, float]:
     """A map alone, RGB, and how many pixels a cell has."""
     longest = max(grid.cells.shape)
     # Whole factors keep the cells sharp where the map is small; larger maps are averaged down.
-    factor: float = max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
+    factor: float = (
+        max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
+    )
     return rescaled(colour_cells(grid.cells), factor), factor
 
 
@@ -120,7 +125,9 @@ def draw_localization(
     for index, (state, (col, row)) in enumerate(zip(states, pixels, strict=True)):
         colour, step = STATE_COLOURS[state], pixels[index - 1 : index + 1]
         if state != "localised":
-            cv2.circle(picture, (int(col), int(row)), 2 * width << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
+            cv2.circle(
+                picture, (int(col), int(row)), 2 * width << SHIFT, colour, -1, cv2.LINE_AA, SHIFT
+            )
         elif index > 0 and states[index - 1] == "localised":
             cv2.polylines(picture, [step], False, colour, 2 * width, cv2.LINE_AA, SHIFT)
     for pose in hypotheses:
@@ -150,7 +157,9 @@ class GrowingView:
         """
         frame = self._frame(grid.frame)
         min_x, min_y, max_x, max_y = frame.bounds
-        scale = min(FRAME_WIDTH / (max_x - min_x), (FRAME_HEIGHT - FOOTER_PX) / (max_y - min_y))  # [px/m]
+        scale = min(
+            FRAME_WIDTH / (max_x - min_x), (FRAME_HEIGHT - FOOTER_PX) / (max_y - min_y)
+        )  # [px/m]
         min_x -= 0.5 * (FRAME_WIDTH / scale - (max_x - min_x))
         frame = frame._replace(origin_x=min_x)
         page = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
@@ -174,7 +183,12 @@ class GrowingView:
             spare = 0.125 * max(max_x - min_x, max_y - min_y, 4.0)
             new = (min_x - spare, min_y - spare, max_x + spare, max_y + spare)
             if old is not None:
-                new = (min(new[0], old[0]), min(new[1], old[1]), max(new[2], old[2]), max(new[3], old[3]))
+                new = (
+                    min(new[0], old[0]),
+                    min(new[1], old[1]),
+                    max(new[2], old[2]),
+                    max(new[3], old[3]),
+                )
             self._bounds = new
         assert self._bounds is not None
         return GridFrame.covering(self._bounds, grid.resolution)
@@ -189,7 +203,9 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
     bounds = np.linspace(0, len(fixed) - 1, pieces + 1).round().astype(int)
     colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces).tolist()
     for (first, last), colour in zip(itertools.pairwise(bounds), colours, strict=True):
-        cv2.polylines(picture, [fixed[first : last + 1]], False, colour, thickness, cv2.LINE_AA, SHIFT)
+        cv2.polylines(
+            picture, [fixed[first : last + 1]], False, colour, thickness, cv2.LINE_AA, SHIFT
+        )
     for (col, row), colour in ((fixed[0], TRUE_COLOUR), (fixed[-1], BELIEVED_COLOUR)):
         size = (3 * thickness) << SHIFT
         cv2.circle(picture, (int(col), int(row)), size, colour, -1, cv2.LINE_AA, SHIFT)
@@ -198,7 +214,9 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
 def _draw_footer(page: ByteArray, metres_per_px: float, caption: str) -> None:
     """Scale bar at the left, caption at the right."""
     height, width = page.shape[:2]
-    end = draw_scale_bar(page, (PAGE_MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0)
+    end = draw_scale_bar(
+        page, (PAGE_MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0
+    )
     size = fitting_size(caption, 0.55, width - PAGE_MARGIN_PX - end - 24)
     left = width - PAGE_MARGIN_PX - text_width(caption, size)
     draw_text(page, caption, left, height - FOOTER_PX // 2 + 6, size)

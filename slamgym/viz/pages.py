@@ -63,8 +63,12 @@ def make_table(
     lines.append("</tr></thead><tbody>")
     for number, row in enumerate(rows):
         classes = cell_classes[number] if cell_classes else [""] * len(row)
-        cells = [f"<td{_class(kind)}>{markup(text)}" for text, kind in zip(row, classes, strict=True)]
-        lines.append(f"<tr{_class(row_classes[number] if row_classes else '')}>{''.join(cells)}</tr>")
+        cells = [
+            f"<td{_class(kind)}>{markup(text)}" for text, kind in zip(row, classes, strict=True)
+        ]
+        lines.append(
+            f"<tr{_class(row_classes[number] if row_classes else '')}>{''.join(cells)}</tr>"
+        )
     return "\n".join([*lines, "</tbody></table>"])
 
 

@@ -11,7 +11,16 @@ from scipy import ndimage
 from slamgym.cad.floorplan import FloorPlan, fill_segments, map_values
 from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, FloatArray, GridFrame
-from slamgym.viz.canvas import INK, PAPER, WALL_TINT, Colour, blank, draw_scale_bar, draw_text, frame_pixels
+from slamgym.viz.canvas import (
+    INK,
+    PAPER,
+    WALL_TINT,
+    Colour,
+    blank,
+    draw_scale_bar,
+    draw_text,
+    frame_pixels,
+)
 from slamgym.viz.sheets import Card, draw_sheet
 
 _WALL_THICKNESS = 0.25  # drawn outside the outline [m]
@@ -28,7 +37,9 @@ _HUES: dict[Colour, str] = {
     (226, 208, 214): "Room Gym",
     (222, 214, 206): "Storage Closet Wardrobe Garage",
 }
-_COLOURS = {category: colour for colour, categories in _HUES.items() for category in categories.split()}
+_COLOURS = {
+    category: colour for colour, categories in _HUES.items() for category in categories.split()
+}
 _OVERSAMPLING = 2
 
 
@@ -53,7 +64,9 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     for door in plan.doors:
         start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
         cv2.line(picture, start, end, _DOOR, max(2, round(0.08 / frame.resolution)), cv2.LINE_AA)
-    small = np.asarray(cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    small = np.asarray(
+        cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA), dtype=np.uint8
+    )
     draw_scale_bar(small, (10, size_px - 12), frame.resolution * _OVERSAMPLING, 0.2 * size_px)
     return small
 

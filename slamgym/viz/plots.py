@@ -67,7 +67,8 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
             widths=0.55,
             showmeans=True,
             medianprops={"color": "#1f5fa8", "linewidth": 1.6},
-            meanprops=dict.fromkeys(("markerfacecolor", "markeredgecolor"), "#d9822b") | {"marker": "D"},
+            meanprops=dict.fromkeys(("markerfacecolor", "markeredgecolor"), "#d9822b")
+            | {"marker": "D"},
             flierprops={"marker": ".", "markersize": 3, "alpha": 0.5},
         )
         axis.set_yticks(range(1, len(samples) + 1), list(samples)[::-1])

@@ -27,7 +27,14 @@ from slamgym.core.types import (
     Pose2D,
 )
 from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, WALL_TINT, Colour, colour_cells
-from slamgym.viz.exploration import BAR_COLOUR, BEAM_COLOUR, FURNITURE_COLOUR, PERSON_COLOUR, Scene, beam_ends
+from slamgym.viz.exploration import (
+    BAR_COLOUR,
+    BEAM_COLOUR,
+    FURNITURE_COLOUR,
+    PERSON_COLOUR,
+    Scene,
+    beam_ends,
+)
 
 _OFFERED, _CHOSEN = np.array([(132, 94, 247), (247, 103, 7)], np.uint8)
 _FLOOR, _LINE, _MARK = 0.0, 0.02, 0.04  # heights, so that lines lie over areas [m]
@@ -52,7 +59,9 @@ def check_recording_name(path: Path) -> None:
     if path.suffix.lower() != ".rrd":
         raise ConfigError(f"{path}: a recording's name must end in .rrd")
     if importlib.util.find_spec("rerun") is None:
-        raise ConfigError(f"{path}: a recording needs rerun; install it with: pip install 'slamgym[viz]'")
+        raise ConfigError(
+            f"{path}: a recording needs rerun; install it with: pip install 'slamgym[viz]'"
+        )
 
 
 class RobotBelief(NamedTuple):
@@ -109,7 +118,9 @@ class Recording:
             self._lines("world/furniture", outlines, FURNITURE_COLOUR)
         self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
         self._robot("world/robot", scene.true_pose, scene.robot_radius, TRUE_COLOUR)
-        self._points("world/beams", _ends(scene.scan, scene.true_pose, scene.true_ranges), BEAM_COLOUR)
+        self._points(
+            "world/beams", _ends(scene.scan, scene.true_pose, scene.true_ranges), BEAM_COLOUR
+        )
         if scene.grid.cells is not self._cells:
             self._lines("world/path", [scene.true_path], TRUE_COLOUR)
         belief = RobotBelief(
@@ -127,7 +138,9 @@ class Recording:
         self._points("belief/scan", _ends(belief.scan, belief.pose, ranges), BEAM_COLOUR)
         if belief.grid.cells is not self._cells:
             self._cells = belief.grid.cells
-            self._grid("belief/map", _with_alpha(colour_cells(self._cells), 255), belief.grid.frame, 0.0)
+            self._grid(
+                "belief/map", _with_alpha(colour_cells(self._cells), 255), belief.grid.frame, 0.0
+            )
             self._lines("belief/path", [belief.path], BELIEVED_COLOUR)
         if deliberation is not self._deliberation:
             self._deliberation = deliberation
@@ -147,12 +160,16 @@ class Recording:
         self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray
     ) -> None:
         lifted = [_lifted(strip, _LINE) for strip in strips]
-        self._stream.log(name, self._rerun.LineStrips3D(lifted, colors=[colour] * len(lifted), radii=0.02))
+        self._stream.log(
+            name, self._rerun.LineStrips3D(lifted, colors=[colour] * len(lifted), radii=0.02)
+        )
 
     def _points(
         self, name: str, points: FloatArray, colours: Colour | ByteArray, radius: float = 0.03
     ) -> None:
-        self._stream.log(name, self._rerun.Points3D(_lifted(points, _MARK), colors=colours, radii=radius))
+        self._stream.log(
+            name, self._rerun.Points3D(_lifted(points, _MARK), colors=colours, radii=radius)
+        )
 
     def _robot(self, name: str, pose: Pose2D, radius: float, colour: Colour) -> None:
         nose = [2.0 * radius * math.cos(pose.theta), 2.0 * radius * math.sin(pose.theta), 0.0]
@@ -164,7 +181,10 @@ class Recording:
     def _grid(self, name: str, picture: ByteArray, frame: GridFrame, order: float) -> None:
         """Place an RGBA picture whose pixels are the cells of a frame."""
         layout = self._rerun.components.ImageFormat(
-            width=picture.shape[1], height=picture.shape[0], color_model="RGBA", channel_datatype="U8"
+            width=picture.shape[1],
+            height=picture.shape[0],
+            color_model="RGBA",
+            channel_datatype="U8",
         )
         corner = [frame.origin_x, frame.origin_y, _FLOOR]
         grid = self._rerun.GridMap(

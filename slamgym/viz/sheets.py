@@ -59,7 +59,9 @@ class Card(NamedTuple):
     lines: Sequence[str] = ()
 
 
-def draw_sheet(cards: Sequence[Card], columns: int, panel_px: int, titles: Sequence[str] = ()) -> ByteArray:
+def draw_sheet(
+    cards: Sequence[Card], columns: int, panel_px: int, titles: Sequence[str] = ()
+) -> ByteArray:
     """Draw cards row by row.
 
     Args:
@@ -96,7 +98,9 @@ def _draw_card(area: ByteArray, card: Card, panel_px: int) -> None:
         square = area[GAP_PX : GAP_PX + panel_px, left : left + panel_px]
         square[:] = picture[0, 0]
         square[y : y + rows, x : x + cols] = picture
-        cv2.rectangle(area, (left - 1, GAP_PX - 1), (left + panel_px, GAP_PX + panel_px), OUTLINE, 1)
+        cv2.rectangle(
+            area, (left - 1, GAP_PX - 1), (left + panel_px, GAP_PX + panel_px), OUTLINE, 1
+        )
     room = area.shape[1] - 2 * GAP_PX
     for number, line in enumerate(card.lines):
         baseline = GAP_PX + panel_px + LINE_PX * (number + 1) - 5
@@ -146,11 +150,16 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
         RGB, shape (rows, cols, 3).
     """
     cards = [
-        Card((e.cad, e.slam, draw_wall_errors(e.cad, e.slam, e.frame, e.path)), (e.title, e.details))
+        Card(
+            (e.cad, e.slam, draw_wall_errors(e.cad, e.slam, e.frame, e.path)), (e.title, e.details)
+        )
         for e in entries
     ]
     sheet = draw_sheet(
-        cards, columns, PAIR_PX, ("CAD map", "SLAM map", "SLAM walls by their distance to CAD walls")
+        cards,
+        columns,
+        PAIR_PX,
+        ("CAD map", "SLAM map", "SLAM walls by their distance to CAD walls"),
     )
     sheet = with_heading(sheet, heading)
     _draw_error_scale(sheet)
@@ -167,7 +176,9 @@ def _draw_error_scale(sheet: ByteArray) -> None:
     draw_text(sheet, "0", right - 204, 28, 0.45, FAINT)
 
 
-def draw_wall_errors(cad: ByteArray, slam: ByteArray, frame: GridFrame, path: FloatArray) -> ByteArray:
+def draw_wall_errors(
+    cad: ByteArray, slam: ByteArray, frame: GridFrame, path: FloatArray
+) -> ByteArray:
     """Draw a SLAM map over the CAD map, at twice the maps' size.
 
     Occupied cells are coloured by their distance to the nearest CAD wall, space that the robot never saw is blue,

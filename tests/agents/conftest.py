@@ -11,7 +11,9 @@ from slamgym.agents.evaluation.trial import Trial, level_name
 def _trial(explorer="ours", plan="p0", seconds=100.0, reached=0.99, seed=1, **changes):
     """An exploration with even progress until ``seconds``, when it ends with ``reached`` seen."""
     names = {level_name(level): level for level in COVERAGE_LEVELS}
-    time_to = {k: level / reached * seconds if level <= reached else None for k, level in names.items()}
+    time_to = {
+        k: level / reached * seconds if level <= reached else None for k, level in names.items()
+    }
     return dataclasses.replace(
         Trial(
             explorer=explorer,
@@ -34,7 +36,11 @@ def _trial(explorer="ours", plan="p0", seconds=100.0, reached=0.99, seed=1, **ch
             decisions=10,
             decision_cpu=0.004,
             cpu=2.0,
-            curve={"time": [0.0, seconds], "path": [0.0, 0.2 * seconds], "coverage": [0.0, reached]},
+            curve={
+                "time": [0.0, seconds],
+                "path": [0.0, 0.2 * seconds],
+                "coverage": [0.0, reached],
+            },
         ),
         **changes,
     )

@@ -73,17 +73,30 @@ def result(entry="ours", seconds=100.0, failures=0, count=40, settings="s", **ch
     """A result made up: plans of 50 m2 (a par time of 210 s), the first ones failed."""
     rows = [
         BenchRow(
-            f"p{i}", 1, 50.0, i >= failures, 0.99, 700.0 if i < failures else seconds + i, 20.0, 0, 0.05, 2.0
+            f"p{i}",
+            1,
+            50.0,
+            i >= failures,
+            0.99,
+            700.0 if i < failures else seconds + i,
+            20.0,
+            0,
+            0.05,
+            2.0,
         )
         for i in range(count)
     ]
-    made = BenchResult("homes", False, entry, entry, settings, "5" * 64, {"slamgym": "0"}, tuple(rows))
+    made = BenchResult(
+        "homes", False, entry, entry, settings, "5" * 64, {"slamgym": "0"}, tuple(rows)
+    )
     return dataclasses.replace(made, **changes)
 
 
 def manifest_of(one):
     buildings = tuple(Building(row.plan, "", row.seed, (0.0, 0.0, 0.0)) for row in one.rows)
-    return Manifest(1, (Track("homes", "made up", False, ClutterConfig(), buildings),), one.manifest)
+    return Manifest(
+        1, (Track("homes", "made up", False, ClutterConfig(), buildings),), one.manifest
+    )
 
 
 # The list.
@@ -95,7 +108,9 @@ def test_the_list_is_as_it_was_announced():
     for track in BENCH.tracks:
         assert len({building.plan for building in track.buildings}) == len(track.buildings)
         assert len({building.seed for building in track.buildings}) == len(track.buildings)
-        assert all((not any(building.furniture)) == track.clutter.is_empty for building in track.buildings)
+        assert all(
+            (not any(building.furniture)) == track.clutter.is_empty for building in track.buildings
+        )
     assert BENCH.track("furnished").clutter.people == 0 < BENCH.track("people").clutter.people
 
 
@@ -142,7 +157,9 @@ def test_an_outline_is_known_wherever_its_ring_begins():
 
 
 def test_an_outline_that_moved_by_a_centimetre_is_another_one():
-    assert outline_hash(room(0)) != outline_hash(FloorPlan("room_0", shapely.box(0.0, 0.0, 4.01, 3.0)))
+    assert outline_hash(room(0)) != outline_hash(
+        FloorPlan("room_0", shapely.box(0.0, 0.0, 4.01, 3.0))
+    )
 
 
 # What is refused.
@@ -157,13 +174,17 @@ def test_a_plan_that_differs_is_named():
 
 def test_plans_that_are_missing_are_counted():
     manifest, _ = rooms()
-    with pytest.raises(ConfigError, match=r"2 of the 3 plans of the track 'homes'.*the first is room_1"):
+    with pytest.raises(
+        ConfigError, match=r"2 of the 3 plans of the track 'homes'.*the first is room_1"
+    ):
         bench_tasks(manifest.tracks[0], listed_plans([room(0)]), "nearest")
 
 
 def test_a_missing_copy_of_houseexpo_is_said_before_any_work(tmp_path):
     with pytest.raises(ConfigError, match=r"'homes' takes plans of HouseExpo.*slamgym plans fetch"):
-        run_command(["nearest", "-o", str(tmp_path / "out"), "--plans", str(tmp_path / "json.tar.gz")])
+        run_command(
+            ["nearest", "-o", str(tmp_path / "out"), "--plans", str(tmp_path / "json.tar.gz")]
+        )
     assert not (tmp_path / "out").exists()
 
 
@@ -176,7 +197,10 @@ def test_other_furniture_is_refused():
     for known, is_same in (((faces, length), True), ((faces + 4, length + 2.0), False)):
         building = dataclasses.replace(building, furniture=known)
         checked = functools.partial(
-            bench_tasks, dataclasses.replace(track, buildings=(building,)), listed_plans([plan]), "nearest"
+            bench_tasks,
+            dataclasses.replace(track, buildings=(building,)),
+            listed_plans([plan]),
+            "nearest",
         )
         if is_same:
             assert len(checked()) == 1
@@ -236,7 +260,9 @@ def test_the_start_is_that_of_the_list(tmp_path):
     track = manifest.tracks[0]
     first = run("nearest", track, source, tmp_path).trials[0]
     (building,) = track.buildings
-    moved = dataclasses.replace(track, buildings=(dataclasses.replace(building, start=(2.5, 1.5, 1.0)),))
+    moved = dataclasses.replace(
+        track, buildings=(dataclasses.replace(building, start=(2.5, 1.5, 1.0)),)
+    )
     second = run("nearest", moved, source, tmp_path / "moved").trials[0]
     assert first.curve["coverage"][0] != second.curve["coverage"][0]
 
@@ -295,7 +321,9 @@ def test_a_result_with_senseless_figures_or_names_is_refused(tmp_path, place, fi
     document = json.loads(path.read_text())
     (document[place][3] if place else document)[field] = value
     path.write_text(json.dumps(document))
-    with pytest.raises(InputFileError, match=f"homes-ours-s.json: is no result of slamgym-bench .{reason}"):
+    with pytest.raises(
+        InputFileError, match=f"homes-ours-s.json: is no result of slamgym-bench .{reason}"
+    ):
         read_results([path], manifest_of(result()))
 
 
@@ -310,7 +338,12 @@ def test_the_quickest_leads_and_who_fails_the_gate_has_no_rank():
         result("quick", 100.0),
     ]
     (board,) = rank(results, manifest_of(results[0]))
-    assert [standing.entry for standing in board.standings] == ["quick", "explore_lite", "slow", "hasty"]
+    assert [standing.entry for standing in board.standings] == [
+        "quick",
+        "explore_lite",
+        "slow",
+        "hasty",
+    ]
     assert [standing.passed for standing in board.standings] == [True, True, True, False]
     quick, reference, slow, _ = board.standings
     assert reference.quicker is None

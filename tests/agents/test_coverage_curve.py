@@ -42,7 +42,9 @@ def test_thinning_changes_no_reading_by_more_than_its_step(gains, second):
     thin = CoverageCurve.from_dict(curve.thinned().to_dict())
     assert len(thin.time) <= len(curve.time)
     # 0.0005 is the step of thinning, 0.00005 the rounding of the JSON form.
-    assert thin.at(np.array([second]))[0] == pytest.approx(curve.at(np.array([second]))[0], abs=0.0006)
+    assert thin.at(np.array([second]))[0] == pytest.approx(
+        curve.at(np.array([second]))[0], abs=0.0006
+    )
     assert thin.final == pytest.approx(curve.final, abs=1e-4)
 
 

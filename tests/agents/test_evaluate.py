@@ -65,7 +65,9 @@ run = functools.partial(evaluate, execution=Execution(engine="in_process"))
 def test_every_explorer_sees_the_same_plans_and_starts(tmp_path):
     result = run(source(), config(), tmp_path)
     assert result.fresh == len(result.trials) == 6
-    by_name = {n: [t for t in result.trials if t.explorer == n] for n in ("nearest", "explore_lite")}
+    by_name = {
+        n: [t for t in result.trials if t.explorer == n] for n in ("nearest", "explore_lite")
+    }
     assert [(t.plan, t.seed) for t in by_name["nearest"]] == [
         (t.plan, t.seed) for t in by_name["explore_lite"]
     ]
@@ -132,7 +134,9 @@ class Unlucky:
     def run(self, task, items):
         for item in items:
             is_deadly = item[:1] == ("nearest",) and item.plan.id == "room_1"
-            yield Lost(item, "a worker process died", "WorkerLostError") if is_deadly else task(item)
+            yield (
+                Lost(item, "a worker process died", "WorkerLostError") if is_deadly else task(item)
+            )
 
 
 def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monkeypatch):
@@ -146,7 +150,10 @@ def test_an_exploration_that_crashes_is_noted_and_not_begun_again(tmp_path, monk
     again = run(source(), config(), tmp_path)
     assert (again.trials, again.failed, again.fresh) == (found.trials, found.failed, 0)
     report = write_report(tmp_path, again, config(), "nearest")
-    assert "Left out for all explorers: 1 exploration of `nearest` that crashed, hung or failed." in report
+    assert (
+        "Left out for all explorers: 1 exploration of `nearest` that crashed, hung or failed."
+        in report
+    )
     assert json.loads((tmp_path / "results.json").read_text())["summary"]["plans"] == 2
 
 
@@ -185,7 +192,9 @@ def test_an_own_explorer_that_fails_costs_its_explorations_alone(tmp_path, monke
     for fault in ("aborts", "exits", "raises"):
         where = Execution(1, "local" if fault == "aborts" else "in_process")
         with pytest.raises(ConfigError, match=f"'faulty:{fault}_at_once' can't be used"):
-            evaluate(source(1), config(explorers=(f"faulty:{fault}_at_once",)), tmp_path / "no", where)
+            evaluate(
+                source(1), config(explorers=(f"faulty:{fault}_at_once",)), tmp_path / "no", where
+            )
     assert not (tmp_path / "no").exists()
 
 
@@ -234,7 +243,16 @@ def test_an_unknown_explorer_is_refused_with_the_nearest_name_before_any_work(tm
 
 def test_the_command_writes_tables_figures_and_a_plot(tmp_path, capsys):
     pytest.importorskip("matplotlib")
-    argv = ["-o", str(tmp_path), "--count", "2", "--split", "all", "--explorers", "nearest,explore_lite"]
+    argv = [
+        "-o",
+        str(tmp_path),
+        "--count",
+        "2",
+        "--split",
+        "all",
+        "--explorers",
+        "nearest,explore_lite",
+    ]
     argv += [
         "--minutes",
         "0.1",
@@ -266,7 +284,10 @@ def test_one_explorer_alone_needs_no_reference(tmp_path):
 @pytest.mark.parametrize(
     ("argv", "match"),
     [
-        (["--explorers", "nearest", "--against", "explore_lite"], "--against explore_lite is not among"),
+        (
+            ["--explorers", "nearest", "--against", "explore_lite"],
+            "--against explore_lite is not among",
+        ),
         (["--workers", "-1"], "--workers"),
     ],
 )

@@ -12,7 +12,9 @@ from slamgym.core.text import markdown
 @pytest.fixture
 def many(make_trial):
     def make(explorer, factor, **changes):
-        return [make_trial(explorer, f"p{i}", factor * (100.0 + 10.0 * i), **changes) for i in range(12)]
+        return [
+            make_trial(explorer, f"p{i}", factor * (100.0 + 10.0 * i), **changes) for i in range(12)
+        ]
 
     return make
 
@@ -26,7 +28,9 @@ def test_a_faster_explorer_is_faster_in_every_ratio(many):
         assert level.ratio_of_means.high < 1.0
 
 
-def test_unreached_levels_are_left_out_of_ratios_and_count_as_the_time_limit_in_means(many, make_trial):
+def test_unreached_levels_are_left_out_of_ratios_and_count_as_the_time_limit_in_means(
+    many, make_trial
+):
     ours, reference = many("ours", 0.5), many("reference", 1.0)
     ours[0] = make_trial("ours", "p0", 50.0, reached=0.9)
     level = compare(ours, reference).time_to["0.95"]

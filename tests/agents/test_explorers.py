@@ -49,7 +49,9 @@ def explore(world, explorer, seconds):
 
 def world_velocity(world, action):
 
-    return Twist2D(float(action[0]) * world.context.max_linear, float(action[1]) * world.context.max_angular)
+    return Twist2D(
+        float(action[0]) * world.context.max_linear, float(action[1]) * world.context.max_angular
+    )
 
 
 def share_seen(world, where):
@@ -72,7 +74,9 @@ def test_two_rooms_with_a_door_of_70_cm_are_explored_to_the_end(make_world, name
 def test_explore_lite_continues_through_an_inflated_doorway(make_world):
     world = make_world(two_rooms(door_cells=14))
     world.map[:, :64] = world.truth.cells[:, :64]
-    world.map[38:56, 63:80] = world.truth.cells[38:56, 63:80]  # the doorway and a bit beyond are known
+    world.map[38:56, 63:80] = world.truth.cells[
+        38:56, 63:80
+    ]  # the doorway and a bit beyond are known
     world.place(20, 20)
     explorer = make_explorer("explore_lite", world.context)
     explore(world, explorer, 180.0)
@@ -114,7 +118,9 @@ def test_a_room_larger_than_the_range_is_explored_from_its_middle(make_world, na
     for theta in np.linspace(0.0, 6.0, 7):
         world.pose = Pose2D(world.pose.x, world.pose.y, theta)
         world.scan()
-    (frontier,) = find_frontiers(make_costmap(OccupancyGrid(world.map, world.truth.frame)), world.pose)
+    (frontier,) = find_frontiers(
+        make_costmap(OccupancyGrid(world.map, world.truth.frame)), world.pose
+    )
     assert np.hypot(frontier.centroid[0] - world.pose.x, frontier.centroid[1] - world.pose.y) < 0.5
     explorer = make_explorer(name, world.context)
     explore(world, explorer, 500.0)
@@ -160,7 +166,9 @@ def test_a_batch_acts_as_its_members_alone(make_world, name):
         observations = [world.observation(0.2 * step) for world in worlds]
         batch = {key: np.stack([o[key] for o in observations]) for key in observations[0]}
         starts = np.full(2, step == 0)
-        action, state = together.predict(batch, state=None, episode_start=starts, deterministic=True)
+        action, state = together.predict(
+            batch, state=None, episode_start=starts, deterministic=True
+        )
         assert action.shape == (2, 2)
         assert action.dtype == np.float32
         assert state is None
@@ -261,7 +269,9 @@ def test_visits_lengthen_the_drive_and_drivers_differ(make_world, monkeypatch):
         drives.append(by_keyboard(make_world, seed)[2:])
     (short, first), (long, again), (_, other) = drives
     assert long > short + 5.0
-    np.testing.assert_array_equal(first[:-1], again[: len(first) - 1])  # the same seed drives the same
+    np.testing.assert_array_equal(
+        first[:-1], again[: len(first) - 1]
+    )  # the same seed drives the same
     assert np.abs(first[:, 0]).max() != pytest.approx(np.abs(other[:, 0]).max(), abs=1e-3)
 
 

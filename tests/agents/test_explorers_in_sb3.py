@@ -29,4 +29,6 @@ def test_evaluate_policy_takes_an_explorer_and_a_vectorised_environment():
     )
     assert len(rewards) == 4
     assert all(np.isfinite(rewards))
-    assert lengths == [100] * 4  # 20 s of 0.2 s: the explorer doesn't end an episode, the environment does
+    assert (
+        lengths == [100] * 4
+    )  # 20 s of 0.2 s: the explorer doesn't end an episode, the environment does

@@ -36,7 +36,8 @@ def make_observation(seed, count, rows=16):
     mask = np.zeros(rows, np.float32)
     mask[:count] = 1.0
     return {
-        "candidates": rng.normal(size=(rows, len(CANDIDATE_FEATURES))).astype(np.float32) * mask[:, None],
+        "candidates": rng.normal(size=(rows, len(CANDIDATE_FEATURES))).astype(np.float32)
+        * mask[:, None],
         "crops": rng.random((rows, 2, CROP_PX, CROP_PX)).astype(np.float32),
         "globals": rng.normal(size=len(GLOBAL_FEATURES)).astype(np.float32),
         "mask": mask,
@@ -58,7 +59,10 @@ def test_numpy_and_torch_agree(seed, count):
     scorer = FrontierScorer(weights_of(network))
     # float32 sums of some hundred terms in another order, up to 20, which cancel: 2e-4 with AVX-512
     np.testing.assert_allclose(
-        scorer.scores(observation), torch_scores(network, observation)[0][:count], rtol=1e-4, atol=1e-3
+        scorer.scores(observation),
+        torch_scores(network, observation)[0][:count],
+        rtol=1e-4,
+        atol=1e-3,
     )
 
 
@@ -150,11 +154,20 @@ def rewrite(path, change):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda c: c["space"].update(feature_version=99), "another observation space .feature_version 99"),
-        (lambda c: c["space"]["candidate_features"].pop(), "another observation space .candidate_features"),
+        (
+            lambda c: c["space"].update(feature_version=99),
+            "another observation space .feature_version 99",
+        ),
+        (
+            lambda c: c["space"]["candidate_features"].pop(),
+            "another observation space .candidate_features",
+        ),
         (lambda c: c["space"].update(env="slamgym/Explore-v2"), "another observation space .env"),
         (lambda c: c["network"].update(width=32), "another observation space .width 32"),
-        (lambda c: c["network"].update(foresight=True), "another observation space .foresight True"),
+        (
+            lambda c: c["network"].update(foresight=True),
+            "another observation space .foresight True",
+        ),
         (lambda c: c.pop("space"), "no frontier policy"),
     ],
 )

@@ -7,7 +7,12 @@ import numpy as np
 import pytest
 import shapely
 
-from slamgym.agents.pretrained_policy import LearnedExplorer, read_policy, weight_shapes, write_policy
+from slamgym.agents.pretrained_policy import (
+    LearnedExplorer,
+    read_policy,
+    weight_shapes,
+    write_policy,
+)
 from slamgym.agents.registry import make_explorer
 from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan
@@ -64,7 +69,9 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy):
     over = False
     while not over:
         assert decisions.observation_space.contains(observation)
-        observation, _, terminated, truncated, info = decisions.step(int(scorer.scores(observation).argmax()))
+        observation, _, terminated, truncated, info = decisions.step(
+            int(scorer.scores(observation).argmax())
+        )
         over = terminated or truncated
     env = explorer_env(plan)
     explorer = LearnedExplorer(env.explorer_context(), policy)

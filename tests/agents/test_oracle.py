@@ -15,7 +15,10 @@ def corridor_with_rooms():
     """A corridor of 8 m with three rooms of 3 m to one side, each behind a door of 1 m."""
     parts = [shapely.box(0.0, 0.0, 9.4, 1.6)]
     for left in (0.0, 3.2, 6.4):
-        parts += [shapely.box(left, 1.7, left + 3.0, 4.7), shapely.box(left + 1.0, 1.5, left + 2.0, 1.8)]
+        parts += [
+            shapely.box(left, 1.7, left + 3.0, 4.7),
+            shapely.box(left + 1.0, 1.5, left + 2.0, 1.8),
+        ]
     return FloorPlan("corridor", shapely.union_all(parts))
 
 

@@ -6,12 +6,7 @@ import numpy as np
 import pytest
 
 import slamgym.agents.rl.shaping as shaping_module
-from slamgym.agents.rl.reward_presets import (
-    OWN,
-    REWARD_PRESETS,
-    ShapingConfig,
-    reward_preset,
-)
+from slamgym.agents.rl.reward_presets import OWN, REWARD_PRESETS, ShapingConfig, reward_preset
 from slamgym.agents.rl.shaping import (
     Experiment,
     ShapingRun,
@@ -42,7 +37,9 @@ STEP = StepRecord(
 
 
 def runs_of(name, shares, contacts):
-    outcomes = [{"path": 30.0, "coverage": c, "contacts": n} for c, n in zip(shares, contacts, strict=True)]
+    outcomes = [
+        {"path": 30.0, "coverage": c, "contacts": n} for c, n in zip(shares, contacts, strict=True)
+    ]
     return [ShapingRun(name, seed, outcomes) for seed in range(2)]
 
 
@@ -101,7 +98,10 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
     calls = []
     term = own_term("math:sqrt", 0.5)
     runs = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
-    assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [("coverage", 0, 1), (OWN, 0, 1)]
+    assert [(run.preset, run.seed, len(run.outcomes)) for run in runs] == [
+        ("coverage", 0, 1),
+        (OWN, 0, 1),
+    ]
     assert calls[0][2] is None
     assert calls[1][2]["sqrt"][0] == 0.5
     again = run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
@@ -112,14 +112,18 @@ def test_an_experiment_is_run_once_and_reported(tmp_path):
         (dataclasses.replace(config, presets=(OWN,)), 0.6),
     ):
         with pytest.raises(ConfigError, match="other settings"):
-            run_shaping(Experiment(other, learn_nothing(calls), own_term("math:sqrt", weight)), tmp_path)
+            run_shaping(
+                Experiment(other, learn_nothing(calls), own_term("math:sqrt", weight)), tmp_path
+            )
     (tmp_path / "coverage" / "seed_0" / "shaping.json").write_text('{"settings": ')
     with pytest.raises(InputFileError, match="delete the folder"):
         run_shaping(Experiment(config, learn_nothing(calls), term), tmp_path)
     assert len(calls) == 2
 
 
-def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monkeypatch, make_trial):
+def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(
+    tmp_path, monkeypatch, make_trial
+):
     explored = []
 
     def explore_plan(config, policy, plan, seed, avoids):
@@ -144,20 +148,29 @@ def test_an_interrupted_test_goes_on_with_the_plans_that_are_left(tmp_path, monk
 
 def test_a_term_of_ones_own_is_learned_from(tmp_path):
     tiny = dataclasses.replace(
-        SHORT, steps=24, plan_count=2, num_envs=3, ppo=PPOConfig(n_steps=8, batch_size=8, n_epochs=1)
+        SHORT,
+        steps=24,
+        plan_count=2,
+        num_envs=3,
+        ppo=PPOConfig(n_steps=8, batch_size=8, n_epochs=1),
     )
     config = ShapingConfig(presets=("coverage", OWN), seeds=1, test_plans=1, train=tiny)
     run_shaping(Experiment(config, train_wheels, ("fear", 9.0, fear)), tmp_path)
     plain, own = (
-        read_wheels(tmp_path / name / "seed_0" / "policy.safetensors").weights for name in config.presets
+        read_wheels(tmp_path / name / "seed_0" / "policy.safetensors").weights
+        for name in config.presets
     )
     assert any((plain[name] != own[name]).any() for name in plain)
     with pytest.raises(ConfigError, match=r"'sqrt' failed after .* TypeError"):
-        run_shaping(Experiment(config, train_wheels, own_term("math:sqrt", 1.0)), tmp_path / "other")
+        run_shaping(
+            Experiment(config, train_wheels, own_term("math:sqrt", 1.0)), tmp_path / "other"
+        )
 
 
 def test_the_report_names_presets_and_compares_them_with_coverage(tmp_path):
-    runs = runs_of("coverage", [0.5, 0.8], [2.0, 4.0]) + runs_of("careful", [0.45, 0.72], [1.0, 1.0])
+    runs = runs_of("coverage", [0.5, 0.8], [2.0, 4.0]) + runs_of(
+        "careful", [0.45, 0.72], [1.0, 1.0]
+    )
     text = write_shaping_report(runs, tmp_path)
     row = next(line for line in text.splitlines() if line.startswith("| careful"))
     assert "0.90 [0.90, 0.90]" in row  # a tenth less of every plan

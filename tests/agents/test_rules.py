@@ -47,7 +47,9 @@ def test_the_next_best_view_prefers_gain_until_the_path_outweighs_it(make_world)
     # 3 m to the left a strip of 0.2 m is unknown, 4.5 m to the right one of 2 m.
     world = corridor(make_world, left=4, right=40)
     for weight, side in ((0.1, "right"), (5.0, "left")):
-        assert (first_target(NextBestView(path_weight=weight), world) > 70) == (side == "right"), weight
+        assert (first_target(NextBestView(path_weight=weight), world) > 70) == (side == "right"), (
+            weight
+        )
 
 
 @pytest.mark.parametrize(("weight", "is_left"), [(0.0, True), (1.0, False)])
@@ -91,7 +93,9 @@ def test_a_rule_scores_every_candidate(make_world, name):
 def test_a_goal_that_the_robot_comes_no_nearer_to_is_given_up_for_the_other(make_world):
     world = corridor(make_world, left=20, right=60)
     explorer = make_explorer("nearest", world.context)
-    sides = [loop_of(explorer, world, 2.0 * step).target.target[0] > world.pose.x for step in range(20)]
+    sides = [
+        loop_of(explorer, world, 2.0 * step).target.target[0] > world.pose.x for step in range(20)
+    ]
     assert not any(sides[:15])  # the robot is held
     assert any(sides[15:])
 

@@ -45,11 +45,16 @@ def network(tmp_path):
     def write(logit, risk=1.0):
         weights = {}
         for name, (inputs, outputs) in FLOOR_LAYERS.items():
-            weights |= {f"{name}.weight": np.zeros((outputs, inputs)), f"{name}.bias": np.zeros(outputs)}
+            weights |= {
+                f"{name}.weight": np.zeros((outputs, inputs)),
+                f"{name}.bias": np.zeros(outputs),
+            }
         weights["out.bias"] += logit
         path = tmp_path / f"{np.max(logit)}-{risk}.safetensors"
         about = {"risk": risk}
-        write_weights(path, weights, {"space": DESCRIPTION[0], "network": DESCRIPTION[1], "about": about})
+        write_weights(
+            path, weights, {"space": DESCRIPTION[0], "network": DESCRIPTION[1], "about": about}
+        )
         return path
 
     return write
@@ -122,8 +127,16 @@ def test_beams_are_counted_by_what_became_of_them(env, read, expected):
     behind = np.array([[0.0, -1.0]])  # out of the scanner's field
     found = looks.figures([np.array([[0.0, 1.0]]), behind], np.array([[0.0, 1.0], [0.0, -1.0]]))
     names = [name for name in FRONTIER_FIGURES[16:] if name != "unseen_share"]
-    for name, scale in {"looks": 3.0, "lost": 3.0, "lost_near_by": 2.0, "passed": 3.0, "met": 3.0}.items():
-        assert math.expm1(scale * found[0, names.index(name)]) == pytest.approx(expected.get(name, 0))
+    for name, scale in {
+        "looks": 3.0,
+        "lost": 3.0,
+        "lost_near_by": 2.0,
+        "passed": 3.0,
+        "met": 3.0,
+    }.items():
+        assert math.expm1(scale * found[0, names.index(name)]) == pytest.approx(
+            expected.get(name, 0)
+        )
     assert found[1, names.index("looks")] == 0.0
     if "passed" in expected:
         assert found[0, names.index("passed_by")] == pytest.approx((read - 1.064) / 3.5, abs=0.01)
@@ -139,11 +152,19 @@ def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, 
     loop = explorer.loops[0]
     looks = Looks(env.explorer_context())
     looks.note(loop.pose, observation["scan"])
-    for most, mean, square in ((0.05, 0.05, 0.0025), (1.0, 1.0, 1.0), (2.0, 1.5, 2.5), (100.0, 2.0, 5.0)):
+    for most, mean, square in (
+        (0.05, 0.05, 0.0025),
+        (1.0, 1.0, 1.0),
+        (2.0, 1.5, 2.5),
+        (100.0, 2.0, 5.0),
+    ):
         found = moments(read.chances(describe_frontiers(loop, looks, loop.wanted)), most)
         assert found.shape == (2, len(loop.wanted))
         np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
-    for path, reason in ((tmp_path / "nowhere.safetensors", "nowhere"), (network(1.0, risk=2.0), "risk")):
+    for path, reason in (
+        (tmp_path / "nowhere.safetensors", "nowhere"),
+        (network(1.0, risk=2.0), "risk"),
+    ):
         with pytest.raises(InputFileError, match=reason):
             HiddenFloor.read(path)
     assert HIDDEN_FLOOR.stat().st_size < 100_000

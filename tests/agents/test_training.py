@@ -36,7 +36,8 @@ def test_plans_are_drawn_from_the_split_only():
 
 def test_larger_plans_are_drawn_where_asked_for():
     homes, offices = (
-        draw_plans(["procedural:office:loops"], "train", 12, largest_area=area) for area in (300.0, 600.0)
+        draw_plans(["procedural:office:loops"], "train", 12, largest_area=area)
+        for area in (300.0, 600.0)
     )
     assert max(plan.area for plan in homes) <= 300.0 < max(plan.area for plan in offices) <= 600.0
 
@@ -61,7 +62,13 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, capsys):
     model = train(half, tmp_path)
     assert model.num_timesteps == 24
     assert "validation at step 24: time_95 " in capsys.readouterr().err
-    for name in ("config.json", "checkpoint.pt", "policy.safetensors", "policy.json", "validation.csv"):
+    for name in (
+        "config.json",
+        "checkpoint.pt",
+        "policy.safetensors",
+        "policy.json",
+        "validation.csv",
+    ):
         assert (tmp_path / name).is_file(), name
     assert list(tmp_path.glob("log/*/events.out.tfevents.*"))
     weights, _ = read_policy(tmp_path / "policy.safetensors")
@@ -87,7 +94,9 @@ def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeyp
 
 
 def test_half_of_the_environments_are_furnished(tmp_path):
-    run = dataclasses.replace(TINY, furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0)
+    run = dataclasses.replace(
+        TINY, furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0
+    )
     model = train(run, tmp_path)
     furniture = [config.clutter.furniture for config in model.get_env().get_attr("config")]
     assert furniture == [1.0, 0.0]

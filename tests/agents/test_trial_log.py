@@ -29,7 +29,11 @@ def test_a_line_that_a_kill_cut_short_is_dropped_and_the_file_goes_on(tmp_path, 
     again = TrialLog(path, Trial)
     assert [t.plan for t in again.trials.values()] == ["p0", "p1"]
     again.append(make_trial(plan="p2"))
-    assert [json.loads(line)["plan"] for line in path.read_text().splitlines()] == ["p0", "p1", "p2"]
+    assert [json.loads(line)["plan"] for line in path.read_text().splitlines()] == [
+        "p0",
+        "p1",
+        "p2",
+    ]
 
 
 def test_a_first_line_cut_short_leaves_an_empty_log(tmp_path):

@@ -11,7 +11,13 @@ from source_tree import ROOT
 
 from slamgym.agents import make_explorer
 from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
-from slamgym.agents.wheels import WheelsExplorer, WheelsPolicy, read_wheels, wheels_shapes, write_wheels
+from slamgym.agents.wheels import (
+    WheelsExplorer,
+    WheelsPolicy,
+    read_wheels,
+    wheels_shapes,
+    write_wheels,
+)
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.envs import BatchExploreEnv, ExploreConfig, ExploreEnv
 from slamgym.envs.compact import MapTiles
@@ -55,7 +61,9 @@ def test_actions_are_held_and_their_rewards_added_up():
     }
     plain = BatchExploreEnv(2, "bundled", autoreset_mode="same_step", **settings)
     plain.reset(seed=4)
-    face = BatchVecEnv(BatchExploreEnv(2, "bundled", autoreset_mode="same_step", **settings), hold=3, seed=4)
+    face = BatchVecEnv(
+        BatchExploreEnv(2, "bundled", autoreset_mode="same_step", **settings), hold=3, seed=4
+    )
     face.reset()
     actions = np.array([(0.8, 0.3), (0.5, -0.3)], dtype=np.float32)
     for _ in range(5):
@@ -71,7 +79,12 @@ def test_actions_are_held_and_their_rewards_added_up():
 
 def test_episodes_are_cut_off_at_different_times_and_say_so():
     env = BatchExploreEnv(
-        4, "bundled", autoreset_mode="same_step", time_limit=None, terminate_when_explored=False, **SETTINGS
+        4,
+        "bundled",
+        autoreset_mode="same_step",
+        time_limit=None,
+        terminate_when_explored=False,
+        **SETTINGS,
     )
     face = BatchVecEnv(env, hold=2, seconds=(4.0, 8.0), seed=0)
     face.reset()
@@ -100,12 +113,20 @@ def test_an_end_within_a_hold_is_kept():
 def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     model = train_wheels(TINY, tmp_path)
     assert model.num_timesteps == 48
-    for name in ("config.json", "checkpoint.pt", "policy.safetensors", "best.safetensors", "validation.csv"):
+    for name in (
+        "config.json",
+        "checkpoint.pt",
+        "policy.safetensors",
+        "best.safetensors",
+        "validation.csv",
+    ):
         assert (tmp_path / name).is_file(), name
     policy = read_wheels(tmp_path / "policy.safetensors")
     # numpy drives as torch does
     observations = (
-        np.random.default_rng(0).uniform(0.0, 1.0, (5, len(policy.weights["mean"]))).astype(np.float32)
+        np.random.default_rng(0)
+        .uniform(0.0, 1.0, (5, len(policy.weights["mean"])))
+        .astype(np.float32)
     )
     envs = model.get_vec_normalize_env()
     expected, _ = model.predict(envs.normalize_obs(observations.copy()), deterministic=True)
@@ -115,7 +136,8 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     assert longer.num_timesteps == 48
     np.testing.assert_array_equal(longer.get_vec_normalize_env().obs_rms.mean, envs.obs_rms.mean)
     np.testing.assert_array_equal(
-        read_wheels(tmp_path / "policy.safetensors").weights["first.weight"], policy.weights["first.weight"]
+        read_wheels(tmp_path / "policy.safetensors").weights["first.weight"],
+        policy.weights["first.weight"],
     )
     assert train_wheels(dataclasses.replace(TINY, steps=72), tmp_path).num_timesteps == 72
     with pytest.raises(ConfigError, match="holds a run with seed = 0"):
@@ -126,7 +148,9 @@ def test_the_explorer_sees_what_it_was_trained_on(weights):
     """Its observation of the published map is that of the environment's preset, and an action holds for its steps."""
     env = ExploreEnv("bundled", ExploreConfig().for_explorer(), localization="ground_truth")
     twin = ExploreEnv(
-        "bundled", localization="ground_truth", observation={"preset": "compact_far", "map": "global"}
+        "bundled",
+        localization="ground_truth",
+        observation={"preset": "compact_far", "map": "global"},
     )
     explorer = make_explorer(f"wheels:{weights}", env.explorer_context())
     observation, _ = env.reset(seed=3)

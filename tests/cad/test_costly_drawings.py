@@ -6,9 +6,7 @@ import attacks
 import drawing_attacks
 import pytest
 
-DRAWINGS = {
-    "short walls round a gap": (drawing_attacks.open_ring, "accepted"),
-}
+DRAWINGS = {"short walls round a gap": (drawing_attacks.open_ring, "accepted")}
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="measures memory as Linux counts it")

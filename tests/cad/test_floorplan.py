@@ -96,7 +96,9 @@ def test_segments_are_the_closed_rings_and_can_not_be_changed():
     segments = plan.segments()
     assert segments.shape == (8, 4)
     assert segments is plan.segments()
-    assert np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum() == pytest.approx(plan.free_space.length)
+    assert np.hypot(*(segments[:, 2:] - segments[:, :2]).T).sum() == pytest.approx(
+        plan.free_space.length
+    )
     with pytest.raises(ValueError, match="read-only"):
         segments[0, 0] = 1.0
 
@@ -122,8 +124,12 @@ def polygon_with_nan():
         return Polygon([(0, 0), (math.nan, 0), (1, 1)])
 
 
-NARROW = shapely.union_all([shapely.box(0, 0, 4, 4), shapely.box(4, 1, 5, 1.4), shapely.box(5, 0, 9, 4)])
-CLOSET = shapely.union_all([shapely.box(0, 0, 9, 9), shapely.box(9, 1, 9.2, 1.4), shapely.box(9.2, 0, 11, 2)])
+NARROW = shapely.union_all(
+    [shapely.box(0, 0, 4, 4), shapely.box(4, 1, 5, 1.4), shapely.box(5, 0, 9, 4)]
+)
+CLOSET = shapely.union_all(
+    [shapely.box(0, 0, 9, 9), shapely.box(9, 1, 9.2, 1.4), shapely.box(9.2, 0, 11, 2)]
+)
 
 
 @pytest.mark.parametrize(
@@ -138,7 +144,10 @@ CLOSET = shapely.union_all([shapely.box(0, 0, 9, 9), shapely.box(9, 1, 9.2, 1.4)
         (plan_of(shapely.box(0, 0, 70, 5)), r"70\.0 m long but the map holds 64\.0 m"),
         (plan_of(shapely.box(0, 0, 10, 0.4)), "no place is wide enough"),
         (plan_of(NARROW), "only 49% of the floor"),
-        (plan_of(CLOSET, rooms=(Room("Storage", shapely.box(9.2, 0, 11, 2)),)), "enter 1 room.*Storage"),
+        (
+            plan_of(CLOSET, rooms=(Room("Storage", shapely.box(9.2, 0, 11, 2)),)),
+            "enter 1 room.*Storage",
+        ),
     ],
 )
 def test_each_fault_gets_one_sentence_that_names_the_file(plan, reason):
@@ -158,7 +167,9 @@ def test_a_turned_plan_keeps_its_measures():
     plan = generate_plan(3)
     turned = plan.turned(30.0)
     assert turned.area == pytest.approx(plan.area)
-    assert [door.width for door in turned.doors] == pytest.approx([door.width for door in plan.doors])
+    assert [door.width for door in turned.doors] == pytest.approx(
+        [door.width for door in plan.doors]
+    )
     assert turned.turned(-30.0).free_space.symmetric_difference(plan.free_space).area < 1e-6
     steps = np.diff(turned.segments().reshape(-1, 2, 2), axis=1)[:, 0]
     along = np.degrees(np.arctan2(steps[:, 1], steps[:, 0])) % 90.0

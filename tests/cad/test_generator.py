@@ -55,13 +55,17 @@ def _rooms_lie_in_the_plan_and_apart(plan):
 def test_the_same_seed_gives_the_same_plan(seed):
     first = generate_plan(seed)
     assert generate_plan(seed) == first
-    assert generate_plan(np.random.default_rng(seed), plan_id=first.id).free_space == first.free_space
+    assert (
+        generate_plan(np.random.default_rng(seed), plan_id=first.id).free_space == first.free_space
+    )
     assert generate_plan(seed + 1).free_space != first.free_space
 
 
 def test_homes_resemble_houseexpo_and_unlike_it_have_ways_round():
     homes = [generate_plan(seed, PlanGeneratorConfig(kind="home")) for seed in range(100)]
-    sides = np.array([(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1]) for plan in homes])
+    sides = np.array(
+        [(plan.bounds[2] - plan.bounds[0], plan.bounds[3] - plan.bounds[1]) for plan in homes]
+    )
     areas = np.array([plan.area for plan in homes])
     # HouseExpo's medians; the tolerances are some three standard errors of a median of 100 plans.
     assert np.median([len(plan.rooms) for plan in homes]) == pytest.approx(6.5, abs=1.5)
@@ -85,10 +89,7 @@ def test_settings_that_make_no_sense_are_refused():
         PlanGeneratorConfig(kind="castle")
 
 
-@given(
-    sizes=st.lists(st.floats(2, 30), min_size=1, max_size=12),
-    seed=seeds,
-)
+@given(sizes=st.lists(st.floats(2, 30), min_size=1, max_size=12), seed=seeds)
 def test_subdivision_tiles_the_box_in_proportion(sizes, seed):
     side = np.sqrt(sum(sizes))
     box = Box(0.0, 0.0, round(1.3 * side, 2), round(side / 1.3, 2))
@@ -104,7 +105,9 @@ def test_subdivision_tiles_the_box_in_proportion(sizes, seed):
 def test_shared_walls_are_found_once_and_longest_first():
     left = shapely.box(0, 0, 2, 5)
     right = shapely.box(2, 1, 4, 3)
-    assert shared_walls(left, right) == [(2, 1, 2, 3)] or shared_walls(left, right) == [(2, 3, 2, 1)]
+    assert shared_walls(left, right) == [(2, 1, 2, 3)] or shared_walls(left, right) == [
+        (2, 3, 2, 1)
+    ]
     assert shared_walls(left, shapely.box(2, 5, 4, 6)) == []
     corner = shapely.box(0, 0, 6, 6).difference(shapely.box(3, 4, 6, 6))
     assert [wall.length for wall in shared_walls(corner, shapely.box(3, 4, 6, 6))] == [3, 2]

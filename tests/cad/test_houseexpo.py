@@ -71,7 +71,10 @@ def test_holes_are_read_as_pillars():
             None,
         ),  # two squares touch at a corner
         ([[0, 0], [4, 0], [4, 3], [6, 3], [4, 3], [0, 3]], 12.0),  # a spike
-        ([[0, 0], [4, 0], [4, 3], [2, 3], [2, 1], [2, 3], [0, 3]], 12.0),  # a wall without thickness
+        (
+            [[0, 0], [4, 0], [4, 3], [2, 3], [2, 1], [2, 3], [0, 3]],
+            12.0,
+        ),  # a wall without thickness
         ([[0, 0], [4, 0], [4, 0], [4, 3], [0, 3], [0, 0]], 12.0),  # repeated vertices
         (
             [[0, 0], [4, 0], [4, 3], [0, 3], [0, 0], [1, 1], [1, 2], [2, 2], [2, 1], [1, 1]],
@@ -114,11 +117,20 @@ def test_an_outline_that_touches_itself_is_mended_and_one_in_two_parts_refused(v
             '{"verts": [[0, 0], [4, 0], [4, 3], [0, 3]], "holes": [[[9, 9], [10, 9], [10, 10]]]}',
             "crosses itself",
         ),
-        ('{"verts": [[0, 0], [4, 0], [4, 3], [0, 3]], "room_category": [1]}', "'room_category' is not"),
-        ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, 1]]}}', "list of .min x"),
+        (
+            '{"verts": [[0, 0], [4, 0], [4, 3], [0, 3]], "room_category": [1]}',
+            "'room_category' is not",
+        ),
+        (
+            '{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, 1]]}}',
+            "list of .min x",
+        ),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_category": {"Hall": [[0, 0, NaN, 1]]}}', "NaN"),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "doors": [[[0, 0]]]}', "'doors' has 1"),
-        ('{"verts": [[0, 0], [4, 0], [4, 3]], "room_polygons": {"Hall": [7]}}', "not a list of rings"),
+        (
+            '{"verts": [[0, 0], [4, 0], [4, 3]], "room_polygons": {"Hall": [7]}}',
+            "not a list of rings",
+        ),
         ('{"verts": [[0, 0], [4, 0], [4, 3]], "doors": 7}', "'doors' is not a list"),
     ],
 )
@@ -144,13 +156,17 @@ def test_a_plan_that_can_not_be_written_is_one_error(tmp_path):
 
 json_values = st.recursive(
     st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=4),
-    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=4), inner, max_size=3),
+    lambda inner: (
+        st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=4), inner, max_size=3)
+    ),
     max_leaves=12,
 )
 numbers = st.floats(-9, 9) | st.integers(-9, 9) | st.just(math.nan)
 keys = {
     "verts": st.lists(st.lists(numbers, min_size=2, max_size=2), max_size=9) | json_values,
-    "room_category": st.dictionaries(st.text(max_size=4), st.lists(st.lists(numbers, max_size=4), max_size=2))
+    "room_category": st.dictionaries(
+        st.text(max_size=4), st.lists(st.lists(numbers, max_size=4), max_size=2)
+    )
     | json_values,
     "holes": st.just([]) | json_values,
     "doors": json_values,
@@ -158,7 +174,11 @@ keys = {
 }
 
 
-@given(st.fixed_dictionaries({"verts": keys["verts"]}, optional={key: keys[key] for key in list(keys)[1:]}))
+@given(
+    st.fixed_dictionaries(
+        {"verts": keys["verts"]}, optional={key: keys[key] for key in list(keys)[1:]}
+    )
+)
 @settings(max_examples=150)
 def test_any_json_is_a_valid_plan_or_one_error(data):
     plan = None

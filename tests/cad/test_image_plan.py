@@ -35,7 +35,9 @@ def test_a_generated_plan_survives_a_ros_map(tmp_path):
     grid = plan.raster(0.05)
     read = read_ros_plan(write_ros_map(tmp_path, grid))
     # Every face of a wall moves by at most half a cell, and smoothing by less than one more.
-    assert plan.free_space.symmetric_difference(read.free_space).area < plan.free_space.length * 0.05
+    assert (
+        plan.free_space.symmetric_difference(read.free_space).area < plan.free_space.length * 0.05
+    )
     exact = read_ros_plan(tmp_path / "map.yaml", smoothing=0.0)
     np.testing.assert_array_equal(exact.raster(0.05, grid.frame).cells, grid.cells)
     assert len(read.segments()) <= len(exact.segments())

@@ -5,7 +5,14 @@ import pickle
 import pytest
 from shapely import box
 
-from slamgym.cad import FloorPlan, check_plan, open_plan_mix, open_plans, plan_groups, write_houseexpo
+from slamgym.cad import (
+    FloorPlan,
+    check_plan,
+    open_plan_mix,
+    open_plans,
+    plan_groups,
+    write_houseexpo,
+)
 from slamgym.core.errors import ConfigError, InputFileError
 
 
@@ -29,7 +36,9 @@ def test_plans_of_one_name_stay_apart(folders):
 
 
 def test_weights_and_commas(folders):
-    groups = plan_groups(open_plan_mix([f"{folders[0]}=8, procedural:home", "procedural:office:loops=0.5"]))
+    groups = plan_groups(
+        open_plan_mix([f"{folders[0]}=8, procedural:home", "procedural:office:loops=0.5"])
+    )
     assert [group.weight for group in groups] == [8.0, 1.0, 0.5]
     assert groups[1].ids[0] == "home_0_00000"
     assert groups[2].ids[0] == "office_loops_0_00000"

@@ -53,7 +53,9 @@ def test_dxf(write, how):
 
 
 def test_coordinates_next_to_nothing_are_zeros(write):
-    path = write("a.dxf", flat.dxf().replace("\n 10\n1.0\n 20\n-0.12\n", "\n 10\n1.0\n 20\n-1e-308\n"))
+    path = write(
+        "a.dxf", flat.dxf().replace("\n 10\n1.0\n 20\n-0.12\n", "\n 10\n1.0\n 20\n-1e-308\n")
+    )
     check_plan(read_dxf(path))  # geometry would divide by zero
 
 
@@ -138,7 +140,9 @@ def test_a_frame_round_a_name_and_an_open_passage_part_no_rooms(write):
     frames = [(1.0, 2.0, 2.0, 2.3), (2.0, 0.0, 2.9, 4.0)]
     for box in frames:
         geometry = {"type": "Polygon", "coordinates": [flat.ring(box)]}
-        document["features"].append({"type": "Feature", "properties": {"kind": "room"}, "geometry": geometry})
+        document["features"].append(
+            {"type": "Feature", "properties": {"kind": "room"}, "geometry": geometry}
+        )
     check_flat(read_geojson(write("frame.geojson", json.dumps(document))))
 
 
@@ -156,7 +160,9 @@ def test_geojson_walls_that_run_through_a_door_are_opened(write):
     boxes = [*flat.bodies()[:5], (4.0 - flat.T / 2, 0.0, 4.0 + flat.T / 2, 4.0)]
     for box in boxes:
         geometry = {"type": "Polygon", "coordinates": [flat.ring(box)]}
-        document["features"].append({"type": "Feature", "properties": {"kind": "wall"}, "geometry": geometry})
+        document["features"].append(
+            {"type": "Feature", "properties": {"kind": "wall"}, "geometry": geometry}
+        )
     check_flat(read_geojson(write("flat.geojson", json.dumps(document))))
 
 
@@ -246,7 +252,9 @@ def add_many_swings(document, space):
 
 
 def add_a_curve_through_many_points(document, space):
-    space.add_spline(np.random.default_rng(0).uniform(0.0, 8.0, (8000, 2)), dxfattribs={"layer": "WALLS"})
+    space.add_spline(
+        np.random.default_rng(0).uniform(0.0, 8.0, (8000, 2)), dxfattribs={"layer": "WALLS"}
+    )
 
 
 def add_a_wide_scribble(document, space):
@@ -279,13 +287,17 @@ def test_dxf_that_stands_for_too_much_is_refused_at_once(tmp_path, monkeypatch, 
     monkeypatch.setenv("SLAMGYM_MAX_VERTICES", "20000")
     monkeypatch.setenv("SLAMGYM_MAX_NEAR_PAIRS", "300000")
     document = ezdxf.new(units=6)
-    document.modelspace().add_lwpolyline([(0, 0), (8, 0), (8, 6)], close=True, dxfattribs={"layer": "WALLS"})
+    document.modelspace().add_lwpolyline(
+        [(0, 0), (8, 0), (8, 6)], close=True, dxfattribs={"layer": "WALLS"}
+    )
     add(document, document.modelspace())
     document.saveas(tmp_path / "a.dxf")
     start = time.process_time()
     with pytest.raises(PlanError, match=sentence):
         read_dxf(tmp_path / "a.dxf")
-    assert time.process_time() - start < 10.0  # a fifteenth of it on a quiet core; without the limits no end
+    assert (
+        time.process_time() - start < 10.0
+    )  # a fifteenth of it on a quiet core; without the limits no end
 
 
 def test_geojson_of_too_many_lists_is_refused_before_it_is_parsed(write):

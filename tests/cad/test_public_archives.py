@@ -145,7 +145,9 @@ def test_another_archive_and_a_changed_one_are_refused(archive, tmp_path, monkey
         fetch_houseexpo(path, archive)
 
 
-def test_the_command_shows_the_licence_and_says_what_is_wrong(archive, tmp_path, monkeypatch, capsys):
+def test_the_command_shows_the_licence_and_says_what_is_wrong(
+    archive, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(archives, "HOUSEEXPO_URL", archive)
     monkeypatch.chdir(tmp_path)
     shutil.rmtree(tmp_path / "json")
@@ -157,7 +159,9 @@ def test_the_command_shows_the_licence_and_says_what_is_wrong(archive, tmp_path,
     with pytest.raises(DownloadError, match="404"):
         main(["fetch", "--out", "other.tar.gz"])
     monkeypatch.setattr(archives, "HOUSEEXPO_URL", "http://127.0.0.1:9/json.tar.gz")
-    with pytest.raises(DownloadError, match=r"can't be reached \(Connection refused\); is there a network\?"):
+    with pytest.raises(
+        DownloadError, match=r"can't be reached \(Connection refused\); is there a network\?"
+    ):
         main(["fetch", "--out", "other.tar.gz"])
 
 

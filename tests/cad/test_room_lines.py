@@ -69,14 +69,26 @@ def test_malformed_floors_are_one_error(tmp_path, floor):
         {**floor, "m_per_px": "wide"},
         {**floor, "m_per_px": 1e-125},
         {"name": "two/rooms"},
-        {**floor, "rooms": [{"label": "A", "polygon": [[0, 0], [1, 0], [None, 1]], "segments": []}]},
-        {**floor, "rooms": [{"label": "A", "polygon": [[0, 0], [9, 0], [9, float("nan")]], "segments": []}]},
+        {
+            **floor,
+            "rooms": [{"label": "A", "polygon": [[0, 0], [1, 0], [None, 1]], "segments": []}],
+        },
+        {
+            **floor,
+            "rooms": [
+                {"label": "A", "polygon": [[0, 0], [9, 0], [9, float("nan")]], "segments": []}
+            ],
+        },
     ]
     for fault in faults:
         with pytest.raises(PlanError, match=r"bad\.jsonl:two_rooms: its rooms are malformed"):
             open_plans(write(path, fault)).load("two_rooms")
-    with pytest.raises(PlanError, match=r"bad\.jsonl:two rooms: its rooms are malformed"):  # one line
-        open_plans(write(path, {**floor, "m_per_px": None, "name": "two\nrooms"})).load("two\nrooms")
+    with pytest.raises(
+        PlanError, match=r"bad\.jsonl:two rooms: its rooms are malformed"
+    ):  # one line
+        open_plans(write(path, {**floor, "m_per_px": None, "name": "two\nrooms"})).load(
+            "two\nrooms"
+        )
     with pytest.raises(PlanError, match="disjoint"):
         open_plans(write(path, {**floor, "rooms": []})).load("two_rooms")
 

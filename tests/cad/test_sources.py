@@ -77,7 +77,8 @@ def test_plans_of_one_name_in_two_folders_are_refused_not_lost(tmp_path, bundled
             _add(tar, f"in/{folder}/1.json", (tmp_path / "in" / folder / "1.json").read_bytes())
     for spec in (tmp_path / "in", tmp_path / "in.tar.gz"):
         with pytest.raises(
-            InputFileError, match=r"holds two plans called '1', '(in/)?a/1\.json' and '(in/)?b/1\.json'"
+            InputFileError,
+            match=r"holds two plans called '1', '(in/)?a/1\.json' and '(in/)?b/1\.json'",
         ):
             open_plans(spec)
     # As the sentence says: as two sources both are there.

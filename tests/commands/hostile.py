@@ -42,9 +42,15 @@ def run(words, place, capsys, **more):
     folders = {"dataset": place / "dataset", "out": place / "out", **more}
     code = main([word.format(**folders) for word in words])
     after = [content_of(folder) for folder in kept], {path.name for path in place.iterdir()}
-    changed = {name for old, new in zip(before[0], after[0], strict=True) for name in old.keys() ^ new.keys()}
+    changed = {
+        name
+        for old, new in zip(before[0], after[0], strict=True)
+        for name in old.keys() ^ new.keys()
+    }
     assert after == before, f"written or removed: {sorted(changed)}"
-    errors = [line for line in capsys.readouterr().err.splitlines() if line.startswith("slamgym: error")]
+    errors = [
+        line for line in capsys.readouterr().err.splitlines() if line.startswith("slamgym: error")
+    ]
     assert code in (0, 1, 2)
     assert len(errors) == (code == 2)
     return code, "".join(errors)

@@ -25,9 +25,7 @@ def flat(tmp_path):
 def test_a_map_becomes_a_drawing_in_every_format_without_torch(flat, tmp_path):
     out = tmp_path / "out"
     words = ["cad", str(flat), "-o", str(out), "--model", "none", "--formats", f"dxf,{TEXT}"]
-    code = (
-        f"import sys; from slamgym.commands.cli import main; main({words}); assert 'torch' not in sys.modules"
-    )
+    code = f"import sys; from slamgym.commands.cli import main; main({words}); assert 'torch' not in sys.modules"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert sorted(path.name for path in out.iterdir()) == [
@@ -41,20 +39,29 @@ def test_cad_draw_is_the_same_command(flat, tmp_path):
     for words in (["cad"], ["cad", "draw"]):
         out = tmp_path / "-".join(words)
         assert main([*words, str(flat), "-o", str(out), "--model", "none", "--formats", "svg"]) == 0
-    assert (tmp_path / "cad" / "flat.svg").read_bytes() == (tmp_path / "cad-draw" / "flat.svg").read_bytes()
+    assert (tmp_path / "cad" / "flat.svg").read_bytes() == (
+        tmp_path / "cad-draw" / "flat.svg"
+    ).read_bytes()
 
 
 def test_the_network_draws_too(flat, tmp_path, capsys):
     pytest.importorskip("torch")
-    assert main(["cad", str(flat), "-o", str(tmp_path / "out"), "--formats", "json", "--angle", "0"]) == 0
+    assert (
+        main(["cad", str(flat), "-o", str(tmp_path / "out"), "--formats", "json", "--angle", "0"])
+        == 0
+    )
     assert "flat: " in capsys.readouterr().out
 
 
 def test_one_map_that_fails_does_not_stop_a_folder(flat, tmp_path, capsys):
-    (flat.parent / "broken.yaml").write_text("image: missing.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
+    (flat.parent / "broken.yaml").write_text(
+        "image: missing.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n"
+    )
     (flat.parent / "zero.yaml").write_text("image: flat.pgm\nresolution: 0\norigin: [0, 0, 0]\n")
     out = tmp_path / "out"
-    assert main(["cad", str(flat.parent), "-o", str(out), "--model", "none", "--formats", "svg"]) == 1
+    assert (
+        main(["cad", str(flat.parent), "-o", str(out), "--model", "none", "--formats", "svg"]) == 1
+    )
     said = capsys.readouterr()
     assert "1 of 3 maps drawn" in said.out
     assert "missing.pgm" in said.err
@@ -66,7 +73,16 @@ def test_a_picture_needs_a_scale(flat, tmp_path, capsys):
     grid, _, _ = painted(FLAT)
     picture = tmp_path / "plain.png"
     write_picture(picture, grid.cells)
-    command = ["cad", str(picture), "-o", str(tmp_path / "out"), "--model", "none", "--formats", "json"]
+    command = [
+        "cad",
+        str(picture),
+        "-o",
+        str(tmp_path / "out"),
+        "--model",
+        "none",
+        "--formats",
+        "json",
+    ]
     assert main(command) == 2
     assert "--resolution" in capsys.readouterr().err
     assert main([*command, "--resolution", "0.05"]) == 0
@@ -83,7 +99,10 @@ def test_a_giant_picture_is_refused_before_it_is_decoded(tmp_path, capsys):
         + struct.pack(">I", zlib.crc32(chunk))
         + b"\0\0\1\0IDAT"
     )
-    assert main(["cad", str(giant), "-o", str(tmp_path), "--model", "none", "--resolution", "0.05"]) == 2
+    assert (
+        main(["cad", str(giant), "-o", str(tmp_path), "--model", "none", "--resolution", "0.05"])
+        == 2
+    )
     assert "SLAMGYM_MAX_PIXELS" in capsys.readouterr().err
 
 
@@ -106,5 +125,7 @@ def test_wrong_arguments_get_one_sentence(flat, tmp_path, capsys, words, message
 
 def test_a_folder_without_maps_is_refused(tmp_path, capsys):
     (tmp_path / "empty").mkdir()
-    assert main(["cad", str(tmp_path / "empty"), "-o", str(tmp_path / "out"), "--model", "none"]) == 2
+    assert (
+        main(["cad", str(tmp_path / "empty"), "-o", str(tmp_path / "out"), "--model", "none"]) == 2
+    )
     assert "holds no ROS maps" in capsys.readouterr().err

@@ -38,7 +38,9 @@ def files(tmp_path):
 @pytest.mark.parametrize("plan", ["flat.geojson", "flat.dxf"])
 def test_a_moved_wall_is_reported(files, capsys, plan):
     out = files / "out"
-    assert main(["cad", "compare", str(files / plan), str(files / "built.yaml"), "-o", str(out)]) == 0
+    assert (
+        main(["cad", "compare", str(files / plan), str(files / "built.yaml"), "-o", str(out)]) == 0
+    )
     shown = capsys.readouterr()
     assert "wall moved" in shown.out
     assert ("millimetres" in shown.err) == plan.endswith("dxf")
@@ -67,7 +69,14 @@ def test_another_building_gives_another_exit_code(files, capsys):
     image[walls] = OCCUPIED
     cv2.imwrite(str(files / "cross.png"), image)
     out = files / "out"
-    arguments = ["cad", "compare", str(files / "flat.geojson"), str(files / "cross.png"), "-o", str(out)]
+    arguments = [
+        "cad",
+        "compare",
+        str(files / "flat.geojson"),
+        str(files / "cross.png"),
+        "-o",
+        str(out),
+    ]
     assert main([*arguments, "--resolution", "0.05"]) == 1
     assert "different buildings" in capsys.readouterr().err
     document = json.loads((out / "comparison.json").read_text())

@@ -33,7 +33,17 @@ def draw(tmp_path, capfd):
     def run(name, *words, formats="json"):
         out = tmp_path / "out"
         code = main(
-            ["cad", str(tmp_path / name), "-o", str(out), "--model", "none", "--formats", formats, *words]
+            [
+                "cad",
+                str(tmp_path / name),
+                "-o",
+                str(out),
+                "--model",
+                "none",
+                "--formats",
+                formats,
+                *words,
+            ]
         )
         said = capfd.readouterr().err  # of libraries in C, too
         assert "Traceback" not in said
@@ -183,12 +193,9 @@ def test_maps_of_one_name_become_drawings_of_their_own(tmp_path, capsys):
     ]
     assert main([*command, *(str(tmp_path / name) for name in "abc")]) == 0
     drawn = {path.stem: json.loads(path.read_text()) for path in (tmp_path / "out").iterdir()}
-    assert {name: Path(one["drawing"]["provenance"]["source"]).name for name, one in drawn.items()} == {
-        "a_map": "map.png",
-        "b_map_jpg": "map.jpg",
-        "b_map_png": "map.png",
-        "other": "other.png",
-    }
+    assert {
+        name: Path(one["drawing"]["provenance"]["source"]).name for name, one in drawn.items()
+    } == {"a_map": "map.png", "b_map_jpg": "map.jpg", "b_map_png": "map.png", "other": "other.png"}
     assert main([*command, str(tmp_path / "a"), str(tmp_path / "a" / "map.png")]) == 2
     assert "would be written as 'a_map_png', and so would" in capsys.readouterr().err
 
@@ -201,7 +208,14 @@ def test_the_drawing_of_another_map_stays(draw, tmp_path):
     assert draw("a/map.yaml")[0] == 0
     assert draw("a/map.yaml")[0] == 0
     drawn = (tmp_path / "out" / "map.json").read_bytes()
-    command = ["cad", str(tmp_path / "b" / "map.yaml"), "-o", str(tmp_path / "out"), "--model", "none"]
+    command = [
+        "cad",
+        str(tmp_path / "b" / "map.yaml"),
+        "-o",
+        str(tmp_path / "out"),
+        "--model",
+        "none",
+    ]
     assert main([*command, "--formats", "svg"]) == 2
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["map.json"]
     assert (tmp_path / "out" / "map.json").read_bytes() == drawn

@@ -73,7 +73,8 @@ def test_the_help_lists_every_command_with_its_line(name, capsys):
         shown = capsys.readouterr().out
         assert shown.startswith(f"usage: {name} <command>")
         assert all(
-            f"  {word}" in shown and entry.help in shown for word, entry in GROUPS[name].commands.items()
+            f"  {word}" in shown and entry.help in shown
+            for word, entry in GROUPS[name].commands.items()
         )
 
 
@@ -88,7 +89,9 @@ def test_every_command_shows_at_most_twenty_options_and_calls_them_alike():
     assert pages.keys() >= {"plans list", "cad", "generate", "agents train wheels"}
     many = {name: options for name, page in pages.items() if len(options := options_of(page)) > 20}
     assert not many, "give the others as settings: --config and --set"
-    assert not {n for n, page in pages.items() if "--out" in options_of(page) and " -o " not in page}
+    assert not {
+        n for n, page in pages.items() if "--out" in options_of(page) and " -o " not in page
+    }
 
 
 def test_version(capsys):
@@ -193,7 +196,9 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
     monkeypatch.setattr(frame, "is_installed", lambda package: package != missing)
     assert cli.main(typed.split()) == 2
     error = capsys.readouterr().err
-    assert f"needs the package {missing!r}; install it with: pip install 'slamgym[{extra}]'" in error
+    assert (
+        f"needs the package {missing!r}; install it with: pip install 'slamgym[{extra}]'" in error
+    )
     assert error.count("\n") == 1
     assert ("--model none" in error) == typed.startswith("cad ")  # which can do without
     assert not list(tmp_path.iterdir())
@@ -219,7 +224,11 @@ STREAMS = {
 def test_an_output_that_is_closed_or_full_costs_no_traceback(words):
     program, code = shlex.join([sys.executable, "-m", "slamgym"]), "exit ${PIPESTATUS[0]}"
     done = subprocess.run(
-        ["bash", "-c", f"{program} {words}; {code}"], capture_output=True, text=True, check=False, timeout=120
+        ["bash", "-c", f"{program} {words}; {code}"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     expected, has_sentence = STREAMS[words]
     assert done.returncode == expected, done.stderr

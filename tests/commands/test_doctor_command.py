@@ -18,9 +18,13 @@ def test_a_whole_installation_is_in_order(capsys):
 def test_what_is_missing_or_broken_comes_with_its_fix(monkeypatch, capsys):
     installed = doctor._version
     monkeypatch.setattr(
-        doctor, "_version", lambda name: "" if name in {"rosbags", "numba", "ros-rclpy"} else installed(name)
+        doctor,
+        "_version",
+        lambda name: "" if name in {"rosbags", "numba", "ros-rclpy"} else installed(name),
     )
-    monkeypatch.setattr(doctor, "_films", lambda: (_ for _ in ()).throw(RuntimeError("no ffmpeg\nat all")))
+    monkeypatch.setattr(
+        doctor, "_films", lambda: (_ for _ in ()).throw(RuntimeError("no ffmpeg\nat all"))
+    )
     found = {finding.what: finding for finding in findings()}
     assert found["extra ros"].state == "missing"
     assert found["extra ros"].fix == "pip install 'slamgym[ros]'"

@@ -155,7 +155,10 @@ def test_links_in_a_folder_of_images_are_not_written_through(place, capsys, name
 
 def test_a_merge_takes_no_links_and_no_false_records(explored, place, capsys):
     words = ["dataset", "merge", "{parts}"]
-    merged, shard = place / "dataset" / "parts", place / "dataset" / "parts" / "shard-00000-of-00002"
+    merged, shard = (
+        place / "dataset" / "parts",
+        place / "dataset" / "parts" / "shard-00000-of-00002",
+    )
 
     def fresh():
         shutil.rmtree(merged, ignore_errors=True)
@@ -170,7 +173,13 @@ def test_a_merge_takes_no_links_and_no_false_records(explored, place, capsys):
 
     episode = fresh()
     record = json.loads((episode / "episode.json").read_text())
-    for change in ({"name": "../x"}, {"index": -1}, {"index": 7}, {"plan_id": "../../x"}, {"index": 10**12}):
+    for change in (
+        {"name": "../x"},
+        {"index": -1},
+        {"index": 7},
+        {"plan_id": "../../x"},
+        {"index": 10**12},
+    ):
         fresh()
         (episode / "episode.json").write_text(json.dumps({**record, **change}) + "\n")
         code, error = run(words, place, capsys, parts=merged)
@@ -193,7 +202,9 @@ def hostile_plans(request, place):
     """Plans whose names lead elsewhere, in an archive and as lines."""
     names = [name.format(outside=place / "outside", name="x") for name in PLAN_NAMES.values()]
     # Plans of one name, or with a name too long, are refused before anything is written.
-    names = [f"{name}{number}" if name.endswith("/x") else name for number, name in enumerate(names)]
+    names = [
+        f"{name}{number}" if name.endswith("/x") else name for number, name in enumerate(names)
+    ]
     names = [name for name in names if len(name) < 200]
     if request.param == "archive":
         path = place / "dataset" / "plans.tar.gz"

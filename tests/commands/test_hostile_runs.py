@@ -42,7 +42,9 @@ def given(place, request):
             cv2.imwrite(str(folder / f"{index}.png"), picture(index))
     line = {"plan_id": "../x", "group": "/abs", "metres_per_px": 0.1, "split": "train"}
     names = [f"{place}/outside/x", "../../x", "0", "1", "2", "3"]
-    (images / "manifest.jsonl").write_text("".join(json.dumps({**line, "name": n}) + "\n" for n in names))
+    (images / "manifest.jsonl").write_text(
+        "".join(json.dumps({**line, "name": n}) + "\n" for n in names)
+    )
     maps = dataset / "maps"
     for index in range(8 if request.node.callspec.params["command"] == "dataset realism" else 0):
         cells = np.full((120, 150), OCCUPIED, np.uint8)
@@ -78,7 +80,9 @@ def small_weights(path):
 
 
 @pytest.mark.parametrize("command", sorted(RUNS))
-def test_nothing_is_written_through_links_in_the_output_folder(command, place, given, capsys, monkeypatch):
+def test_nothing_is_written_through_links_in_the_output_folder(
+    command, place, given, capsys, monkeypatch
+):
     if command in NEEDS_TORCH and not TORCH:
         pytest.skip("needs torch")
     # The trees take seconds and write nothing.
@@ -111,9 +115,13 @@ def restore(folder, content):
 @pytest.mark.parametrize("command", ["gan translate"])
 def test_names_of_maps_to_translate_are_no_paths(command, place, given, capsys):
     folder = given["images"] / "train" / "B"
-    source = write_ros_map(folder / "a", OccupancyGrid(picture(0), GridFrame(0.05, 0.0, 0.0, 32, 32)))
+    source = write_ros_map(
+        folder / "a", OccupancyGrid(picture(0), GridFrame(0.05, 0.0, 0.0, 32, 32))
+    )
     for name in ("..yaml", "...yaml", "..png"):
         shutil.copyfile(source if name.endswith("yaml") else folder / "0.png", folder / name)
     assert run(RUNS[command], place, capsys, **given)[0] == 0
     assert {path.name for path in (place / "out").iterdir()} == {"run"}
-    assert not [path.name for path in (place / "out" / "run").iterdir() if path.name.startswith(".")]
+    assert not [
+        path.name for path in (place / "out" / "run").iterdir() if path.name.startswith(".")
+    ]

@@ -143,7 +143,9 @@ def test_check_and_generate_judge_a_giant_alike(tmp_path, capsys):
                 str(tmp_path / "out"),
             ],
         )
-    generated = json.loads((tmp_path / "out" / "rejected.jsonl").read_text().splitlines()[0])["reason"]
+    generated = json.loads((tmp_path / "out" / "rejected.jsonl").read_text().splitlines()[0])[
+        "reason"
+    ]
     assert checked == generated
     assert "10000.0 m long but the map holds 353.6 m" in checked
 
@@ -152,7 +154,10 @@ def test_the_plans_themselves_are_not_written_over(tmp_path):
     path = tmp_path / "a.json"
     write_houseexpo(path, generate_plan(1))
     before = path.read_bytes()
-    for words in (["write", str(path), "--out", str(tmp_path)], ["draw", str(path), "--out", str(path)]):
+    for words in (
+        ["write", str(path), "--out", str(tmp_path)],
+        ["draw", str(path), "--out", str(path)],
+    ):
         with pytest.raises(InputFileError, match="would be written over"):
             main(words)
     assert path.read_bytes() == before

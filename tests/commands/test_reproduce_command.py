@@ -41,7 +41,12 @@ EVALUATION = {
     },
     "realism": {
         "tests": [
-            {"first": "simulated", "second": second, "is_null": second == "simulated", "accuracy": accuracy}
+            {
+                "first": "simulated",
+                "second": second,
+                "is_null": second == "simulated",
+                "accuracy": accuracy,
+            }
             for second, accuracy in (
                 ("simulated", interval(0.49, 0.45, 0.53)),
                 ("modelprog", interval(0.97, 0.95, 0.99)),
@@ -57,7 +62,9 @@ STATISTICS = {"whole": {"cpu_seconds": 3.6, "kept": 0.2, "pairs": 100}}
 
 @pytest.fixture
 def run(tmp_path):
-    return Reproduction(tmp_path / "out", REPRODUCTION_SCALES["smoke"], train=False, seed=1, workers=1)
+    return Reproduction(
+        tmp_path / "out", REPRODUCTION_SCALES["smoke"], train=False, seed=1, workers=1
+    )
 
 
 @pytest.fixture
@@ -108,7 +115,9 @@ def test_with_enough_test_maps_they_are_drawn_anew_and_compared(run, commands, m
     for method in REDRAWN:
         folder = run.out / "redrawn" / method
         deform = next(
-            line for line in lines if line[:2] == ["deform", str(run.out / "pairs")] and method in line
+            line
+            for line in lines
+            if line[:2] == ["deform", str(run.out / "pairs")] and method in line
         )
         assert str(folder) in deform
         assert lines.index(deform) < lines.index(evaluate)
@@ -151,7 +160,10 @@ def test_the_commands_know_their_options(commands, tmp_path):
     ],
 )
 def test_each_verdict_says_where_an_interval_lies(low, high, verdict):
-    assert judge(Interval(0.5 * (low + high), low, high), Interval(0.7, 0.65, 0.8), bound=0.5) == verdict
+    assert (
+        judge(Interval(0.5 * (low + high), low, high), Interval(0.7, 0.65, 0.8), bound=0.5)
+        == verdict
+    )
     assert verdict in get_args(ClaimVerdict)
 
 
@@ -162,7 +174,9 @@ def test_the_paper_reproduces_itself():
 
 def test_verdicts_follow_from_the_figures():
     times = "0_flat: 9.1 m driven, 90 scans, ekf_schur took 0.5 s\n1_flat: 8.0 m driven, two_phase took 0.1 s, walls\n"
-    assert {"ekf_schur", "two_phase"} <= {line.split("/")[-1].split()[0] for line in STEPS["deformed"]}
+    assert {"ekf_schur", "two_phase"} <= {
+        line.split("/")[-1].split()[0] for line in STEPS["deformed"]
+    }
     claims = judge_claims(EVALUATION, STATISTICS, times)
     better, same, less, few, worse = get_args(ClaimVerdict)
     assert [claim.verdict for claim in claims] == [

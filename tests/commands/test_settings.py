@@ -38,7 +38,11 @@ def test_a_file_is_overruled_by_set_and_both_by_options(tmp_path):
     found = again.configured(DatasetConfig(), {"episode.minutes": 3.0, "trajectories": None})
     env = found.episode.env
     assert (found.seed, found.episode.minutes, found.trajectories) == (8, 3.0, 1)
-    assert (env.slam.particles, env.lidar.range_max, env.odometry) == (5, 5.0, odometry_level("high"))
+    assert (env.slam.particles, env.lidar.range_max, env.odometry) == (
+        5,
+        5.0,
+        odometry_level("high"),
+    )
     assert isinstance(env.lidar.range_max, float)
 
 

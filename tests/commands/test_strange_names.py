@@ -53,7 +53,12 @@ def make_files(folder, name):
 def test_strange_names_cost_no_traceback_and_are_shown_in_one_line(tmp_path, capsysbinary, name):
     folder, out = tmp_path / name, tmp_path / f"out {name}"
     make_files(folder, name)
-    places = {"folder": folder, "out": out, "map": folder / f"{name}.png", "plan": folder / f"{name}.json"}
+    places = {
+        "folder": folder,
+        "out": out,
+        "map": folder / f"{name}.png",
+        "plan": folder / f"{name}.json",
+    }
     for command, words in COMMANDS.items():
         assert cli.main([word.format(**places) for word in words]) in (0, 1, 2), command
         shown, errors = capsysbinary.readouterr()

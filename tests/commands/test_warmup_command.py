@@ -33,7 +33,9 @@ def fresh():
     jit.announce_compilation.cache_clear()
 
 
-def test_an_installation_without_compiled_kernels_says_so_once(fresh, tmp_path, monkeypatch, capsys):
+def test_an_installation_without_compiled_kernels_says_so_once(
+    fresh, tmp_path, monkeypatch, capsys
+):
     monkeypatch.setattr(jit, "kernel_cache", lambda function: tmp_path)
     jit.announce_compilation(cast_sweep)
     jit.announce_compilation(cast_sweep)
@@ -55,7 +57,9 @@ def test_compiled_kernels_need_no_word(fresh, tmp_path, monkeypatch, capsys):
 def test_warming_up_compiles_and_leaves_a_cache(options, capsys):
     assert main(["warmup", *options]) == 0
     assert all(
-        jit.is_compiled(last) for name, (_, last) in KERNEL_PARTS.items() if options or name != BATCHED
+        jit.is_compiled(last)
+        for name, (_, last) in KERNEL_PARTS.items()
+        if options or name != BATCHED
     )
     assert str(jit.kernel_cache(cast_sweep)) in capsys.readouterr().out
 
@@ -88,7 +92,9 @@ print(sorted(compiled() - before))
 def run_kernel(folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     (folder / "some_kernels.py").write_text(KERNEL)
     code = "import some_kernels; print(some_kernels.outer(3.0))"
-    variables = {key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"} | environment
+    variables = {
+        key: value for key, value in os.environ.items() if key != "NUMBA_CACHE_DIR"
+    } | environment
     return subprocess.run(
         [sys.executable, "-B", "-c", code],
         cwd=folder, capture_output=True, text=True, check=False, env=variables, timeout=300,
@@ -107,7 +113,10 @@ def test_kernels_are_kept_in_a_temporary_folder_where_nothing_else_is_writable(t
         done = run_kernel(package, HOME=home, XDG_CACHE_HOME=home, TMPDIR=str(temporary))
         assert (done.returncode, done.stdout) == (0, "8.0\n"), done.stderr
         (folder,) = temporary.iterdir()
-        assert done.stderr == f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n"
+        assert (
+            done.stderr
+            == f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n"
+        )
         assert folder.stat().st_mode & 0o777 == 0o700
         assert list(folder.rglob("*.outer-*.nbi"))
     # A folder that others can write to is not trusted.

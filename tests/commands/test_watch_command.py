@@ -14,7 +14,9 @@ def plan(tmp_path_factory):
 
 
 def watch(plan, *more):
-    return cli.main(["watch", "--plans", str(plan), "--minutes", "0.1", "--set", "particles=3", *more])
+    return cli.main(
+        ["watch", "--plans", str(plan), "--minutes", "0.1", "--set", "particles=3", *more]
+    )
 
 
 # imageio's own reader of films leaves its pipe to the garbage collector.

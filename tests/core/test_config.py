@@ -52,7 +52,9 @@ class Outer(Settings):
 
 
 def test_round_trip_keeps_nested_values():
-    config = Outer(particles=8, inner=Inner(4.0, Pose2D(1.0, 2.0, 3.0)), optional=Inner(), levels=(3.0,))
+    config = Outer(
+        particles=8, inner=Inner(4.0, Pose2D(1.0, 2.0, 3.0)), optional=Inner(), levels=(3.0,)
+    )
     assert from_dict(Outer, to_dict(config)) == config
     nested = Outer(parts={"a": (Inner(1.0), Inner(2.0, Pose2D(1.0, 0.0, 0.0))), "b": ()})
     assert from_dict(Outer, to_dict(nested)) == nested
@@ -167,7 +169,11 @@ class Everything(Settings, section="every"):
             "auot",
             "every.minutes must be 'auto' or of type float, not 'auot'; did you mean 'auto'?",
         ),
-        ("mode", "rbfp", "every.mode must be 'rbpf' or 'pose_graph', not 'rbfp'; did you mean 'rbpf'?"),
+        (
+            "mode",
+            "rbfp",
+            "every.mode must be 'rbpf' or 'pose_graph', not 'rbfp'; did you mean 'rbpf'?",
+        ),
         ("mode", 3, "every.mode must be 'rbpf' or 'pose_graph', not 3"),
         ("pair", (0.0, 0.0), "every.pair[1] must be above 0, not 0.0"),
         ("pair", (0.0,), "every.pair must be 2 values, not (0.0,)"),
@@ -210,7 +216,9 @@ def test_bounds_allow_what_they_say(number):
 
 
 def test_numpys_scalars_are_numbers():
-    assert Everything(positive=np.float32(2.0), count=np.int64(3)) == Everything(positive=2.0, count=3)
+    assert Everything(positive=np.float32(2.0), count=np.int64(3)) == Everything(
+        positive=2.0, count=3
+    )
 
 
 def test_values_from_a_file_are_refused_with_the_files_name():
@@ -279,5 +287,7 @@ def test_a_former_setting_is_read_with_the_value_that_it_still_has():
 
     assert from_dict(Shrunk, {"beams": 7, "window": [3, 3]}) == Shrunk(beams=7)
     assert setting_names(Shrunk()) == ["beams"]
-    with pytest.raises(ConfigError, match=r"old.json: window of Shrunk is always \[3, 3\] .*, not \[5, 5\]"):
+    with pytest.raises(
+        ConfigError, match=r"old.json: window of Shrunk is always \[3, 3\] .*, not \[5, 5\]"
+    ):
         from_dict(Shrunk, {"window": [5, 5]}, "old.json")

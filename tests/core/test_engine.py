@@ -70,7 +70,11 @@ def note_pid(item):
 def thread_settings(_):
     import cv2
 
-    return cv2.getNumThreads(), os.environ.get("NUMBA_NUM_THREADS"), os.environ.get("OMP_NUM_THREADS")
+    return (
+        cv2.getNumThreads(),
+        os.environ.get("NUMBA_NUM_THREADS"),
+        os.environ.get("OMP_NUM_THREADS"),
+    )
 
 
 def crash(how):
@@ -120,7 +124,9 @@ def test_a_crash_costs_one_task_with_one_worker_too(one_worker):
     """Native code that crashes, or ends its process."""
     results = list(one_worker.run(crash, ["SIGSEGV", "exit", "well"]))
     assert [r.item if isinstance(r, Lost) else r for r in results] == ["SIGSEGV", "exit", "well"]
-    assert results[0].reason == f"a worker process died (SIGSEGV) at each of {MAX_ATTEMPTS} attempts"
+    assert (
+        results[0].reason == f"a worker process died (SIGSEGV) at each of {MAX_ATTEMPTS} attempts"
+    )
     assert results[1].reason == f"a worker process died at each of {MAX_ATTEMPTS} attempts"
 
 
@@ -129,7 +135,11 @@ def test_a_crash_costs_one_task_with_one_worker_too(one_worker):
     [
         (ZeroDivisionError("by zero"), "ZeroDivisionError", "by zero (in test_engine.py:"),
         (SystemExit(3), "SystemExit", "3 (in test_engine.py:"),
-        (FileNotFoundError(2, "missing"), "FileNotFoundError", "[Errno 2] missing (in test_engine.py:"),
+        (
+            FileNotFoundError(2, "missing"),
+            "FileNotFoundError",
+            "[Errno 2] missing (in test_engine.py:",
+        ),
         (PlanError("p", "is too small"), "PlanError", "is too small"),
     ],
 )
@@ -177,7 +187,9 @@ def test_what_crashes_or_hangs_apart_leaves_this_process_alone(tmp_path):
 
 def test_a_task_that_hangs_is_ended_with_its_worker(tmp_path):
     with Execution(1, task_timeout=1.0).open() as engine:
-        results = list(engine.run(hang, [(tmp_path, "lock"), (tmp_path, "loop"), (tmp_path, "well")]))
+        results = list(
+            engine.run(hang, [(tmp_path, "lock"), (tmp_path, "loop"), (tmp_path, "well")])
+        )
     assert results == [
         *(
             Lost((tmp_path, how), "took longer than 1 s, the --task-timeout", "TimeoutError")
@@ -236,7 +248,15 @@ def test_a_task_that_kills_every_worker_is_handed_back_and_the_others_are_done(e
     lost = [result for result in results if isinstance(result, Lost)]
     assert [entry.item for entry in lost] == [(tmp_path, 3)]
     assert "(SIGKILL)" in lost[0].reason
-    assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
+    assert sorted(result for result in results if not isinstance(result, Lost)) == [
+        0,
+        1,
+        2,
+        4,
+        5,
+        6,
+        7,
+    ]
     begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     # The others are begun once: they don't suffer with their neighbour.
     assert sorted(begun) == sorted([*range(8), *[3] * (MAX_ATTEMPTS - 1)])
@@ -283,7 +303,9 @@ def test_task_after_task_that_takes_too_long_is_the_limit_s_fault():
     slow = Attempt("plan", 1, time.monotonic() - 61.0)
     for _ in range(MAX_LOST_IN_A_ROW - 1):
         assert backlog.worker_died(slow, "a worker died").error == "TimeoutError"
-    with pytest.raises(WorkerLostError, match=r"took longer than 1 min; .* a longer --task-timeout"):
+    with pytest.raises(
+        WorkerLostError, match=r"took longer than 1 min; .* a longer --task-timeout"
+    ):
         backlog.worker_died(slow, "a worker died")
 
 
@@ -327,10 +349,7 @@ def test_workers_end_when_their_parent_is_killed(tmp_path):
 
 @pytest.mark.parametrize(
     ("options", "words"),
-    [
-        ({"workers": 0}, "at least 1"),
-        ({"workers": 2, "address": "auto"}, "--engine ray"),
-    ],
+    [({"workers": 0}, "at least 1"), ({"workers": 2, "address": "auto"}, "--engine ray")],
 )
 def test_senseless_options_are_refused(options, words):
     with pytest.raises(ConfigError, match=words):

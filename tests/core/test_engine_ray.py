@@ -40,7 +40,9 @@ class Plans:
     """Two small rooms."""
 
     def __init__(self):
-        self.plans = {f"room{i}": FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)) for i in range(2)}
+        self.plans = {
+            f"room{i}": FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)) for i in range(2)
+        }
         self.ids = list(self.plans)
 
     def __len__(self):
@@ -118,7 +120,15 @@ def test_a_killed_worker_s_task_is_tried_again_and_at_last_given_up(cluster, tmp
     lost = [result for result in results if isinstance(result, Lost)]
     assert [entry.item for entry in lost] == [(tmp_path, 3)]
     assert "a worker process died" in lost[0].reason
-    assert sorted(result for result in results if not isinstance(result, Lost)) == [0, 1, 2, 4, 5, 6, 7]
+    assert sorted(result for result in results if not isinstance(result, Lost)) == [
+        0,
+        1,
+        2,
+        4,
+        5,
+        6,
+        7,
+    ]
     begun = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     assert begun.count(3) == MAX_ATTEMPTS
     assert begun.count(5) == 2
@@ -140,7 +150,10 @@ def test_a_task_that_hangs_is_ended_and_handed_back(cluster):
 
 def test_nodes_with_another_version_are_refused(cluster, monkeypatch):
     monkeypatch.setattr("slamgym.core.parallel.ray.__version__", "0.0.0")
-    with Execution(CPUS, "ray").open() as engine, pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"):
+    with (
+        Execution(CPUS, "ray").open() as engine,
+        pytest.raises(ConfigError, match=r"the driver has 0\.0\.0"),
+    ):
         list(engine.run(square, range(2)))
 
 
@@ -154,7 +167,12 @@ def test_the_same_bytes_as_on_one_machine_while_workers_are_killed(cluster, tmp_
     killer.start()
     try:
         report = build_dataset(
-            tmp_path / "ray", Plans(), QUICK, make_explorer, pairs=12, execution=Execution(CPUS, "ray")
+            tmp_path / "ray",
+            Plans(),
+            QUICK,
+            make_explorer,
+            pairs=12,
+            execution=Execution(CPUS, "ray"),
         )
     finally:
         over.set()
@@ -195,7 +213,9 @@ class FakeRay:
         self.cancelled = 0
 
     def remote(self, **_):
-        return lambda function: SimpleNamespace(remote=lambda *arguments: partial(function, *arguments))
+        return lambda function: SimpleNamespace(
+            remote=lambda *arguments: partial(function, *arguments)
+        )
 
     def wait(self, references, num_returns):
         return references[:num_returns], references[num_returns:]

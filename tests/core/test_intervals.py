@@ -23,8 +23,13 @@ from slamgym.core.intervals import (
 @given(seed=st.integers(0, 10**6), factor=st.floats(0.5, 2.0))
 def test_an_explorer_that_is_always_faster_by_a_factor_has_no_uncertainty(seed, factor):
     reference = np.random.default_rng(seed).uniform(50.0, 500.0, size=20)
-    for interval in (ratio_of_means(factor * reference, reference), mean_interval(np.full(20, factor))):
-        assert (interval.low, interval.value, interval.high) == pytest.approx((factor, factor, factor))
+    for interval in (
+        ratio_of_means(factor * reference, reference),
+        mean_interval(np.full(20, factor)),
+    ):
+        assert (interval.low, interval.value, interval.high) == pytest.approx(
+            (factor, factor, factor)
+        )
 
 
 def test_the_value_lies_inside_its_interval_which_shrinks_with_the_number_of_plans():
@@ -76,7 +81,9 @@ def test_the_seed_decides_the_interval_and_nothing_is_refused():
 def test_seeds_that_differ_widen_the_interval_however_many_plans_there_are():
     rng = np.random.default_rng(5)
     plans = rng.uniform(0.9, 1.1, size=(1, 400))
-    runs = np.array([[0.8], [1.0], [1.2]])  # of one preset; the luck of a training, the same on every plan
+    runs = np.array(
+        [[0.8], [1.0], [1.2]]
+    )  # of one preset; the luck of a training, the same on every plan
     ratio = crossed_ratio(runs * plans, plans)
     assert ratio.value == pytest.approx(1.0)
     assert ratio.low < 0.9
@@ -134,14 +141,19 @@ def test_a_few_failures_hardly_move_the_interquartile_mean():
     values = np.random.default_rng(6).normal(10.0, 1.0, size=(1, 100))
     spoilt = values.copy()
     spoilt[0, :5] = 1000.0
-    assert interquartile_mean(spoilt).value == pytest.approx(interquartile_mean(values).value, abs=0.2)
+    assert interquartile_mean(spoilt).value == pytest.approx(
+        interquartile_mean(values).value, abs=0.2
+    )
 
 
 def test_more_runs_of_each_plan_are_no_more_plans():
     plans = np.random.default_rng(7).normal(10.0, 3.0, size=20)
     widths = [
         interval.high - interval.low
-        for interval in (interquartile_mean(plans[None]), interquartile_mean(np.tile(plans, (5, 1))))
+        for interval in (
+            interquartile_mean(plans[None]),
+            interquartile_mean(np.tile(plans, (5, 1))),
+        )
     ]
     assert widths[1] == pytest.approx(widths[0], rel=0.15)
 
@@ -153,7 +165,9 @@ def test_the_probability_of_improvement_counts_pairs_on_the_same_plan():
     assert probability_of_improvement(reference - 1.0, reference).low == 1.0
     rng = np.random.default_rng(8)
     ours, theirs = rng.normal(size=(3, 30)), rng.normal(size=(2, 30))
-    there, back = (probability_of_improvement(*pair).value for pair in ((ours, theirs), (theirs, ours)))
+    there, back = (
+        probability_of_improvement(*pair).value for pair in ((ours, theirs), (theirs, ours))
+    )
     assert there + back == pytest.approx(1.0)
 
 

@@ -17,7 +17,9 @@ def twice(value):
 """
 
 
-@pytest.mark.parametrize("gone", [b"cslamgym.core.jit\nGone\n.", b"cslamgym.core.gone\nGone\n.", b""])
+@pytest.mark.parametrize(
+    "gone", [b"cslamgym.core.jit\nGone\n.", b"cslamgym.core.gone\nGone\n.", b""]
+)
 def test_an_index_that_names_what_is_gone_counts_as_none(tmp_path, monkeypatch, gone):
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
     path = tmp_path / "doubling.py"

@@ -31,7 +31,11 @@ ATTACKS = {
     "comb": ("plans", attacks.comb, "SLAMGYM_MAX_NEAR_PAIRS"),
     "holes": ("plans", attacks.holes, "SLAMGYM_MAX_DOCUMENT_BYTES"),
     "fewer holes": ("plans", lambda folder: attacks.holes(folder, 20_000), "SLAMGYM_MAX_PARTS"),
-    "archive": ("plans", lambda folder: attacks.archive_bomb(folder, 1 << 26, 16), "SLAMGYM_MAX_EXPANSION"),
+    "archive": (
+        "plans",
+        lambda folder: attacks.archive_bomb(folder, 1 << 26, 16),
+        "SLAMGYM_MAX_EXPANSION",
+    ),
     "plan of an archive": (
         "plans",
         lambda folder: attacks.archive_bomb(folder, 1 << 26),
@@ -41,7 +45,11 @@ ATTACKS = {
     "log": ("log", attacks.log_bomb, "SLAMGYM_MAX_EXPANSION"),
     "picture": ("map", lambda folder: attacks.picture_bomb(folder, 12_000), "SLAMGYM_MAX_PIXELS"),
     "runs": ("any map", attacks.vacuum_of_runs, "SLAMGYM_MAX_PIXELS"),
-    "runs in layers": ("any map", lambda folder: attacks.vacuum_of_runs(folder, 10), "SLAMGYM_MAX_PIXELS"),
+    "runs in layers": (
+        "any map",
+        lambda folder: attacks.vacuum_of_runs(folder, 10),
+        "SLAMGYM_MAX_PIXELS",
+    ),
     "segments": ("any map", attacks.vacuum_of_segments, "SLAMGYM_MAX_PIXELS"),
     "texts": ("any map", attacks.vacuum_of_texts, "whole numbers in groups of 2"),
     "map in a picture": ("any map", attacks.vacuum_picture, "SLAMGYM_MAX_DOCUMENT_BYTES"),
@@ -67,12 +75,16 @@ def test_a_limit_can_be_raised_and_lowered(tmp_path, monkeypatch):
     path = tmp_path / "a.yaml"
     path.write_text("image: a.png\nresolution: 1.0\norigin: [0, 0, 0]\n")
     monkeypatch.setenv("SLAMGYM_MAX_PIXELS", "1999")
-    with pytest.raises(InputFileError, match=r"a\.png: has at least 2,000 pixels, above the limit of 1,999"):
+    with pytest.raises(
+        InputFileError, match=r"a\.png: has at least 2,000 pixels, above the limit of 1,999"
+    ):
         read_ros_map(path)
     monkeypatch.setenv("SLAMGYM_MAX_PIXELS", "2000")
     assert read_ros_map(path).cells.shape == (40, 50)
     monkeypatch.setenv("SLAMGYM_MAX_PIXELS", "many")
-    with pytest.raises(ConfigError, match="SLAMGYM_MAX_PIXELS must be a whole number above 0, not 'many'"):
+    with pytest.raises(
+        ConfigError, match="SLAMGYM_MAX_PIXELS must be a whole number above 0, not 'many'"
+    ):
         read_ros_map(path)
 
 
@@ -91,7 +103,9 @@ def test_the_header_says_what_the_decoder_finds(suffix, shape, monkeypatch):
     monkeypatch.setenv("SLAMGYM_MAX_PIXELS", str(shape[0] * shape[1]))
     assert decode_picture("a", encoded).shape[:2] == shape[:2]
     if suffix == ".png":
-        assert (decode_picture("a", encoded) == (pixels[..., ::-1] if pixels.ndim == 3 else pixels)).all()
+        assert (
+            decode_picture("a", encoded) == (pixels[..., ::-1] if pixels.ndim == 3 else pixels)
+        ).all()
     if shape[0] * shape[1] > 1:
         monkeypatch.setenv("SLAMGYM_MAX_PIXELS", str(shape[0] * shape[1] - 1))
         with pytest.raises(InputFileError, match="SLAMGYM_MAX_PIXELS"):
@@ -138,7 +152,12 @@ def test_a_value_is_shown_in_one_short_line(value):
 
 
 def test_short_values_are_shown_as_they_are():
-    assert [shown(value) for value in ("way", 3, None, [1, 2.5])] == ["'way'", "3", "None", "[1, 2.5]"]
+    assert [shown(value) for value in ("way", 3, None, [1, 2.5])] == [
+        "'way'",
+        "3",
+        "None",
+        "[1, 2.5]",
+    ]
 
 
 def test_documents_may_not_be_deep_or_long():
@@ -165,7 +184,9 @@ def test_documents_may_not_be_deep_or_long():
 
 def test_the_documentation_names_every_limit():
     rows = re.findall(r"\| `(SLAMGYM_MAX_\w+)` \| ([\d,]+) ([^|]+) \| ([^|]+) \|", PAGE.read_text())
-    assert rows == [(limit.variable, f"{limit.default:,}", limit.unit, limit.of) for limit in LIMITS]
+    assert rows == [
+        (limit.variable, f"{limit.default:,}", limit.unit, limit.of) for limit in LIMITS
+    ]
     assert PIXELS in LIMITS
 
 

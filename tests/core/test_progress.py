@@ -15,7 +15,9 @@ def test_without_a_terminal_the_end_is_a_line(capsys):
     assert capsys.readouterr().err.splitlines()[-1].startswith("3/3 pairs, ")
 
 
-@pytest.mark.parametrize(("seconds", "words"), [(41.4, "41 s"), (180, "3 min"), (7500, "2 h 05 min")])
+@pytest.mark.parametrize(
+    ("seconds", "words"), [(41.4, "41 s"), (180, "3 min"), (7500, "2 h 05 min")]
+)
 def test_durations_in_words(seconds, words):
     assert duration(seconds) == words
 
@@ -37,7 +39,8 @@ def _plan(polygon, rooms):
         (
             _plan(
                 Polygon(
-                    [(x, 8 + 0.001 * (x % 0.02)) for x in [i * 0.005 for i in range(1600)]] + [(8, 0), (0, 0)]
+                    [(x, 8 + 0.001 * (x % 0.02)) for x in [i * 0.005 for i in range(1600)]]
+                    + [(8, 0), (0, 0)]
                 ),
                 5,
             ),

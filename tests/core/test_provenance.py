@@ -34,7 +34,10 @@ def test_everything_that_is_loaded_from_the_package_is_listed():
         for path in folder.rglob("*")
         if path.suffix in suffixes
     }
-    assert {"agents/pretrained/hidden_floor.safetensors", "gan/pretrained/model32.safetensors"} <= found
+    assert {
+        "agents/pretrained/hidden_floor.safetensors",
+        "gan/pretrained/model32.safetensors",
+    } <= found
     assert found <= read_checksums().keys()
 
 
@@ -42,8 +45,12 @@ def test_everything_that_is_loaded_from_the_package_is_listed():
 def test_a_file_that_differs_is_refused_with_one_sentence(what, monkeypatch, tmp_path):
     path, load = SHIPPED[what]
     load()
-    monkeypatch.setattr(provenance, "read_checksums", lambda: dict.fromkeys(current_checksums(), "0" * 64))
-    with pytest.raises(SlamgymError, match=r"is not the file that came with slamgym .*install slamgym again"):
+    monkeypatch.setattr(
+        provenance, "read_checksums", lambda: dict.fromkeys(current_checksums(), "0" * 64)
+    )
+    with pytest.raises(
+        SlamgymError, match=r"is not the file that came with slamgym .*install slamgym again"
+    ):
         load()
     monkeypatch.setattr(provenance, "read_checksums", dict)
     with pytest.raises(SlamgymError, match=r"is not listed in pretrained\.sha256"):

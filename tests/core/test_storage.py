@@ -26,7 +26,11 @@ def test_replace_file_leaves_nothing_else(tmp_path):
 
 @pytest.mark.parametrize(
     ("number", "words"),
-    [(errno.ENOSPC, "disk is full"), (errno.EACCES, "permission denied"), (errno.EROFS, "read-only")],
+    [
+        (errno.ENOSPC, "disk is full"),
+        (errno.EACCES, "permission denied"),
+        (errno.EROFS, "read-only"),
+    ],
 )
 def test_a_disk_error_is_one_sentence_with_the_path_and_the_fix(tmp_path, number, words):
     with pytest.raises(StorageError, match=words) as caught, storage_errors(tmp_path):

@@ -30,7 +30,9 @@ def test_row_zero_is_the_top_of_the_picture(frame):
     assert frame.bounds[1] < y_bottom
 
 
-@given(st.floats(-20, 20), st.floats(-20, 20), st.floats(0.1, 30), st.floats(0.1, 30), st.floats(0, 2))
+@given(
+    st.floats(-20, 20), st.floats(-20, 20), st.floats(0.1, 30), st.floats(0.1, 30), st.floats(0, 2)
+)
 def test_a_covering_frame_contains_its_bounds(x, y, width, height, margin):
     bounds = (x, y, x + width, y + height)
     covering = GridFrame.covering(bounds, 0.05, margin).bounds

@@ -53,7 +53,12 @@ def explore():
 
     def make(root, pairs):
         return build_dataset(
-            root, SmallPlans(), SMALL, make_explorer, pairs=pairs, execution=Execution(engine="in_process")
+            root,
+            SmallPlans(),
+            SMALL,
+            make_explorer,
+            pairs=pairs,
+            execution=Execution(engine="in_process"),
         )
 
     return make

@@ -19,7 +19,9 @@ def test_the_whole_is_the_sum_of_its_groups(small_dataset):
     records = list(read_manifest(small_dataset))
     assert statistics.whole.pairs == len(records) == 8
     assert statistics.whole.plans == 4
-    assert statistics.whole.robot_hours == pytest.approx(sum(r.robot_seconds for r in records) / 3600)
+    assert statistics.whole.robot_hours == pytest.approx(
+        sum(r.robot_seconds for r in records) / 3600
+    )
     assert statistics.whole.ate[0] == pytest.approx(np.median([r.ate for r in records]))
     assert statistics.whole.kept is None
     assert statistics.whole.cpu_seconds > 0
@@ -47,12 +49,12 @@ def test_words_few_numbers_and_what_is_missing_are_groups_of_their_own():
 
 def test_a_condition_that_comes_late_is_missing_before(small_dataset):
     record = next(iter(read_manifest(small_dataset)))
-    columns = RecordColumns(dataclasses.replace(record, conditions=c) for c in ({}, {"x": 1}, {"x": 2}))
-    assert {label: places.tolist() for label, places in columns.conditions["x"].groups().items()} == {
-        "1": [1],
-        "2": [2],
-        "not set": [0],
-    }
+    columns = RecordColumns(
+        dataclasses.replace(record, conditions=c) for c in ({}, {"x": 1}, {"x": 2})
+    )
+    assert {
+        label: places.tolist() for label, places in columns.conditions["x"].groups().items()
+    } == {"1": [1], "2": [2], "not set": [0]}
 
 
 def test_lists_are_joined_by_name(small_dataset):
@@ -91,7 +93,9 @@ def test_json_and_tables_say_what_was_rejected(dataset_copy, capsys):
 
 
 def show(folder, tmp_path, *options):
-    return cli.main(["dataset", "show", str(folder), *options, "--out", str(tmp_path / "sheet.png")])
+    return cli.main(
+        ["dataset", "show", str(folder), *options, "--out", str(tmp_path / "sheet.png")]
+    )
 
 
 def names(text):
@@ -130,10 +134,7 @@ def test_rendered_images_are_shown_too(dataset_copy, tmp_path, capsys):
     assert "rendered images don't know 'area'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(
-    ("options", "words"),
-    [(["--limit", "0"], "--limit must be at least 1")],
-)
+@pytest.mark.parametrize(("options", "words"), [(["--limit", "0"], "--limit must be at least 1")])
 def test_senseless_options_are_one_line(small_dataset, tmp_path, capsys, options, words):
     assert show(small_dataset, tmp_path, *options) == 2
     assert words in capsys.readouterr().err

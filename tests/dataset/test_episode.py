@@ -56,7 +56,9 @@ def test_the_automatic_limit_grows_with_the_area_and_a_fixed_one_does_not():
 
 
 def test_the_saved_settings_say_what_is_done():
-    env = EpisodeConfig(env=ExploreConfig(time_limit=10.0, actions="discrete", coverage_goal=0.5)).env
+    env = EpisodeConfig(
+        env=ExploreConfig(time_limit=10.0, actions="discrete", coverage_goal=0.5)
+    ).env
     assert env.time_limit is None
     assert env.coverage_goal is None
     assert env.observation.map == "global"

@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from slamgym.core.errors import InputFileError
-from slamgym.dataset import Layout, PairRecord, load_pair, read_dataset_config, read_images, read_manifest
+from slamgym.dataset import (
+    Layout,
+    PairRecord,
+    load_pair,
+    read_dataset_config,
+    read_images,
+    read_manifest,
+)
 
 RECORD = PairRecord(
     name="000003_flat",
@@ -70,10 +77,14 @@ def test_an_unknown_field_is_named_with_a_suggestion():
         PairRecord.from_line(line)
 
 
-@pytest.mark.parametrize("change", [{"coverage": 7.0}, {"ate": -1.0}, {"area": 1e308}, {"resolution": 0.0}])
+@pytest.mark.parametrize(
+    "change", [{"coverage": 7.0}, {"ate": -1.0}, {"area": 1e308}, {"resolution": 0.0}]
+)
 def test_a_senseless_figure_is_refused(change):
     line = json.dumps(json.loads(RECORD.to_line()) | change)
-    with pytest.raises(InputFileError, match=f"is not a record of a pair .{next(iter(change))} must be"):
+    with pytest.raises(
+        InputFileError, match=f"is not a record of a pair .{next(iter(change))} must be"
+    ):
         PairRecord.from_line(line)
 
 

@@ -24,7 +24,9 @@ pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="forks and kills
 PAIRS = 18
 KILLS = 9
 SETTINGS = {"seed": 1}
-STEPS = frozenset({"open", "os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.scandir", "shutil.rmtree"})
+STEPS = frozenset(
+    {"open", "os.rename", "os.mkdir", "os.rmdir", "os.remove", "os.scandir", "shutil.rmtree"}
+)
 """Audit events of what changes files, or stands between two changes."""
 
 
@@ -124,16 +126,7 @@ def test_killed_again_and_again_before_the_end(tmp_path):
 
 # --- whole runs, at random moments
 
-OPTIONS = [
-    "--seed",
-    "3",
-    "--minutes",
-    "0.2",
-    "--set",
-    "particles=5",
-    "--pairs",
-    str(PAIRS),
-]
+OPTIONS = ["--seed", "3", "--minutes", "0.2", "--set", "particles=5", "--pairs", str(PAIRS)]
 
 STARTER = """
 import os, sys
@@ -238,7 +231,11 @@ def test_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path, w
     root, rng = tmp_path / "out", random.Random(1)
     command = [sys.executable, "-m", "slamgym", *arguments(plans, root, workers)]
     driver = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
     )
     # One worker, another when there are more pairs, then the driver, or all of them as batch systems do.
     for pairs, number in ((1, signal.SIGTERM), (4, signal.SIGKILL)):
@@ -259,7 +256,9 @@ def test_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path, w
         assert len(list(read_manifest(root))) == committed(root)
     assert cli.main(arguments(plans, root)) == 0
     assert content(root) == content(steady)
-    assert not Layout(root).rejected.exists()  # a worker that died once does not speak against a plan
+    assert not Layout(
+        root
+    ).rejected.exists()  # a worker that died once does not speak against a plan
 
 
 def wait_for_pairs(root, count, driver):
@@ -276,4 +275,6 @@ def workers_of(pid):
         for task in Path(f"/proc/{pid}/task").iterdir()
         for child in (task / "children").read_text().split()
     ]
-    return [child for child in children if b"popen_loky" in Path(f"/proc/{child}/cmdline").read_bytes()]
+    return [
+        child for child in children if b"popen_loky" in Path(f"/proc/{child}/cmdline").read_bytes()
+    ]

@@ -26,7 +26,9 @@ def listed(path):
 
 
 @settings(max_examples=30)
-@given(batches=st.lists(st.lists(st.integers(0, 60), max_size=12), max_size=5), limit=st.integers(1, 8))
+@given(
+    batches=st.lists(st.lists(st.integers(0, 60), max_size=12), max_size=5), limit=st.integers(1, 8)
+)
 def test_lines_are_merged_in_order(tmp_path_factory, batches, limit):
     path = tmp_path_factory.mktemp("manifest") / "manifest.jsonl"
     whole = set()
@@ -54,7 +56,9 @@ def test_it_agrees_with_the_folder_whatever_was_lost_or_removed(tmp_path_factory
     assert set(read) == now - before  # only what is new is read
 
 
-@pytest.mark.parametrize("text", ["no json\n", '{"name": "torn', "[1]\n", '{"index": 3}\n{"index": 1}\n'])
+@pytest.mark.parametrize(
+    "text", ["no json\n", '{"name": "torn', "[1]\n", '{"index": 3}\n{"index": 1}\n']
+)
 def test_a_manifest_that_was_edited_is_written_again(tmp_path, text):
     path = tmp_path / "manifest.jsonl"
     path.write_text(text)

@@ -31,7 +31,9 @@ coordinates = st.floats(-40.0, 40.0)
     st.integers(1, 200),
     st.floats(0.0, 2.0),
 )
-def test_the_common_frame_covers_both_on_the_maps_lattice(x, y, dx, dy, col, row, width, height, margin):
+def test_the_common_frame_covers_both_on_the_maps_lattice(
+    x, y, dx, dy, col, row, width, height, margin
+):
     grid = lattice_frame(col, row, width, height)
     frame = common_frame((x, y, x + dx, y + dy), grid, margin)
     low_x, low_y, high_x, high_y = frame.bounds

@@ -32,7 +32,9 @@ class Plans:
     """Four rooms, a file that can't be read and, on demand, a plan too narrow for the robot."""
 
     def __init__(self, narrow=False):
-        self.plans = {f"room{i}": FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)) for i in range(4)}
+        self.plans = {
+            f"room{i}": FloorPlan(f"room{i}", box(0, 0, 2.0 + 0.2 * i, 2.0)) for i in range(4)
+        }
         self.plans["broken"] = PlanError("broken.json", "is empty")
         if narrow:
             self.plans["tiny"] = FloorPlan("tiny", box(0, 0, 0.2, 0.2))
@@ -50,7 +52,9 @@ class Plans:
 
 def build(root, shard=WHOLE, narrow=False):
     plans, execution = Plans(narrow), Execution(engine="in_process")
-    return build_dataset(root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution, shard=shard)
+    return build_dataset(
+        root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution, shard=shard
+    )
 
 
 def content(root):
@@ -167,7 +171,10 @@ def test_a_pair_that_is_not_whole_is_left_out_and_named(shards, capsys):
     record = next(read_manifest(shards / "shard-00000-of-00003"))
     Layout(shards / "shard-00000-of-00003").image("B", record.name).unlink()
     assert cli.main(["dataset", "merge", str(shards)]) == 0
-    assert f"Left out: 1 pair without one of its files, such as {record.name}" in capsys.readouterr().out
+    assert (
+        f"Left out: 1 pair without one of its files, such as {record.name}"
+        in capsys.readouterr().out
+    )
     assert len(list(read_manifest(shards))) == PAIRS - 1
     # A run of the shard makes it again.
     assert build(shards, Shard(0, COUNT)).fresh == 1
@@ -196,7 +203,9 @@ def test_checking_looks_at_shards_only_for_what_is_not_merged(shards):
     hidden.write_bytes(picture)
     (fault,) = check_dataset(shards)
     assert fault.path.name == "shard-00001-of-00003"
-    assert f"has 1 pair beyond the dataset's, such as {late}; run `slamgym dataset merge" in fault.what
+    assert (
+        f"has 1 pair beyond the dataset's, such as {late}; run `slamgym dataset merge" in fault.what
+    )
     merge_shards(shards)
     assert check_dataset(shards) == []
     # The files of both are the same, so damage to a shard is damage to the dataset.
@@ -205,7 +214,9 @@ def test_checking_looks_at_shards_only_for_what_is_not_merged(shards):
 
 
 @pytest.mark.parametrize("command", ["check", "stats", "show", "clean", "split"])
-def test_shards_that_are_not_merged_are_no_dataset_and_no_maps_from_elsewhere(sharded, capsys, command):
+def test_shards_that_are_not_merged_are_no_dataset_and_no_maps_from_elsewhere(
+    sharded, capsys, command
+):
     assert cli.main(["dataset", command, str(sharded)]) == 2
     error = capsys.readouterr().err
     assert f"holds shards that are not merged yet; run `slamgym dataset merge {sharded}`" in error
@@ -244,7 +255,10 @@ def test_every_slot_has_one_shard(count, pairs):
     shards = [Shard(number, count) for number in range(count)]
     assert all(sum(shard.owns(index) for shard in shards) == 1 for index in range(pairs))
     assert sum(shard.share_of(pairs) for shard in shards) == pairs
-    assert all(shard.share_of(pairs) == sum(shard.owns(index) for index in range(pairs)) for shard in shards)
+    assert all(
+        shard.share_of(pairs) == sum(shard.owns(index) for index in range(pairs))
+        for shard in shards
+    )
 
 
 @pytest.mark.parametrize("text", ["", "3", "3/", "1.5/2", "-1/2", "2/2", "0/0", "a/b"])

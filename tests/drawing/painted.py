@@ -15,7 +15,11 @@ FINE = 8
 DOOR = shapely.box(4.0, 1.3, 4.1, 2.2)
 """0.9 m wide, in a wall of 10 cm."""
 FLAT = shapely.union_all(
-    [Polygon([(0, 0), (4, 0), (4, 3), (2.5, 3), (2.5, 5), (0, 5)]), DOOR, shapely.box(4.1, 0, 7.3, 3)]
+    [
+        Polygon([(0, 0), (4, 0), (4, 3), (2.5, 3), (2.5, 5), (0, 5)]),
+        DOOR,
+        shapely.box(4.1, 0, 7.3, 3),
+    ]
 )
 """An L-shaped room of 17 m2 and a room of 9.6 m2."""
 
@@ -36,7 +40,11 @@ class Painted:
 def shares(floor, frame):
     """How much of each cell is floor."""
     fine = GridFrame(
-        frame.resolution / FINE, frame.origin_x, frame.origin_y, frame.height_px * FINE, frame.width_px * FINE
+        frame.resolution / FINE,
+        frame.origin_x,
+        frame.origin_y,
+        frame.height_px * FINE,
+        frame.width_px * FINE,
     )
     rings = [ring for part in shapely.get_parts(floor) for ring in (part.exterior, *part.interiors)]
     inside = fill_segments(ring_segments(rings), fine)

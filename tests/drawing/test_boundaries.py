@@ -12,7 +12,10 @@ from slamgym.drawing.free_space import FreeSpace
 
 def rounded(lines):
     """Lines as sets of two ends, to a millimetre."""
-    return {frozenset((round(x, 3) + 0.0, round(y, 3) + 0.0) for x, y in line) for line in lines.tolist()}
+    return {
+        frozenset((round(x, 3) + 0.0, round(y, 3) + 0.0) for x, y in line)
+        for line in lines.tolist()
+    }
 
 
 def test_reach_is_the_way_to_the_next_edge():

@@ -40,7 +40,9 @@ ROOMS = {
 
 
 def building(walls=None, doors=None, more=()):
-    floor = OUTSIDE.difference(shapely.union_all([shapely.box(*box) for box in (walls or WALLS).values()]))
+    floor = OUTSIDE.difference(
+        shapely.union_all([shapely.box(*box) for box in (walls or WALLS).values()])
+    )
     floor = floor.union(shapely.union_all([shapely.box(*box) for box in (doors or DOORS).values()]))
     floor = floor.difference(shapely.union_all([shapely.box(*box) for box in more]))
     return max(shapely.get_parts(floor), key=lambda part: part.area)
@@ -108,7 +110,11 @@ def test_a_map_as_planned_has_no_changes(unchanged):
     assert unchanged.changes == ()
     assert unchanged.doubts == ()
     assert unchanged.registration.explained > 0.95
-    assert {wall.kind for wall in unchanged.walls} <= {"wall_present", "wall_not_seen", "wall_unclear"}
+    assert {wall.kind for wall in unchanged.walls} <= {
+        "wall_present",
+        "wall_not_seen",
+        "wall_unclear",
+    }
 
 
 @pytest.mark.parametrize(
@@ -168,7 +174,9 @@ def test_doors_blocked_moved_and_of_another_width():
         "d": (8.5, 4.5, 9.05, 4.5 + T),
         "e": (8.5, 4.5, 9.05, 4.5 + T),
     }
-    found = compare_with_plan(PLAN, robot_map(building(doors={**doors, "stub": (7.0, 5.5, 7.0 + T, 6.4)})))
+    found = compare_with_plan(
+        PLAN, robot_map(building(doors={**doors, "stub": (7.0, 5.5, 7.0 + T, 6.4)}))
+    )
     (moved,) = of_kind(found, "door_moved")
     assert moved.offset == pytest.approx(0.8, abs=0.06)
     (narrower,) = of_kind(found, "door_width")
@@ -183,7 +191,11 @@ def test_doors_blocked_moved_and_of_another_width():
 def test_rooms_that_were_not_entered_are_named_and_their_walls_not_judged():
     seen = shapely.box(0, 0, 10, 4.55)
     found = compare_with_plan(PLAN, robot_map(building(moved_walls(stub=(0.3, 0.0))), seen=seen))
-    assert [change.what for change in of_kind(found, "room_unexplored")] == ["Bedroom", "Bath", "Office"]
+    assert [change.what for change in of_kind(found, "room_unexplored")] == [
+        "Bedroom",
+        "Bath",
+        "Office",
+    ]
     assert len(found.changes) == 3
     assert sum(wall.kind == "wall_not_seen" for wall in found.walls) >= 5
 
@@ -242,13 +254,17 @@ def test_the_picture_shows_what_has_changed(unchanged):
     picture = draw_comparison(found, PLAN, grid)
     orange = (picture == (240, 140, 0)).all(axis=2).sum()
     assert orange > 1000
-    assert (draw_comparison(unchanged, PLAN, robot_map(building())) == (240, 140, 0)).all(axis=2).sum() == 0
+    assert (draw_comparison(unchanged, PLAN, robot_map(building())) == (240, 140, 0)).all(
+        axis=2
+    ).sum() == 0
 
 
 def test_walls_have_two_faces_where_floor_lies_on_both_sides():
     walls = plan_walls(PLAN)
     away = ((walls.points - walls.lines[walls.wall, :2]) * walls.normals[walls.wall]).sum(axis=1)
-    inner = [wall for wall in range(len(walls.lengths)) if len(set(walls.side[walls.wall == wall])) == 2]
+    inner = [
+        wall for wall in range(len(walls.lengths)) if len(set(walls.side[walls.wall == wall])) == 2
+    ]
     assert len(inner) >= 5
     for wall in range(len(walls.lengths)):
         own = walls.wall == wall

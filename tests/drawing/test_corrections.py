@@ -54,11 +54,15 @@ def test_floor_that_nobody_has_seen_takes_a_sure_model(turn, sure, drawn):
 
 @pytest.mark.parametrize("turn", [0.0, 20.0])
 @pytest.mark.parametrize(("reaches", "parted"), [(4.0, True), (2.0, False)])
-def test_what_nobody_has_seen_between_two_rooms_is_no_floor_and_a_cupboard_in_one_is(turn, reaches, parted):
+def test_what_nobody_has_seen_between_two_rooms_is_no_floor_and_a_cupboard_in_one_is(
+    turn, reaches, parted
+):
     """A block that leaves a door's width between two rooms stays; one that leaves them a hall is furniture."""
     block, rest = shapely.box(3.8, 0.0, 4.6, reaches), shapely.box(3.8, reaches, 4.6, 5.0)
     grid, _, _ = painted(HALL.difference(block), turn_deg=turn)
-    hall, hidden, door = (affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, block, rest))
+    hall, hidden, door = (
+        affinity.rotate(shape, turn, origin=(0, 0)) for shape in (HALL, block, rest)
+    )
     drawing = make_drawing(grid, model=Unsure(Painted(hall, door), hidden, 0.98))
     assert len(drawing.rooms) == (2 if parted else 1)
     assert drawing.area == pytest.approx(HALL.area - parted * block.area, abs=1.2)

@@ -34,7 +34,9 @@ def ring(odds):
     """Four rooms around a block, and the doors between neighbours."""
     floor = shapely.box(0, 0, 9, 9).difference(shapely.box(3, 3, 6, 6))
     lines = [((0, 3), (3, 3)), ((6, 3), (9, 3)), ((3, 6), (3, 9)), ((6, 6), (9, 6))]
-    return divide(MultiPolygon([floor]), [Gap(*line, value) for line, value in zip(lines, odds, strict=True)])
+    return divide(
+        MultiPolygon([floor]), [Gap(*line, value) for line, value in zip(lines, odds, strict=True)]
+    )
 
 
 def test_a_loop_is_open_or_closed_as_a_whole():

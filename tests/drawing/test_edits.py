@@ -137,9 +137,15 @@ def test_what_does_not_fit_the_drawing_is_refused(entry, message):
         ("{}", "'corrections' of Corrections is missing"),
         ('{"corrections": [{"kind": "spilt", "line": [[0, 0], [1, 1]]}]}', "did you mean 'split'?"),
         ('{"corrections": [{"kind": "join", "place": [0, 0]}]}', "unknown setting 'place'"),
-        ('{"corrections": [{"kind": "join", "line": [[0, 0], [1, 1]]}]}', "join needs 'at': [x, y]"),
+        (
+            '{"corrections": [{"kind": "join", "line": [[0, 0], [1, 1]]}]}',
+            "join needs 'at': [x, y]",
+        ),
         ('{"corrections": [{"kind": "name_room", "at": [0, 0]}]}', "and a name"),
-        ('{"corrections": [{"kind": "split", "line": [[0, 0], [0, 0]]}]}', "must be at least 0.1 m long"),
+        (
+            '{"corrections": [{"kind": "split", "line": [[0, 0], [0, 0]]}]}',
+            "must be at least 0.1 m long",
+        ),
         ('{"corrections": [{"kind": "join", "at": [0, 1e9]}]}', "must be in [-100000, 100000]"),
         (
             '{"corrections": [{"kind": "add_wall", "line": [[0, 0], [1, 1]], "thickness": -1}]}',
@@ -157,7 +163,10 @@ def test_a_file_that_is_none_is_refused(tmp_path, text, message):
 
 def saved(folder, *entries, digest=None):
     path = folder / "flat.corrections.json"
-    document = {"map": {"name": "flat", "sha256": digest or map_digest(PLAIN.grid)}, "corrections": entries}
+    document = {
+        "map": {"name": "flat", "sha256": digest or map_digest(PLAIN.grid)},
+        "corrections": entries,
+    }
     path.write_text(json.dumps(document))
     return path
 
@@ -166,7 +175,8 @@ def test_corrections_of_another_map_are_refused(tmp_path):
     corrections = read_corrections(saved(tmp_path, JOIN))
     moved = OccupancyGrid(GRID.cells, GridFrame(0.05, 7.0, 0.0, *GRID.cells.shape))
     with pytest.raises(
-        InputFileError, match=r"is of another map, 'flat'; for this one, map.sha256 must be [0-9a-f]{64}"
+        InputFileError,
+        match=r"is of another map, 'flat'; for this one, map.sha256 must be [0-9a-f]{64}",
     ):
         make_drawing(moved, "flat", MODEL, corrections=corrections)
     assert len(make_drawing(GRID, "other name", MODEL, corrections=corrections).rooms) == 1
@@ -175,7 +185,16 @@ def test_corrections_of_another_map_are_refused(tmp_path):
 def test_the_command_draws_with_corrections(tmp_path, capsys):
     (tmp_path / "maps").mkdir()
     path = write_ros_map(tmp_path / "maps" / "flat", GRID)
-    command = ["cad", str(path), "-o", str(tmp_path / "out"), "--model", "none", "--formats", "json"]
+    command = [
+        "cad",
+        str(path),
+        "-o",
+        str(tmp_path / "out"),
+        "--model",
+        "none",
+        "--formats",
+        "json",
+    ]
     assert main(command) == 0
     digest = json.loads((tmp_path / "out" / "flat.json").read_text())["drawing"]["map"]["sha256"]
     correct = [*command, "--corrections", str(saved(tmp_path, JOIN, digest=digest))]
@@ -241,6 +260,8 @@ def test_clicks_in_the_report_become_a_file_that_is_carried_out(tmp_path):
     assert sorted(room.name for room in drawing.rooms) == ["Bathroom", "R02", "R03"]
     assert sorted(door.kind for door in drawing.doors) == ["door", "opening"]
     again = run_in_page(
-        format_html(drawing), 'return document.querySelectorAll("#corrections li").length;', tmp_path
+        format_html(drawing),
+        'return document.querySelectorAll("#corrections li").length;',
+        tmp_path,
     )
     assert again == 5

@@ -29,7 +29,10 @@ def drawing():
 @pytest.fixture(scope="module")
 def files(drawing, tmp_path_factory):
     stem = tmp_path_factory.mktemp("drawing") / "flat"
-    return {path.suffix: path for path in write_drawing(drawing, stem, ["svg", "geojson", "json", "png"])}
+    return {
+        path.suffix: path
+        for path in write_drawing(drawing, stem, ["svg", "geojson", "json", "png"])
+    }
 
 
 def test_json_is_a_plan_that_can_be_explored(drawing, files):
@@ -51,7 +54,9 @@ def test_json_is_a_plan_that_can_be_explored(drawing, files):
 def wide():
     """Two rooms and an opening of 2 m between them."""
     opening = shapely.box(4, 1, 4.1, 3)
-    grid, floor, _ = painted(shapely.union_all([shapely.box(0, 0, 4, 5), opening, shapely.box(4.1, 0, 9, 5)]))
+    grid, floor, _ = painted(
+        shapely.union_all([shapely.box(0, 0, 4, 5), opening, shapely.box(4.1, 0, 9, 5)])
+    )
     return make_drawing(grid, "wide", Painted(floor, opening))
 
 
@@ -75,7 +80,9 @@ def test_every_format_keeps_floor_and_doors_in_the_round_trip(request, tmp_path,
 def test_the_floor_is_read_again_though_no_wall_was_drawn_somewhere(wide, tmp_path, suffix):
     pytest.importorskip({"dxf": "ezdxf", "ifc": "ifcopenshell"}.get(suffix, "json"))
     longest = max(wide.walls, key=lambda wall: wall.length)
-    gappy = dataclasses.replace(wide, walls=tuple(wall for wall in wide.walls if wall != longest), doors=())
+    gappy = dataclasses.replace(
+        wide, walls=tuple(wall for wall in wide.walls if wall != longest), doors=()
+    )
     (path,) = write_drawing(gappy, tmp_path / "gappy", [suffix])
     source = open_plans(str(path))
     floor = source.load(source.ids[0]).free_space
@@ -96,7 +103,11 @@ def test_geojson_says_what_each_feature_is(drawing, files):
     data = json.loads(files[".geojson"].read_text())
     assert "local metres" in data["coordinates"]
     kinds = [feature["properties"]["kind"] for feature in data["features"]]
-    assert (kinds.count("wall"), kinds.count("door"), kinds.count("room")) == (len(drawing.walls), 1, 2)
+    assert (kinds.count("wall"), kinds.count("door"), kinds.count("room")) == (
+        len(drawing.walls),
+        1,
+        2,
+    )
     for feature in data["features"]:
         shape = shapely.from_geojson(json.dumps(feature))
         assert shape.is_valid
@@ -145,7 +156,11 @@ def test_labels_never_overlap(drawing, height, turned):
     if height < 0.2:
         assert {label.kind for label in labels} == {"name", "number", "size"}
         assert len(labels) == len(drawing.rooms) + len(drawing.doors) + len(drawing.dimensions)
-        names = [(label.at, box) for label, box in zip(labels, boxes, strict=True) if label.kind == "name"]
+        names = [
+            (label.at, box)
+            for label, box in zip(labels, boxes, strict=True)
+            if label.kind == "name"
+        ]
         assert all(any(room.polygon.covers(box) for room in drawing.rooms) for _, box in names)
 
 
@@ -183,7 +198,9 @@ def test_dxf_has_its_layers_in_metres_and_passes_the_audit(drawing, tmp_path):
     (door,) = space.query("INSERT[layer=='A-DOOR']")
     jamb = door.matrix44().transform((1.0, 0.0, 0.0))
     ends = {(round(x, 3), round(y, 3)) for x, y, _ in (door.dxf.insert, jamb)}
-    assert ends == {(round(x, 3), round(y, 3)) for x, y in (drawing.doors[0].start, drawing.doors[0].end)}
+    assert ends == {
+        (round(x, 3), round(y, 3)) for x, y in (drawing.doors[0].start, drawing.doors[0].end)
+    }
     assert len(space.query("LWPOLYLINE[layer=='A-AREA']")) == 2
     assert len(space.query("LWPOLYLINE[layer=='V-SURV']")) > 0
     box = shapely.box(*document.header["$EXTMIN"][:2], *document.header["$EXTMAX"][:2])
@@ -249,7 +266,9 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     ifcopenshell = pytest.importorskip("ifcopenshell")
     validate = pytest.importorskip("ifcopenshell.validate")
     element = pytest.importorskip("ifcopenshell.util.element")
-    first, second = (write_drawing(drawing, tmp_path / name / "flat", ["ifc"])[0] for name in ("a", "b"))
+    first, second = (
+        write_drawing(drawing, tmp_path / name / "flat", ["ifc"])[0] for name in ("a", "b")
+    )
     model = ifcopenshell.open(str(first))
     log = validate.json_logger()
     validate.validate(model, log, express_rules=True)
@@ -265,9 +284,9 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     (door,) = model.by_type("IfcDoor")
     assert door.OverallWidth == pytest.approx(drawing.doors[0].width)
     (voids,) = door.FillsVoids[0].RelatingOpeningElement.VoidsElements
-    assert element.get_psets(voids.RelatingBuildingElement)["Slamgym_Evidence"]["Length"] == pytest.approx(
-        3.0, abs=0.1
-    )
+    assert element.get_psets(voids.RelatingBuildingElement)["Slamgym_Evidence"][
+        "Length"
+    ] == pytest.approx(3.0, abs=0.1)
     (slab,) = model.by_type("IfcSlab")
     assert element.get_container(slab) == model.by_type("IfcBuildingStorey")[0]
     assert all(model.get_inverse(item) for item in model.by_type("IfcSurfaceStyle"))
@@ -277,13 +296,17 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     ]
     assert areas == pytest.approx([room.area for room in drawing.rooms], rel=1e-6)
     other = ifcopenshell.open(str(second))
-    assert [e.GlobalId for e in model.by_type("IfcRoot")] == [e.GlobalId for e in other.by_type("IfcRoot")]
+    assert [e.GlobalId for e in model.by_type("IfcRoot")] == [
+        e.GlobalId for e in other.by_type("IfcRoot")
+    ]
 
 
 def test_pieces_of_a_straight_wall_are_one_wall_through_a_door():
     def piece(start, end, thickness=0.1, seen=1.0):
         body = shapely.LineString([start, end]).buffer(0.5 * thickness, cap_style="flat")
-        return DrawnWall(start, end, body, thickness, True, 0.9, seen, "SEEN" if seen else "INFERRED")
+        return DrawnWall(
+            start, end, body, thickness, True, 0.9, seen, "SEEN" if seen else "INFERRED"
+        )
 
     pieces = [
         piece((0.0, 0.0), (2.0, 0.0)),

@@ -32,7 +32,10 @@ def test_the_page_is_whole_in_itself(page):
     assert "://" not in page
     assert not re.search(r"url\(|@import|fetch\(|XMLHttpRequest|import\(", page)
     assert re.findall(r'(?:src|href)="(?!data:image/webp;base64,)', page) == []
-    assert "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'" in page
+    assert (
+        "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+        in page
+    )
 
 
 def test_names_from_outside_are_text(page):
@@ -79,7 +82,8 @@ def test_the_map_is_in_it_cell_by_cell(drawing, page):
     data = base64.b64decode(re.search(r'href="data:image/webp;base64,([^"]*)', page)[1])
     cells = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     assert all(
-        np.array_equal(channel, drawing.grid.cells) for channel in np.atleast_3d(cells).transpose(2, 0, 1)
+        np.array_equal(channel, drawing.grid.cells)
+        for channel in np.atleast_3d(cells).transpose(2, 0, 1)
     )
     assert (cells == OCCUPIED).any()
 

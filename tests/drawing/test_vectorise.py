@@ -21,7 +21,9 @@ from slamgym.drawing.walls import WallPiece
 
 def num_corners(shape):
     return sum(
-        len(ring.coords) - 1 for part in shapely.get_parts(shape) for ring in (part.exterior, *part.interiors)
+        len(ring.coords) - 1
+        for part in shapely.get_parts(shape)
+        for ring in (part.exterior, *part.interiors)
     )
 
 
@@ -84,7 +86,9 @@ def test_a_wide_opening_in_a_wall_separates_rooms_and_has_its_width(width, kind)
 @pytest.mark.parametrize(
     "floor",
     [
-        shapely.union_all([shapely.box(0, 0, 8, 2), shapely.box(8, -3, 14, 5)]),  # a corridor into a hall
+        shapely.union_all(
+            [shapely.box(0, 0, 8, 2), shapely.box(8, -3, 14, 5)]
+        ),  # a corridor into a hall
         shapely.box(0, 0, 12, 2.4).difference(shapely.box(6, 0, 6.3, 0.4)),  # a pilaster
         shapely.union_all([shapely.box(0, 0, 6, 5), shapely.box(2, 5, 4.2, 6)]),  # an alcove
         shapely.union_all(
@@ -154,11 +158,15 @@ def test_what_the_map_has_no_evidence_of_is_inferred():
 
 def test_a_long_straight_wall_is_surer_than_the_outline_of_clutter():
     """Steps of a quarter of a metre along one side, as chairs and boxes leave them."""
-    steps = [shapely.box(0.25 * k, 4.0, 0.25 * (k + 1), 4.25 + 0.25 * (k % 2)) for k in range(4, 28)]
+    steps = [
+        shapely.box(0.25 * k, 4.0, 0.25 * (k + 1), 4.25 + 0.25 * (k % 2)) for k in range(4, 28)
+    ]
     grid, _, model = painted(shapely.union_all([shapely.box(0, 0, 8, 4), *steps]))
     walls = make_drawing(grid, model=model).walls
     straight = [wall.confidence for wall in walls if wall.length > 3.0]
-    ragged = [wall.confidence for wall in walls if 2.0 < wall.start[0] < 6.0 and wall.start[1] > 4.0]
+    ragged = [
+        wall.confidence for wall in walls if 2.0 < wall.start[0] < 6.0 and wall.start[1] > 4.0
+    ]
     assert len(straight) >= 3
     assert len(ragged) >= 10
     assert 0.0 < max(ragged) < min(straight) - 0.15 < 0.85
@@ -177,7 +185,8 @@ def test_a_wall_between_two_rooms_is_surer_than_one_with_nothing_known_behind():
 def test_confidence_rises_with_the_evidence():
     evidence = Evidence(painted(shapely.box(0, 0, 12, 3))[0])
     lengths = [
-        wall_signs([WallPiece(length + 3j, 3j, 0.1, False)], evidence)[0] for length in (0.4, 1.0, 3.0, 9.0)
+        wall_signs([WallPiece(length + 3j, 3j, 0.1, False)], evidence)[0]
+        for length in (0.4, 1.0, 3.0, 9.0)
     ]
     rising = confidences(np.array(lengths)).tolist()
     assert rising == sorted(rising)
@@ -208,14 +217,18 @@ def test_a_scale_that_makes_no_sense_is_doubted(factor):
 
 
 def test_floor_that_the_robot_saw_between_walls_is_drawn_whatever_the_model_says():
-    rooms = shapely.union_all([shapely.box(0, 0, 4, 5), shapely.box(4, 2, 4.1, 3), shapely.box(4.1, 0, 9, 5)])
+    rooms = shapely.union_all(
+        [shapely.box(0, 0, 4, 5), shapely.box(4, 2, 4.1, 3), shapely.box(4.1, 0, 9, 5)]
+    )
     grid, _, _ = painted(rooms)
     _, _, half = painted(shapely.box(0, 0, 4, 5))
     # Its faces lie within a cell of where they were seen.
     assert make_drawing(grid, model=half).floor.area == pytest.approx(rooms.area, rel=0.03)
 
 
-@pytest.mark.parametrize(("side", "doubted"), [(1.5, True), (4.0, False), (10.0, False), (20.0, True)])
+@pytest.mark.parametrize(
+    ("side", "doubted"), [(1.5, True), (4.0, False), (10.0, False), (20.0, True)]
+)
 def test_floor_that_is_too_narrow_or_too_wide_for_a_building_is_a_doubtful_scale(side, doubted):
     grid, _, model = painted(shapely.box(0, 0, side, 9.0 if side < 2.0 else side))
     cells = grid.cells.copy()
@@ -229,8 +242,12 @@ def test_two_directions_of_equal_right_are_doubted():
     room = shapely.box(0, 0, 6, 4)
     other = shapely.affinity.rotate(room, 30.0, origin=(0, 0))
     grid, _, model = painted(shapely.union_all([room, shapely.affinity.translate(other, 9.0, 0.0)]))
-    assert any(doubt.startswith("direction doubtful") for doubt in make_drawing(grid, model=model).doubts)
-    assert not any("direction" in doubt for doubt in make_drawing(grid, model=model, angle_deg=0.0).doubts)
+    assert any(
+        doubt.startswith("direction doubtful") for doubt in make_drawing(grid, model=model).doubts
+    )
+    assert not any(
+        "direction" in doubt for doubt in make_drawing(grid, model=model, angle_deg=0.0).doubts
+    )
 
 
 @pytest.mark.parametrize(
@@ -263,7 +280,9 @@ def test_outlines_lie_between_cells_and_enclose_holes():
     assert outer.is_ccw
     assert not hole.is_ccw
     assert len(trace_outlines(image, frame, 0.0, 0.2)) == 1
-    image[:, 19] = 0.25  # an edge on which the probability falls slowly lies nearer to the cells of 1
+    image[:, 19] = (
+        0.25  # an edge on which the probability falls slowly lies nearer to the cells of 1
+    )
     outer, _ = trace_outlines(replace_column(image), frame, 0.0, 0.0)
     assert outer.bounds[2] == pytest.approx(1.0 + 0.1 * (18.5 + 2.0 / 3.0))
 
@@ -278,7 +297,9 @@ def test_walls_are_sorted_into_layers_by_the_settings():
     grid, _, model = painted(FLAT)
     drawing = make_drawing(grid, model=model)
     assert {wall.layer for wall in drawing.walls} == {"SEEN"}
-    assert replace(drawing, walls=(), dimensions=()).bounds == pytest.approx((0.0, 0.0, 7.3, 5.0), abs=0.02)
+    assert replace(drawing, walls=(), dimensions=()).bounds == pytest.approx(
+        (0.0, 0.0, 7.3, 5.0), abs=0.02
+    )
 
 
 def test_parts_that_touch_in_one_corner_are_brought_to_the_grid():
@@ -296,6 +317,10 @@ def test_parts_that_touch_in_one_corner_are_brought_to_the_grid():
         corner, (-50.073153349921526, 38.63559639996306), (-50.228424091710295, 38.623579543683675),
         (-50.35861989896993, 38.757250000623905),
     ]  # fmt: skip
-    sliver = [(-50.08802379040755, 38.96889656872646), corner, (-50.09888337832337, 38.96805611349494)]
+    sliver = [
+        (-50.08802379040755, 38.96889656872646),
+        corner,
+        (-50.09888337832337, 38.96805611349494),
+    ]
     floor = shapely.MultiPolygon([Polygon(part) for part in (wide, below, sliver)])
     assert without_necks(floor).is_valid

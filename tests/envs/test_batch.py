@@ -30,7 +30,9 @@ def assert_same(single, batch, where):
 def assert_same_infos(single, batch, where):
     """Compare infos where their masks say that they mean something."""
     single = {
-        name: value for name, value in single.items() if not name.endswith("map_error") or name in batch
+        name: value
+        for name, value in single.items()
+        if not name.endswith("map_error") or name in batch
     }
     assert single.keys() == batch.keys(), where
     for name, value in single.items():
@@ -53,7 +55,9 @@ def drive_both(mode, steps, **settings):
     """Step both with the same actions and compare all that they give; returns contacts and ends."""
     single = SyncVectorEnv([lambda: ExploreEnv("bundled", **settings)] * COUNT, autoreset_mode=mode)
     batch = BatchExploreEnv(COUNT, "bundled", autoreset_mode=mode, threads=2, **settings)
-    for one, other, where in zip(single.reset(seed=5), batch.reset(seed=5), ("seen", "info"), strict=True):
+    for one, other, where in zip(
+        single.reset(seed=5), batch.reset(seed=5), ("seen", "info"), strict=True
+    ):
         (assert_same if where == "seen" else assert_same_infos)(one, other, where)
     rng, turn = np.random.default_rng(0), np.zeros(COUNT)
     contacts, ends, over = 0, 0, np.zeros(COUNT, dtype=np.bool_)
@@ -67,7 +71,9 @@ def drive_both(mode, steps, **settings):
             assert_same(seen, other_seen, f"{step}/reset")
             assert_same_infos(infos, other_infos, f"{step}/reset")
         mine, theirs = single.step(actions), batch.step(actions)
-        for one, other, where in zip(mine[:4], theirs[:4], ("seen", "reward", "over", "late"), strict=True):
+        for one, other, where in zip(
+            mine[:4], theirs[:4], ("seen", "reward", "over", "late"), strict=True
+        ):
             assert_same(one, other, f"{step}/{where}")
         assert_same_infos(mine[4], theirs[4], str(step))
         over = mine[2] | mine[3]
@@ -108,7 +114,11 @@ CASES = {
     ),
     "scan matching": (
         AutoresetMode.SAME_STEP,
-        {"localization": "dead_reckoning", "observation": {"preset": "compact"}, "odometry": "high"},
+        {
+            "localization": "dead_reckoning",
+            "observation": {"preset": "compact"},
+            "odometry": "high",
+        },
     ),
     "particles": (
         AutoresetMode.SAME_STEP,
@@ -123,7 +133,11 @@ CASES = {
     ),
     "furniture": (
         AutoresetMode.NEXT_STEP,
-        {"localization": "ground_truth", "clutter": {"furniture": 1.0}, "observation": {"preset": "compact"}},
+        {
+            "localization": "ground_truth",
+            "clutter": {"furniture": 1.0},
+            "observation": {"preset": "compact"},
+        },
     ),
 }
 
@@ -137,15 +151,22 @@ def test_a_batch_is_the_same_as_single_environments(name):
 
 
 def test_explorations_end_at_the_same_step():
-    settings = {"localization": "ground_truth", "observation": {"preset": "compact"}, "coverage_goal": 0.25}
-    _, ends = drive_both(AutoresetMode.SAME_STEP, 120, **settings, reward={"shaping": 1.0, "floor_gain": 1.0})
+    settings = {
+        "localization": "ground_truth",
+        "observation": {"preset": "compact"},
+        "coverage_goal": 0.25,
+    }
+    _, ends = drive_both(
+        AutoresetMode.SAME_STEP, 120, **settings, reward={"shaping": 1.0, "floor_gain": 1.0}
+    )
     assert ends > 0
 
 
 def test_any_number_of_threads_gives_the_same_and_so_does_a_copy():
     settings = {"localization": "ground_truth", "observation": {"preset": "compact_far"}}
     batches = [
-        BatchExploreEnv(COUNT, "bundled", threads=threads, **settings) for threads in (1, 2, COUNT + 1)
+        BatchExploreEnv(COUNT, "bundled", threads=threads, **settings)
+        for threads in (1, 2, COUNT + 1)
     ]
     for batch in batches:
         batch.reset(seed=5)
@@ -159,7 +180,12 @@ def test_any_number_of_threads_gives_the_same_and_so_does_a_copy():
 
 def test_threads_are_those_of_the_process(monkeypatch):
     monkeypatch.delenv("NUMBA_NUM_THREADS", raising=False)
-    for given, expected in (("1", 1), ("0", 1), ("99999", available_cores()), ("many", available_cores())):
+    for given, expected in (
+        ("1", 1),
+        ("0", 1),
+        ("99999", available_cores()),
+        ("many", available_cores()),
+    ):
         monkeypatch.setenv("OMP_NUM_THREADS", given)
         assert usable_threads() == expected
     for name, count in SINGLE_THREADED.items():

@@ -13,7 +13,9 @@ def test_flattened_and_normalised_observations_step_in_a_vector():
         env = gym.wrappers.RecordEpisodeStatistics(env)
         env = gym.wrappers.ClipAction(env)
         env = gym.wrappers.NormalizeObservation(env)
-        env = gym.wrappers.TransformObservation(env, lambda obs: np.clip(obs, -10, 10), env.observation_space)
+        env = gym.wrappers.TransformObservation(
+            env, lambda obs: np.clip(obs, -10, 10), env.observation_space
+        )
         env = gym.wrappers.NormalizeReward(env, gamma=0.99)
         return gym.wrappers.TransformReward(env, lambda reward: np.clip(reward, -10, 10))
 
@@ -24,7 +26,9 @@ def test_flattened_and_normalised_observations_step_in_a_vector():
     for _ in range(5):
         assert observations.shape == (2, size)
         assert np.isfinite(observations).all()
-        observations, rewards, terminated, truncated, _ = envs.step(3.0 * envs.action_space.sample())
+        observations, rewards, terminated, truncated, _ = envs.step(
+            3.0 * envs.action_space.sample()
+        )
         assert np.isfinite(rewards).all()
         assert not (terminated | truncated).any()
     envs.close()

@@ -14,7 +14,9 @@ FRAME = GridFrame(0.05, -8.0, -8.0, 320, 320)
 NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 
-def observe(cells, pose=Pose2D(0.0, 0.0, 0.0), ranges=NOTHING, velocity=Twist2D(0.0, 0.0), frame=FRAME):
+def observe(
+    cells, pose=Pose2D(0.0, 0.0, 0.0), ranges=NOTHING, velocity=Twist2D(0.0, 0.0), frame=FRAME
+):
     observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
     seen = observer.observe(MapTiles.of_grid(cells, frame), ranges, pose, velocity)
     shares, rest = seen[: 2 * BLOCKS**2].reshape(2, BLOCKS, BLOCKS), seen[2 * BLOCKS**2 :]
@@ -25,7 +27,9 @@ def test_blocks_hold_the_shares_of_free_and_occupied_space():
     cells = np.full(FRAME.shape, UNKNOWN, dtype=np.uint8)
     cells[:, 160:] = FREE  # x > 0
     cells[:, 240:] = OCCUPIED  # x > 4
-    free, occupied, _, _ = observe(cells, Pose2D(0.0, 0.0, math.pi / 2))  # ahead is +y, so +x is right
+    free, occupied, _, _ = observe(
+        cells, Pose2D(0.0, 0.0, math.pi / 2)
+    )  # ahead is +y, so +x is right
     assert np.allclose(free[:, :10], 0.0)
     assert np.allclose(free[:, 11:20], 1.0)
     assert np.allclose(occupied[:, 20], 0.5, atol=0.26)  # from 3.8 to 4.2 m
@@ -70,7 +74,9 @@ def test_blocks_show_the_cells_at_their_points():
         at_row = y / 0.05 - down * np.sin(theta) - right * np.cos(theta) - 4
         at_col = x / 0.05 - down * np.cos(theta) + right * np.sin(theta) + 8
         padded = np.pad(cells, 400, constant_values=UNKNOWN)
-        read = padded[np.floor(at_row).astype(int) + 400, np.floor(at_col).astype(int) + 400].reshape(84, 84)
+        read = padded[
+            np.floor(at_row).astype(int) + 400, np.floor(at_col).astype(int) + 400
+        ].reshape(84, 84)
         for k, value in enumerate((FREE, OCCUPIED)):
             shares = (read == value).reshape(21, 4, 21, 4).mean(axis=(1, 3))
             assert (
@@ -92,7 +98,9 @@ def test_ranges_and_velocity_are_scaled():
 @pytest.mark.parametrize("shown", ["egocentric", "global"])
 def test_presets_are_chosen_by_name(flat, shown):
     for preset, shape in (("compact", (compact_size(180),)), ("map", None)):
-        env = ExploreEnv(flat, localization="ground_truth", observation={"preset": preset, "map": shown})
+        env = ExploreEnv(
+            flat, localization="ground_truth", observation={"preset": preset, "map": shown}
+        )
         observation, _ = env.reset(seed=0)
         for _ in range(5):
             assert observation in env.observation_space

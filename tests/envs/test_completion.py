@@ -66,7 +66,9 @@ def test_no_search_while_the_last_frontier_stands(monkeypatch: pytest.MonkeyPatc
 
 
 def test_costs_of_the_body_are_those_of_a_costmap():
-    cells = np.random.default_rng(0).choice([FREE, UNKNOWN, OCCUPIED], (80, 90), p=[0.7, 0.28, 0.02])
+    cells = np.random.default_rng(0).choice(
+        [FREE, UNKNOWN, OCCUPIED], (80, 90), p=[0.7, 0.28, 0.02]
+    )
     grid = OccupancyGrid(cells.astype(np.uint8), GridFrame(RESOLUTION, 0.0, 0.0, 80, 90))
     for radius in (0.1, 0.22, 0.25):
         watch = CompletionDetector(radius, 0.35)

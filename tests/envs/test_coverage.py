@@ -29,7 +29,9 @@ def look(coverage: Coverage, plan: FloorPlan, pose: Pose2D) -> float:
 def test_a_room_without_nooks_counts_whole(hall: FloorPlan):
     # A disc that touches both walls of a square corner leaves out (sqrt 2 - 1) of its radius, which the
     # dilation gives back; 0.1 m cells have their centres inside.
-    assert np.count_nonzero(ReachableFloor(hall, RADIUS).mask(1.5, 1.5)) * CELL**2 == pytest.approx(9.0)
+    assert np.count_nonzero(ReachableFloor(hall, RADIUS).mask(1.5, 1.5)) * CELL**2 == pytest.approx(
+        9.0
+    )
 
 
 def test_only_the_part_that_the_robot_reaches_counts():
@@ -67,7 +69,11 @@ def test_everything_swept_is_one(flat: FloorPlan):
 
 @settings(max_examples=25)
 @given(
-    st.lists(st.tuples(st.floats(0.3, 3.7), st.floats(0.3, 3.7), st.floats(-3, 3)), min_size=1, max_size=8)
+    st.lists(
+        st.tuples(st.floats(0.3, 3.7), st.floats(0.3, 3.7), st.floats(-3, 3)),
+        min_size=1,
+        max_size=8,
+    )
 )
 def test_coverage_only_grows_and_stays_a_share(poses):
     plan = FloorPlan("room", shapely.box(0, 0, 4, 4))

@@ -83,14 +83,18 @@ def test_steps_follow_the_scanner():
 
 
 def test_the_config_survives_json():
-    config = ExploreConfig(observation=ObservationConfig(map="global"), coverage_goal=0.5).for_explorer()
+    config = ExploreConfig(
+        observation=ObservationConfig(map="global"), coverage_goal=0.5
+    ).for_explorer()
     assert from_dict(ExploreConfig, to_dict(config)) == config
     former = {"map_update_interval": 2.0, "min_frontier_size": 0.35}
     assert from_dict(ExploreConfig, to_dict(config) | former) == config
 
 
 def test_gym_make_passes_settings_on(flat: FloorPlan):
-    env = gym.make("slamgym/ExploreDiscrete-v2", plans=flat, localization="ground_truth", time_limit=7.0)
+    env = gym.make(
+        "slamgym/ExploreDiscrete-v2", plans=flat, localization="ground_truth", time_limit=7.0
+    )
     assert isinstance(env.action_space, gym.spaces.Discrete)
     assert env.unwrapped.config.slam.mode == "ground_truth"
     assert env.unwrapped.config.time_limit == 7.0

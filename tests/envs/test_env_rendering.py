@@ -63,9 +63,12 @@ def test_large_and_furnished_plans_can_be_drawn():
     import shapely
 
     hall = FloorPlan(
-        "warehouse_with_a_long_name", shapely.box(0, 0, 150, 40).difference(shapely.box(60, 15, 90, 25))
+        "warehouse_with_a_long_name",
+        shapely.box(0, 0, 150, 40).difference(shapely.box(60, 15, 90, 25)),
     )
-    env = ExploreEnv(hall, render_mode="rgb_array", localization="dead_reckoning", clutter={"people": 2})
+    env = ExploreEnv(
+        hall, render_mode="rgb_array", localization="dead_reckoning", clutter={"people": 2}
+    )
     env.reset(seed=0)
     env.step((1.0, 0.0))
     assert env.render().shape == (FRAME_HEIGHT, FRAME_WIDTH, 3)
@@ -90,7 +93,9 @@ def test_human_mode_shows_every_step(flat: FloorPlan, monkeypatch: pytest.Monkey
     env.close()
 
 
-def test_human_mode_without_pygame_says_what_to_install(flat: FloorPlan, monkeypatch: pytest.MonkeyPatch):
+def test_human_mode_without_pygame_says_what_to_install(
+    flat: FloorPlan, monkeypatch: pytest.MonkeyPatch
+):
     monkeypatch.setitem(sys.modules, "pygame", None)
     env = ExploreEnv(flat, render_mode="human")
     with pytest.raises(SlamgymError, match=r"pip install .*slamgym\[human\]"):

@@ -20,7 +20,11 @@ IDS = ["slamgym/Explore-v2", "slamgym/ExploreDiscrete-v2"]
 SETTINGS = [
     {},
     {"localization": "ground_truth", "observation": {"map": "global", "map_size": 64.0}},
-    {"localization": "dead_reckoning", "actions": "discrete", "lidar": {"field_of_view_deg": 360.0}},
+    {
+        "localization": "dead_reckoning",
+        "actions": "discrete",
+        "lidar": {"field_of_view_deg": 360.0},
+    },
     {"slam": {"particles": 5}, "clutter": {"furniture": 0.5, "people": 1}},
 ]
 
@@ -100,7 +104,9 @@ def test_vectors_of_environments_agree_with_single_ones(mode: str) -> None:
     single = gym.make("slamgym/Explore-v2", **settings)
     alone, _ = single.reset(seed=5)  # the vector's second environment has the next seed
     for _ in range(5):
-        assert data_equivalence({key: value[1] for key, value in observations.items()}, alone, exact=True)
+        assert data_equivalence(
+            {key: value[1] for key, value in observations.items()}, alone, exact=True
+        )
         action = vector.action_space.sample()
         observations, rewards, _, _, infos = vector.step(action)
         alone, reward, *_ = single.step(action[1])
@@ -118,7 +124,9 @@ def test_stable_baselines_runs_it_in_processes() -> None:
         n_envs=2,
         seed=1,
         vec_env_cls=vec_env.SubprocVecEnv,
-        vec_env_kwargs={"start_method": "fork"},  # a fresh process spends seconds on importing torch
+        vec_env_kwargs={
+            "start_method": "fork"
+        },  # a fresh process spends seconds on importing torch
         env_kwargs={"localization": "ground_truth", "time_limit": 1.0},
     )
     observation = env.reset()
@@ -216,7 +224,9 @@ def test_a_room_seen_from_its_middle_is_explored_by_a_turn(hall: FloorPlan) -> N
         if terminated:
             break
     assert terminated
-    assert env.simulation.steps % env.config.publication_steps == 0  # only a newly published map can show it
+    assert (
+        env.simulation.steps % env.config.publication_steps == 0
+    )  # only a newly published map can show it
     assert info["coverage"] > 0.97
 
 
@@ -334,7 +344,9 @@ def test_explorers_get_the_robot_but_not_the_plan(flat: FloorPlan) -> None:
 
 
 def test_furniture_stands_in_the_world_but_not_in_the_plan() -> None:
-    env = ExploreEnv("bundled", clutter=ClutterConfig(furniture=1.0, people=2), lidar=lidar_level("exact"))
+    env = ExploreEnv(
+        "bundled", clutter=ClutterConfig(furniture=1.0, people=2), lidar=lidar_level("exact")
+    )
     env.reset(seed=1)
     walls = len(env.plan.segments())
     assert len(env.clutter.furniture) > 0
@@ -383,7 +395,9 @@ def test_a_map_made_without_errors_has_none_but_its_cells(flat):
         ("discrete", (1.0, 0.0), "0 .ahead."),
     ],
 )
-def test_a_wrong_action_is_one_clear_error(hall: FloorPlan, kind: str, wrong: object, expected: str) -> None:
+def test_a_wrong_action_is_one_clear_error(
+    hall: FloorPlan, kind: str, wrong: object, expected: str
+) -> None:
     env = ExploreEnv(hall, localization="ground_truth", actions=kind)
     env.reset(seed=0)
     with pytest.raises(ActionError, match=expected) as caught:

@@ -97,7 +97,9 @@ def test_candidates_come_with_the_shortest_path_first(env):
 def test_durations_add_up_to_the_time(env):
     steps, _ = play(env)
     begin = steps[0][2]["time"]
-    assert sum(info["duration"] for _, _, info in steps) == pytest.approx(steps[-1][2]["time"] - begin)
+    assert sum(info["duration"] for _, _, info in steps) == pytest.approx(
+        steps[-1][2]["time"] - begin
+    )
     # A decision lasts no longer than the horizon, but for the time until the next map or a forced look.
     lasting = [info["duration"] for _, _, info in steps[1:-1]]
     assert max(lasting) < 40.0
@@ -142,7 +144,9 @@ def test_rewards_within_a_step_are_discounted_by_seconds(two_room_plan):
     env = ExploreFrontiersEnv(two_room_plan, reward=reward, discount=0.9, **SMALL)
     for _, reward_sum, info in play(env)[0][1:]:
         count = round(info["duration"] / 0.2)
-        assert reward_sum == pytest.approx(-0.2 * sum(0.9 ** (0.2 * i) for i in range(count)), abs=1e-4)
+        assert reward_sum == pytest.approx(
+            -0.2 * sum(0.9 ** (0.2 * i) for i in range(count)), abs=1e-4
+        )
 
 
 def test_a_masked_action_chooses_the_first_candidate(env):
@@ -164,7 +168,9 @@ def test_observations_hold_no_truth(two_room_plan):
         reward_terms={"mine": (1.0, lambda step: step.coverage)},
         **SMALL,
     )
-    for (a, ra, _), (b, rb, _) in zip(play(plain, seed=2)[0][1:], play(measured, seed=2)[0][1:], strict=True):
+    for (a, ra, _), (b, rb, _) in zip(
+        play(plain, seed=2)[0][1:], play(measured, seed=2)[0][1:], strict=True
+    ):
         assert ra != rb
         for key in a:
             np.testing.assert_array_equal(a[key], b[key])
@@ -195,7 +201,9 @@ def test_fewer_candidates_can_be_asked_for(two_room_plan):
     assert env.observation_space.contains(observation)
 
 
-@pytest.mark.parametrize("settings", [{"loop": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}])
+@pytest.mark.parametrize(
+    "settings", [{"loop": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}]
+)
 def test_unknown_and_senseless_settings_are_refused(two_room_plan, settings):
     with pytest.raises(ConfigError):
         ExploreFrontiersEnv(two_room_plan, **{**SMALL, **settings})

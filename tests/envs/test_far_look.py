@@ -37,7 +37,10 @@ def corridor(end):
 
 @pytest.mark.parametrize("theta", [0.0, 2.0, -1.3])
 def test_it_shows_a_border_that_compact_does_not(theta):
-    ends_far, ends_farther = corridor(end=256 + 160), corridor(end=256 + 200)  # 8 and 10 m ahead of x = 0
+    ends_far, ends_farther = (
+        corridor(end=256 + 160),
+        corridor(end=256 + 200),
+    )  # 8 and 10 m ahead of x = 0
     pose = Pose2D(0.0, 0.0, theta)
     near, directions, way, leaves = observe(ends_far, pose)
     farther_near, _, longer, _ = observe(ends_farther, pose)
@@ -82,8 +85,12 @@ def test_it_doesnt_matter_which_part_of_the_map_is_given():
 
 @pytest.mark.parametrize("shown", ["egocentric", "global"])
 def test_it_is_looked_at_anew_where_the_map_is_published(flat, shown):
-    env = ExploreEnv(flat, localization="ground_truth", observation={"preset": "compact_far", "map": shown})
-    twin = ExploreEnv(flat, localization="ground_truth", observation={"preset": "compact", "map": shown})
+    env = ExploreEnv(
+        flat, localization="ground_truth", observation={"preset": "compact_far", "map": shown}
+    )
+    twin = ExploreEnv(
+        flat, localization="ground_truth", observation={"preset": "compact", "map": shown}
+    )
     observation, _ = env.reset(seed=0)
     plain, _ = twin.reset(seed=0)
     assert observation.shape == (compact_size(180) + FAR_SIZE,)

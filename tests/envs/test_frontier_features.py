@@ -5,7 +5,11 @@ from hypothesis import strategies as st
 
 from slamgym.agents.rules import FrontierTour
 from slamgym.envs import ExploreFrontiersEnv
-from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, expected_unseen_share
+from slamgym.envs.frontier_features import (
+    CANDIDATE_FEATURES,
+    GLOBAL_FEATURES,
+    expected_unseen_share,
+)
 from slamgym.planning.frontier_feature_kernels import coarse_cells
 from slamgym.planning.open_tour import EXACT_PLACES
 
@@ -22,7 +26,9 @@ def test_coarse_cells_hold_each_cell_once_and_stay_on_the_map(seed, count):
 def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_behind_each_door():
     env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
     observation, _ = env.reset(seed=4)
-    expected, tour, detour = (CANDIDATE_FEATURES.index(name) for name in ("expected", "tour", "tour_detour"))
+    expected, tour, detour = (
+        CANDIDATE_FEATURES.index(name) for name in ("expected", "tour", "tour_detour")
+    )
     several = 0
     for _ in range(25):
         candidates = env.loop.candidates
@@ -31,7 +37,9 @@ def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_b
         if len(candidates) > 1:
             several += 1
             assert choice == FrontierTour()(env.loop).argmax()
-            np.testing.assert_allclose(np.sort(1.0 / rows[:, tour]), np.arange(1, len(rows) + 1), rtol=1e-6)
+            np.testing.assert_allclose(
+                np.sort(1.0 / rows[:, tour]), np.arange(1, len(rows) + 1), rtol=1e-6
+            )
             assert (rows[:, detour] >= 0.0).all()
             if len(candidates) <= EXACT_PLACES:
                 assert rows[choice, detour] == pytest.approx(0.0, abs=1e-6)
@@ -42,6 +50,8 @@ def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_b
                 extent = np.hypot(*np.ptp(one.points, axis=0))
                 assert area == pytest.approx(is_wide * extent**2, rel=1e-3, abs=1e-5)
             measured = observation["globals"][GLOBAL_FEATURES.index("unseen_share")]
-            assert measured == pytest.approx(1.0 + 0.25 * np.log10(expected_unseen_share(env.loop)), abs=1e-5)
+            assert measured == pytest.approx(
+                1.0 + 0.25 * np.log10(expected_unseen_share(env.loop)), abs=1e-5
+            )
         observation, *_ = env.step(choice)
     assert several > 5

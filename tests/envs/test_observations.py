@@ -17,9 +17,16 @@ SIZE, RESOLUTION = 121, 0.05
 HALF = 0.5 * SIZE * RESOLUTION
 
 
-def crop_of(cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1, corner=0, known=None):
+def crop_of(
+    cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1, corner=0, known=None
+):
     out = np.empty((size, size), dtype=np.uint8)
-    tiles = np.ascontiguousarray(cells[::-1]), (corner, corner), RESOLUTION, known or (0, 0, *cells.shape)
+    tiles = (
+        np.ascontiguousarray(cells[::-1]),
+        (corner, corner),
+        RESOLUTION,
+        known or (0, 0, *cells.shape),
+    )
     pose = np.array([x + HALF, y + HALF, theta])
     cut_crop(tiles, pose, resolution / (samples * RESOLUTION), samples, out)
     return out
@@ -33,7 +40,9 @@ def test_ahead_is_up_in_the_crop(quarter_turns, theta):
     rng = np.random.default_rng(0)
     cells = rng.choice([FREE, UNKNOWN, OCCUPIED], (SIZE, SIZE)).astype(np.uint8)
     middle = slice(SIZE // 2 - 20, SIZE // 2 + 21)
-    assert np.array_equal(crop_of(cells, theta=theta), np.rot90(cells[middle, middle], quarter_turns))
+    assert np.array_equal(
+        crop_of(cells, theta=theta), np.rot90(cells[middle, middle], quarter_turns)
+    )
 
 
 @given(
@@ -48,9 +57,10 @@ def test_a_landmark_appears_where_it_is_seen(x, y, theta, ahead, left):
     cells = np.full((SIZE, SIZE), UNKNOWN, dtype=np.uint8)
     mark_x = x + ahead * math.cos(theta) - left * math.sin(theta)
     mark_y = y + ahead * math.sin(theta) + left * math.cos(theta)
-    cells[SIZE - 1 - math.floor((mark_y + HALF) / RESOLUTION), math.floor((mark_x + HALF) / RESOLUTION)] = (
-        OCCUPIED
-    )
+    cells[
+        SIZE - 1 - math.floor((mark_y + HALF) / RESOLUTION),
+        math.floor((mark_x + HALF) / RESOLUTION),
+    ] = OCCUPIED
     rows, cols = np.nonzero(crop_of(cells, x, y, theta, size=60, samples=2) == OCCUPIED)
     # Centres of the crop's cells, ahead and to the left [m]; the landmark's own cell is 0.05 m wide.
     seen_ahead, seen_left = (29.5 - rows) * RESOLUTION, (29.5 - cols) * RESOLUTION
@@ -69,7 +79,12 @@ def test_a_coarse_crop_keeps_obstacles():
     assert np.count_nonzero(coarse == OCCUPIED) == 100  # one of four coarse cells holds a point
 
 
-@given(st.floats(-3.5, 3.5), st.floats(-3.5, 3.5), st.floats(-math.pi, math.pi), st.integers(0, 2**32 - 1))
+@given(
+    st.floats(-3.5, 3.5),
+    st.floats(-3.5, 3.5),
+    st.floats(-math.pi, math.pi),
+    st.integers(0, 2**32 - 1),
+)
 @settings(max_examples=60)
 def test_a_crop_is_the_same_wherever_the_map_is_looked_at(x, y, theta, seed):
     """Only what is known must be read; the borders of the map and of what is known are met to the cell."""
@@ -104,7 +119,8 @@ def test_what_was_not_sensed_does_not_show(view: str, mode: str):
     hall, door = shapely.box(0, 0, 6, 4), shapely.box(5.9, 1, 6.3, 2)
     small, large = shapely.box(6.2, 0, 9, 4), shapely.box(6.2, -2, 11, 5)
     plans = [
-        FloorPlan(str(i), shapely.union_all([hall, door, room])) for i, room in enumerate((small, large))
+        FloorPlan(str(i), shapely.union_all([hall, door, room]))
+        for i, room in enumerate((small, large))
     ]
     traces = [
         observations(

@@ -22,7 +22,9 @@ def test_everything_appended_is_there(count: int):
         assert poses.shape == (count, 3)
         assert np.array_equal(poses[:, 0], np.arange(count))
         assert (poses[:, 1] == y).all()
-    assert np.array_equal(log.ranges, np.repeat(np.arange(count, dtype=np.float32), 4).reshape(-1, 4))
+    assert np.array_equal(
+        log.ranges, np.repeat(np.arange(count, dtype=np.float32), 4).reshape(-1, 4)
+    )
 
 
 def test_what_is_handed_out_can_not_be_changed():

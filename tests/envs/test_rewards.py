@@ -160,7 +160,10 @@ def test_what_is_read_is_what_the_terms_of_the_package_read(flat: FloorPlan):
 @pytest.mark.parametrize(
     ("term", "complaint"),
     [
-        (lambda step: 1.0 / (step.coverage - step.previous_coverage), r"'mine' failed .* ZeroDivisionError"),
+        (
+            lambda step: 1.0 / (step.coverage - step.previous_coverage),
+            r"'mine' failed .* ZeroDivisionError",
+        ),
         (lambda step: None, r"'mine' failed .* TypeError"),
         (lambda step: "1.5", r"'mine' failed .* must be real number, not str"),
         (lambda step: step.map_error, "'mine' gave nan"),

@@ -81,7 +81,9 @@ def test_a_plan_that_was_refused_is_not_kept() -> None:
     st.sampled_from([0.0, 0.5]),
 )
 @settings(max_examples=6)
-def test_the_robot_stays_on_the_floor_whatever_it_does(seed: int, kind: str, furniture: float) -> None:
+def test_the_robot_stays_on_the_floor_whatever_it_does(
+    seed: int, kind: str, furniture: float
+) -> None:
     env = ExploreEnv(
         "bundled",
         localization="ground_truth",

@@ -51,9 +51,16 @@ def mutated_bytes(draw: st.DrawFn, files: list[bytes]) -> bytes:
     content = draw(st.sampled_from(files))
     for how, share, length, extra in draw(st.lists(_BYTES, max_size=4)):
         place = int(share * len(content))
-        before, hit, after = content[:place], content[place : place + length], content[place + length :]
+        before, hit, after = (
+            content[:place],
+            content[place : place + length],
+            content[place + length :],
+        )
         content = {
-            "flip": before + bytes(byte ^ (1 << (length % 8)) for byte in hit[:2]) + hit[2:] + after,
+            "flip": before
+            + bytes(byte ^ (1 << (length % 8)) for byte in hit[:2])
+            + hit[2:]
+            + after,
             "cut": before,
             "drop": before + after,
             "insert": before + extra + hit + after,
@@ -75,7 +82,9 @@ def mutated_text(draw: st.DrawFn, files: list[bytes]) -> bytes:
     content = draw(st.sampled_from(files))
     for _ in range(draw(st.integers(0, 3))):
         place = draw(st.sampled_from(list(_NUMBER.finditer(content))))
-        number = draw(_NUMBERS | st.floats(-100.0, 100.0).map(lambda value: str(round(value, 2)).encode()))
+        number = draw(
+            _NUMBERS | st.floats(-100.0, 100.0).map(lambda value: str(round(value, 2)).encode())
+        )
         content = content[: place.start()] + number + content[place.end() :]
     return content if draw(st.integers(0, 2)) else draw(mutated_bytes([content]))
 
@@ -110,9 +119,9 @@ def _alike(value: Any) -> st.SearchStrategy[Any]:
     if isinstance(value, bool):
         return st.booleans()
     if isinstance(value, int):
-        return st.sampled_from([0, 1, 2, value + 1, 2 * value, -value, 10**6, 2**31, 2**63]) | st.integers(
-            0, 100
-        )
+        return st.sampled_from(
+            [0, 1, 2, value + 1, 2 * value, -value, 10**6, 2**31, 2**63]
+        ) | st.integers(0, 100)
     if isinstance(value, float):
         return st.sampled_from([0.0, 1.0, -value, 1e-308, 1e-3, 1e9, 1e308]) | st.floats(0.0, 2.0)
     if isinstance(value, str):
@@ -155,7 +164,9 @@ def _with_fault(draw: st.DrawFn, document: Any) -> Any:
         if not isinstance(inner, dict | list) or not inner or draw(st.integers(0, 3)) == 0:
             break
         holder = inner
-    how = draw(st.sampled_from([*["alike"] * 8, "replace", "replace", "drop", "nest", "double", "add"]))
+    how = draw(
+        st.sampled_from([*["alike"] * 8, "replace", "replace", "drop", "nest", "double", "add"])
+    )
     if how == "alike":
         holder[key] = draw(_alike(inner))
     elif how == "drop":

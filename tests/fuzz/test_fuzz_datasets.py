@@ -24,7 +24,12 @@ from slamgym.dataset.check import check_dataset, check_image_folder
 from slamgym.dataset.curate.completeness import FEATURES
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
 from slamgym.dataset.curate.map_items import open_items
-from slamgym.dataset.curate.review import DECISIONS_FILE, Decision, decisions_document, stored_decisions
+from slamgym.dataset.curate.review import (
+    DECISIONS_FILE,
+    Decision,
+    decisions_document,
+    stored_decisions,
+)
 from slamgym.dataset.curate.split import PlanSide, SplitTable, current_split, read_split
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.dataset.faults import Criteria, MapFault, record_faults
@@ -51,7 +56,9 @@ VERDICT = Verdict(
     RECORD.name, False, "coverage", "truth", 0.5, True, False, 0.9, 0.1, 0.02,
     (MapFault("coverage", 0.9, 0.95, "explored"),),
 )  # fmt: skip
-SPLIT = SplitTable(0, 0.1, {"hall": PlanSide("test", "hall"), "room": PlanSide("train", "room")}, ("hall",))
+SPLIT = SplitTable(
+    0, 0.1, {"hall": PlanSide("test", "hall"), "room": PlanSide("train", "room")}, ("hall",)
+)
 REJECTED = {
     "index": 3,
     "plan_id": "x",
@@ -126,7 +133,11 @@ def test_manifests_of_images(images, content):
 
 
 @cases(100)
-@given(mutated_lines([dataclasses.asdict(VERDICT), dataclasses.asdict(VERDICT) | {"name": SECOND.name}]))
+@given(
+    mutated_lines(
+        [dataclasses.asdict(VERDICT), dataclasses.asdict(VERDICT) | {"name": SECOND.name}]
+    )
+)
 def test_verdicts(root, content):
     (root / "clean.jsonl").write_bytes(content)
     for verdict in (must_read_or_refuse(read_verdicts, root) or {}).values():
@@ -144,7 +155,11 @@ def test_summaries_of_cleaning(root, content):
 
 
 @cases(100)
-@given(mutated_json([json.loads(decisions_document([Decision("a", True, "0"), Decision("b", False, "1")]))]))
+@given(
+    mutated_json(
+        [json.loads(decisions_document([Decision("a", True, "0"), Decision("b", False, "1")]))]
+    )
+)
 def test_decisions(root, content):
     (root / DECISIONS_FILE).write_bytes(content)
     for name, decision in (must_read_or_refuse(stored_decisions, root) or {}).items():
@@ -200,7 +215,9 @@ def test_recipes(root, data):
     as_yaml = path.suffix == ".yaml" and data.draw(st.booleans())
     text = yaml.safe_dump(value) if as_yaml else json.dumps(value)
     content = text.encode(errors="replace")
-    path.write_bytes(data.draw(mutated_bytes([content])) if data.draw(st.integers(0, 7)) == 0 else content)
+    path.write_bytes(
+        data.draw(mutated_bytes([content])) if data.draw(st.integers(0, 7)) == 0 else content
+    )
     recipe = must_read_or_refuse(open_recipe, str(path))
     if recipe is not None:
         assert set(recipe.draw(7)) <= recipe.settings

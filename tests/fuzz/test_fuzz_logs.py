@@ -17,7 +17,9 @@ from slamgym.interop.tum import read_tum
 from slamgym.parametric.paths import read_waypoints
 
 LASER = LaserGeometry(5, -1.5, 0.75, 0.12, 3.5)
-ROBOTLASER = b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
+ROBOTLASER = (
+    b"ROBOTLASER1 0 -1.5 3.0 0.75 80 0.01 0 5 1 2 3 4 5 0 0 0 0 0 0 0 0 0 0 0 0 %d.5 host 0\n"
+)
 BYTE = st.sampled_from([0, 1, 63, 127, 128, 192, 240, 255])
 
 
@@ -34,7 +36,9 @@ def logs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("logs")
     write_carmen(folder / "a.log", records(), LASER)
     plain = (folder / "a.log").read_bytes()
-    robot = b"PARAM robot_front_laser_max 80\n" + b"".join(ROBOTLASER % number for number in range(4))
+    robot = b"PARAM robot_front_laser_max 80\n" + b"".join(
+        ROBOTLASER % number for number in range(4)
+    )
     return [plain, gzip.compress(plain), robot]
 
 

@@ -83,7 +83,12 @@ VACUUM = {
 
 def vacuum_png() -> bytes:
     data = b"ValetudoMap\0\0" + zlib.compress(json.dumps(VACUUM).encode())
-    chunk = struct.pack(">I", len(data)) + b"zTXt" + data + struct.pack(">I", zlib.crc32(b"zTXt" + data))
+    chunk = (
+        struct.pack(">I", len(data))
+        + b"zTXt"
+        + data
+        + struct.pack(">I", zlib.crc32(b"zTXt" + data))
+    )
     return PICTURES[0][:33] + chunk + PICTURES[0][33:]
 
 
@@ -93,7 +98,11 @@ def read_map_and_plan(path: Path) -> None:
 
 
 @given(
-    st.one_of(mutated_value([MAP]).map(lambda value: yaml.safe_dump(value).encode()), ODD_YAML, st.binary())
+    st.one_of(
+        mutated_value([MAP]).map(lambda value: yaml.safe_dump(value).encode()),
+        ODD_YAML,
+        st.binary(),
+    )
 )
 @cases(200)
 def test_descriptions(tmp_path, content):

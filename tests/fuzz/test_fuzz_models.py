@@ -101,7 +101,9 @@ def test_settings_of_translators(value):
 
 @cases(100)
 @given(
-    mutated_lines([{"name": "x", "plan_id": "hall", "group": "hall", "metres_per_px": 0.1, "split": "train"}])
+    mutated_lines(
+        [{"name": "x", "plan_id": "hall", "group": "hall", "metres_per_px": 0.1, "split": "train"}]
+    )
 )
 def test_manifests_of_training_images(folder, content):
     for side in ("A", "B"):
@@ -125,7 +127,9 @@ class TestWithTorch:
 
         path = folder / "weights.safetensors"
         path.write_bytes(
-            data.draw(damaged_weights(PRETRAINED_FOLDER / "slam2cad.safetensors", ["config", "card"]))
+            data.draw(
+                damaged_weights(PRETRAINED_FOLDER / "slam2cad.safetensors", ["config", "card"])
+            )
         )
         must_read_or_refuse(load_weights, path)
 
@@ -137,7 +141,12 @@ class TestWithTorch:
 
         from slamgym.gan.training.learner import STATE_FORMAT, load_training_state
 
-        facts = {"identity": {"preset": "x"}, "sampler": {"position": 1}, "spans": [[1, 2]], "steps_done": 3}
+        facts = {
+            "identity": {"preset": "x"},
+            "sampler": {"position": 1},
+            "spans": [[1, 2]],
+            "steps_done": 3,
+        }
         whole, path = folder / "whole.safetensors", folder / "state.safetensors"
         header = {"format": STATE_FORMAT, "facts": json.dumps(facts)}
         whole.write_bytes(save({"torch.cpu": torch.get_rng_state()}, header))

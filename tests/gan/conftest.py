@@ -31,7 +31,9 @@ def write_pairs(root, count=6, side=32, split="train", manifest=False, first=0):
             folder = root / split / name if split else root / name
             folder.mkdir(parents=True, exist_ok=True)
             cv2.imwrite(str(folder / f"{index:03d}.png"), image)
-        lines.append(f'{{"name": "{index:03d}", "plan_id": "p{index // 2}", "metres_per_px": 0.1}}\n')
+        lines.append(
+            f'{{"name": "{index:03d}", "plan_id": "p{index // 2}", "metres_per_px": 0.1}}\n'
+        )
     if manifest:
         with (root / "manifest.jsonl").open("a") as file:
             file.writelines(lines)

@@ -59,7 +59,8 @@ def test_half_of_the_samples_stay_on_their_grid(undamaged):
     image[8:40, 8:40] = FREE
     image[20, 8:30] = OCCUPIED  # a wall of one pixel
     as_they_were = [
-        np.array_equal(augment(image, image, 48, np.random.default_rng(seed))[1], image) for seed in range(40)
+        np.array_equal(augment(image, image, 48, np.random.default_rng(seed))[1], image)
+        for seed in range(40)
     ]
     assert 10 < sum(as_they_were) < 30
 
@@ -76,7 +77,8 @@ def test_each_kind_of_damage_does_something(damage):
     damaged = [getattr(sampler, damage)(slam, np.random.default_rng(seed)) for seed in range(20)]
     assert sum(not np.array_equal(each, slam) for each in damaged) > 10
     assert all(
-        set(np.unique(each)) <= {OCCUPIED, UNKNOWN, FREE} and each.dtype == np.uint8 for each in damaged
+        set(np.unique(each)) <= {OCCUPIED, UNKNOWN, FREE} and each.dtype == np.uint8
+        for each in damaged
     )
     assert np.array_equal(slam, before)
 
@@ -100,7 +102,9 @@ def turned_building(angle_deg, noise=0.0):
 @pytest.mark.parametrize("noise", [0.0, 0.005])
 def test_the_direction_of_walls_is_found(angle, noise):
     # Corners are rounded to whole pixels: at most atan(1 / 80) = 0.7 degrees along the shorter walls.
-    assert find_wall_direction(turned_building(angle, noise)).angle_deg == pytest.approx(angle, abs=0.8)
+    assert find_wall_direction(turned_building(angle, noise)).angle_deg == pytest.approx(
+        angle, abs=0.8
+    )
 
 
 def test_a_map_without_walls_has_no_direction():
@@ -127,7 +131,9 @@ class TestWindows:
         return np.where(slam == FREE, FREE, OCCUPIED).astype(np.uint8), slam
 
     @pytest.mark.parametrize("rotated", [0.0, 1.0])
-    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(self, monkeypatch, undamaged, rotated):
+    def test_a_window_keeps_its_scale_and_shows_some_of_the_map(
+        self, monkeypatch, undamaged, rotated
+    ):
         monkeypatch.setattr(sampler, "ROTATED", rotated)
         for seed in range(10):
             cad, slam = augment(*self.pair(), 128, np.random.default_rng(seed))

@@ -27,6 +27,8 @@ for keep in (lambda: None, keep_freed_memory):
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="a setting of glibc")
 def test_a_step_of_a_training_needs_no_new_pages():
-    found = subprocess.run([sys.executable, "-c", PAGES_TAKEN], capture_output=True, check=True).stdout
+    found = subprocess.run(
+        [sys.executable, "-c", PAGES_TAKEN], capture_output=True, check=True
+    ).stdout
     given_back, kept = map(int, found.split())
     assert kept < 0.25 * given_back  # the heap may still grow a little after the first steps

@@ -94,7 +94,12 @@ def write_pairs(root, pairs: PairSet) -> None:
     for i, name in enumerate(pairs.names):
         cv2.imwrite(str(root / "test" / "A" / f"{name}.png"), pairs.cad[i])
         cv2.imwrite(str(root / "test" / "B" / f"{name}.png"), pairs.slam[i])
-        record = {"name": name, "split": "test", "plan_id": pairs.plan_ids[i], "metres_per_px": SCALE}
+        record = {
+            "name": name,
+            "split": "test",
+            "plan_id": pairs.plan_ids[i],
+            "metres_per_px": SCALE,
+        }
         lines.append(json.dumps(record))
     (root / "manifest.jsonl").write_text("\n".join(lines) + "\n")
 
@@ -124,7 +129,9 @@ def few_trees(monkeypatch):
     """A tenth of the trees."""
     ensemble = pytest.importorskip("sklearn.ensemble")
     whole = ensemble.ExtraTreesClassifier
-    monkeypatch.setattr(ensemble, "ExtraTreesClassifier", lambda _, **settings: whole(50, **settings))
+    monkeypatch.setattr(
+        ensemble, "ExtraTreesClassifier", lambda _, **settings: whole(50, **settings)
+    )
 
 
 @pytest.fixture(scope="module")
@@ -140,18 +147,26 @@ def thin(wall, turn=0.0, shift=(0.0, 0.0), hole=0.0):
     rooms = [box(-4.1, -3.2, -wall / 2, 3.3), box(wall / 2, -3.2, 4.2, 3.3), *gaps]
     moved = translate(rotate(unary_union(rooms), turn, origin=(0.0, 0.0)), *shift)
     corners = np.array(moved.exterior.coords)
-    return floor_share(np.hstack([corners[:-1], corners[1:]]), GridFrame(0.1, -6.4, -6.4, SIZE, SIZE))
+    return floor_share(
+        np.hstack([corners[:-1], corners[1:]]), GridFrame(0.1, -6.4, -6.4, SIZE, SIZE)
+    )
 
 
 class TestThinWalls:
     """What the alignment resamples is neither opened nor moved by it."""
 
     @pytest.mark.parametrize("wall", [0.07, 0.1, 0.13])
-    @pytest.mark.parametrize("motion", [(0.0, (0.05, 0.0)), (1.0, (0.03, 0.02)), (3.0, (-0.04, 0.05))])
+    @pytest.mark.parametrize(
+        "motion", [(0.0, (0.05, 0.0)), (1.0, (0.03, 0.02)), (3.0, (-0.04, 0.05))]
+    )
     def test_a_plan_that_is_drawn_elsewhere_has_no_wall_opened(self, wall, motion):
         cad = np.rint(FREE * thin(wall)).astype(np.uint8)
         found = score_map(thin(wall, *motion), cad, 0.1)
-        assert (found.openings.walls, found.openings.walls_opened, found.openings.doors_kept) == (1, 0, 1)
+        assert (found.openings.walls, found.openings.walls_opened, found.openings.doors_kept) == (
+            1,
+            0,
+            1,
+        )
         # A wall of a cell or so is known to a third of a cell.
         assert abs(np.median(found.dimensions.room_width)) < 0.035
         assert score_map(thin(wall, *motion, hole=0.7), cad, 0.1).openings.walls_opened == 1
@@ -190,7 +205,11 @@ class TestScores:
             name: {k: np.mean([s[k] for s in rows]) for k in ("mse", "wall_f1_10cm", "room_error")}
             for name, rows in scores.items()
         }
-        assert mean[OUTLINE]["wall_f1_10cm"] < mean[RAW]["wall_f1_10cm"] < mean[CLEANED]["wall_f1_10cm"]
+        assert (
+            mean[OUTLINE]["wall_f1_10cm"]
+            < mean[RAW]["wall_f1_10cm"]
+            < mean[CLEANED]["wall_f1_10cm"]
+        )
         assert mean[OUTLINE]["room_error"] >= 1.5
         assert mean[CLEANED]["mse"] < mean[RAW]["mse"]
         assert mean[CLEANED]["room_error"] == 0.0
@@ -209,7 +228,9 @@ class TestScores:
         slam, _ = bend_with_field(pairs.cad[0], SCALE, np.random.default_rng(0))
         bent = dataclasses.replace(pairs, slam=slam[np.newaxis])
         raw, blurred = (
-            evaluate_method(method, bent)[0] for method in baselines() if method.name in (RAW, BLURRED)
+            evaluate_method(method, bent)[0]
+            for method in baselines()
+            if method.name in (RAW, BLURRED)
         )
         assert raw["mse_grey"] == pytest.approx(raw.mse)
         assert blurred["mse_grey"] < 0.95 * raw.mse
@@ -222,10 +243,15 @@ class TestScores:
     def test_malformed_translations_and_unknown_scales_are_refused(self):
         pairs = make_pairs(1)
         with pytest.raises(ConfigError, match="shape"):
-            evaluate_method(TranslationMethod("small", lambda pairs, i: np.zeros((4, 4), np.float32)), pairs)
+            evaluate_method(
+                TranslationMethod("small", lambda pairs, i: np.zeros((4, 4), np.float32)), pairs
+            )
         with pytest.raises(ConfigError, match="not finite"):
             evaluate_method(
-                TranslationMethod("nan", lambda pairs, i: np.full((SIZE, SIZE), np.nan, np.float32)), pairs
+                TranslationMethod(
+                    "nan", lambda pairs, i: np.full((SIZE, SIZE), np.nan, np.float32)
+                ),
+                pairs,
             )
         unknown = PairSet(pairs.cad, pairs.slam, pairs.names, pairs.plan_ids, np.array([np.nan]))
         with pytest.raises(ConfigError, match="no scale"):
@@ -238,7 +264,9 @@ class TestScores:
 
         assert isinstance(Answers(), Translator)
         pairs = make_pairs(2)
-        mine, raw = (evaluate_method(m, pairs) for m in (learned("mine", Answers()), baselines()[0]))
+        mine, raw = (
+            evaluate_method(m, pairs) for m in (learned("mine", Answers()), baselines()[0])
+        )
         assert [s.mse for s in mine] == [s.mse for s in raw]
 
 
@@ -276,9 +304,13 @@ class TestTables:
         assert json.loads(json.dumps(summary)) == summary
         assert "improvement" not in summary[RAW]
         better, grey = summary[CLEANED]["improvement"], summary[BLURRED]["improvement_grey"]
-        assert grey["mean_mse1"]["value"] == pytest.approx(np.mean([s["mse_grey"] for s in scores[BLURRED]]))
+        assert grey["mean_mse1"]["value"] == pytest.approx(
+            np.mean([s["mse_grey"] for s in scores[BLURRED]])
+        )
         assert better["mean_mse2"]["value"] == pytest.approx(summary[RAW]["mse"]["value"])
-        expected = np.mean([a.mse < b.mse for a, b in zip(scores[CLEANED], scores[RAW], strict=True)])
+        expected = np.mean(
+            [a.mse < b.mse for a, b in zip(scores[CLEANED], scores[RAW], strict=True)]
+        )
         assert better["share_improved"]["value"] == pytest.approx(expected)
         headings, rows = main_table(summary)
         assert [row[0] for row in rows] == [RAW, BLURRED, CLEANED, OUTLINE]
@@ -310,7 +342,9 @@ class TestRealism:
         ):
             assert np.array_equal(same, translator.translate_cells(cad, SCALE))
             assert 0.005 < np.mean((other == FREE) != (same == FREE)) < 0.2
-        again, other = (translated_maps("copy", translator, pairs, seed)["copy, bent"] for seed in (0, 1))
+        again, other = (
+            translated_maps("copy", translator, pairs, seed)["copy, bent"] for seed in (0, 1)
+        )
         assert np.array_equal(again[1], made["copy, bent"][1])
         assert not np.array_equal(other[1], again[1])
 
@@ -401,7 +435,17 @@ class TestCommand:
         write_pairs(tmp_path / "images", make_pairs(3))
         found = []
         for run in ("a", "b"):
-            main([str(tmp_path / "images"), "-o", str(tmp_path / run), "--pictures", "0", "--count", "2"])
+            main(
+                [
+                    str(tmp_path / "images"),
+                    "-o",
+                    str(tmp_path / run),
+                    "--pictures",
+                    "0",
+                    "--count",
+                    "2",
+                ]
+            )
             result = json.loads((tmp_path / run / "evaluation.json").read_text())
             for method in result["methods"].values():
                 del method["seconds"]

@@ -46,7 +46,10 @@ def test_resampled_images_keep_their_scale_in_metres(tmp_path, make_images):
 
 def test_near_duplicates_count_as_one_plan(tmp_path, make_images):
     make_images(tmp_path)
-    rows = [{"name": f"{i:03d}", "plan_id": f"p{i}", "group": "g", "metres_per_px": 0.1} for i in range(6)]
+    rows = [
+        {"name": f"{i:03d}", "plan_id": f"p{i}", "group": "g", "metres_per_px": 0.1}
+        for i in range(6)
+    ]
     (tmp_path / "manifest.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert set(load_pairs(tmp_path, "train", 32).plan_ids) == {"g"}
 
@@ -62,7 +65,8 @@ def test_a_split_never_tears_a_plan_apart(tmp_path, make_images):
 
 def record(root, names, plans):
     rows = [
-        {"name": name, "plan_id": plan, "metres_per_px": 0.1} for name, plan in zip(names, plans, strict=True)
+        {"name": name, "plan_id": plan, "metres_per_px": 0.1}
+        for name, plan in zip(names, plans, strict=True)
     ]
     (root / "manifest.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
 
@@ -234,7 +238,9 @@ def pairs(tmp_path, make_images, monkeypatch):
 
 def test_every_pair_comes_once_a_pass(pairs):
     sampler = BatchSampler(pairs, find_preset("model32"), np.random.default_rng(0))
-    drawn = np.concatenate([sampler.draw(3).slam for _ in range(7)])  # three passes over seven pairs
+    drawn = np.concatenate(
+        [sampler.draw(3).slam for _ in range(7)]
+    )  # three passes over seven pairs
     counts = [sum(np.array_equal(image, slam) for image in drawn) for slam in pairs.slam]
     assert counts == [3] * 7
 
@@ -321,5 +327,7 @@ def test_images_of_several_editions_are_not_mixed(make_images, tmp_path):
     for root, dataset in zip(roots, ({}, {"edition": 2}), strict=True):
         (root / "config.json").write_text(json.dumps({"dataset": {"config_sha256": "0"} | dataset}))
     assert describe_data(roots[1:]).startswith("new (edition 2, manifest.jsonl ")
-    with pytest.raises(ConfigError, match=r"old \(edition 1, .*, new \(edition 2, .*make those of the older"):
+    with pytest.raises(
+        ConfigError, match=r"old \(edition 1, .*, new \(edition 2, .*make those of the older"
+    ):
         describe_data(roots)

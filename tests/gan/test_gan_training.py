@@ -78,7 +78,9 @@ def test_several_folders_make_one_training(tmp_path, images, make_images):
     others = make_images(tmp_path / "others", count=4)
     report = train_translator([images, others], tmp_path / "run", RESIDUAL, CPU, QUIET)
     assert report.steps == 10  # two passes over ten pairs, two a step
-    assert json.loads((tmp_path / "run" / "config.json").read_text())["images"].endswith("), others")
+    assert json.loads((tmp_path / "run" / "config.json").read_text())["images"].endswith(
+        "), others"
+    )
     larger = make_images(tmp_path / "larger", side=64)
     with pytest.raises(InputFileError, match="larger: has images of 64 px but"):
         train_translator([images, larger], tmp_path / "other", RESIDUAL, CPU, QUIET)
@@ -123,7 +125,9 @@ def test_a_finished_training_is_left_as_it_is(tmp_path, images):
 def test_equal_seeds_learn_equal_weights_and_others_differ(tmp_path, images):
     stopped = dataclasses.replace(QUIET, stop_after_steps=2)
     for name, seed in (("a", 1), ("b", 1), ("c", 2)):
-        train_translator(images, tmp_path / name, dataclasses.replace(PROGRESSIVE, seed=seed), CPU, stopped)
+        train_translator(
+            images, tmp_path / name, dataclasses.replace(PROGRESSIVE, seed=seed), CPU, stopped
+        )
     a, b, c = (state(tmp_path / name) for name in "abc")
     assert all(torch.equal(a[key], b[key]) for key in a)
     assert not all(torch.equal(a[key], c[key]) for key in a)
@@ -131,16 +135,15 @@ def test_equal_seeds_learn_equal_weights_and_others_differ(tmp_path, images):
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [
-        ({"seed": 5}, "another configuration"),
-        ({"preset": "other"}, "another preset"),
-    ],
+    [({"seed": 5}, "another configuration"), ({"preset": "other"}, "another preset")],
 )
 def test_another_training_in_the_same_folder_is_refused(tmp_path, images, change, message):
     stopped = dataclasses.replace(QUIET, stop_after_steps=1)
     train_translator(images, tmp_path / "run", PROGRESSIVE, CPU, stopped)
     with pytest.raises(ConfigError, match=message):
-        train_translator(images, tmp_path / "run", dataclasses.replace(PROGRESSIVE, **change), CPU, QUIET)
+        train_translator(
+            images, tmp_path / "run", dataclasses.replace(PROGRESSIVE, **change), CPU, QUIET
+        )
 
 
 def test_other_images_in_the_same_folder_are_refused(tmp_path, images, make_images):
@@ -154,7 +157,9 @@ def test_other_images_in_the_same_folder_are_refused(tmp_path, images, make_imag
 
 def test_a_checkpoint_of_another_version_is_one_clear_error(tmp_path):
     save_file(
-        {"x": torch.zeros(1)}, tmp_path / "old.safetensors", metadata={"format": "slamgym-gan-checkpoint-1"}
+        {"x": torch.zeros(1)},
+        tmp_path / "old.safetensors",
+        metadata={"format": "slamgym-gan-checkpoint-1"},
     )
     with pytest.raises(InputFileError, match=r"not a checkpoint of this version .*another folder"):
         load_training_state(tmp_path / "old.safetensors")
@@ -197,7 +202,9 @@ def test_a_rate_far_too_large_diverges_with_an_error(tmp_path, images):
 
 def test_too_few_pairs_are_refused(tmp_path, make_images):
     with pytest.raises(ConfigError, match="at least 2 pairs beside the held-out ones, not 1"):
-        train_translator(make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET)
+        train_translator(
+            make_images(tmp_path / "one", count=1), tmp_path / "run", PROGRESSIVE, CPU, QUIET
+        )
 
 
 def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tmp_path, images):
@@ -229,9 +236,13 @@ def test_a_training_goes_on_from_finished_weights(tmp_path, images):
     train_translator(images, tmp_path / "first", RESIDUAL, CPU, QUIET)
     config = dataclasses.replace(RESIDUAL, start_from=str(tmp_path / "first"))
     # No rate, no movement: what comes out is what went in, to half precision, but for batch norms' statistics.
-    config = dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, learning_rate=1e-12))
+    config = dataclasses.replace(
+        config, optimiser=dataclasses.replace(config.optimiser, learning_rate=1e-12)
+    )
     train_translator(images, tmp_path / "second", config, CPU, QUIET)
-    before, after = (load_file(tmp_path / run / "weights.safetensors") for run in ("first", "second"))
+    before, after = (
+        load_file(tmp_path / run / "weights.safetensors") for run in ("first", "second")
+    )
     for key, value in before.items():
         if "running_" not in key and "num_batches" not in key:
             assert torch.equal(value, after[key]), key
@@ -248,7 +259,17 @@ def test_weights_of_another_preset_are_no_start(tmp_path, images):
 
 def test_the_command_names_missing_starting_weights(tmp_path, images):
     with pytest.raises(ConfigError, match="no weights are called 'slam2cat'"):
-        main([str(images), "-o", str(tmp_path / "run"), "--start-from", "slam2cat", "--device", "cpu"])
+        main(
+            [
+                str(images),
+                "-o",
+                str(tmp_path / "run"),
+                "--start-from",
+                "slam2cat",
+                "--device",
+                "cpu",
+            ]
+        )
 
 
 @pytest.mark.parametrize("resolution", [16, 32])
@@ -270,19 +291,23 @@ def test_all_terms_are_reported_and_every_network_moves(images):
     loss = LossConfig(overlap=1.0)
     learner = Learner(dataclasses.replace(RESIDUAL, loss=loss), CPU)
     before = {name: [p.clone() for p in n.parameters()] for name, n in learner.networks().items()}
-    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
+    sampler = BatchSampler(
+        load_pairs(images, "train", 32), learner.config, np.random.default_rng(0)
+    )
     terms = learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
     names = {"domain", "real_fake", "feature_matching", "l1", "cross_entropy", "dice", "total"}
     names |= {"discriminator_domain", "discriminator_real_fake", "input_consistency"}
     assert terms.keys() == names
     weighed = (
-        terms[name] * (loss.l1 if name == "l1" else 1.0) for name in names if "discriminator" not in name
+        terms[name] * (loss.l1 if name == "l1" else 1.0)
+        for name in names
+        if "discriminator" not in name
     )
     assert 2.0 * terms["total"] == pytest.approx(sum(weighed), rel=1e-4)  # the total is among them
     for name, network in learner.networks().items():
-        assert any(not torch.equal(a, b) for a, b in zip(before[name], network.parameters(), strict=True)), (
-            name
-        )
+        assert any(
+            not torch.equal(a, b) for a, b in zip(before[name], network.parameters(), strict=True)
+        ), name
 
 
 @pytest.mark.parametrize(("precision", "last"), [("float32", False), ("bfloat16", True)])
@@ -293,7 +318,9 @@ def test_matrix_units_get_the_layout_that_they_want(precision, last):
 def test_a_step_is_the_same_in_both_memory_layouts(images):
     terms = []
     for last in (False, True):
-        learner = Learner(RESIDUAL, dataclasses.replace(choose_compute("cpu", "float32"), channels_last=last))
+        learner = Learner(
+            RESIDUAL, dataclasses.replace(choose_compute("cpu", "float32"), channels_last=last)
+        )
         sampler = BatchSampler(load_pairs(images, "train", 32), RESIDUAL, np.random.default_rng(0))
         terms.append([learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0)) for _ in range(2)])
     for plain, other in zip(*terms, strict=True):
@@ -322,7 +349,9 @@ def test_the_generators_step_leaves_the_discriminators_alone(images):
             seen.extend(p.grad for p in self.discriminators.parameters())
 
     learner._descend = watched.__get__(learner)
-    sampler = BatchSampler(load_pairs(images, "train", 32), learner.config, np.random.default_rng(0))
+    sampler = BatchSampler(
+        load_pairs(images, "train", 32), learner.config, np.random.default_rng(0)
+    )
     learner.step(sampler.draw(2), Moment(32, 2, 1.0, 1.0))
     assert seen
     assert all(grad is None for grad in seen)
@@ -376,7 +405,9 @@ def test_the_command_trains_from_options(tmp_path, images, capsys):
 
 def test_a_line_says_how_far_it_is_and_how_long_it_takes(capsys, monkeypatch):
     monkeypatch.setattr("slamgym.gan.training.monitoring.LINE_INTERVAL", 0.0)
-    monkeypatch.setattr("slamgym.gan.training.monitoring.time.monotonic", iter([0.0, 0.0, 600.0]).__next__)
+    monkeypatch.setattr(
+        "slamgym.gan.training.monitoring.time.monotonic", iter([0.0, 0.0, 600.0]).__next__
+    )
     lines = ProgressLines()
     lines.show(0.5, 1.0)
     lines.show(0.6, 0.25)

@@ -53,7 +53,9 @@ def test_the_model_card_and_the_settings_lie_beside(saved):
 
 
 def test_weights_of_the_other_direction_are_refused(saved):
-    with pytest.raises(ConfigError, match="translate SLAM maps to CAD maps, not CAD maps to SLAM maps"):
+    with pytest.raises(
+        ConfigError, match="translate SLAM maps to CAD maps, not CAD maps to SLAM maps"
+    ):
         load_weights(saved[0], direction="cad2slam")
 
 

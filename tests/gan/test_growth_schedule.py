@@ -20,7 +20,9 @@ GROWING = (Stage(32, 2.0, 4), Stage(64, 3.0, 2, 1.0, 1))
 def test_the_papers_epochs_become_steps():
     schedule = plan_schedule(TRANSLATOR_PRESETS["model32"].stages, PAPER_PAIRS, OptimiserConfig())
     assert schedule.spans == (Span(32, 64, 750 * PAPER_PAIRS // 64, False),)
-    spans = plan_schedule(TRANSLATOR_PRESETS["modelprog"].stages, PAPER_PAIRS, OptimiserConfig()).spans
+    spans = plan_schedule(
+        TRANSLATOR_PRESETS["modelprog"].stages, PAPER_PAIRS, OptimiserConfig()
+    ).spans
     assert [(s.resolution, s.batch, s.fading) for s in spans] == [
         (32, 64, False), (64, 16, True), (64, 32, False), (128, 8, True), (128, 16, False), (256, 2, True),
         (256, 4, False),
@@ -112,7 +114,11 @@ def test_presets_know_their_names_and_keep_the_papers_optimiser(name):
     preset = TRANSLATOR_PRESETS[name]
     assert preset.preset == name
     if name in ("model32", "modelprog"):
-        assert (preset.optimiser.learning_rate, preset.optimiser.beta1, BETA_2) == (2e-4, 0.55, 0.99)
+        assert (preset.optimiser.learning_rate, preset.optimiser.beta1, BETA_2) == (
+            2e-4,
+            0.55,
+            0.99,
+        )
         assert preset.loss.l1 == 10.0
         assert preset.translator.input_size == 256
 
@@ -123,7 +129,8 @@ def arguments(**values):
 
 def test_the_cpu_presets_have_their_own_time_unless_one_is_given():
     assert (
-        training_config(arguments(preset="model32-cpu")).minutes == TRANSLATOR_PRESETS["model32-cpu"].minutes
+        training_config(arguments(preset="model32-cpu")).minutes
+        == TRANSLATOR_PRESETS["model32-cpu"].minutes
     )
     assert training_config(arguments(preset="model32-cpu", minutes=3.0)).minutes == 3.0
     assert training_config(arguments(preset="model32-cpu", epochs=2.0)).minutes is None

@@ -20,9 +20,15 @@ def test_adversarial_loss_by_hand():
 
 
 def test_a_discriminators_loss_is_the_mean_of_right_wrong_and_unassociated():
-    real, fake, other = features([[3.0]], [[1.0]]), features([[1.0]], [[0.0]]), features([[2.0]], [[2.0]])
+    real, fake, other = (
+        features([[3.0]], [[1.0]]),
+        features([[1.0]], [[0.0]]),
+        features([[2.0]], [[2.0]]),
+    )
     # Sums over the copies: 4 + 0, 1 + 0, 4 + 4.
-    assert float(losses.discriminator_loss(real, fake, other)) == pytest.approx((4.0 + 1.0 + 8.0) / 3)
+    assert float(losses.discriminator_loss(real, fake, other)) == pytest.approx(
+        (4.0 + 1.0 + 8.0) / 3
+    )
     assert float(losses.discriminator_loss(real, fake)) == pytest.approx((4.0 + 1.0) / 2)
 
 
@@ -32,7 +38,10 @@ def test_generator_terms_sum_over_the_copies():
 
 
 def test_every_sample_and_every_scale_gets_a_gradient():
-    scores = [torch.zeros(4, 1, 1, 1, requires_grad=True), torch.zeros(4, 1, 3, 3, requires_grad=True)]
+    scores = [
+        torch.zeros(4, 1, 1, 1, requires_grad=True),
+        torch.zeros(4, 1, 3, 3, requires_grad=True),
+    ]
     losses.taken_for_real_loss([[s] for s in scores]).backward()
     for score in scores:
         per_sample = score.grad.abs().sum(dim=(1, 2, 3))
@@ -115,7 +124,9 @@ def test_thin_walls_and_the_floor_beside_them_weigh_more(monkeypatch):
     near = losses.near_thin_walls(floor)
     assert near[0, 0, 10, 26:33].tolist() == [1.0] * 7
     assert float(near[0, 0, 10, 25]) == float(near[0, 0, 30, 29]) == 0.0
-    assert float(near[..., :3, :].sum()) == float(near[..., :4].sum()) == 0.0  # outer walls are thick
+    assert (
+        float(near[..., :3, :].sum()) == float(near[..., :4].sum()) == 0.0
+    )  # outer walls are thick
     hole, bulge = floor.clone(), floor.clone()
     hole[..., 10:12, 28:31] = 1.0  # in the thin wall
     bulge[..., 35:37, 28:31] = 1.0  # as large, of the outline

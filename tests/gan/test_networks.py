@@ -27,7 +27,9 @@ def test_counts_are_those_of_the_published_code():
     assert count_parameters(real_fake) == 4_108_176
 
 
-@pytest.mark.parametrize(("resolution", "trained"), [(32, 2.69), (64, 2.80), (128, 2.91), (256, 2.96)])
+@pytest.mark.parametrize(
+    ("resolution", "trained"), [(32, 2.69), (64, 2.80), (128, 2.91), (256, 2.96)]
+)
 def test_only_the_decoder_up_to_the_resolution_is_trained(resolution, trained):
     generator = ProgressiveGenerator(3, 3, 256).eval()
     # The parameters that a forward pass uses are those that get a gradient.
@@ -57,7 +59,14 @@ def test_at_32_px_two_copies_take_part_and_the_third_joins_once_64_has_faded_in(
 
 
 def test_channels_follow_the_published_rule():
-    assert [channels_at(side, 128) for side in (256, 128, 64, 32, 16, 4)] == [16, 32, 64, 128, 128, 128]
+    assert [channels_at(side, 128) for side in (256, 128, 64, 32, 16, 4)] == [
+        16,
+        32,
+        64,
+        128,
+        128,
+        128,
+    ]
     assert channels_at(256, 32) == 4
 
 
@@ -79,7 +88,9 @@ def test_the_generator_refuses_other_resolutions(resolution):
 
 @pytest.mark.parametrize("channels", [1, 2, 3])
 def test_the_residual_network_draws_at_its_inputs_size(channels):
-    drawing = ResidualUNet(channels, 4, GeneratorConfig("residual", 8, 3))(torch.randn(2, channels, 32, 32))
+    drawing = ResidualUNet(channels, 4, GeneratorConfig("residual", 8, 3))(
+        torch.randn(2, channels, 32, 32)
+    )
     assert drawing.image.shape == (2, 4, 32, 32)
     shares = 0.5 * (drawing.image + 1.0)
     assert torch.allclose(shares.sum(dim=1), torch.ones(2, 32, 32))

@@ -27,7 +27,9 @@ def pairs_off_by(similarity, count=2):
     cad, slam = drawn_pair()
     off = moved(slam, similarity)
     names = tuple(str(i) for i in range(count))
-    return PairSet(np.stack([cad] * count), np.stack([off] * count), names, names, np.full(count, 0.1))
+    return PairSet(
+        np.stack([cad] * count), np.stack([off] * count), names, names, np.full(count, 0.1)
+    )
 
 
 def error(pairs):
@@ -63,7 +65,9 @@ def test_the_motion_is_rigid():
 @pytest.mark.parametrize("value", [UNKNOWN, OCCUPIED, FREE])
 def test_maps_without_a_border_are_left_as_they_are(value):
     cad, _ = drawn_pair()
-    pairs = PairSet(cad[None], np.full((1, SIDE, SIDE), value, np.uint8), ("a",), ("a",), np.array([0.1]))
+    pairs = PairSet(
+        cad[None], np.full((1, SIDE, SIDE), value, np.uint8), ("a",), ("a",), np.array([0.1])
+    )
     result = registered(pairs).slam
     assert set(np.unique(result)) <= {value, UNKNOWN}
 

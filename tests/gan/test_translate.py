@@ -168,7 +168,9 @@ def test_cad_to_slam_draws_the_three_values():
     assert slam.shape == cad.shape
     assert set(np.unique(slam)) == {UNKNOWN, FREE}
     assert np.mean((slam == FREE) == (cad == FREE)) > 0.95
-    one, other = (translator.translate_cells(cad, 0.1, drift=np.random.default_rng(seed)) for seed in (1, 2))
+    one, other = (
+        translator.translate_cells(cad, 0.1, drift=np.random.default_rng(seed)) for seed in (1, 2)
+    )
     assert set(np.unique(one)) == {UNKNOWN, FREE}
     for a, b in ((one, other), (one, slam)):
         assert 0.0 < np.mean(a != b) < 0.2
@@ -214,7 +216,15 @@ def test_weights_load_with_one_call(weights):
 def test_an_image_becomes_an_image(tmp_path, weights):
     cv2.imwrite(str(tmp_path / "map.png"), building(50, 40))
     assert (
-        main([str(tmp_path / "map.png"), "-o", str(tmp_path / "out" / "cad.png"), "--weights", str(weights)])
+        main(
+            [
+                str(tmp_path / "map.png"),
+                "-o",
+                str(tmp_path / "out" / "cad.png"),
+                "--weights",
+                str(weights),
+            ]
+        )
         == 0
     )
     image = cv2.imread(str(tmp_path / "out" / "cad.png"), cv2.IMREAD_UNCHANGED)
@@ -224,7 +234,14 @@ def test_an_image_becomes_an_image(tmp_path, weights):
 
 def test_probabilities_are_written_on_demand(tmp_path, weights):
     cv2.imwrite(str(tmp_path / "map.png"), building(50, 40))
-    arguments = [str(tmp_path / "map.png"), "-o", str(tmp_path), "--weights", str(weights), "--probability"]
+    arguments = [
+        str(tmp_path / "map.png"),
+        "-o",
+        str(tmp_path),
+        "--weights",
+        str(weights),
+        "--probability",
+    ]
     (tmp_path / "map.png").rename(tmp_path / "slam.pgm.png")
     arguments[0] = str(tmp_path / "slam.pgm.png")
     arguments[2] = str(tmp_path / "p.png")
@@ -244,7 +261,9 @@ def test_a_ros_map_becomes_a_ros_map_of_the_same_frame(tmp_path, weights):
 def test_a_folder_of_both_is_translated_once_each(tmp_path, weights, capsys):
     source, out = tmp_path / "in", tmp_path / "out"
     source.mkdir()
-    write_ros_map(source / "flat", OccupancyGrid(building(60, 45), GridFrame(0.05, 0.0, 0.0, 60, 45)))
+    write_ros_map(
+        source / "flat", OccupancyGrid(building(60, 45), GridFrame(0.05, 0.0, 0.0, 60, 45))
+    )
     cv2.imwrite(str(source / "sketch.png"), building(30, 30))
     (source / "broken.png").write_bytes(b"no picture")
     assert main([str(source), "-o", str(out), "--weights", str(weights)]) == 0
@@ -373,7 +392,9 @@ class Stripes(nn.Module):
 
 
 def test_walls_thinner_than_a_pixel_of_the_map_stay_closed():
-    config = dataclasses.replace(CONFIG, input_size=128, output_size=128, metres_per_px=(0.05, 0.05, 0.05))
+    config = dataclasses.replace(
+        CONFIG, input_size=128, output_size=128, metres_per_px=(0.05, 0.05, 0.05)
+    )
     translator = LearnedTranslator(Stripes(), config, ModelCard(), CPU)
     # A wall covers a third of a pixel. The network's image is 120 cells wide, in the middle of a tile of 128.
     layers = translator.layers(np.full((40, 40), FREE, np.uint8), 0.15)

@@ -40,7 +40,10 @@ def recorded(name, renamed):
 def with_names_of_today(value, renamed):
     """A stored value with all its keys and texts renamed."""
     if isinstance(value, dict):
-        return {recorded(key, renamed): with_names_of_today(item, renamed) for key, item in value.items()}
+        return {
+            recorded(key, renamed): with_names_of_today(item, renamed)
+            for key, item in value.items()
+        }
     if isinstance(value, list):
         return [with_names_of_today(item, renamed) for item in value]
     return recorded(value, renamed) if isinstance(value, str) else value
@@ -95,7 +98,11 @@ class Golden:
         """Compare a small map with the PNG file of that name: the share of pixels that may differ."""
         path = STORE.with_name(f"{name}.png")
         stored = cv2.imread(str(path), cv2.IMREAD_UNCHANGED) if path.is_file() else None
-        share = 1.0 if stored is None or stored.shape != cells.shape else float((stored != cells).mean())
+        share = (
+            1.0
+            if stored is None or stored.shape != cells.shape
+            else float((stored != cells).mean())
+        )
         if self.is_renewing:
             self.pictures[path] = (cells, share)
             return
@@ -114,10 +121,14 @@ class Golden:
                 lines.append(f"new      {case}")
             elif found := differences(self.expected[case], values):
                 lines.append(f"changed  {case}: {'; '.join(found[:3])}")
-        lines += [f"not run  {case}" for case in sorted(self.expected.keys() - self.measured.keys())]
+        lines += [
+            f"not run  {case}" for case in sorted(self.expected.keys() - self.measured.keys())
+        ]
         content = dict(sorted({**self.expected, **self.measured}.items()))
         text = json.dumps(content, indent=1)
-        STORE.write_text(re.sub(r"\[[^][{}]*\]", lambda found: " ".join(found[0].split()), text) + "\n")
+        STORE.write_text(
+            re.sub(r"\[[^][{}]*\]", lambda found: " ".join(found[0].split()), text) + "\n"
+        )
         RENAMED.write_text("{}\n")  # the names that were stored just now are those of today
         return lines
 
@@ -139,7 +150,8 @@ class Golden:
     def of_cells(cells):
         """Digest, shape, and the shares of free and occupied cells."""
         shares = {
-            name: float((cells == value).mean()) for name, value in (("free", FREE), ("occupied", OCCUPIED))
+            name: float((cells == value).mean())
+            for name, value in (("free", FREE), ("occupied", OCCUPIED))
         }
         return {
             "shape": list(cells.shape),

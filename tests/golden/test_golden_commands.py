@@ -10,7 +10,13 @@ from slamgym.cad.sources import BUNDLED
 from slamgym.commands.cli import main
 from slamgym.interop import read_ros_map, read_tum
 
-PLANS = ("procedural:3", "procedural:home:3", "procedural:office:3", "procedural:loops:3", "bundled")
+PLANS = (
+    "procedural:3",
+    "procedural:home:3",
+    "procedural:office:3",
+    "procedural:loops:3",
+    "bundled",
+)
 
 
 def slamgym(*words):
@@ -32,7 +38,9 @@ def dataset(tmp_path_factory):
 def lines_of(path, *left_out):
     """The lines of a JSONL file without the fields that change with names, versions and compressors."""
     records = [json.loads(line) for line in path.read_text().splitlines()]
-    return [{key: value for key, value in record.items() if key not in left_out} for record in records]
+    return [
+        {key: value for key, value in record.items() if key not in left_out} for record in records
+    ]
 
 
 def digests_of_pictures(golden, root):
@@ -57,7 +65,19 @@ def test_clean(golden, dataset, capsys):
 
 def test_split_and_render(golden, dataset, tmp_path, capsys):
     slamgym("dataset", "split", dataset, "--test", 0.4, "--seed", 1)
-    slamgym("dataset", "render", dataset, "-o", tmp_path, "--min-coverage", 0, "--workers", 1, "--size", 128)
+    slamgym(
+        "dataset",
+        "render",
+        dataset,
+        "-o",
+        tmp_path,
+        "--min-coverage",
+        0,
+        "--workers",
+        1,
+        "--size",
+        128,
+    )
     golden.check("commands/render/pictures", digests_of_pictures(golden, tmp_path))
     golden.check("commands/render/manifest", lines_of(tmp_path / "manifest.jsonl", "sha256"))
 
@@ -71,7 +91,9 @@ def test_slam(golden, dataset, tmp_path, capsys):
     out = tmp_path / "map"
     slamgym("slam", episode, "-o", out, "--particles", 5, "--seed", 2)
     (grid,) = (read_ros_map(path) for path in sorted(out.glob("*.yaml")))
-    measured = {path.name: golden.of_path(read_tum(path).poses) for path in sorted(out.glob("*.tum"))}
+    measured = {
+        path.name: golden.of_path(read_tum(path).poses) for path in sorted(out.glob("*.tum"))
+    }
     golden.check("commands/slam", {"map": golden.of_cells(grid.cells), **measured})
 
 
@@ -94,7 +116,9 @@ def test_deform(golden, tmp_path, capsys):
     )
     (episode,) = (out / "episodes").iterdir()
     measured = golden.of_cells(read_ros_map(episode / "map.yaml").cells)
-    paths = {path.name: golden.of_path(read_tum(path).poses) for path in sorted(episode.glob("*.tum"))}
+    paths = {
+        path.name: golden.of_path(read_tum(path).poses) for path in sorted(episode.glob("*.tum"))
+    }
     golden.check("commands/deform/roadmap", {"map": measured, **paths})
 
 
@@ -104,4 +128,6 @@ def test_plans(golden, source):
     for plan_id in plans.ids[:4]:
         plan = plans.load(plan_id)
         figures = {"area": round(plan.area, 4), "rooms": len(plan.rooms)}
-        golden.check(f"plans/{plan_id}", {**figures, "raster": golden.of_cells(plan.raster(0.05).cells)})
+        golden.check(
+            f"plans/{plan_id}", {**figures, "raster": golden.of_cells(plan.raster(0.05).cells)}
+        )

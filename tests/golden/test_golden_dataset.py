@@ -61,7 +61,11 @@ def test_episode_files(dataset, golden):
         digests = {}
         for path in sorted(Layout(dataset).episode(record.name).iterdir()):
             if path.name not in ("SHA256SUMS", "episode.json"):
-                content = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
+                content = (
+                    gzip.decompress(path.read_bytes())
+                    if path.suffix == ".gz"
+                    else path.read_bytes()
+                )
                 digests[path.name] = golden.digest(content)
         golden.check(f"dataset/files/{record.name}", digests)
 

@@ -6,11 +6,7 @@ import pytest
 from slamgym.cad import open_plans
 from slamgym.envs import ExploreEnv, ExploreFrontiersEnv
 
-HARD = {
-    "odometry": "high",
-    "lidar": "lds01",
-    "clutter": {"furniture": 0.5, "people": 2},
-}
+HARD = {"odometry": "high", "lidar": "lds01", "clutter": {"furniture": 0.5, "people": 2}}
 REWARDS = {"coverage_gain": 10.0, "map_error": 1.0, "shaping": 2.0}
 SETTINGS = {
     "defaults": {},

@@ -46,5 +46,7 @@ def test_map_along_path(golden, plan, mode):
 
 def test_elastic_bending(golden, plan):
     cad = plan.raster(0.1).cells
-    golden.check("elastic/slam", golden.of_cells(bend_with_field(cad, 0.1, np.random.default_rng(4))[0]))
+    golden.check(
+        "elastic/slam", golden.of_cells(bend_with_field(cad, 0.1, np.random.default_rng(4))[0])
+    )
     golden.check("elastic/cad", golden.of_cells(drifted(cad, 0.1, np.random.default_rng(4))))

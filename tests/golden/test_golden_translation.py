@@ -32,7 +32,9 @@ def slam_map():
     slam[faces & ((7 * rows + 11 * cols) % 13 > 1)] = OCCUPIED
     slam[70:, 92:] = UNKNOWN
     turn = cv2.getRotationMatrix2D((55.5, 47.5), 3.0, 1.0)
-    return cv2.warpAffine(slam, turn, slam.shape[::-1], flags=cv2.INTER_NEAREST, borderValue=UNKNOWN)
+    return cv2.warpAffine(
+        slam, turn, slam.shape[::-1], flags=cv2.INTER_NEAREST, borderValue=UNKNOWN
+    )
 
 
 def test_the_maps_themselves(golden):

@@ -41,14 +41,18 @@ class Robot:
     def write(self, path):
         rosbags = import_rosbags()
         with rosbags.rosbag2.Writer(path, version=8) as writer:
-            bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), 0.0)
+            bag = _Bag(
+                writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), 0.0
+            )
             bag.write_transform(
                 "/tf_static", STAMPS[0], (self.base_frame, self.laser_frame), Pose2D(0.1, 0, 0)
             )
             for k, stamp in enumerate(STAMPS):
                 for topic in self.odometry:
                     x, y, theta = POSES[k]
-                    turn = {"z": math.sin(theta / 2), "w": math.cos(theta / 2)} if self.turned else {}
+                    turn = (
+                        {"z": math.sin(theta / 2), "w": math.cos(theta / 2)} if self.turned else {}
+                    )
                     pose = {
                         "pose": {"position": {"x": x, "y": y}, "orientation": turn},
                         "covariance": np.zeros(36),
@@ -56,7 +60,12 @@ class Robot:
                     header = bag.header(stamp + self.late, "odom")
                     twist = {"covariance": np.zeros(36)}
                     bag.write(
-                        topic, stamp, header=header, child_frame_id=self.base_frame, pose=pose, twist=twist
+                        topic,
+                        stamp,
+                        header=header,
+                        child_frame_id=self.base_frame,
+                        pose=pose,
+                        twist=twist,
                     )
                 for frames, poses in self.transforms:
                     bag.write_transform("/tf", stamp, frames, poses[k])
@@ -95,7 +104,11 @@ def test_a_good_bag_has_no_finding(read):
 
 @pytest.mark.parametrize("frame", ["odom_combined", "robot1/odom", "odometry"])
 def test_the_only_frame_that_the_laser_moves_in_is_found(read, frame):
-    turning = ((("base", "gripper"), POSES[::-1]), ((frame, "base"), POSES), (("map", frame), POSES))
+    turning = (
+        (("base", "gripper"), POSES[::-1]),
+        ((frame, "base"), POSES),
+        (("map", frame), POSES),
+    )
     log = read(Robot(transforms=turning))
     assert kinds(log) == []
     assert log.records[20].odometry == pytest.approx(POSES[20])
@@ -150,7 +163,9 @@ def test_tf_helps_where_the_odometry_has_no_rotations(read):
     log = read(Robot(odometry=("/odom",), turned=False, transforms=TRANSFORMS))
     assert kinds(log) == []
     assert log.records[20].odometry == pytest.approx(POSES[20])
-    assert log.warnings.counts["pose on /odom with a quaternion of zeros, which is no rotation"] == 30
+    assert (
+        log.warnings.counts["pose on /odom with a quaternion of zeros, which is no rotation"] == 30
+    )
 
 
 def test_clocks_that_differ_are_said(read, tmp_path):

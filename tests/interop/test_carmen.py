@@ -57,7 +57,9 @@ class TestRoundTrip:
     @given(
         st.lists(
             st.floats(width=32, min_value=0.0, max_value=4.0)
-            | st.sampled_from([0.0005, 0.0625, 1.0625, 3.4995, 3.4999, 3.5, np.inf, -np.inf, np.nan]),
+            | st.sampled_from(
+                [0.0005, 0.0625, 1.0625, 3.4995, 3.4999, 3.5, np.inf, -np.inf, np.nan]
+            ),
             min_size=2,
             max_size=20,
         )
@@ -67,7 +69,9 @@ class TestRoundTrip:
         geometry = LaserGeometry(len(values), -0.5, 0.1, 0.12, 3.5)
         path = tmp_path_factory.getbasetemp() / "rounded.log"
         scan = LaserScan(1.0, ranges, geometry)
-        write_carmen(path, [LogRecord(1.0, Pose2D(0.0, 0.0, 0.0), scan)], geometry, message="FLASER")
+        write_carmen(
+            path, [LogRecord(1.0, Pose2D(0.0, 0.0, 0.0), scan)], geometry, message="FLASER"
+        )
         written = path.read_text().splitlines()[-1].split()[2 : 2 + len(values)]
         expected = [
             0.0 if not value > 0.0 else 3.5 if value >= 3.5 else min(value, 3.499)
@@ -111,7 +115,12 @@ class TestFaults:
     def test_truncated_broken_and_unknown_lines_are_counted_with_their_place(self, tmp_path):
         good = flaser(stamp=2.0)
         log = read_lines(
-            tmp_path, good, good[: len(good) // 2], flaser([1, "x", 2]), "WHAT 1 2 3", flaser(stamp=3)
+            tmp_path,
+            good,
+            good[: len(good) // 2],
+            flaser([1, "x", 2]),
+            "WHAT 1 2 3",
+            flaser(stamp=3),
         )
         assert len(log) == 2
         text = "\n".join(log.warnings.sentences())
@@ -133,12 +142,20 @@ class TestFaults:
 
     @pytest.mark.parametrize("number", ["1e39", "1e308", "nan", "-inf"])
     @pytest.mark.parametrize("kind", ["ROBOTLASER1", "FLASER"])
-    def test_impossible_numbers_about_the_laser_are_not_used(self, tmp_path, records, geometry, kind, number):
+    def test_impossible_numbers_about_the_laser_are_not_used(
+        self, tmp_path, records, geometry, kind, number
+    ):
         path = tmp_path / "a.log"
         write_carmen(path, records, geometry, message=kind)
-        text = path.read_text().replace(" 3.5 0", f" {number} 0").replace("from 3.5 m", f"from {number} m")
+        text = (
+            path.read_text()
+            .replace(" 3.5 0", f" {number} 0")
+            .replace("from 3.5 m", f"from {number} m")
+        )
         path.write_text(
-            text.replace("offset -0.064", f"offset {number}").replace(" 3.5 0.01", f" {number} 0.01")
+            text.replace("offset -0.064", f"offset {number}").replace(
+                " 3.5 0.01", f" {number} 0.01"
+            )
         )
         log = read_carmen(path)
         assert len(log) == len(records)
@@ -154,10 +171,14 @@ class TestFaults:
     def test_jumps_of_the_odometry_are_left_out_by_speed(self, tmp_path):
         driven = [0.0, 0.1, 5000.0, 5000.1, 0.3, 60.3]
         stamps = [1.0, 2.0, 3.0, 4.0, 5.0, 65.0]
-        lines = [flaser(pose=(x, 0.0, 0.0), stamp=stamp) for x, stamp in zip(driven, stamps, strict=True)]
+        lines = [
+            flaser(pose=(x, 0.0, 0.0), stamp=stamp) for x, stamp in zip(driven, stamps, strict=True)
+        ]
         log = read_lines(tmp_path, *lines)
         # 60 m in a minute are driven, 5 km in a second are not.
-        assert [record.odometry.x for record in log] == pytest.approx([0.0, 0.1, 0.1, 0.2, 0.2, 60.2])
+        assert [record.odometry.x for record in log] == pytest.approx(
+            [0.0, 0.1, 0.1, 0.2, 0.2, 60.2]
+        )
         assert [finding.kind for finding in log.findings] == ["jump"]
         assert "in 2 places; by 4999.9 m" in log.findings[0].sentence
 
@@ -193,18 +214,28 @@ class TestFaults:
 
 LINES = st.one_of(
     st.sampled_from(
-        [flaser(), flaser(stamp=0.5), "ODOM 1 2 3 0 0 0 1 h 1", "FLASER", "ROBOTLASER1", "FLASER 1e9"]
+        [
+            flaser(),
+            flaser(stamp=0.5),
+            "ODOM 1 2 3 0 0 0 1 h 1",
+            "FLASER",
+            "ROBOTLASER1",
+            "FLASER 1e9",
+        ]
     ),
     st.text(max_size=40),
     st.lists(
-        st.sampled_from(["FLASER", "ROBOTLASER1", "3", "-1", "nan", "1e999", "1e39", "x", "0.5"]), max_size=25
+        st.sampled_from(["FLASER", "ROBOTLASER1", "3", "-1", "nan", "1e999", "1e39", "x", "0.5"]),
+        max_size=25,
     ).map(" ".join),
 )
 
 
 @settings(max_examples=150)
 @given(st.lists(LINES, max_size=8), st.binary(max_size=60), st.booleans())
-def test_no_content_raises_anything_but_the_projects_error(tmp_path_factory, lines, junk, compressed):
+def test_no_content_raises_anything_but_the_projects_error(
+    tmp_path_factory, lines, junk, compressed
+):
     content = "\n".join(lines).encode("utf-8", "surrogatepass") + junk
     path = tmp_path_factory.mktemp("log") / "a.log"
     path.write_bytes(gzip.compress(content) if compressed else content)

@@ -32,12 +32,19 @@ def valetudo(version=2, **changes):
         "Kitchen": [(x, y) for y in rows for x in range(205, 225)],
         "7": [(x, y) for y in rows for x in range(225, 245)],
         "wall": [
-            (x, y) for y in range(104, 126) for x in range(204, 246) if y in (104, 125) or x in (204, 245)
+            (x, y)
+            for y in range(104, 126)
+            for x in range(204, 246)
+            if y in (104, 125) or x in (204, 245)
         ],
     }
     layers = []
     for name, pixels in cells.items():
-        about = {"area": 1, "segmentId": "7"} if name != "Kitchen" else {"segmentId": "6", "name": "Kitchen"}
+        about = (
+            {"area": 1, "segmentId": "7"}
+            if name != "Kitchen"
+            else {"segmentId": "6", "name": "Kitchen"}
+        )
         flat = [n for pixel in pixels for n in pixel]
         runs = [n for x, y in pixels for n in (x, y, 1)]
         layers.append(
@@ -96,11 +103,15 @@ def test_probabilities_and_raw_values(tmp_path):
     image[10:20, 10:30] = np.random.default_rng(0).integers(200, 254, (10, 20))
     image[4, 4:46] = 30
     cv2.imwrite(str(tmp_path / "p.pgm"), image)
-    (tmp_path / "p.yaml").write_text("mode: scale\n" + YAML.format(image="p.pgm", resolution=0.05, negate=0))
+    (tmp_path / "p.yaml").write_text(
+        "mode: scale\n" + YAML.format(image="p.pgm", resolution=0.05, negate=0)
+    )
     check_room(read_map(tmp_path / "p.yaml").grid)
     raw = np.select([picture() == 0, picture() == 254], [100, 0], 255).astype(np.uint8)
     cv2.imwrite(str(tmp_path / "r.pgm"), raw)
-    (tmp_path / "r.yaml").write_text("mode: raw\n" + YAML.format(image="r.pgm", resolution=0.05, negate=0))
+    (tmp_path / "r.yaml").write_text(
+        "mode: raw\n" + YAML.format(image="r.pgm", resolution=0.05, negate=0)
+    )
     check_room(read_map(tmp_path / "r.yaml").grid)
 
 
@@ -136,7 +147,12 @@ def test_runs_of_valetudo_are_expanded(tmp_path):
 def test_valetudo_in_a_png(tmp_path):
     png = cv2.imencode(".png", picture())[1].tobytes()
     data = b"ValetudoMap\0\0" + zlib.compress(json.dumps(valetudo()).encode())
-    chunk = struct.pack(">I", len(data)) + b"zTXt" + data + struct.pack(">I", zlib.crc32(b"zTXt" + data))
+    chunk = (
+        struct.pack(">I", len(data))
+        + b"zTXt"
+        + data
+        + struct.pack(">I", zlib.crc32(b"zTXt" + data))
+    )
     path = tmp_path / "card.png"
     path.write_bytes(png[:33] + chunk + png[33:])
     found = read_map(path)
@@ -204,7 +220,10 @@ def test_a_resolution_that_is_none_is_refused(tmp_path, resolution):
         ({"layers": []}, "no pixels"),
         ({"layers": [{"type": "floor", "compressedPixels": [0, 0]}]}, "groups of 3"),
         ({"layers": [{"type": "floor", "compressedPixels": [0, 0, -1]}]}, "negative length"),
-        ({"layers": [{"type": "floor", "compressedPixels": [0, 0, 1, 900000, 900000, 1]}]}, "MAX_PIXELS"),
+        (
+            {"layers": [{"type": "floor", "compressedPixels": [0, 0, 1, 900000, 900000, 1]}]},
+            "MAX_PIXELS",
+        ),
         ({"layers": [{"type": "floor", "compressedPixels": [0, 0, 900000] * 200}]}, "MAX_PIXELS"),
         ({"size": [1]}, "none"),
         ({"size": {"y": "x"}}, "size"),

@@ -145,12 +145,15 @@ REFUSED = {
     "text": b"hello",
     "P5 cut": P5[:-1],
     "P2 cut": netpbm("P2", ROOM)[:-10],
-    "P5 with a comment before the pixels": netpbm("P5", ROOM, head="{kind}\n{w} {h}\n{white}\n# late\n"),
+    "P5 with a comment before the pixels": netpbm(
+        "P5", ROOM, head="{kind}\n{w} {h}\n{white}\n# late\n"
+    ),
     "P5 of maxval 0": netpbm("P5", ROOM, 0),
     "P5 of maxval 70000": netpbm("P5", ROOM, 70000),
     "P5 without a size": b"P5\n255\n",
     "P2 above its maxval": netpbm("P2", ROOM, 100),
-    "PAM": b"P7\nWIDTH 30\nHEIGHT 20\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\n" + ROOM.tobytes(),
+    "PAM": b"P7\nWIDTH 30\nHEIGHT 20\nDEPTH 1\nMAXVAL 255\nTUPLTYPE GRAYSCALE\nENDHDR\n"
+    + ROOM.tobytes(),
     "PFM": b"Pf\n30 20\n-1.0\n" + (ROOM / 255).astype("<f4").tobytes(),
     "PNG cut": saved()[:70],
     "JPEG cut": saved(kind="JPEG")[:400],
@@ -246,7 +249,9 @@ def test_pictures_of_two_colours_are_read(read, name):
 
 @pytest.mark.parametrize("name", REFUSED)
 def test_pictures_are_refused(read, name, capfd):
-    with pytest.raises(InputFileError, match=r"a\.pgm: (is not a picture|holds several|has numbers of 32)"):
+    with pytest.raises(
+        InputFileError, match=r"a\.pgm: (is not a picture|holds several|has numbers of 32)"
+    ):
         read(REFUSED[name])
     assert capfd.readouterr().err == ""  # of libraries in C, too
 

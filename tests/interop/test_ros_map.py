@@ -9,9 +9,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.interop import read_ros_map, write_ros_map
 from slamgym.interop.ros_map import classify_greys
 
-YAML = (
-    "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"
-)
+YAML = "image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: {}\n"
 
 
 def write_image(folder, pixels, free_thresh=0.196):
@@ -24,7 +22,9 @@ def write_image(folder, pixels, free_thresh=0.196):
 @settings(max_examples=30)
 @given(
     arrays(
-        np.uint8, st.tuples(st.integers(1, 9), st.integers(1, 9)), elements=st.sampled_from([0, 205, 254])
+        np.uint8,
+        st.tuples(st.integers(1, 9), st.integers(1, 9)),
+        elements=st.sampled_from([0, 205, 254]),
     ),
     st.floats(0.001, 1.0),
     st.floats(-1e3, 1e3),
@@ -40,7 +40,9 @@ def test_what_is_written_is_read_back(tmp_path_factory, cells, resolution, origi
 def test_the_yaml_is_free_of_the_noise_of_floats(tmp_path):
     write_ros_map(
         tmp_path,
-        OccupancyGrid(np.zeros((2, 2), np.uint8), GridFrame(0.05, -20.700000000000003, 0.1 + 0.2, 2, 2)),
+        OccupancyGrid(
+            np.zeros((2, 2), np.uint8), GridFrame(0.05, -20.700000000000003, 0.1 + 0.2, 2, 2)
+        ),
     )
     assert "origin: [-20.7, 0.3, 0.0]\n" in (tmp_path / "map.yaml").read_text()
 
@@ -53,7 +55,9 @@ def test_a_stem_names_both_files(tmp_path):
 
 @pytest.mark.parametrize("unknown", [205, 204, 127, 128, 220, 100])
 @pytest.mark.parametrize("free_thresh", [0.196, 0.25])
-def test_unknown_is_found_by_its_grey_value_whatever_the_thresholds_say(tmp_path, unknown, free_thresh):
+def test_unknown_is_found_by_its_grey_value_whatever_the_thresholds_say(
+    tmp_path, unknown, free_thresh
+):
     pixels = np.full((20, 20), unknown)
     pixels[5:15, 5:15] = 254
     pixels[5, 5:15] = 0
@@ -64,7 +68,10 @@ def test_unknown_is_found_by_its_grey_value_whatever_the_thresholds_say(tmp_path
 
 
 def test_a_black_and_white_image_has_nothing_unknown():
-    assert set(np.unique(classify_greys(np.array([[0, 255], [254, 10]], np.uint8)))) == {OCCUPIED, FREE}
+    assert set(np.unique(classify_greys(np.array([[0, 255], [254, 10]], np.uint8)))) == {
+        OCCUPIED,
+        FREE,
+    }
 
 
 BROKEN_YAMLS = {

@@ -64,12 +64,17 @@ def messages_of(bag):
     from rosbags.highlevel import AnyReader
 
     with AnyReader([bag]) as reader:
-        return [(c.topic, t * 1e-9, reader.deserialize(raw, c.msgtype)) for c, t, raw in reader.messages()]
+        return [
+            (c.topic, t * 1e-9, reader.deserialize(raw, c.msgtype))
+            for c, t, raw in reader.messages()
+        ]
 
 
 def test_a_bag_has_speeds_truth_clock_and_a_whole_tree_of_frames(tmp_path, records, geometry):
     stamps = np.array([record.stamp for record in records])
-    circle = np.column_stack([np.sin(stamps - 100), 1 - np.cos(stamps - 100), stamps - 100])  # 1 m/s, 1 rad/s
+    circle = np.column_stack(
+        [np.sin(stamps - 100), 1 - np.cos(stamps - 100), stamps - 100]
+    )  # 1 m/s, 1 rad/s
     driven = [r._replace(odometry=Pose2D(*pose)) for r, pose in zip(records, circle, strict=True)]
     shifted = Trajectory(stamps[[0, -1]], circle[[0, -1]])
     tracks = BagTracks(Trajectory(stamps, circle + np.array([5.0, 0.0, 0.0])), shifted)
@@ -87,7 +92,10 @@ def test_a_bag_has_speeds_truth_clock_and_a_whole_tree_of_frames(tmp_path, recor
     clock = [message.clock for topic, _, message in found if topic == "/clock"]
     assert (clock[1].sec, clock[1].nanosec) == (1_700_000_000, 200_000_000)
     frames = {
-        (t.header.frame_id, t.child_frame_id) for topic, _, m in found if "tf" in topic for t in m.transforms
+        (t.header.frame_id, t.child_frame_id)
+        for topic, _, m in found
+        if "tf" in topic
+        for t in m.transforms
     }
     assert frames == {("map", "odom"), ("odom", "base_footprint"), ("base_footprint", "base_scan")}
     scan = next(message for topic, _, message in found if topic == "/scan")
@@ -97,7 +105,9 @@ def test_a_bag_has_speeds_truth_clock_and_a_whole_tree_of_frames(tmp_path, recor
 def test_map_and_odom_together_give_the_estimate(tmp_path, records, geometry):
     stamps = np.array([record.stamp for record in records])
     estimate = np.column_stack([stamps - 99, 0.1 * stamps, 0.01 * (stamps - 100)])
-    write_rosbag2(tmp_path / "bag", records, geometry, tracks=BagTracks(None, Trajectory(stamps, estimate)))
+    write_rosbag2(
+        tmp_path / "bag", records, geometry, tracks=BagTracks(None, Trajectory(stamps, estimate))
+    )
     trees = [m.transforms[0] for topic, _, m in messages_of(tmp_path / "bag") if topic == "/tf"]
     at = [
         Pose2D(t.transform.translation.x, t.transform.translation.y, 2 * np.arctan2(q.z, q.w))
@@ -119,7 +129,10 @@ def test_an_episode_is_dated_and_localised_on_demand(tmp_path, records, geometry
         export_log([str(bag), "--format", "rosbag2", "--localised", "-o", str(tmp_path / "out")])
     write_tum(bag / "truth.tum", track)
     write_tum(bag / "estimate.tum", track)
-    assert export_log([str(bag), "--format", "rosbag2", "--localised", "-o", str(tmp_path / "out")]) == 0
+    assert (
+        export_log([str(bag), "--format", "rosbag2", "--localised", "-o", str(tmp_path / "out")])
+        == 0
+    )
     found = messages_of(tmp_path / "out")
     assert found[0][1] == 1.7e9
     assert {"/ground_truth", "/tf", "/odom"} <= {topic for topic, _, _ in found}
@@ -154,15 +167,25 @@ def write_rosbag1(path, records, geometry):
         tf = writer.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=store)
 
         def write(connection, stamp, message):
-            writer.write(connection, round(stamp * 1e9), store.serialize_ros1(message, connection.msgtype))
+            writer.write(
+                connection, round(stamp * 1e9), store.serialize_ros1(message, connection.msgtype)
+            )
 
         first = records[0].stamp
-        write(tf, first, transform(first, "/base_link", "/laser", (0.1, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0)))
+        write(
+            tf,
+            first,
+            transform(first, "/base_link", "/laser", (0.1, 0.0, 0.3), (1.0, 0.0, 0.0, 0.0)),
+        )
         for record in records:
             pose = record.odometry
             half = 0.5 * pose.theta
             turned = (0.0, 0.0, np.sin(half), np.cos(half))
-            write(tf, record.stamp, transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned))
+            write(
+                tf,
+                record.stamp,
+                transform(record.stamp, "/odom", "/base_link", (*pose[:2], 0.0), turned),
+            )
             message = types["sensor_msgs/msg/LaserScan"](
                 header(record.stamp, "/laser"), geometry.angle_min, -geometry.angle_min,
                 geometry.angle_increment, 0.0, 0.0, geometry.range_min, geometry.range_max,
@@ -175,7 +198,9 @@ def test_rosbag1_with_tf_alone_and_a_laser_upside_down(tmp_path, records, geomet
     write_rosbag1(tmp_path / "a.bag", records, geometry)
     log = open_log(tmp_path / "a.bag")
     assert log.geometry.mount == pytest.approx((0.1, 0.0, 0.0), abs=1e-9)
-    assert [record.odometry for record in log] == [pytest.approx(r.odometry, abs=1e-6) for r in records]
+    assert [record.odometry for record in log] == [
+        pytest.approx(r.odometry, abs=1e-6) for r in records
+    ]
     # Upside down, the beams run the other way round.
     assert log.records[0].scan.ranges[-1] == records[0].scan.ranges[0]
 
@@ -217,9 +242,13 @@ class TestErrors:
             ({"range_min": -1e30}, "impossible range limits"),
         ],
     )
-    def test_scans_with_impossible_numbers_are_counted(self, tmp_path, records, geometry, broken, fault):
+    def test_scans_with_impossible_numbers_are_counted(
+        self, tmp_path, records, geometry, broken, fault
+    ):
         write_rosbag2(tmp_path / "bag", records, geometry._replace(**broken))
-        with pytest.raises(InputFileError, match=f"no usable scan: 10 x scan left out because of {fault}"):
+        with pytest.raises(
+            InputFileError, match=f"no usable scan: 10 x scan left out because of {fault}"
+        ):
             open_log(tmp_path / "bag")
 
     @pytest.mark.parametrize("x", [np.nan, np.inf, 1e7, -1e300])
@@ -233,7 +262,11 @@ class TestErrors:
         assert log.records[4].odometry.x == pytest.approx(0.5 * (before.x + after.x))
 
     @settings(max_examples=15)
-    @given(st.sampled_from(["sqlite3", "mcap"]), st.floats(0.0, 1.0), st.binary(min_size=1, max_size=40))
+    @given(
+        st.sampled_from(["sqlite3", "mcap"]),
+        st.floats(0.0, 1.0),
+        st.binary(min_size=1, max_size=40),
+    )
     @example("mcap", 0.536, b"\x00\x00\x00\x00\x01")
     @example("mcap", 0.4, struct.pack("<4f", 1e-30, 1e-30, 1e-30, 1e-30))
     def test_a_damaged_bag_is_an_error_or_a_counted_warning(
@@ -288,7 +321,9 @@ class TestExportCommand:
         write_ros_map(episode, GRID)
         assert export_log([str(episode), "-o", str(tmp_path / "a.log.gz")]) == 0
         assert export_log([str(episode), "-o", str(tmp_path / "bag"), "--format", "rosbag2"]) == 0
-        assert len(open_log(tmp_path / "a.log.gz")) == len(open_log(tmp_path / "bag")) == len(records)
+        assert (
+            len(open_log(tmp_path / "a.log.gz")) == len(open_log(tmp_path / "bag")) == len(records)
+        )
         assert "10 scans" in capsys.readouterr().out
         with pytest.raises(InputFileError, match="exists already"):
             export_log([str(episode), "-o", str(tmp_path / "a.log.gz")])

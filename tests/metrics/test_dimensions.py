@@ -20,7 +20,9 @@ def share(*boxes, walls=(), cell=CELL, size=(6.2, 9.2)):
         sides = []
         for low, high, length in ((box[1], box[3], size[0]), (box[0], box[2], size[1])):
             at = np.arange(round(length / cell)) * cell
-            sides.append(np.clip(np.minimum(at + cell, high) - np.maximum(at, low), 0.0, None) / cell)
+            sides.append(
+                np.clip(np.minimum(at + cell, high) - np.maximum(at, low), 0.0, None) / cell
+            )
         return np.outer(*sides)
 
     floor = np.clip(sum(covered(box) for box in boxes), 0.0, 1.0)
@@ -79,7 +81,9 @@ class TestLengths:
     def test_a_wall_within_one_cell_has_the_thickness_of_its_share(self):
         line = np.array([0, 1, 1, 0.4, 1, 1, 0], np.float32)
         assert wall_runs(line)[0].length == pytest.approx(0.6)
-        assert [run.length for run in floor_runs(np.array([0, 0.25, 1, 1, 0.5, 0], np.float32))] == [2.75]
+        assert [
+            run.length for run in floor_runs(np.array([0, 0.25, 1, 1, 0.5, 0], np.float32))
+        ] == [2.75]
 
 
 class TestOpenings:

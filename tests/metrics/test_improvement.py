@@ -13,7 +13,10 @@ def test_wilson_interval_of_the_papers_table() -> None:
     # 14 of 21 maps improved.
     interval = wilson_interval(14, 21)
     assert interval.value == pytest.approx(2 / 3)
-    assert (interval.low, interval.high) == (pytest.approx(0.454, abs=0.002), pytest.approx(0.828, abs=0.002))
+    assert (interval.low, interval.high) == (
+        pytest.approx(0.454, abs=0.002),
+        pytest.approx(0.828, abs=0.002),
+    )
 
 
 @given(st.integers(1, 500).flatmap(lambda n: st.tuples(st.integers(0, n), st.just(n))))
@@ -25,7 +28,10 @@ def test_wilson_interval_holds_the_share_and_stays_in_the_unit_interval(counts) 
 def test_wilson_interval_covers_the_true_share_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     drawn = rng.binomial(60, 0.9, 2000)
-    held = [interval.low <= 0.9 <= interval.high for interval in (wilson_interval(int(k), 60) for k in drawn)]
+    held = [
+        interval.low <= 0.9 <= interval.high
+        for interval in (wilson_interval(int(k), 60) for k in drawn)
+    ]
     assert np.mean(held) == pytest.approx(0.95, abs=0.03)
 
 
@@ -55,7 +61,9 @@ def test_a_clear_improvement_is_significant_and_equal_errors_are_not() -> None:
 def test_repeated_maps_of_a_plan_do_not_narrow_the_interval() -> None:
     values = np.random.default_rng(2).normal(1.0, 0.3, 30)
     once = mean_interval(values)
-    repeated = mean_interval(np.repeat(values, 10), groups=[str(i) for i in np.repeat(np.arange(30), 10)])
+    repeated = mean_interval(
+        np.repeat(values, 10), groups=[str(i) for i in np.repeat(np.arange(30), 10)]
+    )
     careless = mean_interval(np.repeat(values, 10))
     assert repeated.high - repeated.low == pytest.approx(once.high - once.low, rel=0.1)
     assert careless.high - careless.low < 0.5 * (once.high - once.low)

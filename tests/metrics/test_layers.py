@@ -11,7 +11,13 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.gan.data import PairSet
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
-from slamgym.metrics.layers import EXPLORED_MARGIN, WALL_DEPTH, door_cells, explored_floor, layer_shares
+from slamgym.metrics.layers import (
+    EXPLORED_MARGIN,
+    WALL_DEPTH,
+    door_cells,
+    explored_floor,
+    layer_shares,
+)
 
 SCALE = 0.1
 NO_DOOR = np.zeros((1, 1), np.bool_)

@@ -25,7 +25,9 @@ def grid_with(points: list[tuple[float, float]]) -> OccupancyGrid:
     [((2.0, 0.5), 0.5), ((2.0, 1.2), 1.2), ((0.8, 1.5), 0.8), ((4.6, 3.8), 1.0), ((2.0, 3.0), 0.0)],
 )
 def test_distance_is_that_to_the_nearest_wall(point, distance):
-    error = ObstacleDistance(SQUARE.segments()).mean_error(grid_with([point]), Pose2D(0.0, 0.0, 0.0))
+    error = ObstacleDistance(SQUARE.segments()).mean_error(
+        grid_with([point]), Pose2D(0.0, 0.0, 0.0)
+    )
     # Half a diagonal of the map's cell, plus the rounding of the field's.
     assert error == pytest.approx(distance, abs=0.0354 + 0.025)
 

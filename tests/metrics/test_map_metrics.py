@@ -91,7 +91,11 @@ def test_the_search_kernel_agrees_with_drawing_the_moved_image(shape, dx, dy, an
 
 def test_a_map_is_aligned_with_itself():
     result = aligned_error(flat(), flat())
-    assert (result.mse, result.unaligned, result.similarity) == (0.0, 0.0, Similarity(0.0, 0.0, 0.0, 0.0))
+    assert (result.mse, result.unaligned, result.similarity) == (
+        0.0,
+        0.0,
+        Similarity(0.0, 0.0, 0.0, 0.0),
+    )
 
 
 def test_alignment_finds_the_rotation_and_scale():

@@ -68,7 +68,12 @@ def test_a_plain_room_has_closed_straight_walls_and_nothing_else():
     assert set(LOOK_NAMES) <= set(found)
     assert found["free_area_m2"] == pytest.approx(25.0)
     assert found["long_side_m"] == pytest.approx(5.2)
-    for name in ("open_border", "free_fragments_per_100m2", "rays_per_100m2", "dots_in_unknown_per_100m2"):
+    for name in (
+        "open_border",
+        "free_fragments_per_100m2",
+        "rays_per_100m2",
+        "dots_in_unknown_per_100m2",
+    ):
         assert found[name] == 0.0
     assert found["specks_in_free_share"] == 0.0
     assert found["wall_coherence"] > 0.9

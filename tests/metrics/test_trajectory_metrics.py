@@ -33,7 +33,9 @@ def test_ate_ignores_a_rigid_motion_and_unaligned_ate_sees_it(motion):
     assert aligned.translation.rmse < 1e-9
     assert aligned.rotation.rmse < 1e-9
     plain = absolute_trajectory_error(moved, truth, align=False).translation.rmse
-    assert plain == pytest.approx(np.sqrt(np.mean(np.sum((moved.poses - truth.poses)[:, :2] ** 2, axis=1))))
+    assert plain == pytest.approx(
+        np.sqrt(np.mean(np.sum((moved.poses - truth.poses)[:, :2] ** 2, axis=1)))
+    )
 
 
 @given(moves, st.integers(0, 99))
@@ -43,7 +45,9 @@ def test_alignment_is_the_least_squares_motion(motion, seed):
     target = transform_poses(motion, np.column_stack([points, np.zeros(30)]))[:, :2] + noise
 
     def cost(pose):
-        return np.sum((transform_poses(pose, np.column_stack([points, np.zeros(30)]))[:, :2] - target) ** 2)
+        return np.sum(
+            (transform_poses(pose, np.column_stack([points, np.zeros(30)]))[:, :2] - target) ** 2
+        )
 
     best = align_se2(points, target)
     for shift in np.eye(3) * 1e-3:
@@ -92,13 +96,15 @@ class TestRelations:
         assert error.translation.mean == pytest.approx(0.0)
 
     def test_revisits_are_relations_over_a_long_time(self):
-        path = Trajectory(np.arange(40.0), np.column_stack([np.arange(40.0), np.zeros(40), np.zeros(40)]))
+        path = Trajectory(
+            np.arange(40.0), np.column_stack([np.arange(40.0), np.zeros(40), np.zeros(40)])
+        )
         starts, ends = np.array([0.0, 0.0]), np.array([1.0, 30.0])
         relative = np.array([[1.0, 0, 0], [30.5, 0, 0]])
         assert relation_error(path, starts, ends, relative).translation.mean == pytest.approx(0.25)
-        assert relation_error(path, starts, ends, relative, revisits=True).translation.mean == pytest.approx(
-            0.5
-        )
+        assert relation_error(
+            path, starts, ends, relative, revisits=True
+        ).translation.mean == pytest.approx(0.5)
 
     def test_relations_of_another_log_are_refused(self):
         with pytest.raises(ValueError, match="same log"):

@@ -29,7 +29,9 @@ def test_distinguishing_is_balanced_and_held_out_by_building():
     found = distinguish(of_second, buildings, learner, folds=5)
     assert seen == [2, 2, 2, 2]  # as many folds as the smaller set has buildings
     assert found.value > 0.95
-    always_first = distinguish(of_second, buildings, lambda train, *_: np.zeros((~train).sum()), folds=4)
+    always_first = distinguish(
+        of_second, buildings, lambda train, *_: np.zeros((~train).sum()), folds=4
+    )
     assert always_first.value == 0.5
     assert half_against_half(buildings, tree_learner(sample(0.0, 32, 2), 20), 4, 6).low < 0.5
 

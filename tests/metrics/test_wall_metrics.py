@@ -42,13 +42,17 @@ class TestWallScore:
 
     def test_a_tolerance_below_a_pixel_is_one_pixel(self):
         box = flat(wall=False)
-        assert boundary_score(np.roll(box, 1, axis=0), box, METRES_PER_PX, tolerance=0.001).f1 == 1.0
+        assert (
+            boundary_score(np.roll(box, 1, axis=0), box, METRES_PER_PX, tolerance=0.001).f1 == 1.0
+        )
 
     def test_an_erased_inner_wall_costs_recall_but_hardly_any_area(self):
         score = boundary_score(flat(wall=False), flat(), METRES_PER_PX)
         inner = 2 * (60 - 18) / free_boundary(flat()).sum()
         assert score.precision == 1.0
-        assert score.recall == pytest.approx(1.0 - inner, abs=0.03)  # ends of the wall touch the outline
+        assert score.recall == pytest.approx(
+            1.0 - inner, abs=0.03
+        )  # ends of the wall touch the outline
         assert intersection_over_union(flat(wall=False), flat()) > 0.98
 
     def test_distances_of_a_shifted_wall(self):

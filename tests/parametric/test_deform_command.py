@@ -83,7 +83,10 @@ def test_what_it_writes_can_be_shown_and_rendered(plan_file, tmp_path) -> None:
     table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
     render_images(out, images, ImageConfig(), table, selection=select_pairs(out))
     assert len(list(images.glob("*/B/*.png"))) == 2
-    assert TABLE.run("slamgym", ["dataset", "show", str(out), "--out", str(tmp_path / "sheet.png")]) == 0
+    assert (
+        TABLE.run("slamgym", ["dataset", "show", str(out), "--out", str(tmp_path / "sheet.png")])
+        == 0
+    )
 
 
 @pytest.mark.parametrize("recipe", [["--method", "parametric"], ["--recipe", "real"]])
@@ -110,11 +113,23 @@ def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion
 def test_a_recorded_path(plan_file, tmp_path, tour) -> None:
     recorded = tmp_path / "recorded.tum"
     write_tum(recorded, tour)
-    main([str(plan_file), "-o", str(tmp_path / "a"), "--trajectory", str(recorded), "--resolution", "0.1"])
+    main(
+        [
+            str(plan_file),
+            "-o",
+            str(tmp_path / "a"),
+            "--trajectory",
+            str(recorded),
+            "--resolution",
+            "0.1",
+        ]
+    )
     assert len(read_tum(episodes(tmp_path / "a")[0] / "truth.tum")) > 20
 
 
-def test_several_plans_of_a_source_and_several_hypotheses_of_each(plan_file, tmp_path, capsys) -> None:
+def test_several_plans_of_a_source_and_several_hypotheses_of_each(
+    plan_file, tmp_path, capsys
+) -> None:
     """A plan without a free cell is passed over, and each hypothesis has its own name and map."""
     plans = tmp_path / "plans"
     plans.mkdir()
@@ -153,16 +168,23 @@ def test_a_dataset_is_drawn_anew_along_its_own_paths(explored, tmp_path) -> None
 def test_several_hypotheses_of_a_dataset_have_names_of_their_own(explored, tmp_path) -> None:
     out = tmp_path / "anew"
     main(
-        [str(explored), "-o", str(out), "--count", "2", "--method", "parametric", "--conversion", "two_phase"]
+        [
+            str(explored),
+            "-o",
+            str(out),
+            "--count",
+            "2",
+            "--method",
+            "parametric",
+            "--conversion",
+            "two_phase",
+        ]
     )
     assert len({record.name for record in read_manifest(out)}) == 4
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--plans", "2"], "--plans has no effect on a dataset"),
-    ],
+    ("arguments", "message"), [(["--plans", "2"], "--plans has no effect on a dataset")]
 )
 def test_options_that_a_dataset_answers_are_refused(explored, tmp_path, arguments, message) -> None:
     with pytest.raises(SlamgymError, match=message):
@@ -201,12 +223,24 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--method", "parametric", "--severity", "-1"], r"--severity must be in \[0, 10\], not -1"),
-        (["--method", "parametric", "--severity", "11"], r"--severity must be in \[0, 10\], not 11"),
-        (["--method", "parametric", "--severity", "nan"], r"--severity must be in \[0, 10\], not nan"),
+        (
+            ["--method", "parametric", "--severity", "-1"],
+            r"--severity must be in \[0, 10\], not -1",
+        ),
+        (
+            ["--method", "parametric", "--severity", "11"],
+            r"--severity must be in \[0, 10\], not 11",
+        ),
+        (
+            ["--method", "parametric", "--severity", "nan"],
+            r"--severity must be in \[0, 10\], not nan",
+        ),
         (["--count", "0"], "--count must be at least 1, not 0"),
         (["--severity", "2"], "--severity has no effect with --method generator"),
-        (["--method", "modelprog", "--weights", "slam2cad"], "translate SLAM maps to CAD maps, not"),
+        (
+            ["--method", "modelprog", "--weights", "slam2cad"],
+            "translate SLAM maps to CAD maps, not",
+        ),
         (["--method", "generator", "--weights", "modelprog"], "take --method modelprog"),
         (["--method", "generator", "--recipe", "papper"], "papper"),
         (["--method", "parametric", "--recipe", "paper"], "take --method generator"),

@@ -53,7 +53,8 @@ def test_two_steps_from_the_truth_reach_the_least_squares_estimate(flat, tour) -
 
     truth = np.concatenate([problem.true_poses[1:].ravel(), problem.points.ravel()])
     best = (
-        least_squares(residuals, truth, x_scale="jac", max_nfev=8).x[count:].reshape(-1, 2) - problem.points
+        least_squares(residuals, truth, x_scale="jac", max_nfev=8).x[count:].reshape(-1, 2)
+        - problem.points
     )
     solved = solve_schur(problem).landmarks - problem.points
     assert np.sqrt((best**2).mean()) > 0.005
@@ -83,12 +84,16 @@ def test_observation_jacobians_match_finite_differences(index) -> None:
     step = 1e-6
     moved = poses.copy()
     moved[:, index] += step
-    change = observation_model(moved, points, -0.064)[0] - observation_model(poses, points, -0.064)[0]
+    change = (
+        observation_model(moved, points, -0.064)[0] - observation_model(poses, points, -0.064)[0]
+    )
     np.testing.assert_allclose(by_pose[:, :, index], change / step, atol=1e-4)
     if index < 2:
         moved = points.copy()
         moved[:, index] += step
-        change = observation_model(poses, moved, -0.064)[0] - observation_model(poses, points, -0.064)[0]
+        change = (
+            observation_model(poses, moved, -0.064)[0] - observation_model(poses, points, -0.064)[0]
+        )
         np.testing.assert_allclose(by_point[:, :, index], change / step, atol=1e-4)
 
 

@@ -25,7 +25,9 @@ from slamgym.sim import (
 from slamgym.sim.surfaces import SurfaceConfig
 from slamgym.slam import SlamConfig
 
-EXACT = ExploreConfig(lidar=lidar_level("exact"), slam=SlamConfig(mode="ground_truth", resolution=0.1))
+EXACT = ExploreConfig(
+    lidar=lidar_level("exact"), slam=SlamConfig(mode="ground_truth", resolution=0.1)
+)
 MODES = ("pose_graph", "rbpf", "dead_reckoning")
 
 
@@ -35,7 +37,9 @@ def in_mode(mode: str, **changes) -> ExploreConfig:
 
 def test_an_exploration_with_known_poses_is_drawn_again_cell_by_cell(flat) -> None:
     episode = run_episode(flat, 3, EpisodeConfig("nearest", minutes=0.5, env=EXACT), make_explorer)
-    path = Trajectory(episode.truth.stamps, episode.truth.poses + np.array([*episode.start[:2], 0.0]))
+    path = Trajectory(
+        episode.truth.stamps, episode.truth.poses + np.array([*episode.start[:2], 0.0])
+    )
     again = map_along_path(flat, path, EXACT, np.random.default_rng(0)).grid
     known = again.cells != UNKNOWN
     rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
@@ -66,7 +70,9 @@ def test_a_seed_decides_everything(flat, tour, mode) -> None:
 def test_mappers_err_less_than_their_odometry(flat, tour) -> None:
     def error(mode: str) -> float:
         env = in_mode(mode, odometry=odometry_level("high"))
-        results = [map_along_path(flat, tour, env, np.random.default_rng(seed)) for seed in range(4)]
+        results = [
+            map_along_path(flat, tour, env, np.random.default_rng(seed)) for seed in range(4)
+        ]
         gaps = [np.abs(each.believed.poses - each.true.poses)[:, :2].mean() for each in results]
         return float(np.mean(gaps))
 
@@ -76,7 +82,9 @@ def test_mappers_err_less_than_their_odometry(flat, tour) -> None:
 
 def test_a_graph_errs_alike_where_it_comes_again_and_not_at_its_start() -> None:
     there = np.column_stack([np.linspace(0.0, 8.0, 50), np.zeros(50), np.zeros(50)])
-    errors = [graph_error(np.vstack([there, there[::-1]]), np.random.default_rng(s)) for s in range(20)]
+    errors = [
+        graph_error(np.vstack([there, there[::-1]]), np.random.default_rng(s)) for s in range(20)
+    ]
     assert all((error[0] == 0.0).all() for error in errors)
     first, second = (np.array([error[index, :2] for error in errors]) for index in (49, 50))
     assert np.abs(first - second).mean() < 0.1 * np.abs(first).mean()
@@ -89,7 +97,9 @@ def test_a_map_holds_all_that_was_drawn(flat, tour) -> None:
     result = map_along_path(flat, tour, env, np.random.default_rng(1))
     known = result.grid.cells != UNKNOWN
     assert result.cad.cells.shape == known.shape
-    beyond = known & (cv2.dilate((result.cad.cells == FREE).astype(np.uint8), np.ones((31, 31))) == 0)
+    beyond = known & (
+        cv2.dilate((result.cad.cells == FREE).astype(np.uint8), np.ones((31, 31))) == 0
+    )
     assert beyond.sum() > 50
 
 

@@ -52,8 +52,12 @@ def test_a_constant_range_error_displaces_a_wall_along_the_beam() -> None:
     # Measured 0.1 m short: true minus measured points from the robot to the wall. The median of five cells in a row
     # is that of the middle one, but for the wall's ends.
     inner = np.abs(y) < np.abs(y).max() - 0.11
-    np.testing.assert_allclose(beams.field[0, rows, cols][inner], (0.1 * x / away)[inner], atol=2e-3)
-    np.testing.assert_allclose(beams.field[1, rows, cols][inner], (0.1 * y / away)[inner], atol=1e-6)
+    np.testing.assert_allclose(
+        beams.field[0, rows, cols][inner], (0.1 * x / away)[inner], atol=2e-3
+    )
+    np.testing.assert_allclose(
+        beams.field[1, rows, cols][inner], (0.1 * y / away)[inner], atol=1e-6
+    )
 
 
 def test_a_bearing_error_displaces_a_wall_across_the_beam() -> None:
@@ -83,7 +87,9 @@ def test_the_median_filter_removes_a_lone_outlier(monkeypatch) -> None:
     raw = beams_of(visibility, severity=1.0, seed=3)
     assert smooth.field[0][raw.hit].std() < 0.7 * raw.field[0][raw.hit].std()
     # One centimetre of noise, as of a range straight ahead; five standard errors.
-    assert raw.field[0][raw.hit].std() == pytest.approx(0.01, rel=5.0 / np.sqrt(2.0 * raw.hit.sum()))
+    assert raw.field[0][raw.hit].std() == pytest.approx(
+        0.01, rel=5.0 / np.sqrt(2.0 * raw.hit.sum())
+    )
 
 
 @pytest.mark.parametrize("severity", [1.0, 6.0, 100.0])

@@ -40,7 +40,9 @@ def test_the_same_seed_gives_the_same_bytes_and_another_another_map(flat, tour, 
 
 def test_a_given_frame_is_kept(flat, tour) -> None:
     frame = GridFrame(0.1, -0.5, -0.5, 64, 100)
-    result = deform(flat, tour, config_of("two_phase", severity=3.0), np.random.default_rng(0), frame)
+    result = deform(
+        flat, tour, config_of("two_phase", severity=3.0), np.random.default_rng(0), frame
+    )
     assert result.grid.frame == frame
     assert result.cad.frame == frame
 
@@ -57,7 +59,9 @@ def test_an_open_frame_grows_until_every_displaced_wall_is_inside(flat, tour) ->
 def test_displacement_grows_with_severity(flat, tour) -> None:
     def rms(severity: float) -> float:
         fields = [
-            deform(flat, tour, config_of("two_phase", severity=severity), np.random.default_rng(s)).field
+            deform(
+                flat, tour, config_of("two_phase", severity=severity), np.random.default_rng(s)
+            ).field
             for s in range(6)
         ]
         return float(np.mean([np.sqrt((field**2).mean()) for field in fields]))
@@ -73,7 +77,8 @@ def test_the_field_says_where_the_walls_went(flat, tour) -> None:
     x, y = frame.to_point(rows, cols)
     to = frame.to_cell(x + result.field[0, rows, cols], y + result.field[1, rows, cols])
     on_wall = (
-        result.cad.cells[to[0].clip(0, frame.height_px - 1), to[1].clip(0, frame.width_px - 1)] == OCCUPIED
+        result.cad.cells[to[0].clip(0, frame.height_px - 1), to[1].clip(0, frame.width_px - 1)]
+        == OCCUPIED
     )
     # All but the spurious cells of rand beams, 1 % of the wall beams.
     assert on_wall.mean() > 0.95
@@ -83,7 +88,9 @@ def test_landmarks_keep_the_path_near_the_truth_and_dead_reckoning_does_not(flat
     def end_error(method: str) -> float:
         errors = []
         for seed in range(8):
-            result = deform(flat, tour, config_of(method, severity=2.0), np.random.default_rng(seed))
+            result = deform(
+                flat, tour, config_of(method, severity=2.0), np.random.default_rng(seed)
+            )
             errors.append(np.hypot(*(result.believed.poses - result.true.poses)[-1, :2]))
         return float(np.mean(errors))
 
@@ -94,7 +101,9 @@ def test_all_conversions_are_given_the_same_robot(flat, tour) -> None:
     # The wheels of the EKF and the coefficients of the two phases are two descriptions of one robot.
     quiet = TwoPhaseConfig(s_l=0.0, s_lt=0.0, s_t=0.0)
     ends = [
-        deform(flat, tour, config_of(m, two_phase=quiet), np.random.default_rng(3)).odometry.poses[-1]
+        deform(flat, tour, config_of(m, two_phase=quiet), np.random.default_rng(3)).odometry.poses[
+            -1
+        ]
         for m in ("two_phase", "ekf_schur")
     ]
     errors = [end[:2] - tour.poses[-1, :2] for end in ends]

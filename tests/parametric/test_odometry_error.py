@@ -48,7 +48,9 @@ def square_calibration(heading_error_cw, heading_error_ccw, side, wheel_base):
     kappa_deg=st.floats(0.05, 0.5) | st.floats(-0.5, -0.05),
     side=st.floats(1.0, 4.0),
 )
-def test_umbmark_square_recovers_wheel_parameters_within_two_percent(alpha_deg, kappa_deg, side) -> None:
+def test_umbmark_square_recovers_wheel_parameters_within_two_percent(
+    alpha_deg, kappa_deg, side
+) -> None:
     errors = WheelErrors(kappa=math.radians(kappa_deg), alpha_eb=math.radians(alpha_deg))
     e_b, e_d = square_calibration(
         believed_heading_after_square(errors, side, -1.0),
@@ -75,7 +77,9 @@ def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> 
     ratio, base = errors.diameter_ratio, errors.wheel_base_ratio * WHEEL_BASE
     believed = believed_increments(motion([way], [0.0]), errors)
     # (E_d - 1)/b to first order; exactly 2 (E_d - 1)/((E_d + 1) b), which is kappa again.
-    assert believed.turn[0] / way == pytest.approx(2.0 * (ratio - 1.0) / ((ratio + 1.0) * base), abs=1e-12)
+    assert believed.turn[0] / way == pytest.approx(
+        2.0 * (ratio - 1.0) / ((ratio + 1.0) * base), abs=1e-12
+    )
     assert believed.turn[0] / way == pytest.approx((ratio - 1.0) / base, rel=0.01, abs=1e-12)
     assert believed.turn[0] / way == pytest.approx(kappa, abs=1e-9)
 

@@ -5,13 +5,7 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid, Pose2D
-from slamgym.planning import (
-    CostmapConfig,
-    crop_known,
-    free_body,
-    make_costmap,
-    mark_obstacles,
-)
+from slamgym.planning import CostmapConfig, crop_known, free_body, make_costmap, mark_obstacles
 from slamgym.planning.costmap import FREE_COST, INSCRIBED_COST, LETHAL_COST, NO_INFORMATION
 
 RESOLUTION = 0.05
@@ -85,7 +79,12 @@ def test_a_door_of_70_cm_is_passable_even_with_walls_one_cell_too_thick():
 
 
 @settings(max_examples=20)
-@given(top=st.integers(0, 60), left=st.integers(0, 60), height=st.integers(1, 30), width=st.integers(1, 30))
+@given(
+    top=st.integers(0, 60),
+    left=st.integers(0, 60),
+    height=st.integers(1, 30),
+    width=st.integers(1, 30),
+)
 def test_crop_keeps_every_known_cell_where_it_was(top, left, height, width):
     cells = np.full((100, 100), UNKNOWN, dtype=np.uint8)
     cells[top : top + height, left : left + width] = random_cells(1, (height, width))
@@ -99,7 +98,9 @@ def test_crop_keeps_every_known_cell_where_it_was(top, left, height, width):
 
 
 def test_crop_of_an_unknown_map_is_the_robot_and_its_margin():
-    grid = OccupancyGrid(np.full((200, 200), UNKNOWN, np.uint8), GridFrame(RESOLUTION, -5.0, -5.0, 200, 200))
+    grid = OccupancyGrid(
+        np.full((200, 200), UNKNOWN, np.uint8), GridFrame(RESOLUTION, -5.0, -5.0, 200, 200)
+    )
     cropped = crop_known(grid, Pose2D(1.0, -2.0, 0.0), margin=0.5)
     assert cropped.frame.shape == (21, 21)
     min_x, min_y, max_x, max_y = cropped.frame.bounds
@@ -159,7 +160,11 @@ def test_distances_are_those_to_the_nearest_occupied_cell(seed, rows, cols, shar
 
 
 @settings(max_examples=40)
-@given(seed=st.integers(0, 10_000), edits=st.integers(0, 4), coastal=st.sampled_from([0.3, 1.5, np.inf]))
+@given(
+    seed=st.integers(0, 10_000),
+    edits=st.integers(0, 4),
+    coastal=st.sampled_from([0.3, 1.5, np.inf]),
+)
 def test_a_costmap_made_of_an_older_one_is_that_of_the_map_alone(seed, edits, coastal):
     rng = np.random.default_rng(seed)
     config = CostmapConfig(inflation_radius=0.4, coastal_distance=coastal)
@@ -167,7 +172,9 @@ def test_a_costmap_made_of_an_older_one_is_that_of_the_map_alone(seed, edits, co
     world[rng.random(world.shape) < 0.9] = FREE
 
     def seen_through_a_window():
-        (top, bottom), (left, right) = (np.sort(rng.choice(size, 2, replace=False)) for size in world.shape)
+        (top, bottom), (left, right) = (
+            np.sort(rng.choice(size, 2, replace=False)) for size in world.shape
+        )
         part = world[top:bottom, left:right].copy()
         y = (world.shape[0] - bottom) * RESOLUTION - 3.0
         return OccupancyGrid(part, GridFrame(RESOLUTION, left * RESOLUTION + 7.0, y, *part.shape))
@@ -175,7 +182,9 @@ def test_a_costmap_made_of_an_older_one_is_that_of_the_map_alone(seed, edits, co
     older = make_costmap(seen_through_a_window(), config)
     for _ in range(edits):
         row, col = (int(rng.integers(0, size)) for size in world.shape)
-        world[row : row + 9, col : col + 7] = random_cells(row, world[row : row + 9, col : col + 7].shape)
+        world[row : row + 9, col : col + 7] = random_cells(
+            row, world[row : row + 9, col : col + 7].shape
+        )
     newer = seen_through_a_window()
     expected, found = make_costmap(newer, config), make_costmap(newer, config, older)
     np.testing.assert_array_equal(found.costs, expected.costs)

@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning import (
     CostmapConfig,
     ExplorerContext,
@@ -156,8 +164,12 @@ def test_the_middle_of_a_hall_is_offered_as_soon_as_its_walls_are_seen(walls_see
     cells[(far >= half) & (far < half + 0.1) & ~((x > 0.0) & (np.abs(y) < 0.6))] = OCCUPIED
     cells[far < 0.6] = UNKNOWN  # nearer to the robot than the door to the east
     if not walls_seen:
-        cells[(np.abs(x) < 0.6) & (y < 0.0) & (far < half)] = UNKNOWN  # as far as the wall to the south
-    loop = ExplorationLoop(ExplorerContext(frame, LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5)))
+        cells[(np.abs(x) < 0.6) & (y < 0.0) & (far < half)] = (
+            UNKNOWN  # as far as the wall to the south
+        )
+    loop = ExplorationLoop(
+        ExplorerContext(frame, LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5))
+    )
     assert see(loop, OccupancyGrid(cells, frame), 0.0, Pose2D(0.0, 2.0, 0.0))
     assert any(np.hypot(*one.target) < 1.0 for one in loop.candidates) == walls_seen
     assert max(one.target[0] for one in loop.candidates) == pytest.approx(half, abs=0.2)
@@ -184,7 +196,9 @@ def test_on_a_corrected_map_nothing_is_remembered_by_its_place_and_the_next_map_
     cells = loop.known_map().cells[np.newaxis].copy()
     at = np.array((0.0, -0.5, 0.0), np.float32)
     scan = np.full(180, 3.5, np.float32)
-    assert not loop.observe({"map": cells, "scan": scan, "pose": at, "time": np.array([0.4], np.float32)})
+    assert not loop.observe(
+        {"map": cells, "scan": scan, "pose": at, "time": np.array([0.4], np.float32)}
+    )
     assert loop.target is None
     assert loop.command() == (0.0, 0.0)
     assert see(loop, grid, 2.0, Pose2D(0.0, -0.5, 0.0))
@@ -207,7 +221,12 @@ def test_with_nothing_left_the_robot_looks_around_and_is_done(loop):
     for step in range(200):
         turned.append(loop.command())
         heading = 0.3 * step
-        see(loop, closed, 2.0 * step, Pose2D(0.0, 0.0, float(np.arctan2(np.sin(heading), np.cos(heading)))))
+        see(
+            loop,
+            closed,
+            2.0 * step,
+            Pose2D(0.0, 0.0, float(np.arctan2(np.sin(heading), np.cos(heading)))),
+        )
         if loop.finished:
             break
     assert loop.finished
@@ -215,7 +234,9 @@ def test_with_nothing_left_the_robot_looks_around_and_is_done(loop):
     assert loop.command() == (0.0, 0.0)
 
 
-@pytest.mark.parametrize("changes", [{"max_candidates": 0}, {"horizon": 0.0}, {"split_extent": -1.0}])
+@pytest.mark.parametrize(
+    "changes", [{"max_candidates": 0}, {"horizon": 0.0}, {"split_extent": -1.0}]
+)
 def test_senseless_settings_are_refused(changes):
     with pytest.raises(ConfigError):
         ExplorationLoopConfig(**changes)

@@ -63,7 +63,12 @@ def test_frontiers_border_free_and_unknown_and_share_no_cell(seed):
     assert len(cells) == len(set(cells))
     for row, col in cells:
         assert costmap.costs[row, col] == NO_INFORMATION
-        assert free[row, col + 1] or free[row + 2, col + 1] or free[row + 1, col] or free[row + 1, col + 2]
+        assert (
+            free[row, col + 1]
+            or free[row + 2, col + 1]
+            or free[row + 1, col]
+            or free[row + 1, col + 2]
+        )
 
 
 def test_fields_of_a_straight_frontier():
@@ -134,7 +139,11 @@ def test_expected_gain_stops_at_walls_and_is_a_disc_in_the_unknown():
     everything = expected_gain(make_costmap(grid), point, 2.0)
     assert everything == pytest.approx(np.pi * 2.0**2, rel=0.05)  # a polar sum of 5 cm rings
     cells[:, 110] = OCCUPIED
-    assert 0.5 * everything < expected_gain(make_costmap(grid_of(cells)), point, 2.0) < 0.8 * everything
+    assert (
+        0.5 * everything
+        < expected_gain(make_costmap(grid_of(cells)), point, 2.0)
+        < 0.8 * everything
+    )
 
 
 @settings(max_examples=40)
@@ -149,5 +158,9 @@ def test_the_nearest_open_cell_is_the_same_on_a_larger_map(seed, steps):
     if found < 0:
         assert again < 0
     else:
-        assert tuple(np.subtract(divmod(again, around.shape[1]), 30)) == divmod(found, costs.shape[1])
-        assert np.hypot(*np.subtract(divmod(found, costs.shape[1]), (row, col))) <= np.hypot(steps, steps)
+        assert tuple(np.subtract(divmod(again, around.shape[1]), 30)) == divmod(
+            found, costs.shape[1]
+        )
+        assert np.hypot(*np.subtract(divmod(found, costs.shape[1]), (row, col))) <= np.hypot(
+            steps, steps
+        )

@@ -68,12 +68,18 @@ def test_paths_keep_off_obstacles_and_cost_no_more_than_a_straight_line(seed, da
     path = plan_path(costmap, pose_at(grid, *start), point_at(grid, *goal), tolerance=0.0)
     reachable = reachable_space(costmap, pose_at(grid, *start))
     if path is None:
-        assert goal[0] * grid.cells.shape[1] + goal[1] not in reachable.order[: reachable.num_centre]
+        assert (
+            goal[0] * grid.cells.shape[1] + goal[1] not in reachable.order[: reachable.num_centre]
+        )
         return
     assert path_is_free(costmap, path)
-    np.testing.assert_allclose(path[[0, -1]], [point_at(grid, *start), point_at(grid, *goal)], atol=1e-9)
+    np.testing.assert_allclose(
+        path[[0, -1]], [point_at(grid, *start), point_at(grid, *goal)], atol=1e-9
+    )
     assert np.hypot(*np.diff(path, axis=0).T).max() <= RESOLUTION + 1e-9
-    straight = line_cost(costmap.costs, *map(float, start), *map(float, goal), INSCRIBED_COST, COST_FACTOR)
+    straight = line_cost(
+        costmap.costs, *map(float, start), *map(float, goal), INSCRIBED_COST, COST_FACTOR
+    )
     # The grid's 8 directions make a path up to 8.2 % longer than the straight line before it is straightened.
     assert cost_of(costmap, path) <= 1.083 * straight * RESOLUTION + 0.2
     assert cost_of(costmap, path) >= math.dist(point_at(grid, *start), point_at(grid, *goal)) - 1e-9
@@ -88,7 +94,12 @@ def test_straightening_never_makes_a_path_dearer_than_dijkstra_found_it(seed):
     reachable = reachable_space(costmap, start)
     assume(reachable is not None)
     distance, _ = search_path(
-        costmap.costs, int(reachable.order[0]), -1, np.arange(costmap.costs.size), INSCRIBED_COST, COST_FACTOR
+        costmap.costs,
+        int(reachable.order[0]),
+        -1,
+        np.arange(costmap.costs.size),
+        INSCRIBED_COST,
+        COST_FACTOR,
     )
     costs = distance.reshape(costmap.costs.shape) * RESOLUTION
     last = divmod(int(reachable.order[reachable.num_centre - 1]), grid.cells.shape[1])

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import plain
-from slamgym.core.types import FREE, OCCUPIED, GridFrame, LaserGeometry, OccupancyGrid, Pose2D, Twist2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+    Twist2D,
+)
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.path_follower import free_travel, scan_points
@@ -32,7 +40,9 @@ def drive_to(world, goal, seconds=120.0, known=True, stuck=False):
     for step in range(int(seconds / world.context.control_step)):
         time = step * world.context.control_step
         if step % 10 == 0 and not known:
-            navigator.update_map(OccupancyGrid(world.map.copy(), world.truth.frame), world.pose, time)
+            navigator.update_map(
+                OccupancyGrid(world.map.copy(), world.truth.frame), world.pose, time
+            )
         if not navigator.is_active:
             break
         command = navigator.step(world.pose, world.scan(), time)
@@ -126,7 +136,9 @@ def test_a_passage_that_the_robot_did_not_get_through_is_closed_from_then_on(mak
     assert navigator.is_active
 
 
-@pytest.mark.parametrize("pane", [slice(27, 53), slice(37, 44)])  # wider and narrower than the robot
+@pytest.mark.parametrize(
+    "pane", [slice(27, 53), slice(37, 44)]
+)  # wider and narrower than the robot
 def test_what_the_map_showed_where_a_goal_was_given_up_stays_closed(make_world, pane):
     cells = room()
     cells[:, 60] = OCCUPIED

@@ -32,7 +32,9 @@ def tour_length(lengths, order):
 @given(seed=st.integers(0, 10**6), places=st.integers(1, 6))
 def test_the_exact_tour_is_the_shortest_of_all_orders(seed, places):
     lengths = lengths_of(seed, places)
-    best = min(tour_length(lengths, np.array(o)) for o in itertools.permutations(range(1, places + 1)))
+    best = min(
+        tour_length(lengths, np.array(o)) for o in itertools.permutations(range(1, places + 1))
+    )
     assert tour_length(lengths, open_tour(lengths)) == pytest.approx(best)
 
 
@@ -68,8 +70,12 @@ def test_no_places_make_an_empty_tour():
 
 
 @settings(max_examples=40)
-@given(seed=st.integers(0, 10**6), places=st.integers(EXACT_PLACES + 1, 20), cut_off=st.integers(1, 6))
-def test_a_tour_ends_where_places_can_not_be_reached_and_paths_back_are_longer(seed, places, cut_off):
+@given(
+    seed=st.integers(0, 10**6), places=st.integers(EXACT_PLACES + 1, 20), cut_off=st.integers(1, 6)
+)
+def test_a_tour_ends_where_places_can_not_be_reached_and_paths_back_are_longer(
+    seed, places, cut_off
+):
     rng = np.random.default_rng(seed)
     lengths = lengths_of(seed, places) + rng.uniform(0.0, 1.0, size=(places + 1, places + 1))
     lost = rng.choice(np.arange(1, places + 1), cut_off, replace=False)

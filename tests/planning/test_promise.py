@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning import CostmapConfig, ExplorerContext, find_frontiers, make_costmap
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontiers import Frontier, fits_through

@@ -3,7 +3,15 @@
 import numpy as np
 import pytest
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.unmapped import find_open_space, free_at, is_unmapped

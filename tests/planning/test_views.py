@@ -3,7 +3,15 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    GridFrame,
+    LaserGeometry,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.planning import expected_gain, grid_path, make_costmap, reachable_space
 from slamgym.planning.frontiers import view_gain
 from slamgym.planning.grid_path import SHRINK, CoarsePaths, PathLengths
@@ -67,7 +75,10 @@ def test_walls_hide_the_unknown_and_a_half_turn_sees_half_of_what_is_all_round()
     cells[80:121, 80:121] = FREE
     grid = grid_of(cells)
     costmap, middle = make_costmap(grid), point(grid, 100, 100)
-    all_round, half = view_gain(costmap, middle, 3.0, FULL_TURN), view_gain(costmap, middle, 3.0, HALF_TURN)
+    all_round, half = (
+        view_gain(costmap, middle, 3.0, FULL_TURN),
+        view_gain(costmap, middle, 3.0, HALF_TURN),
+    )
     assert half == pytest.approx(0.5 * all_round, rel=0.05)
     assert all_round == pytest.approx(expected_gain(costmap, middle, 3.0), rel=0.03)
     cells[:, 121] = OCCUPIED
@@ -109,7 +120,9 @@ def test_lengths_that_are_kept_are_those_of_new_searches_once_the_robot_has_foun
         at = np.array([point(grid, row, col) for row, col in places])
         anew = PathLengths().matrix(paths, pose, at, 0.0)
         with monkeypatch.context() as patched:
-            patched.setattr(grid_path, "NEAR_PLACES", near)  # else all of these would be searched anew
+            patched.setattr(
+                grid_path, "NEAR_PLACES", near
+            )  # else all of these would be searched anew
             lengths = known.matrix(paths, pose, at, 0.0)
         # Places that lie within a cell are one: both ends of a path may be off by so much.
         np.testing.assert_allclose(lengths, anew, atol=2.0 * paths.cell)

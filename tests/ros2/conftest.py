@@ -17,7 +17,9 @@ def ros_domain():
     """A domain of this process's own: tests that run at the same time don't meet."""
     pytest.importorskip("rclpy")
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # a parser that its messages import is older than its Python
+        warnings.simplefilter(
+            "ignore"
+        )  # a parser that its messages import is older than its Python
         importlib.import_module("rosidl_generator_py")
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("ROS_DOMAIN_ID", str(1 + os.getpid() % 100))
@@ -40,11 +42,16 @@ class Desk:
         name = node.resolve_topic_name(topic)
         self.sent.setdefault(name, [])
         return SimpleNamespace(
-            publish=lambda message: self.sent[name].append(message), topic=name, kind=kind, node=node
+            publish=lambda message: self.sent[name].append(message),
+            topic=name,
+            kind=kind,
+            node=node,
         )
 
     def subscription(self, node, kind, topic, callback, qos, **_):
-        end = SimpleNamespace(topic=node.resolve_topic_name(topic), callback=callback, kind=kind, qos=qos)
+        end = SimpleNamespace(
+            topic=node.resolve_topic_name(topic), callback=callback, kind=kind, qos=qos
+        )
         self.answers.setdefault(node, []).append(end)
         return end
 
@@ -74,7 +81,9 @@ class Desk:
     def call(self, node, name, **request):
         """Call a service; returns its response."""
         service = next(one for one in node.services if one.srv_name == f"~/{name}")
-        return service.callback(SimpleNamespace(**request), SimpleNamespace(success=None, message=""))
+        return service.callback(
+            SimpleNamespace(**request), SimpleNamespace(success=None, message="")
+        )
 
     def tick(self, node):
         """Let each of the node's timers come once."""
@@ -98,10 +107,16 @@ def desk(ros_domain, monkeypatch, tmp_path):
     with monkeypatch.context() as patch:
         now = time.monotonic
         patch.setattr(time, "monotonic", lambda: now() + desk.later)
-        patch.setattr(Node, "create_publisher", lambda *args, **names: desk.publisher(*args, **names))
-        patch.setattr(Node, "create_subscription", lambda *args, **names: desk.subscription(*args, **names))
+        patch.setattr(
+            Node, "create_publisher", lambda *args, **names: desk.publisher(*args, **names)
+        )
+        patch.setattr(
+            Node, "create_subscription", lambda *args, **names: desk.subscription(*args, **names)
+        )
         patch.setattr(Node, "destroy_publisher", lambda _node, _end: True)
-        patch.setattr(Node, "destroy_subscription", lambda node, end: desk.answers[node].remove(end))
+        patch.setattr(
+            Node, "destroy_subscription", lambda node, end: desk.answers[node].remove(end)
+        )
         for module in (nodes, topics):
             patch.setattr(module, "TFMessage", Transforms)
         try:

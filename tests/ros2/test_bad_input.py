@@ -27,7 +27,9 @@ RANGES = np.linspace(1.0, 3.0, LASER.num_beams)
 def grid_message(frame="map", **info):
     cells = np.full((80, 80), UNKNOWN, np.uint8)
     cells[20:60, 20:60] = FREE
-    fields = grid_fields(header(9.0, frame), OccupancyGrid(cells, GridFrame(0.05, -2.0, -2.0, 80, 80)))
+    fields = grid_fields(
+        header(9.0, frame), OccupancyGrid(cells, GridFrame(0.05, -2.0, -2.0, 80, 80))
+    )
     return Message(**{**fields, "info": {**fields["info"], **info}})
 
 
@@ -62,7 +64,9 @@ def watched(desk, node, seconds=PATIENCE + 1.0):
 def warnings(capfd, part=""):
     shown = capfd.readouterr().err.splitlines()
     assert not any("Traceback" in line for line in shown)
-    return [line for line in shown if "[WARN]" in line and part in line and "laser_mount" not in line]
+    return [
+        line for line in shown if "[WARN]" in line and part in line and "laser_mount" not in line
+    ]
 
 
 def check_works(desk, node):
@@ -83,7 +87,9 @@ def stands(desk):
 
 
 @pytest.mark.parametrize(
-    ("make", "missing"), [(make_map, "odom, scan"), (make_explore, "map, odom, scan")], ids=["map", "explore"]
+    ("make", "missing"),
+    [(make_map, "odom, scan"), (make_explore, "map, odom, scan")],
+    ids=["map", "explore"],
 )
 def test_nothing_comes(desk, capfd, make, missing):
     node = make(desk)
@@ -307,7 +313,10 @@ def test_transforms_stop_and_the_odometry_with_them(desk, capfd, make):
     desk.hand(node, "/map", grid_message())
     for step in range(10):
         stamp = 10.0 + 0.2 * step
-        both = [transform(stamp, "map", "odom", HOME), transform(stamp, "odom", "base_footprint", HOME)]
+        both = [
+            transform(stamp, "map", "odom", HOME),
+            transform(stamp, "odom", "base_footprint", HOME),
+        ]
         desk.hand(node, "/tf", Transforms(both[: 2 if step < 5 else 1]))
         desk.hand(node, "/scan", scan(stamp, RANGES))
     desk.later += PATIENCE + 1.0
@@ -339,7 +348,9 @@ def test_only_what_a_node_uses_may_have_no_second_publisher(desk, capfd):
 
 
 @pytest.mark.parametrize(
-    "words", [["-p", "area:=[0, 0.5]"], ["--foo"], ["-r", "scan"], ["--params-file", "nowhere.yaml"]], ids=str
+    "words",
+    [["-p", "area:=[0, 0.5]"], ["--foo"], ["-r", "scan"], ["--params-file", "nowhere.yaml"]],
+    ids=str,
 )
 def test_arguments_that_ros_refuses(ros_domain, words):
     with pytest.raises(ConfigError, match=r"what follows --ros-args: .*(foo|scan|area|nowhere)"):
@@ -414,7 +425,9 @@ def test_parameters_that_make_no_sense_are_refused_in_a_sentence(desk, monkeypat
 
 
 def test_topics_follow_the_namespace_and_what_belongs_to_all_does_not(desk, monkeypatch):
-    with_ros_arguments(monkeypatch, ["-r", "__ns:=/tb3", "-r", "scan:=lidar/front", "-r", "__node:=mine"])
+    with_ros_arguments(
+        monkeypatch, ["-r", "__ns:=/tb3", "-r", "scan:=lidar/front", "-r", "__node:=mine"]
+    )
     node = make_map(desk)
     heard = {end.topic for end in desk.answers[node]}
     assert {"/tb3/lidar/front", "/tb3/odom", "/tf", "/tf_static"} <= heard

@@ -41,7 +41,9 @@ def test_a_home_is_explored_mapped_and_drawn(ros_domain, tmp_path):
     shown = done.stdout + done.stderr
     assert "Traceback" not in shown
     assert re.search(r"\]: done", shown)
-    seen, error = re.search(r"([\d.]+) % of the floor seen.* robot is ([\d.]+) m from", shown).groups()
+    seen, error = re.search(
+        r"([\d.]+) % of the floor seen.* robot is ([\d.]+) m from", shown
+    ).groups()
     assert float(seen) >= 98.0
     assert float(error) <= 1.1 * environments_error() + SPREAD
     assert read_ros_map(out / "map.yaml").cells.size

@@ -16,8 +16,16 @@ from slamgym.ros2.inputs import fit_ranges
 from slamgym.ros2.parameters import ExploreParameters
 
 STOP = Twist2D(0.0, 0.0)
-WAITING, EXPLORING, PAUSED = ExplorationState.WAITING, ExplorationState.EXPLORING, ExplorationState.PAUSED
-RETURNING, DONE, BLOCKED = ExplorationState.RETURNING, ExplorationState.DONE, ExplorationState.BLOCKED
+WAITING, EXPLORING, PAUSED = (
+    ExplorationState.WAITING,
+    ExplorationState.EXPLORING,
+    ExplorationState.PAUSED,
+)
+RETURNING, DONE, BLOCKED = (
+    ExplorationState.RETURNING,
+    ExplorationState.DONE,
+    ExplorationState.BLOCKED,
+)
 
 
 def goals_at(robot, x_above):
@@ -162,11 +170,16 @@ def test_results_of_older_goals_are_passed_over(stub_robot):
 
 def test_a_first_map_that_shows_nothing_is_waited_for():
     """Exploration stops before the first map has any frontier (m-explore #52, m-explore-ros2 #35)."""
-    exploration, maps = Exploration(ExploreParameters(drive="goals", explorer="tour")), ForeignMap("/map")
+    exploration, maps = (
+        Exploration(ExploreParameters(drive="goals", explorer="tour")),
+        ForeignMap("/map"),
+    )
     here = Pose2D(1.0, 1.0, 0.0)
     exploration.step(here, None, 0.0)
     assert (exploration.state, exploration.text) == (WAITING, "waiting for a map")
-    exploration.take_map(maps.take(np.full(1600, -1, np.int8), 40, 40, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
+    exploration.take_map(
+        maps.take(np.full(1600, -1, np.int8), 40, 40, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0))
+    )
     exploration.step(here, None, 0.2)
     assert exploration.text == "waiting for a map that shows anything"
     exploration.step(Pose2D(9.0, 1.0, 0.0), None, 0.4)
@@ -207,8 +220,13 @@ def test_a_robot_beside_a_wall_finds_its_frontiers(stub_robot):
 
 def test_frontiers_on_the_border_of_the_map_count():
     """Exploration ends early where free space meets the border of the map (m-explore #55)."""
-    exploration, maps = Exploration(ExploreParameters(drive="goals", explorer="tour")), ForeignMap("/map")
-    exploration.take_map(maps.take(np.zeros(3600, np.int8), 60, 60, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
+    exploration, maps = (
+        Exploration(ExploreParameters(drive="goals", explorer="tour")),
+        ForeignMap("/map"),
+    )
+    exploration.take_map(
+        maps.take(np.zeros(3600, np.int8), 60, 60, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0))
+    )
     order = exploration.step(Pose2D(1.5, 1.5, 0.0), None, 0.0)
     assert order.goal is not None
     assert exploration.view().frontiers
@@ -217,7 +235,10 @@ def test_frontiers_on_the_border_of_the_map_count():
 def test_a_closed_room_is_done_after_some_waiting():
     values = np.zeros((60, 60), np.int8)
     values[:2] = values[-2:] = values[:, :2] = values[:, -2:] = 100
-    exploration, maps = Exploration(ExploreParameters(drive="goals", explorer="tour")), ForeignMap("/map")
+    exploration, maps = (
+        Exploration(ExploreParameters(drive="goals", explorer="tour")),
+        ForeignMap("/map"),
+    )
     exploration.take_map(maps.take(values, 60, 60, LATTICE_CELL, Pose2D(0.0, 0.0, 0.0)))
     stamps = np.arange(0.0, 300.0, 0.5)
     for stamp in stamps:
@@ -348,7 +369,8 @@ def test_a_clock_that_jumps_back_begins_again(stub_robot):
         robot.step()
     robot.step(stamp=3.0)
     assert (
-        robot.exploration.start == robot.pose or math.dist(robot.exploration.start[:2], robot.pose[:2]) < 1.0
+        robot.exploration.start == robot.pose
+        or math.dist(robot.exploration.start[:2], robot.pose[:2]) < 1.0
     )
     robot.time = 5.0 - 1.7e9
     robot.run()
@@ -368,7 +390,9 @@ def test_a_clock_that_jumps_ahead_changes_nothing(stub_robot):
 
 def test_scans_of_other_beams_are_fitted():
     own = LaserGeometry(4, -math.pi, 0.5 * math.pi, 0.1, 3.5)  # back, right, ahead, left
-    other = LaserGeometry(8, 0.0, 0.25 * math.pi, 0.1, 10.0)  # ahead, ..., left, ..., back, ..., right, ...
+    other = LaserGeometry(
+        8, 0.0, 0.25 * math.pi, 0.1, 10.0
+    )  # ahead, ..., left, ..., back, ..., right, ...
     ranges = np.array([1.0, 9.0, 2.0, 9.0, np.inf, 9.0, np.nan, 9.0], np.float32)
     fitted = fit_ranges(LaserScan(0.0, ranges, other), own)
     np.testing.assert_array_equal(fitted, np.array([3.5, 0.0, 1.0, 2.0], np.float32))
@@ -380,7 +404,9 @@ def test_scans_of_other_beams_are_fitted():
 @pytest.mark.parametrize("drive", ["goals", "wheels"])
 def test_nothing_that_comes_makes_it_crash(stub_robot, drive):
     rng = np.random.default_rng(1)
-    robot = stub_robot(aborts=lambda time, goal: rng.random() < 0.2, drive=drive, return_to_start=True)
+    robot = stub_robot(
+        aborts=lambda time, goal: rng.random() < 0.2, drive=drive, return_to_start=True
+    )
     exploration = robot.exploration
     calls = [
         exploration.pause,
@@ -396,7 +422,10 @@ def test_nothing_that_comes_makes_it_crash(stub_robot, drive):
             given["pose"] = poses[rng.integers(3)]
         if rng.random() < 0.1:
             beams = rng.uniform(0.0, 5.0, rng.integers(400)).astype(np.float32)
-            step, reach = rng.choice([0.01, -0.01, 0.0, math.nan]), rng.choice([3.5, 12.0, math.inf, 0.0])
+            step, reach = (
+                rng.choice([0.01, -0.01, 0.0, math.nan]),
+                rng.choice([3.5, 12.0, math.inf, 0.0]),
+            )
             given["scan"] = LaserScan(0.0, beams, LaserGeometry(180, -3.0, step, 0.1, reach))
         if rng.random() < 0.03:
             given["stamp"] = rng.choice([math.nan, 0.0, 2e9])

@@ -50,7 +50,11 @@ def look(pose, gap):
     ahead = np.column_stack([np.cos(angles), np.sin(angles)])
     steps = (np.copysign(HALF, ahead) - np.array(pose[:2])) / ahead
     ranges = steps.min(axis=1)
-    leaves = (steps[:, 0] <= steps[:, 1]) & (ahead[:, 0] > 0.0) & (abs(pose.y + ranges * ahead[:, 1]) < 0.75)
+    leaves = (
+        (steps[:, 0] <= steps[:, 1])
+        & (ahead[:, 0] > 0.0)
+        & (abs(pose.y + ranges * ahead[:, 1]) < 0.75)
+    )
     return np.where((leaves & gap) | (ranges > LASER.range_max), np.inf, ranges)
 
 
@@ -109,7 +113,9 @@ def drawn(monkeypatch):
 
 
 def begin(desk, **parameters):
-    return Robot(desk, desk.make(ExploreNode, ExploreParameters(**{"explorer": "nearest", **parameters})))
+    return Robot(
+        desk, desk.make(ExploreNode, ExploreParameters(**{"explorer": "nearest", **parameters}))
+    )
 
 
 def is_zero(twist):
@@ -146,7 +152,10 @@ def test_without_poses_transforms_place_the_robot(desk):
     place = Pose2D(0.5, 0.2, 1.0)
     for step in range(15):
         stamp = 10.0 + 0.2 * step
-        moved = [transform(stamp, "odom", "base_footprint", HOME), transform(stamp, "map", "odom", place)]
+        moved = [
+            transform(stamp, "odom", "base_footprint", HOME),
+            transform(stamp, "map", "odom", place),
+        ]
         desk.hand(robot.node, "/tf", Transforms(moved))
         desk.hand(robot.node, "/scan", scan(stamp, look(HOME, gap=True)))
     assert not is_zero(robot.commands[-1])
@@ -206,7 +215,9 @@ def test_it_ends_with_the_robot_stopped(desk):
 # --- maps ---
 
 
-@pytest.mark.parametrize("durability", [DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL])
+@pytest.mark.parametrize(
+    "durability", [DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL]
+)
 def test_maps_are_heard_whether_or_not_their_publisher_keeps_them(desk, durability):
     robot = begin(desk)
     robot.node.get_publishers_info_by_topic = lambda _topic: [
@@ -268,7 +279,9 @@ class Navigation:
         accepted = self.outcome != "reject"
         handle = SimpleNamespace(
             accepted=accepted,
-            get_result_async=lambda: Later(SimpleNamespace(status=6), self.outcome == "hang", self.pending),
+            get_result_async=lambda: Later(
+                SimpleNamespace(status=6), self.outcome == "hang", self.pending
+            ),
             cancel_goal_async=self.cancel,
         )
         return Later(handle, self.outcome == "late", self.pending)
@@ -315,7 +328,9 @@ def test_goals_go_to_a_topic_where_nav2_is_not_installed(desk):
 
 
 @pytest.mark.parametrize("outcome", ["abort", "reject", "absent"])
-def test_a_navigation_that_gets_nowhere_blocks_the_robot_and_nothing_more(desk, monkeypatch, outcome, capfd):
+def test_a_navigation_that_gets_nowhere_blocks_the_robot_and_nothing_more(
+    desk, monkeypatch, outcome, capfd
+):
     robot, navigation = with_navigation(desk, monkeypatch, outcome)
     robot.map().sense(300, step=0.5)
     assert not robot.node.worker.is_over

@@ -71,7 +71,9 @@ def test_doors_of_fine_maps_close_by_less_than_a_cell_on_average():
         origin = Pose2D(-1.0, 2.0 + shift, 0.0)
         grid = take(walls(0.02, origin), 0.02, origin)
         rows = slice(grid.frame.to_cell(1.0, 4.2)[0], grid.frame.to_cell(1.0, 2.8)[0])
-        closed.append(0.8 - LATTICE_CELL * np.count_nonzero(~(grid.cells[rows] == OCCUPIED).any(axis=1)))
+        closed.append(
+            0.8 - LATTICE_CELL * np.count_nonzero(~(grid.cells[rows] == OCCUPIED).any(axis=1))
+        )
     assert np.mean(closed) < LATTICE_CELL  # half a cell at each side
 
 
@@ -92,7 +94,9 @@ def test_what_ends_at_the_border_of_the_map_meets_the_unknown():
 
 
 def test_probabilities_about_a_half_are_unknown():
-    values = np.array([[-1, 0, 30, 44, 45, 50, 55, 56, 90, 100, 101, -128]], np.int16).astype(np.int8)
+    values = np.array([[-1, 0, 30, 44, 45, 50, 55, 56, 90, 100, 101, -128]], np.int16).astype(
+        np.int8
+    )
     assert classify_values(values).tolist() == [[0, 1, 1, 1, 0, 0, 0, 2, 2, 2, 0, 0]]
 
 

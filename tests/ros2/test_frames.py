@@ -22,7 +22,9 @@ OFFSET = Pose2D(1.0, -2.0, 0.7)
 def on_arc(time):
     """A robot that drives circles: a chord of 25 ms is within 1e-5 m of them."""
     return Pose2D(
-        0.5 * math.sin(0.4 * time), 0.5 - 0.5 * math.cos(0.4 * time), math.remainder(0.4 * time, math.tau)
+        0.5 * math.sin(0.4 * time),
+        0.5 - 0.5 * math.cos(0.4 * time),
+        math.remainder(0.4 * time, math.tau),
     )
 
 
@@ -96,22 +98,30 @@ def test_it_keeps_no_more_than_it_needs():
 
 @settings(max_examples=25)
 @given(
-    st.lists(st.floats(0.0, 1.5), min_size=12, max_size=12), st.floats(0.0, 0.199), st.floats(0.0, 0.02499)
+    st.lists(st.floats(0.0, 1.5), min_size=12, max_size=12),
+    st.floats(0.0, 0.199),
+    st.floats(0.0, 0.02499),
 )
 def test_in_whatever_order_they_arrive_no_scan_is_lost(delays, scans_begin, odometry_begins):
     """5 Hz against 40 Hz; each topic keeps its order, but either may be late."""
     events, last = [], 0.0
-    for step, delay in zip(range(5, 17), delays, strict=True):  # scans, each later than the one before
+    for step, delay in zip(
+        range(5, 17), delays, strict=True
+    ):  # scans, each later than the one before
         stamp = scans_begin + 0.2 * step
         last = max(last, stamp + delay)
         events.append((last, "scan", stamp))
     events += [(stamp, "odom", stamp) for stamp in odometry_begins + 0.025 * np.arange(150)]
     for late in (0.0, 1.4):
         receiver = Receiver()
-        shifted = [(at + (late if kind == "odom" else 0.0), kind, stamp) for at, kind, stamp in events]
+        shifted = [
+            (at + (late if kind == "odom" else 0.0), kind, stamp) for at, kind, stamp in events
+        ]
         for _, kind, stamp in sorted(shifted):
             (receiver.scan if kind == "scan" else receiver.odometry)(stamp)
-        assert [stamp for stamp, _ in receiver.got] == pytest.approx([s for _, k, s in events if k == "scan"])
+        assert [stamp for stamp, _ in receiver.got] == pytest.approx(
+            [s for _, k, s in events if k == "scan"]
+        )
         for stamp, pose in receiver.got:
             assert_same_pose(pose, on_arc(stamp), within=1e-5)
         assert receiver.sync.dropped == 0
@@ -202,14 +212,20 @@ def test_the_map_is_placed_by_a_transform_or_by_a_pose():
     place = compose(believed, inverse(here))
     for frames in (by_pose, by_transform):
         assert frames.on_map(here) is None
-        frames.take_transforms(Transforms([transform(1.0, "/odom", "base_footprint", here)]), static=False)
+        frames.take_transforms(
+            Transforms([transform(1.0, "/odom", "base_footprint", here)]), static=False
+        )
     by_pose.take_pose(pose_on_map(1.0, believed))
-    assert not by_transform.take_transforms(Transforms([transform(1.3, "map", "odom", place)]), static=False)
+    assert not by_transform.take_transforms(
+        Transforms([transform(1.3, "map", "odom", place)]), static=False
+    )
     for frames in (by_pose, by_transform):
         assert_same_pose(frames.on_map(here), believed)
         assert frames.map_stamp == 1.0  # by the odometry's clock
     by_transform.take_transforms(Transforms([transform(0.0, "map", "odom", OFFSET)]), static=True)
-    by_transform.take_transforms(Transforms([transform(-9.0, "odom", "base_footprint", here)]), static=False)
+    by_transform.take_transforms(
+        Transforms([transform(-9.0, "odom", "base_footprint", here)]), static=False
+    )
     assert by_transform.map_stamp == math.inf  # a fixed one is never out of date
     assert_same_pose(by_transform.on_map(here), compose(OFFSET, here))
 
@@ -228,7 +244,9 @@ def test_the_mount_is_found_over_a_chain_of_frames():
     poses = [Pose2D(0.1, 0.0, 0.0), Pose2D(0.0, 0.2, math.pi / 2), Pose2D(0.3, 0.0, 0.0)]
     for (parent, child), pose in zip(reversed(links), reversed(poses), strict=True):
         assert frames.mount("base_scan") is None
-        frames.take_transforms(Transforms([transform(0.0, parent, child, pose, z=0.1)]), static=True)
+        frames.take_transforms(
+            Transforms([transform(0.0, parent, child, pose, z=0.1)]), static=True
+        )
     mount, flipped = frames.mount("base_scan")
     assert_same_pose(mount, Pose2D(0.1, 0.5, math.pi / 2))
     assert not flipped

@@ -46,7 +46,9 @@ def test_without_a_transform_the_parameter_says_where_the_laser_is():
 
 def test_a_laser_upside_down_sees_the_room_as_one_that_is_upright():
     upright, flipped = (
-        Reading(transform(0.0, "base_footprint", "base_scan", Pose2D(0.1, 0.0, 0.4), flipped=turned))
+        Reading(
+            transform(0.0, "base_footprint", "base_scan", Pose2D(0.1, 0.0, 0.4), flipped=turned)
+        )
         for turned in (False, True)
     )
     one, other = upright(scan(1.0, RANGES)), flipped(scan(1.0, RANGES[::-1]))
@@ -56,7 +58,9 @@ def test_a_laser_upside_down_sees_the_room_as_one_that_is_upright():
 
 
 def test_beams_in_clockwise_order_are_turned_round():
-    clockwise = scan(1.0, RANGES[::-1], angle_min=-LASER.angle_min, angle_increment=-LASER.angle_increment)
+    clockwise = scan(
+        1.0, RANGES[::-1], angle_min=-LASER.angle_min, angle_increment=-LASER.angle_increment
+    )
     one, other = Reading()(scan(1.0, RANGES)), Reading()(clockwise)
     np.testing.assert_array_equal(one.ranges, other.ranges)
 

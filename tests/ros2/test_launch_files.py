@@ -45,9 +45,9 @@ def guarded(command):
 
 def arguments_class(name):
     """What the command of a node takes."""
-    return typing.get_type_hints(getattr(ros2, cli.COMMANDS[f"ros2 {name}"].target.partition(":")[2]))[
-        "arguments"
-    ]
+    return typing.get_type_hints(
+        getattr(ros2, cli.COMMANDS[f"ros2 {name}"].target.partition(":")[2])
+    )["arguments"]
 
 
 def parsed(name, options):
@@ -55,7 +55,9 @@ def parsed(name, options):
     complaint = io.StringIO()
     with contextlib.redirect_stderr(complaint), contextlib.redirect_stdout(complaint):
         try:
-            return tyro.cli(arguments_class(name), args=options, config=(tyro.conf.FlagCreatePairsOff,))
+            return tyro.cli(
+                arguments_class(name), args=options, config=(tyro.conf.FlagCreatePairsOff,)
+            )
         except SystemExit:
             pytest.fail(complaint.getvalue())
 
@@ -66,7 +68,11 @@ def tree(request):
 
 
 def test_there_are_launch_files():
-    assert {path.name for path in FILES} == {"demo.launch.xml", "nav2.launch.xml", "turtlebot3.launch.xml"}
+    assert {path.name for path in FILES} == {
+        "demo.launch.xml",
+        "nav2.launch.xml",
+        "turtlebot3.launch.xml",
+    }
 
 
 def test_options_and_parameters_exist_and_take_their_values(tree):
@@ -77,7 +83,9 @@ def test_options_and_parameters_exist_and_take_their_values(tree):
         assert set(ros[::2]) <= {"-p"}, "else this test has to read more of ROS's arguments"
         given = dict(word.split(":=") for word in ros[1::2])
         given.pop("use_sim_time", None)
-        dataclasses.replace(arguments, **{key: yaml.safe_load(value) for key, value in given.items()})
+        dataclasses.replace(
+            arguments, **{key: yaml.safe_load(value) for key, value in given.items()}
+        )
 
 
 def test_every_argument_is_declared_and_used(tree):
@@ -86,7 +94,11 @@ def test_every_argument_is_declared_and_used(tree):
 
 
 def test_an_argument_that_a_node_has_too_has_its_default(tree):
-    ours = {"return_to_start", "speed", "out"}  # a robot that is left alone comes back; a demo is watched
+    ours = {
+        "return_to_start",
+        "speed",
+        "out",
+    }  # a robot that is left alone comes back; a demo is watched
     for name, _, _ in commands_of(tree):
         fields = {field.name: field.default for field in dataclasses.fields(arguments_class(name))}
         for argument, value in defaults_of(tree).items():

@@ -42,8 +42,12 @@ class Drive:
         log, start = env.log, env.log.true_poses[0]
         self.stamps = [BEGIN + 0.2 * step for step in range(steps + 1)]
         self.odometry = [Pose2D(*pose) for pose in log.odometry.tolist()]
-        self.truth = [Pose2D(x - start[0], y - start[1], turn) for x, y, turn in log.true_poses.tolist()]
-        self.ranges = [np.where(row < LASER.range_min, np.nan, row).astype(np.float32) for row in log.ranges]
+        self.truth = [
+            Pose2D(x - start[0], y - start[1], turn) for x, y, turn in log.true_poses.tolist()
+        ]
+        self.ranges = [
+            np.where(row < LASER.range_min, np.nan, row).astype(np.float32) for row in log.ranges
+        ]
 
     def messages(self, since=0.0):
         """Each step's odometry and scan."""
@@ -109,7 +113,9 @@ def test_it_maps_as_the_mapper_alone(desk, drive):
         assert math.dist(pose_in(message)[:2], pose[:2]) == 0.0
         assert pose_in(message).theta == pytest.approx(pose.theta, abs=1e-12)
         assert message.header.frame_id == "map"
-        assert message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec == pytest.approx(stamp)
+        assert message.header.stamp.sec + 1e-9 * message.header.stamp.nanosec == pytest.approx(
+            stamp
+        )
     covariance = np.reshape(sent[-1].pose.covariance, (6, 6))
     np.testing.assert_array_equal(covariance[np.ix_((0, 1, 5), (0, 1, 5))], mapper.covariance)
 
@@ -150,9 +156,13 @@ def test_transforms_serve_as_the_odometry_does(desk, drive):
     poses = [pose_in(one) for one in desk.sent["/pose"]]
     fixed = transform(0.0, "base_footprint", "base_scan", LASER.mount)
     desk.hand(by_transforms, "/tf_static", Transforms([fixed]))
-    for (_, seen), stamp, pose in list(zip(drive.messages(), drive.stamps, drive.odometry, strict=True))[:20]:
+    for (_, seen), stamp, pose in list(
+        zip(drive.messages(), drive.stamps, drive.odometry, strict=True)
+    )[:20]:
         desk.hand(by_transforms, "/scan", seen)
-        desk.hand(by_transforms, "/tf", Transforms([transform(stamp, "odom", "base_footprint", pose)]))
+        desk.hand(
+            by_transforms, "/tf", Transforms([transform(stamp, "odom", "base_footprint", pose)])
+        )
         # What it publishes itself comes back to it.
         for transforms in desk.sent["/tf"]:
             desk.hand(by_transforms, "/tf", transforms)
@@ -169,7 +179,9 @@ def test_the_laser_alone_gives_map_path_and_odometry(desk, drive):
     went, found = math.dist(start[:2], end[:2]), math.hypot(*pose_in(desk.sent["/pose"][-1])[:2])
     assert found == pytest.approx(went, abs=0.15)
     frames = {
-        (one.header.frame_id, one.child_frame_id) for sent in desk.sent["/tf"] for one in sent.transforms
+        (one.header.frame_id, one.child_frame_id)
+        for sent in desk.sent["/tf"]
+        for one in sent.transforms
     }
     assert ("odom", "base_footprint") in frames
 
@@ -194,7 +206,9 @@ def test_the_log_can_be_mapped_again(desk, drive):
     node = begin(desk)
     desk.hand(node, "/odom", odometry(9.0, drive.odometry[0]))
     desk.hand(node, "/odom", odometry(9.8, drive.odometry[0]))
-    desk.hand(node, "/scan", scan(9.5, np.full(LASER.num_beams, np.nan), LASER))  # says nothing; isn't logged
+    desk.hand(
+        node, "/scan", scan(9.5, np.full(LASER.num_beams, np.nan), LASER)
+    )  # says nothing; isn't logged
     feed(desk, node, drive)
     node.close()
     log = open_log(f"mapped/{LOG}")

@@ -78,7 +78,11 @@ def test_killed_and_restarted_in_any_order_the_exploration_goes_on(nodes, tmp_pa
     explored = nodes.shown(explorer).count("exploring:")
     again = nodes.start("map", "--out", "second", as_name="second")
     nodes.wait_for(explorer, "exploring:", count=explored + 3)
-    for process, number in ((explorer, signal.SIGTERM), (again, signal.SIGTERM), (robot, signal.SIGINT)):
+    for process, number in (
+        (explorer, signal.SIGTERM),
+        (again, signal.SIGTERM),
+        (robot, signal.SIGINT),
+    ):
         assert nodes.end(process, number)[0] == 0
     assert read_ros_map(tmp_path / "second/map.yaml").cells.size
     assert len(open_log(tmp_path / "second" / LOG).records) > 10

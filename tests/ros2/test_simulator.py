@@ -58,7 +58,9 @@ def check_same(desk, log, first=0):
     assert len(scans) == len(log.stamps)
     for number, (scan, odom) in enumerate(zip(scans, odoms, strict=True)):
         np.testing.assert_array_equal(np.array(scan.ranges, np.float32), log.ranges[number])
-        assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == tuple(log.odometry[number, :2])
+        assert (odom.pose.pose.position.x, odom.pose.pose.position.y) == tuple(
+            log.odometry[number, :2]
+        )
         stamp = scan.header.stamp.sec + 1e-9 * scan.header.stamp.nanosec
         assert stamp == pytest.approx(BEGIN + log.stamps[number])
     assert scans[0].header.frame_id == "base_scan"
@@ -76,7 +78,9 @@ def test_the_same_seed_and_commands_give_the_scans_of_the_environment(desk):
     start = node.robot.start
     for message, true in zip(desk.sent["/ground_truth/pose"], log.true_poses, strict=True):
         place = message.pose.position
-        assert (place.x, place.y) == pytest.approx((true[0] - start.x, true[1] - start.y), abs=1e-12)
+        assert (place.x, place.y) == pytest.approx(
+            (true[0] - start.x, true[1] - start.y), abs=1e-12
+        )
     assert desk.sent["/ground_truth/coverage"][-1].data == pytest.approx(info["coverage"], abs=1e-6)
 
 
@@ -87,7 +91,11 @@ def test_a_reset_takes_plan_start_and_seed(desk):
     drive_all(desk, node, commands(3))
     start = (8.2, 0.9, 0.5)
     node.set_parameters(
-        [Parameter("plan", value=plan), Parameter("seed", value=7), Parameter("start", value=list(start))]
+        [
+            Parameter("plan", value=plan),
+            Parameter("seed", value=7),
+            Parameter("start", value=list(start)),
+        ]
     )
     first = len(desk.sent["/scan"])
     assert desk.call(node, "reset").success

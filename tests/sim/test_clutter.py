@@ -29,7 +29,9 @@ EVERYTHING = {"furniture": 1.0, "doors": 1.0, "changes": 6.0}
 
 
 def furnish(plan, seed, **settings):
-    return make_clutter(plan, np.random.default_rng(seed), ClutterConfig(**({"furniture": 1.0} | settings)))
+    return make_clutter(
+        plan, np.random.default_rng(seed), ClutterConfig(**({"furniture": 1.0} | settings))
+    )
 
 
 def polygons(clutter):
@@ -75,7 +77,9 @@ class TestFurniture:
                 assert largest_part(ways).intersects(room.polygon)
 
     def test_a_crowded_flat_has_more_and_is_still_passable(self, flat):
-        usual, crowded = ([furnish(flat, seed, furniture=share) for seed in range(4)] for share in (1.0, 2.0))
+        usual, crowded = (
+            [furnish(flat, seed, furniture=share) for seed in range(4)] for share in (1.0, 2.0)
+        )
 
         def covered(clutters):
             return sum(shapely.Polygon(solid).area for c in clutters for solid in c.furniture)
@@ -85,10 +89,14 @@ class TestFurniture:
         assert all(clutter.passages.parts(radius)[1].max() == 1 for clutter in crowded)
 
     def test_an_untidy_room_has_small_things_and_chairs_at_any_angle(self, flat):
-        tidy, untidy = ([furnish(flat, seed, untidiness=u) for seed in range(5)] for u in (0.0, 1.0))
+        tidy, untidy = (
+            [furnish(flat, seed, untidiness=u) for seed in range(5)] for u in (0.0, 1.0)
+        )
 
         def small(clutters):
-            return sum(np.ptp(solid, axis=0).max() < 0.35 for c in clutters for solid in c.furniture)
+            return sum(
+                np.ptp(solid, axis=0).max() < 0.35 for c in clutters for solid in c.furniture
+            )
 
         def angles(clutters):
             chairs = [places[0] for c in clutters for places in c.movables if len(places[0]) == 4]
@@ -101,13 +109,17 @@ class TestFurniture:
 
     def test_a_door_ajar_lets_a_beam_through_but_no_robot(self, flat):
         closed, ajar = (
-            furnish(flat, 0, furniture=0.0, doors=1.0, closed_doors=1.0, ajar_doors=share, cut_off=True)
+            furnish(
+                flat, 0, furniture=0.0, doors=1.0, closed_doors=1.0, ajar_doors=share, cut_off=True
+            )
             for share in (0.0, 1.0)
         )
         assert len(ajar.movables) == len(closed.movables) > 1
         assert ajar.cut_off == closed.cut_off != ()
         turns = [
-            np.ptp(solid, axis=0).min() for clutter in (closed, ajar) for (solid,), *_ in clutter.movables
+            np.ptp(solid, axis=0).min()
+            for clutter in (closed, ajar)
+            for (solid,), *_ in clutter.movables
         ]
         count = len(closed.movables)
         # A leaf is 4 cm thick; 3 degrees turn one of 0.6 m by 3 cm.
@@ -120,7 +132,9 @@ class TestFurniture:
         clutter = furnish(flat, seed, **EVERYTHING)
         assert clutter.cut_off == ()
         grown = [piece.buffer(robot.radius) for piece in polygons(clutter)]
-        ways = largest_part(flat.free_space.buffer(-robot.radius).difference(shapely.union_all(grown)))
+        ways = largest_part(
+            flat.free_space.buffer(-robot.radius).difference(shapely.union_all(grown))
+        )
         assert all(ways.intersects(room.polygon) for room in flat.rooms)
 
     def test_doors_stay_free(self, flat):
@@ -131,7 +145,9 @@ class TestFurniture:
 
     def test_most_of_it_hugs_walls(self, flat):
         for seed in range(3):
-            gaps = [piece.distance(flat.free_space.exterior) for piece in polygons(furnish(flat, seed))]
+            gaps = [
+                piece.distance(flat.free_space.exterior) for piece in polygons(furnish(flat, seed))
+            ]
             assert np.mean(np.array(gaps) < 0.1) > 0.6
 
     def test_the_same_generator_furnishes_alike_and_another_one_otherwise(self, flat):
@@ -162,7 +178,9 @@ class TestFurniture:
         assert len(furnish(hall, 0).outlines) >= 3
         without_names = FloorPlan("nameless", flat.free_space)
         pieces = polygons(furnish(without_names, 0))
-        assert sum(any(room.polygon.contains(piece) for piece in pieces) for room in flat.rooms) >= 3
+        assert (
+            sum(any(room.polygon.contains(piece) for piece in pieces) for room in flat.rooms) >= 3
+        )
 
     def test_a_turned_building_is_furnished_along_its_walls(self, flat):
         def turn(shape):
@@ -269,7 +287,10 @@ class TestPassages:
         rng = np.random.default_rng(0)
         rows, cols = np.nonzero(passages.clearance > 0.0)
         for index in rng.integers(len(rows), size=50):
-            x, y = np.array(passages.origin) + (np.array([cols[index], rows[index]]) + 0.5) * PASSAGE_CELL
+            x, y = (
+                np.array(passages.origin)
+                + (np.array([cols[index], rows[index]]) + 0.5) * PASSAGE_CELL
+            )
             true = min(0.5, flat.free_space.exterior.distance(shapely.Point(x, y)))
             assert passages.clearance[rows[index], cols[index]] == pytest.approx(true)
 
@@ -324,7 +345,10 @@ class TestPeople:
         for _ in range(100):
             crowd.advance(0.1, -100.0, -100.0, 0.22)
             ends = crowd.legs().reshape(2, -1, 2)
-            assert np.hypot(*np.moveaxis(ends - crowd.discs[:, None, :2], -1, 0)).max() <= PERSON_RADIUS
+            assert (
+                np.hypot(*np.moveaxis(ends - crowd.discs[:, None, :2], -1, 0)).max()
+                <= PERSON_RADIUS
+            )
 
     def test_a_reset_lets_them_walk_the_same_ways_again(self, flat):
         clutter = furnish(flat, 0, people=2)

@@ -54,7 +54,8 @@ class TestSweep:
     """A scan that takes 0.2 s, of a full turn from behind over the right to behind again."""
 
     SWEEP = lidar_level(
-        "exact", LidarConfig(num_beams=360, field_of_view_deg=360.0, mount=(0.0, 0.0, 0.0), sweep=0.2)
+        "exact",
+        LidarConfig(num_beams=360, field_of_view_deg=360.0, mount=(0.0, 0.0, 0.0), sweep=0.2),
     )
 
     def test_a_robot_that_stands_has_the_snapshot(self):
@@ -71,7 +72,9 @@ class TestSweep:
         expected = 2.0 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
         # Poses stand for a part of the sweep: half of at most 0.03 rad, on walls seen at up to 45 degrees.
         assert ranges == pytest.approx(expected, abs=0.016 * 2.0 * math.sqrt(2.0))
-        snapshot = 2.0 / np.maximum(abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles)))
+        snapshot = 2.0 / np.maximum(
+            abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles))
+        )
         assert abs(ranges - snapshot)[:90].max() > 0.4
 
     def test_driving_moves_the_first_beams_back(self):
@@ -81,7 +84,9 @@ class TestSweep:
         assert ranges[[0, 180]] == pytest.approx([2.0 - 0.05, 2.0 + 0.025], abs=0.011)
 
     def test_it_fits_between_two_scans(self):
-        with pytest.raises(ConfigError, match=r"lidar\.sweep must not exceed the time between scans"):
+        with pytest.raises(
+            ConfigError, match=r"lidar\.sweep must not exceed the time between scans"
+        ):
             LidarConfig(sweep=0.3)
 
 
@@ -123,7 +128,10 @@ class TestErrors:
         config = replace(lidar_level("exact"), lost=0.15, stray=0.05)
         scans, true = many_scans(config, 200)
         number = scans.size
-        for mask, share in ((np.isinf(scans), 0.15), (np.isfinite(scans) & (scans < true - 1e-6), 0.05)):
+        for mask, share in (
+            (np.isinf(scans), 0.15),
+            (np.isfinite(scans) & (scans < true - 1e-6), 0.05),
+        ):
             assert mask.mean() == pytest.approx(
                 share, abs=0.003 + 5 * math.sqrt(share * (1 - share) / number)
             )
@@ -147,7 +155,9 @@ class TestErrors:
     def test_out_of_range_readings_follow_rep_117(self):
         lidar = Lidar(lidar_level("exact", LidarConfig(num_beams=181)))
         assert (
-            lidar.scan(Pose2D(1.96 + 0.064, 0.0, 0.0), ROOM, np.random.default_rng(0), 0.0).ranges[90]
+            lidar.scan(Pose2D(1.96 + 0.064, 0.0, 0.0), ROOM, np.random.default_rng(0), 0.0).ranges[
+                90
+            ]
             == -np.inf
         )
         far = ROOM * 2.0

@@ -21,7 +21,9 @@ def state_at(x, y, theta):
 @given(coordinate, coordinate, st.lists(segment, min_size=1, max_size=5))
 @settings(max_examples=200)
 def test_clearance_is_the_distance_to_the_nearest_segment(x, y, segments):
-    expected = min(shapely.LineString([s[:2], s[2:]]).distance(shapely.Point(x, y)) for s in segments)
+    expected = min(
+        shapely.LineString([s[:2], s[2:]]).distance(shapely.Point(x, y)) for s in segments
+    )
     assert motion.clearance(x, y, np.array(segments), NOBODY) == pytest.approx(expected, abs=1e-9)
 
 

@@ -42,7 +42,12 @@ def brute_force(segments, pose, angles, range_max, lengthen):
         with np.errstate(all="ignore"):
             distance = (start[0] * along[1] - start[1] * along[0]) / slant
             at = (start[0] * directions[:, 1] - start[1] * directions[:, 0]) / slant * length
-        hit = (at >= -lengthen) & (at <= length + lengthen) & (distance >= 0) & (abs(slant) > 1e-6 * length)
+        hit = (
+            (at >= -lengthen)
+            & (at <= length + lengthen)
+            & (distance >= 0)
+            & (abs(slant) > 1e-6 * length)
+        )
         nearest[hit] = np.minimum(nearest[hit], distance[hit])
     return np.where(nearest <= range_max, nearest, np.inf)
 
@@ -104,7 +109,8 @@ def test_a_wall_behind_is_seen_across_the_seam_of_a_full_turn(theta):
     directions = theta - math.pi + math.radians(1) * np.arange(360)
     expected = np.cos(directions) < -math.cos(math.pi / 4) - 1e-9
     assert np.array_equal(
-        np.isfinite(cast(wall_ahead_of_the_seam, pose=pose))[expected], np.ones(expected.sum(), bool)
+        np.isfinite(cast(wall_ahead_of_the_seam, pose=pose))[expected],
+        np.ones(expected.sum(), bool),
     )
     assert np.isinf(cast(wall_ahead_of_the_seam, pose=pose)[np.cos(directions) > -0.7]).all()
 

@@ -8,12 +8,7 @@ from slamgym.sim import ClutterConfig, RobotConfig
 
 
 @pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("wheel_separation", 0.0),
-        ("max_linear", math.inf),
-        ("radius", math.nan),
-    ],
+    ("name", "value"), [("wheel_separation", 0.0), ("max_linear", math.inf), ("radius", math.nan)]
 )
 def test_senseless_measures_are_refused_by_name(name, value):
     with pytest.raises(ConfigError, match=name):
@@ -26,13 +21,20 @@ def test_senseless_clutter_is_refused(values):
         ClutterConfig(**values)
 
 
-@pytest.mark.parametrize("config", [RobotConfig(radius=0.2), ClutterConfig(furniture=0.5, people=2)])
+@pytest.mark.parametrize(
+    "config", [RobotConfig(radius=0.2), ClutterConfig(furniture=0.5, people=2)]
+)
 def test_settings_survive_json(config):
     assert from_dict(type(config), to_dict(config)) == config
 
 
 def test_a_robot_saved_with_what_was_dropped_is_read():
-    saved = {"radius": 0.2, "shape": "circle", "mass": 1.8, "footprint": [-0.205, -0.155, 0.077, 0.155]}
+    saved = {
+        "radius": 0.2,
+        "shape": "circle",
+        "mass": 1.8,
+        "footprint": [-0.205, -0.155, 0.077, 0.155],
+    }
     assert from_dict(RobotConfig, saved) == RobotConfig(radius=0.2)
     with pytest.raises(ConfigError, match="shape of RobotConfig is always 'circle'"):
         from_dict(RobotConfig, {"shape": "footprint"})

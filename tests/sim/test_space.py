@@ -76,7 +76,9 @@ class TestDifferentialDrive:
         world.reset(Pose2D(4.0, 3.0, 0.0))
         for motion in drive(world, Twist2D(0.1, 1.0), 3.0):
             left, right = motion.wheels
-            assert (right - left) / robot.wheel_separation == pytest.approx(motion.increment.theta, abs=1e-12)
+            assert (right - left) / robot.wheel_separation == pytest.approx(
+                motion.increment.theta, abs=1e-12
+            )
             assert 0.5 * (left + right) == pytest.approx(motion.distance, abs=1e-12)
 
     @given(st.integers(0, 1000))
@@ -149,7 +151,9 @@ class TestContact:
     def test_a_person_blocks_the_way_and_is_not_run_over(self, hall):
         walkable = Walkable(np.ones((1, 1), dtype=np.bool_), (4.98, 2.98))
         world = World(
-            hall, RobotConfig(), clutter=Clutter(people=(Person((5.0, 3.0), 1.0, 0),), walkable=walkable)
+            hall,
+            RobotConfig(),
+            clutter=Clutter(people=(Person((5.0, 3.0), 1.0, 0),), walkable=walkable),
         )
         world.reset(Pose2D(4.0, 3.0, 0.0))
         motions = drive(world, AHEAD, 6.0)
@@ -205,7 +209,11 @@ def test_nothing_lets_the_robot_through_a_wall(make_random_plan):
     contacts = 0
     for seed in range(30):
         rng = np.random.default_rng([seed, 6])
-        fast = {"max_linear": 5.0, "max_angular": 6.0, "linear_acceleration": 100.0} if seed % 5 == 0 else {}
+        fast = (
+            {"max_linear": 5.0, "max_angular": 6.0, "linear_acceleration": 100.0}
+            if seed % 5 == 0
+            else {}
+        )
         robot = RobotConfig(**fast)
         plan, start = _plan_with_room(make_random_plan, robot, rng)
         world = World(plan, robot)
@@ -213,7 +221,9 @@ def test_nothing_lets_the_robot_through_a_wall(make_random_plan):
         poses = np.empty((_STEPS, 3))
         for step in range(_STEPS):
             if step % 20 == 0:
-                command = Twist2D(*(rng.choice([-1e9, -1, 0, 0.5, 1, 1, 1e9], 2) * rng.uniform(0, 2, 2)))
+                command = Twist2D(
+                    *(rng.choice([-1e9, -1, 0, 0.5, 1, 1, 1e9], 2) * rng.uniform(0, 2, 2))
+                )
             dt = 5.0 if step % 250 == 249 else rng.choice([0.02, 0.05, 0.1, 0.2])
             motion = world.step(command, dt)
             contacts += motion.contact

@@ -32,7 +32,9 @@ def test_it_is_drawn_evenly_over_the_area(hall):
     rng = np.random.default_rng(0)
     poses = np.array([sample_start(hall, RobotConfig(), rng) for _ in range(2000)])
     # Means of even draws over 7.5 m, 5.5 m and a turn: 4.5 standard errors of the mean of 2,000.
-    assert poses.mean(axis=0) == pytest.approx([4.0, 3.0, 0.0], abs=4.5 * 2 * np.pi / np.sqrt(12 * 2000))
+    assert poses.mean(axis=0) == pytest.approx(
+        [4.0, 3.0, 0.0], abs=4.5 * 2 * np.pi / np.sqrt(12 * 2000)
+    )
     assert np.ptp(poses, axis=0) == pytest.approx([7.5, 5.5, 2 * np.pi], abs=0.1)
 
 
@@ -48,4 +50,6 @@ def test_it_is_never_in_an_enclosed_region_that_the_robot_can_not_leave():
 
 def test_a_plan_in_which_the_robot_fits_nowhere_is_refused_by_name():
     with pytest.raises(PlanError, match="slot"):
-        sample_start(FloorPlan("slot", shapely.box(0, 0, 0.4, 5)), RobotConfig(), np.random.default_rng(0))
+        sample_start(
+            FloorPlan("slot", shapely.box(0, 0, 0.4, 5)), RobotConfig(), np.random.default_rng(0)
+        )

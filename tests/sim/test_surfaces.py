@@ -59,7 +59,9 @@ class TestDrawing:
 
     def test_furniture_leaves_the_walls_as_they_are(self):
         chair = np.array([(1.0, 1.0, 1.4, 1.0), (1.4, 1.0, 1.4, 1.4), (1.4, 1.4, 1.0, 1.0)])
-        empty, furnished = (make_surfaces(PLAN, pieces, REAL_SURFACES) for pieces in (NOTHING, chair))
+        empty, furnished = (
+            make_surfaces(PLAN, pieces, REAL_SURFACES) for pieces in (NOTHING, chair)
+        )
         assert np.array_equal(furnished.patches[: len(empty.patches)], empty.patches)
         assert len(furnished.first) == len(empty.first) + 3
 
@@ -82,7 +84,9 @@ class TestDrawing:
             for index, (x0, y0, x1, y1) in enumerate(plan.segments()):
                 own = surfaces.patches[surfaces.first[index] : surfaces.first[index + 1]]
                 length = float((own[:, 1] - own[:, 0]).sum())
-                is_on_hull = all(hull.distance(shapely.Point(x, y)) < 0.05 for x, y in ((x0, y0), (x1, y1)))
+                is_on_hull = all(
+                    hull.distance(shapely.Point(x, y)) < 0.05 for x, y in ((x0, y0), (x1, y1))
+                )
                 if is_on_hull and math.hypot(x1 - x0, y1 - y0) > 0.6:
                     glazed, outer = glazed + length, outer + math.hypot(x1 - x0, y1 - y0)
         # Some 100 modules of 2.5 m, each glazed with probability 0.43: five standard errors are 0.17.
@@ -95,7 +99,10 @@ class TestDrawing:
     def test_contacts_know_nothing_of_glass(self):
         plain, glass = (
             World(PLAN, RobotConfig(), surfaces=surfaces)
-            for surfaces in (None, make_surfaces(PLAN, np.empty((0, 4)), SurfaceConfig(glazing=0.3)))
+            for surfaces in (
+                None,
+                make_surfaces(PLAN, np.empty((0, 4)), SurfaceConfig(glazing=0.3)),
+            )
         )
         assert np.array_equal(plain.segments(), glass.segments())
         assert len(plain.surfaces.patches) == 0 < len(glass.surfaces.patches)
@@ -129,8 +136,12 @@ class TestMeasuring:
         back = np.array([(1.0, -9.0, 1.0, -2.0)])
         measured, _ = ranges(patched(MIRROR, 0.0, 10.0, segments=2), np.vstack([WALL, back]))
         # 45 degrees to the right: 2 m ahead at the mirror, 1 m back from it.
-        assert measured[45] == pytest.approx(3.0 * math.sqrt(2.0) if 3.0 * math.sqrt(2.0) <= 3.5 else np.inf)
-        wide = lidar_level("exact", LidarConfig(num_beams=181, mount=(0.0, 0.0, 0.0), range_max=8.0))
+        assert measured[45] == pytest.approx(
+            3.0 * math.sqrt(2.0) if 3.0 * math.sqrt(2.0) <= 3.5 else np.inf
+        )
+        wide = lidar_level(
+            "exact", LidarConfig(num_beams=181, mount=(0.0, 0.0, 0.0), range_max=8.0)
+        )
         measured, _ = ranges(patched(MIRROR, 0.0, 10.0, segments=2), np.vstack([WALL, back]), wide)
         assert measured[45] == pytest.approx(3.0 * math.sqrt(2.0), abs=1e-4)
 
@@ -155,7 +166,9 @@ class TestMeasuring:
         measured, true = ranges(patched(PLAIN, 0.0, 0.0), np.vstack([near, far]), config)
         assert true[90] == pytest.approx(1.5)
         assert measured[90] == pytest.approx(1.75, abs=0.05)
-        assert np.array_equal(np.delete(measured, [90, 91]), np.delete(true, [90, 91]).astype(np.float32))
+        assert np.array_equal(
+            np.delete(measured, [90, 91]), np.delete(true, [90, 91]).astype(np.float32)
+        )
 
     def test_evenness_is_of_the_size_asked_for_and_stays(self):
         surfaces = make_surfaces(_hall(), NOTHING, SurfaceConfig(roughness=0.005))

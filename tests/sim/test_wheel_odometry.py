@@ -104,7 +104,9 @@ class TestSystematicErrors:
 
     @given(st.floats(0.95, 1.05), st.floats(-3, 3))
     def test_driving_straight_does_not_depend_on_the_wheel_base(self, ratio, way):
-        assert follow_with(Flaws(wheelbase_ratio=ratio), [straight(way)]) == pytest.approx((way, 0, 0))
+        assert follow_with(Flaws(wheelbase_ratio=ratio), [straight(way)]) == pytest.approx(
+            (way, 0, 0)
+        )
 
     def test_a_longer_wheel_base_than_believed_makes_turns_look_larger(self):
         # E_b = actual / nominal; the odometry divides by the nominal base.
@@ -114,12 +116,18 @@ class TestSystematicErrors:
     def test_a_larger_right_wheel_makes_a_straight_way_look_like_a_right_bend(self):
         # It turns less often for the same distance, so odometry believes that the right side went less far.
         pose = follow_with(Flaws(diameter_ratio=1.01), [straight(0.01)] * 100)
-        assert pose.theta == pytest.approx(-0.01 / 0.287, rel=0.01)  # (E_d - 1) / b per metre, to first order
+        assert pose.theta == pytest.approx(
+            -0.01 / 0.287, rel=0.01
+        )  # (E_d - 1) / b per metre, to first order
 
     def test_the_two_directions_separate_the_errors(self):
         # UMBmark: E_b shows as a heading error of opposite sign in the two directions, E_d of the same sign.
-        by_base = [follow_with(Flaws(wheelbase_ratio=1.005), square(direction=d)).theta for d in (1, -1)]
-        by_wheels = [follow_with(Flaws(diameter_ratio=1.0005), square(direction=d)).theta for d in (1, -1)]
+        by_base = [
+            follow_with(Flaws(wheelbase_ratio=1.005), square(direction=d)).theta for d in (1, -1)
+        ]
+        by_wheels = [
+            follow_with(Flaws(diameter_ratio=1.0005), square(direction=d)).theta for d in (1, -1)
+        ]
         assert by_base[0] == pytest.approx(-by_base[1])
         assert by_base[0] == pytest.approx(0.005 * 2 * math.pi)
         assert by_wheels[0] == pytest.approx(by_wheels[1], rel=0.01)
@@ -142,7 +150,9 @@ class TestRandomSlip:
         config = replace(FLAWLESS, slip_distance=0.02, slip_turn=0.03)
         for steps in (1, 20):
             ways = [follow(config, [straight(4.0 / steps)] * steps, seed).x for seed in range(1500)]
-            turns = [follow(config, [turn(2.0 / steps)] * steps, seed).theta for seed in range(1500)]
+            turns = [
+                follow(config, [turn(2.0 / steps)] * steps, seed).theta for seed in range(1500)
+            ]
             # 1,500 draws: five standard errors of a standard deviation are 9 %.
             assert np.std(ways) == pytest.approx(0.02 * math.sqrt(4.0), rel=0.09)
             assert np.std(turns) == pytest.approx(0.03 * math.sqrt(2.0), rel=0.09)
@@ -209,7 +219,9 @@ def test_it_integrates_what_the_wheels_rolled_along_any_path():
         odometry.update(world.step(Twist2D(*rng.uniform(-1, 1, 2)), 0.2), rng)
     # One arc a step stands for a step whose velocity may ramp: at most a millimetre each.
     assert math.dist(odometry.pose[:2], world.pose[:2]) < 0.1
-    assert math.remainder(odometry.pose.theta - world.pose.theta, 2 * math.pi) == pytest.approx(0.0, abs=1e-9)
+    assert math.remainder(odometry.pose.theta - world.pose.theta, 2 * math.pi) == pytest.approx(
+        0.0, abs=1e-9
+    )
 
 
 def test_a_reset_keeps_the_robot_and_restarts_the_path():
@@ -222,7 +234,8 @@ def test_a_reset_keeps_the_robot_and_restarts_the_path():
 
 
 @pytest.mark.parametrize(
-    "values", [{"model": "visual"}, {"ticks_per_revolution": -1}, {"scale_std": -1.0}, {"slip_turn": -0.1}]
+    "values",
+    [{"model": "visual"}, {"ticks_per_revolution": -1}, {"scale_std": -1.0}, {"slip_turn": -0.1}],
 )
 def test_senseless_settings_are_refused_by_name(values):
     with pytest.raises(ConfigError, match=next(iter(values))):

@@ -13,7 +13,8 @@ from slamgym.slam.mapper import DoubtSpan, SlamStats
 
 GEOMETRY = LaserGeometry(180, -np.pi, np.pi / 90, 0.1, 8.0, Pose2D(0.1, 0.0, 0.0))
 ROOM = np.array(
-    [(-2, -1.5, 2, -1.5), (2, -1.5, 2, 1.5), (2, 1.5, -2, 1.5), (-2, 1.5, -2, -1.5)], dtype=np.float64
+    [(-2, -1.5, 2, -1.5), (2, -1.5, 2, 1.5), (2, 1.5, -2, 1.5), (-2, 1.5, -2, -1.5)],
+    dtype=np.float64,
 )
 SCANS, SUBMAPS = 8, 6
 
@@ -22,10 +23,9 @@ def judged(offsets, deviation=0.0):
     """A robot that stays in a room, with submaps drawn at offsets in x [m]; returns doubtful and broken scans."""
     ranges = np.empty(GEOMETRY.num_beams)
     cast_rays(0.1, 0.0, 0.0, GEOMETRY.angle_min, GEOMETRY.angle_increment, ROOM, 8.0, ranges)
-    points = ranges[:, None] * np.column_stack([np.cos(GEOMETRY.angles), np.sin(GEOMETRY.angles)]) + (
-        0.1,
-        0.0,
-    )
+    points = ranges[:, None] * np.column_stack(
+        [np.cos(GEOMETRY.angles), np.sin(GEOMETRY.angles)]
+    ) + (0.1, 0.0)
     sides, submaps = sides_of(points, np.array([0.1, 0.0])), []
     for number in range(len(offsets)):
         submap = Submap(SCANS * number, 6.0)

@@ -21,7 +21,9 @@ def log():
     """A hundred seconds along a circle."""
     pose, records = Pose2D(1.0, 2.0, 0.3), []
     for k in range(201):
-        records.append(LogRecord(0.5 * k, pose, LaserScan(0.5 * k, np.ones(1, np.float32), GEOMETRY)))
+        records.append(
+            LogRecord(0.5 * k, pose, LaserScan(0.5 * k, np.ones(1, np.float32), GEOMETRY))
+        )
         pose = compose(pose, STEP)
     return Log("circle", records, GEOMETRY)
 

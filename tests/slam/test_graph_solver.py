@@ -32,7 +32,9 @@ def edges_between(truth, first, second, errors=(0.0, 0.0, 0.0), width=np.inf):
     for edge in np.flatnonzero(second == first + 1):
         x, y, turn = measured[edge]
         x, y = x / (1.0 + errors[0]), y / (1.0 + errors[0])
-        step = WheelCalibration().step(np.array([(x, y, (turn - errors[1] * x) / (1.0 + errors[2]))]))
+        step = WheelCalibration().step(
+            np.array([(x, y, (turn - errors[1] * x) / (1.0 + errors[2]))])
+        )
         measured[edge], design[edge] = step.moved, step.design
     information = np.tile(np.diag([400.0, 400.0, 4000.0]), (len(first), 1, 1))
     return Edges(first, second, measured, information, design, np.full(len(first), width))
@@ -57,7 +59,9 @@ def test_a_step_and_its_covariances_are_those_of_dense_matrices(seed):
     second = np.concatenate([np.arange(1, NODES), first[NODES - 1 :] + rng.integers(2, 8, 12)])
     edges = edges_between(ring(), first, second)
     spread = rng.normal(size=(len(first), 3, 3))
-    edges = edges._replace(information=edges.information + 100.0 * spread @ spread.transpose(0, 2, 1))
+    edges = edges._replace(
+        information=edges.information + 100.0 * spread @ spread.transpose(0, 2, 1)
+    )
     poses = ring() + rng.normal(0.0, 0.001, (NODES, 3))
 
     def errors(x):
@@ -75,7 +79,9 @@ def test_a_step_and_its_covariances_are_those_of_dense_matrices(seed):
     assert found.wheels == pytest.approx(-expected[-3:], abs=1e-5)
     for block in (3, NODES):
         columns = np.linalg.inv(normal)[:, 3 * block - 3 : 3 * block]
-        covariances = np.vstack([found.factor.covariance(other, block) for other in range(1, NODES + 1)])
+        covariances = np.vstack(
+            [found.factor.covariance(other, block) for other in range(1, NODES + 1)]
+        )
         assert covariances == pytest.approx(columns, rel=0.01, abs=1e-5)
 
 
@@ -95,7 +101,9 @@ def test_the_order_of_elimination_changes_nothing_but_the_fill(seed):
     assert sorted(ranks) == list(range(anchors.sum()))
     orders = elimination_order(anchors, ranks), np.arange(NODES + 1), rng.permutation(NODES + 1)
     assert all(sorted(places) == list(range(NODES + 1)) for places in orders)
-    ranked, *others = (optimise(start, np.zeros(3), edges, places, PRIOR, 20, 1e-9) for places in orders)
+    ranked, *others = (
+        optimise(start, np.zeros(3), edges, places, PRIOR, 20, 1e-9) for places in orders
+    )
     for other in others:
         assert other.poses == pytest.approx(ranked.poses, abs=1e-7)
         for pair in ((7, 7), (7, 23), (23, 7)):
@@ -107,7 +115,8 @@ def test_the_order_of_elimination_changes_nothing_but_the_fill(seed):
 
 @settings(max_examples=10)
 @given(
-    st.integers(0, 1000), st.tuples(st.floats(-0.03, 0.03), st.floats(-0.01, 0.01), st.floats(-0.05, 0.05))
+    st.integers(0, 1000),
+    st.tuples(st.floats(-0.03, 0.03), st.floats(-0.01, 0.01), st.floats(-0.05, 0.05)),
 )
 def test_what_the_wheels_do_wrong_is_found_from_a_drifted_start(seed, errors):
     truth, rng = ring(), np.random.default_rng(seed)
@@ -129,7 +138,9 @@ def test_a_closed_loop_spreads_its_error_over_the_whole_way():
     edges = edges_between(straight, [*steps, 0], [*steps + 1, NODES - 1])
     edges.measured[-1, 0] += 0.5
     edges.information[-1] *= 1e6
-    found = optimise(straight, np.zeros(3), edges._replace(design=0.0 * edges.design), every(10), PRIOR, 20)
+    found = optimise(
+        straight, np.zeros(3), edges._replace(design=0.0 * edges.design), every(10), PRIOR, 20
+    )
     assert np.diff(found.poses[:, 0]) == pytest.approx(1.0 + 0.5 / (NODES - 1), abs=1e-5)
     # Where the wheels may have measured too little, that is what happened.
     found = optimise(straight, np.zeros(3), edges, every(10), PRIOR, 20)
@@ -157,4 +168,6 @@ def test_distances_go_the_short_way():
     closed = graph_distances(lengths, np.array([20]), np.array([190]), 199)
     assert closed[[190, 20, 0]] == pytest.approx([9.0, 9.1, 29.1], abs=0.1)
     # What was seen a moment ago is no short cut.
-    assert graph_distances(lengths, np.array([180]), np.array([199]), 199) == pytest.approx(straight)
+    assert graph_distances(lengths, np.array([180]), np.array([199]), 199) == pytest.approx(
+        straight
+    )

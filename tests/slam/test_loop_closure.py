@@ -45,7 +45,9 @@ def test_what_a_submap_binds_is_weighed_as_by_numpy(seed, heading, count):
     sums, own = rows.T @ rows, np.eye(3)
     shift, information = weigh_match(sums, heading, count)
     known = sums[:3, :3]
-    assert shift == pytest.approx(np.linalg.solve(known + DAMPING * own, sums[:3, 3]), rel=1e-6, abs=1e-9)
+    assert shift == pytest.approx(
+        np.linalg.solve(known + DAMPING * own, sums[:3, 3]), rel=1e-6, abs=1e-9
+    )
     spread, axes = np.linalg.eigh(known)
     weaker = axes @ np.diag(spread**2 / (spread + WEAK)) @ axes.T
     covariance = np.linalg.inv(turned_matrix(weaker, -heading) + own)

@@ -76,7 +76,9 @@ def test_hits_are_visits_and_each_return_within_reach_is_one_hit(seed):
 def test_a_lone_beam_clears_its_way_and_hits_its_end():
     ranges = np.full((1, 90), np.nan, np.float32)
     ranges[0, 45] = 1.0
-    pose = np.array([[0.06, -0.02, -0.3]])  # the sensor at the origin but for the mount's turn, beams ahead
+    pose = np.array(
+        [[0.06, -0.02, -0.3]]
+    )  # the sensor at the origin but for the mount's turn, beams ahead
     cells = np.empty((2 * HALF, 2 * HALF), np.uint8)
     classify_counts(draw(pose, ranges), (0, 0, *cells.shape), 0.25, (0.0, 0.0), 1, cells)
     assert np.count_nonzero(cells == OCCUPIED) == 1
@@ -120,7 +122,9 @@ def test_between_the_margins_a_saved_map_is_unknown_but_not_the_one_to_drive_by(
         drawn.draw(poses, ranges)
     frame = plain.occupancy_grid().frame
     np.testing.assert_array_equal(saved.render(frame), plain.render(frame))
-    assert (saved.occupancy_grid().cells != UNKNOWN).sum() < (plain.occupancy_grid().cells != UNKNOWN).sum()
+    assert (saved.occupancy_grid().cells != UNKNOWN).sum() < (
+        plain.occupancy_grid().cells != UNKNOWN
+    ).sum()
 
 
 @given(st.floats(0.3, 2.9), st.floats(-np.pi, np.pi))
@@ -151,4 +155,6 @@ def test_of_the_cells_in_a_coarse_one_occupied_wins_then_free(seed, ratio, left,
     blocks = blocks.reshape(out.shape[0], ratio, out.shape[1], ratio).swapaxes(1, 2)
     expected = np.where((blocks == FREE).any(axis=(2, 3)), FREE, UNKNOWN)
     expected[(blocks == OCCUPIED).any(axis=(2, 3))] = OCCUPIED
-    np.testing.assert_array_equal(out[::-1], expected)  # row 0 of what leaves the package is at the top
+    np.testing.assert_array_equal(
+        out[::-1], expected
+    )  # row 0 of what leaves the package is at the top

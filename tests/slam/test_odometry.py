@@ -41,7 +41,13 @@ def test_the_gate_loses_no_motion_and_opens_at_its_thresholds(path):
 def test_there_and_back_again_is_motion_too():
     gate = OdometryGate(update_thresholds(CONFIG))
     there_and_back = [Pose2D(0.2 * (k % 2), 0.0, 0.0) for k in range(5)]
-    assert [gate.must_process(pose, 0.0) for pose in there_and_back] == [True, False, False, True, True]
+    assert [gate.must_process(pose, 0.0) for pose in there_and_back] == [
+        True,
+        False,
+        False,
+        True,
+        True,
+    ]
 
 
 @given(st.lists(steps, min_size=1, max_size=5), st.floats(-3.0, 3.0))
@@ -63,7 +69,9 @@ def test_the_particles_spread_as_far_as_the_model_says():
     # 20,000 draws give a variance to 1 %; three standard deviations are allowed.
     assert poses[:, 2].var() == pytest.approx(turn_variance, rel=0.03)
     assert poses[:, 0].mean() == pytest.approx(1.0, abs=0.01)
-    assert poses[:, 0].var() == pytest.approx(variance, rel=0.1)  # turning takes a little of the distance
+    assert poses[:, 0].var() == pytest.approx(
+        variance, rel=0.1
+    )  # turning takes a little of the distance
     assert np.abs(poses.mean(axis=0)[1:]).max() < 0.005
 
 
@@ -77,7 +85,9 @@ def test_every_particles_path_is_its_ancestors(seed, length):
     for step in range(length):
         poses = rng.random((particles, 3))
         tree.add(float(step), poses, np.zeros(2, np.float32))
-        histories = [[*history, tuple(pose)] for history, pose in zip(histories, poses, strict=True)]
+        histories = [
+            [*history, tuple(pose)] for history, pose in zip(histories, poses, strict=True)
+        ]
         best = int(rng.integers(particles))
         before = lineage.copy()
         first = trace_lineage(tree["parents"], step, best, lineage)

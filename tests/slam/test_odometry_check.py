@@ -35,7 +35,9 @@ def true_poses(stamps):
 def scan_at(pose, stamp, rng):
     sensor = compose(Pose2D(*pose), GEOMETRY.mount)
     ranges = np.empty(GEOMETRY.num_beams)
-    cast_rays(*sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, WALLS, GEOMETRY.range_max, ranges)
+    cast_rays(
+        *sensor, GEOMETRY.angle_min, GEOMETRY.angle_increment, WALLS, GEOMETRY.range_max, ranges
+    )
     noisy = (ranges + 0.01 * rng.standard_normal(len(ranges))).astype(np.float32)
     return LaserScan(stamp, noisy, GEOMETRY)
 
@@ -118,7 +120,9 @@ def test_odometry_that_lies_throughout_is_left_out(drive, change, words):
     assert check_odometry(checked) is checked
 
 
-@pytest.mark.parametrize(("change", "what"), [(times(1.5, 1.5, 1), "distances"), (times(1, 1, 1.5), "turns")])
+@pytest.mark.parametrize(
+    ("change", "what"), [(times(1.5, 1.5, 1), "distances"), (times(1, 1, 1.5), "turns")]
+)
 def test_a_wrong_scale_is_divided_out(drive, change, what):
     checked = check_odometry(with_steps(drive, change))
     assert [finding.kind for finding in checked.findings] == ["scale"]
@@ -150,7 +154,9 @@ def test_a_robot_at_rest_is_no_fault():
 def test_a_reset_costs_one_step():
     odometry = Trajectory(TIMES, true_poses(TIMES))
     reset = odometry.poses.copy()
-    reset[250:] = relative_poses(np.repeat(odometry.poses[250:251], 250, axis=0), odometry.poses[250:])
+    reset[250:] = relative_poses(
+        np.repeat(odometry.poses[250:251], 250, axis=0), odometry.poses[250:]
+    )
     poses, findings = without_jumps(Trajectory(TIMES, reset))
     assert [finding.kind for finding in findings] == ["jump"]
     steps, true_steps = (relative_poses(p[:-1], p[1:]) for p in (poses, odometry.poses))

@@ -17,7 +17,14 @@ from slamgym.slam.hit_counts import HitCountMap
 
 # Two rooms and a door between them.
 WALLS = np.array(
-    [(-3, -2, 5, -2), (5, -2, 5, 2.5), (5, 2.5, -3, 2.5), (-3, 2.5, -3, -2), (1, -2, 1, 0), (1, 0.9, 1, 2.5)],
+    [
+        (-3, -2, 5, -2),
+        (5, -2, 5, 2.5),
+        (5, 2.5, -3, 2.5),
+        (-3, 2.5, -3, -2),
+        (1, -2, 1, 0),
+        (1, 0.9, 1, 2.5),
+    ],
     dtype=np.float64,
 )
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 179, 0.12, 3.5, Pose2D(-0.064, 0.0, 0.0))
@@ -45,9 +52,15 @@ def noisy_odometry(poses, rng, level):
     odometry = [poses[0]]
     for before, after in itertools.pairwise(poses):
         step = between(before, after)
-        noise = level * rng.standard_normal(3) * [abs(step.x), abs(step.x), abs(step.x) + abs(step.theta)]
+        noise = (
+            level
+            * rng.standard_normal(3)
+            * [abs(step.x), abs(step.x), abs(step.x) + abs(step.theta)]
+        )
         odometry.append(
-            compose(odometry[-1], Pose2D(step.x + noise[0], step.y + noise[1], step.theta + noise[2]))
+            compose(
+                odometry[-1], Pose2D(step.x + noise[0], step.y + noise[1], step.theta + noise[2])
+            )
         )
     return odometry
 
@@ -85,7 +98,10 @@ def test_the_published_map_equals_a_full_redraw_of_the_best_path():
     config = SlamConfig("rbpf", particles=12, resample_threshold=0.95)
     grids = []
     mapper, _ = run(
-        config, sigma=0.02, odometry_noise=0.5, visit=lambda mapper, _: grids.append(mapper.occupancy_grid())
+        config,
+        sigma=0.02,
+        odometry_noise=0.5,
+        visit=lambda mapper, _: grids.append(mapper.occupancy_grid()),
     )
     assert mapper.stats.resamplings > 3  # so that the drawn lineage did change
     redrawn = HitCountMap(BeamTable.of(GEOMETRY, config), config)
@@ -127,7 +143,9 @@ def test_render_copies_the_lattice_and_is_unknown_outside():
 
 def test_equal_seeds_give_equal_paths_and_others_do_not():
     paths = [
-        run(SlamConfig("rbpf", particles=8), sigma=0.01, odometry_noise=0.3, seed=seed)[0].trajectory().poses
+        run(SlamConfig("rbpf", particles=8), sigma=0.01, odometry_noise=0.3, seed=seed)[0]
+        .trajectory()
+        .poses
         for seed in (1, 1, 2)
     ]
     np.testing.assert_array_equal(paths[0], paths[1])
@@ -142,7 +160,8 @@ def test_scans_are_processed_by_distance_turn_and_time():
         mapper = make_mapper(config, GEOMETRY, poses[0], np.random.default_rng(0))
         scan = scan_at(Pose2D(0, 0, 0), 0.0)
         return [
-            mapper.update(pose, LaserScan(period * k, scan.ranges, GEOMETRY)) for k, pose in enumerate(poses)
+            mapper.update(pose, LaserScan(period * k, scan.ranges, GEOMETRY))
+            for k, pose in enumerate(poses)
         ]
 
     straight = [Pose2D(0.3 * k, 0.0, 0.0) for k in range(9)]
@@ -150,7 +169,15 @@ def test_scans_are_processed_by_distance_turn_and_time():
     turning = [Pose2D(0.0, 0.0, 0.15 * k) for k in range(5)]
     assert processed(turning, 0.2, angular_update=0.2) == [True, False, True, False, True]
     still = [Pose2D(0.0, 0.0, 0.0)] * 7
-    assert processed(still, 0.2, temporal_update=0.5) == [True, False, False, True, False, False, True]
+    assert processed(still, 0.2, temporal_update=0.5) == [
+        True,
+        False,
+        False,
+        True,
+        False,
+        False,
+        True,
+    ]
 
 
 @pytest.mark.parametrize("faulty", [np.nan, -np.inf])
@@ -158,9 +185,13 @@ def test_faulty_beams_change_nothing(faulty):
     clean = scan_at(Pose2D(0, 0, 0), 0.0)
     ranges = clean.ranges.copy()
     ranges[40:60] = faulty
-    mapper = make_mapper(SlamConfig("rbpf", particles=1), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0))
+    mapper = make_mapper(
+        SlamConfig("rbpf", particles=1), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0)
+    )
     mapper.update(Pose2D(0, 0, 0), LaserScan(0.0, ranges, GEOMETRY))
-    other = make_mapper(SlamConfig("rbpf", particles=1), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0))
+    other = make_mapper(
+        SlamConfig("rbpf", particles=1), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0)
+    )
     other.update(Pose2D(0, 0, 0), clean)
     frame = GridFrame(0.05, -5.0, -5.0, 200, 200)
     seen, all_seen = mapper.render(frame) != UNKNOWN, other.render(frame) != UNKNOWN
@@ -174,7 +205,10 @@ def test_missing_returns_clear_open_space_but_nothing_behind_the_returns_beside_
 
     def seen(ranges, **settings):
         mapper = make_mapper(
-            SlamConfig(mode="ground_truth", **settings), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0)
+            SlamConfig(mode="ground_truth", **settings),
+            GEOMETRY,
+            Pose2D(0, 0, 0),
+            np.random.default_rng(0),
         )
         mapper.update(Pose2D(0, 0, 0), LaserScan(0.0, ranges, GEOMETRY))
         return mapper.render(frame) == FREE
@@ -212,7 +246,9 @@ def test_an_unknown_mode_is_refused_with_a_suggestion():
     ],
 )
 def test_what_the_filter_no_longer_has_is_refused(settings, words):
-    assert from_dict(SlamConfig, {"matcher": "hill_climbing", "odometry_weight": 0.0}) == SlamConfig()
+    assert (
+        from_dict(SlamConfig, {"matcher": "hill_climbing", "odometry_weight": 0.0}) == SlamConfig()
+    )
     with pytest.raises(ConfigError, match=words):
         from_dict(SlamConfig, settings, "slam")
 

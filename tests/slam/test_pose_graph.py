@@ -23,7 +23,9 @@ PILLARS = [
     (4.8, 12, 5.2, 12.5), (0, 4, 0.4, 4.5), (1.7, 8, 2, 9.0), (0, 6.1, 0.5, 6.3), (0, 10.4, 0.3, 11.1),
 ]  # fmt: skip
 WALLS = [(0, 0, 20, 14), (2, 2, 18, 12)]
-SEGMENTS = np.array([side for corners in WALLS + PILLARS for side in box(*corners)], dtype=np.float64)
+SEGMENTS = np.array(
+    [side for corners in WALLS + PILLARS for side in box(*corners)], dtype=np.float64
+)
 GEOMETRY = LaserGeometry(181, -np.pi / 2, np.pi / 180, 0.1, 8.0, Pose2D(0.0, 0.0, 0.0))
 CORNERS = [(1, 1), (19, 1), (19, 13), (1, 13)]
 
@@ -36,7 +38,9 @@ def true_path(rounds=2, step=0.2, turn=0.2):
         x1, y1 = CORNERS[(side + 1) % 4]
         length, heading = np.hypot(x1 - x0, y1 - y0), side % 4 * np.pi / 2
         ux, uy = (x1 - x0) / length, (y1 - y0) / length
-        poses += [Pose2D(x0 + s * ux, y0 + s * uy, heading) for s in np.arange(step, length + 1e-9, step)]
+        poses += [
+            Pose2D(x0 + s * ux, y0 + s * uy, heading) for s in np.arange(step, length + 1e-9, step)
+        ]
         turns = np.linspace(0, np.pi / 2, int(np.pi / 2 / turn) + 1)[1:]
         poses += [Pose2D(x1, y1, heading + t) for t in turns]
     return poses
@@ -51,18 +55,27 @@ def drive():
     for k, pose in enumerate(truth):
         if k:
             d = between(truth[k - 1], pose)
-            noisy = Pose2D(1.03 * d.x, d.y, d.theta * 1.02 + 0.008 * d.x + 0.005 * rng.standard_normal())
+            noisy = Pose2D(
+                1.03 * d.x, d.y, d.theta * 1.02 + 0.008 * d.x + 0.005 * rng.standard_normal()
+            )
             odometry = compose(odometry, noisy)
         ranges = np.empty(GEOMETRY.num_beams)
         cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, SEGMENTS, 8.0, ranges)
         ranges += 0.01 * rng.standard_normal(len(ranges))
-        records.append(LogRecord(0.2 * k, odometry, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
+        records.append(
+            LogRecord(0.2 * k, odometry, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY))
+        )
     stamps = 0.2 * np.arange(len(truth))
     return Log("drive", records, GEOMETRY), Trajectory(stamps, np.array(truth))
 
 
 def run(log, on_scan=None, **settings):
-    usual = {"max_usable_range": 8.0, "temporal_update": None, "linear_update": 0.2, "angular_update": 0.15}
+    usual = {
+        "max_usable_range": 8.0,
+        "temporal_update": None,
+        "linear_update": 0.2,
+        "angular_update": 0.15,
+    }
     config = SlamConfig(**{**usual, **settings})
     return replay(log, config, np.random.default_rng(0), on_scan)
 
@@ -75,7 +88,9 @@ def closed(drive):
 
 def test_two_rounds_of_a_corridor_are_closed(drive, closed):
     log, truth = drive
-    dead = absolute_trajectory_error(run(log, mode="dead_reckoning").trajectory, truth).translation.rmse
+    dead = absolute_trajectory_error(
+        run(log, mode="dead_reckoning").trajectory, truth
+    ).translation.rmse
     result = closed
     error = absolute_trajectory_error(result.trajectory, truth).translation.rmse
     # Once a search has closed the loop, the scans are aligned with the old submaps as they are with the new ones.
@@ -87,10 +102,14 @@ def test_two_rounds_of_a_corridor_are_closed(drive, closed):
 def test_without_loops_the_error_is_larger(drive):
     log, truth = drive
     # Seeing two metres, the robot often meets nothing but the bare walls beside it.
-    loose = run(log, mode="pose_graph", max_usable_range=2.0, pose_graph=PoseGraphConfig(loop_length=1e9))
+    loose = run(
+        log, mode="pose_graph", max_usable_range=2.0, pose_graph=PoseGraphConfig(loop_length=1e9)
+    )
     assert loose.extra["loop_closures"] == 0
     closed = run(log, mode="pose_graph", max_usable_range=2.0)
-    errors = [absolute_trajectory_error(r.trajectory, truth).translation.rmse for r in (loose, closed)]
+    errors = [
+        absolute_trajectory_error(r.trajectory, truth).translation.rmse for r in (loose, closed)
+    ]
     assert errors[1] < 0.5 * errors[0]
 
 
@@ -145,7 +164,8 @@ def test_the_map_follows_the_corrected_path(closed):
 def test_scans_that_see_nothing_leave_the_odometry_standing():
     empty = np.full(181, np.inf, np.float32)
     records = [
-        LogRecord(0.2 * k, Pose2D(0.3 * k, 0.0, 0.0), LaserScan(0.2 * k, empty, GEOMETRY)) for k in range(10)
+        LogRecord(0.2 * k, Pose2D(0.3 * k, 0.0, 0.0), LaserScan(0.2 * k, empty, GEOMETRY))
+        for k in range(10)
     ]
     result = run(Log("empty", records, GEOMETRY), mode="pose_graph")
     assert result.trajectory.poses[-1] == pytest.approx((2.7, 0.0, 0.0), abs=1e-6)

@@ -6,7 +6,14 @@ import pytest
 
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.types import GridFrame, LaserGeometry, LaserScan, OccupancyGrid, Pose2D, Trajectory
+from slamgym.core.types import (
+    GridFrame,
+    LaserGeometry,
+    LaserScan,
+    OccupancyGrid,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.interop import LogRecord, read_ros_map, read_tum, write_carmen, write_tum
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam import SlamConfig
@@ -18,7 +25,9 @@ def main(argv):
     return TABLE.run("slamgym", ["slam", *map(str, argv)])
 
 
-ROOM = np.array([(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64)
+ROOM = np.array(
+    [(0, 0, 6, 0), (6, 0, 6, 4), (6, 4, 0, 4), (0, 4, 0, 0), (2, 0, 2, 1.5)], dtype=np.float64
+)
 GEOMETRY = LaserGeometry(180, -np.pi / 2, np.pi / 180, 0.1, 10.0, Pose2D(0.0, 0.0, 0.0))
 
 
@@ -28,7 +37,9 @@ def write_episode(folder, scans):
     for k, pose in enumerate(poses):
         ranges = np.empty(180)
         cast_rays(*pose, GEOMETRY.angle_min, GEOMETRY.angle_increment, ROOM, 10.0, ranges)
-        records.append(LogRecord(0.2 * k, pose, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY)))
+        records.append(
+            LogRecord(0.2 * k, pose, LaserScan(0.2 * k, ranges.astype(np.float32), GEOMETRY))
+        )
     write_carmen(folder / "scans.log", records, GEOMETRY)
     write_tum(folder / "truth.tum", Trajectory(0.2 * np.arange(scans), np.array(poses)))
     return folder
@@ -53,7 +64,11 @@ def test_a_log_becomes_a_map_a_path_a_picture_and_a_summary(tmp_path, episode, m
     assert summary["scans"] == 40
     assert summary["truth"]["ate_rmse_m"] < 0.03
     assert summary["config"]["mode"] == mode
-    assert (summary["findings"], summary["has_odometry"], summary["distrusted_seconds"]) == ([], True, [])
+    assert (summary["findings"], summary["has_odometry"], summary["distrusted_seconds"]) == (
+        [],
+        True,
+        [],
+    )
     assert sorted(path.name for path in out.iterdir()) == [
         "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum", "trajectory_doubt.csv",
     ]  # fmt: skip
@@ -71,7 +86,15 @@ def test_relations_are_scored(tmp_path, episode, capsys):
     relations = tmp_path / "a.relations"
     relations.write_text("0.0 2.0 1.0 0 0 0 0 0.2\n0.05 99.0 1.0 0 0 0 0 0.2\n")
     main(
-        [str(episode), "-o", str(tmp_path / "out"), "--mode", "dead_reckoning", "--relations", str(relations)]
+        [
+            str(episode),
+            "-o",
+            str(tmp_path / "out"),
+            "--mode",
+            "dead_reckoning",
+            "--relations",
+            str(relations),
+        ]
     )
     printed = capsys.readouterr().out
     assert "relations, all: " in printed

@@ -44,7 +44,8 @@ def test_each_particle_survives_as_often_as_its_weight_says(logs, uniform):
 def test_resampling_is_unbiased_over_its_draw():
     weights = np.array([0.05, 0.15, 0.3, 0.5])
     draws = [
-        np.bincount(systematic_resample(weights, u), minlength=4) for u in (np.arange(1000) + 0.5) / 1000
+        np.bincount(systematic_resample(weights, u), minlength=4)
+        for u in (np.arange(1000) + 0.5) / 1000
     ]
     np.testing.assert_allclose(np.mean(draws, axis=0), 4 * weights, atol=4e-3)
 
@@ -71,7 +72,9 @@ class DenseMaps:
     def nearest(self, particle, u, v):
         means = [
             np.mean(self.maps[particle][near], axis=0)
-            for near in ((math.floor(u) + du, math.floor(v) + dv) for du in (-1, 0, 1) for dv in (-1, 0, 1))
+            for near in (
+                (math.floor(u) + du, math.floor(v) + dv) for du in (-1, 0, 1) for dv in (-1, 0, 1)
+            )
             if near in self.maps[particle]
         ]
         return min((float((m[0] - u) ** 2 + (m[1] - v) ** 2) for m in means), default=-1.0)

@@ -111,10 +111,15 @@ def test_the_back_of_a_wall_is_another_wall():
     front = np.array([(2.03, -3.0, 2.03, 3.0)])
     drawn = submap([(0.0, 0.1 * k, 0.0) for k in range(4)], front)
     points, sides = with_sides(scan_points((0.0, 0.0, 0.0), front))
-    for centre, is_found in ((np.array([0.1, 0.1, 0.05]), True), (np.array([3.9, 0.1, np.pi - 0.05]), False)):
+    for centre, is_found in (
+        (np.array([0.1, 0.1, 0.05]), True),
+        (np.array([3.9, 0.1, np.pi - 0.05]), False),
+    ):
         _, score = SearchWindow(alone(drawn), centre, 0.5, 0.2, 4.0).search(points, sides, 0.1)
         placed = alone(drawn).align(points, sides, centre, centre, UNKNOWN_PLACE)
-        assert (score > 0.8 and placed.fit > 0.9) if is_found else (score <= 0.1 and placed.fit == 0.0)
+        assert (
+            (score > 0.8 and placed.fit > 0.9) if is_found else (score <= 0.1 and placed.fit == 0.0)
+        )
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 2])
@@ -140,12 +145,19 @@ def test_an_older_map_is_seen_from_its_free_side():
     assert len(points) == 2 * (36 + 56)
     assert (sides[:, :2] * points).sum(axis=1).max() < 0.0  # to the middle, where it is free
     inner = np.array(
-        [(-1.4, -0.9, 1.4, -0.9), (1.4, -0.9, 1.4, 0.9), (1.4, 0.9, -1.4, 0.9), (-1.4, 0.9, -1.4, -0.9)]
+        [
+            (-1.4, -0.9, 1.4, -0.9),
+            (1.4, -0.9, 1.4, 0.9),
+            (1.4, 0.9, -1.4, 0.9),
+            (-1.4, 0.9, -1.4, -0.9),
+        ]
     )
     start = np.array([0.2, 0.1, 0.3])
     older = Chosen([known_submap((points, sides), start)], start[None])
     # Cells are marked in their middle, half of them behind the face.
-    pose, _, fit = older.align(*with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE)
+    pose, _, fit = older.align(
+        *with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE
+    )
     assert fit > 0.4
     assert pose == pytest.approx(start, abs=0.03)
 
@@ -218,7 +230,9 @@ def particle_map(shift=(0.0, 0.0), segments=ROOM):
 def matched(maps, predicted, points, config=None):
     """Pose and log-likelihood of a scan that is predicted at a pose."""
     poses, likelihoods = np.array([predicted], dtype=np.float64), np.zeros(1)
-    match_particles(maps.tile_maps, poses, points, match_settings(config or SlamConfig()), likelihoods)
+    match_particles(
+        maps.tile_maps, poses, points, match_settings(config or SlamConfig()), likelihoods
+    )
     return poses[0], likelihoods[0]
 
 
@@ -267,7 +281,9 @@ def test_where_nothing_is_mapped_the_prediction_stands():
 def test_a_match_below_the_minimum_score_is_refused(known_room):
     start, points = (0.13, -0.1, 0.52), scan_points((0.1, -0.15, 0.5))
     moved, likelihood = matched(known_room, start, points, SlamConfig(minimum_score=50.0))
-    kept, unmoved_likelihood = matched(known_room, start, points, SlamConfig(minimum_score=BEAMS + 1.0))
+    kept, unmoved_likelihood = matched(
+        known_room, start, points, SlamConfig(minimum_score=BEAMS + 1.0)
+    )
     assert tuple(moved) != start
     assert tuple(kept) == start
     assert unmoved_likelihood < likelihood

@@ -42,6 +42,9 @@ def test_the_motion_is_corrected_and_its_uncertainty_grows_with_it():
     step = wheels.step(STEP)
     assert step.moved == pytest.approx([0.2, 0.009, 0.1], abs=1e-3)
     assert wheels.expected(step) == pytest.approx([1.02 * step.moved[0], 1.02 * step.moved[1], 0.1])
-    spreads = [np.diag(np.linalg.inv(wheels.information(wheels.step(STEP[:count])))) for count in (0, 1, 10)]
+    spreads = [
+        np.diag(np.linalg.inv(wheels.information(wheels.step(STEP[:count]))))
+        for count in (0, 1, 10)
+    ]
     assert spreads[0] == pytest.approx(np.square([FLOORS[0], FLOORS[0], FLOORS[1]]))
     assert (np.diff(spreads, axis=0) > 0.0).all()

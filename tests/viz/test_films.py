@@ -9,7 +9,9 @@ from slamgym.viz import films
 
 def test_a_gif_needs_no_ffmpeg_and_an_mp4_says_so_at_once(tmp_path, monkeypatch):
     monkeypatch.setattr(films.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"an MP4 needs ffmpeg; .*slamgym\[films\].*or write a .gif"):
+    with pytest.raises(
+        ConfigError, match=r"an MP4 needs ffmpeg; .*slamgym\[films\].*or write a .gif"
+    ):
         films.check_film_name(tmp_path / "film.mp4")
     with films.open_film(tmp_path / "film.gif", 5.0) as show:
         for grey in (0, 255):

@@ -13,7 +13,9 @@ def test_the_name_and_the_package_are_asked_for_before_the_work(tmp_path, monkey
     with pytest.raises(ConfigError, match=r"run.rrrd: a recording's name must end in \.rrd"):
         recording.check_recording_name(tmp_path / "run.rrrd")
     monkeypatch.setattr(recording.importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(ConfigError, match=r"needs rerun; install it with: pip install 'slamgym\[viz\]'"):
+    with pytest.raises(
+        ConfigError, match=r"needs rerun; install it with: pip install 'slamgym\[viz\]'"
+    ):
         recording.check_recording_name(tmp_path / "run.rrd")
 
 

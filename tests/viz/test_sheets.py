@@ -88,6 +88,8 @@ def test_a_picture_is_written_in_rgb_by_its_name(tmp_path, name):
     content = (tmp_path / name).read_bytes()
     assert content.startswith(b"\xff\xd8" if name.endswith("JPG") else b"\x89PNG")
     read = (
-        cv2.imread(str(tmp_path / name)) if "." in name else cv2.imdecode(np.frombuffer(content, np.uint8), 1)
+        cv2.imread(str(tmp_path / name))
+        if "." in name
+        else cv2.imdecode(np.frombuffer(content, np.uint8), 1)
     )
     assert np.abs(read[8, 8].astype(int) - (10, 100, 200)).max() < 4

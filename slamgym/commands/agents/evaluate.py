@@ -75,11 +75,15 @@ def main(arguments: EvaluateArguments) -> None:
         Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
     )
     if evaluation.skipped:
-        say(f"skipped {counted(len(evaluation.skipped), 'plan')}, the first: {evaluation.skipped[0].reason}")
+        say(
+            f"skipped {counted(len(evaluation.skipped), 'plan')}, the first: {evaluation.skipped[0].reason}"
+        )
     if evaluation.failed:
         failed = counted(len(evaluation.failed), "exploration")
         say(f"{failed} crashed, hung or failed; {arguments.out / 'failed.jsonl'} says which")
-    sys.stdout.write(write_report(arguments.out, evaluation, config, _reference(arguments.against, config)))
+    sys.stdout.write(
+        write_report(arguments.out, evaluation, config, _reference(arguments.against, config))
+    )
     if is_installed("matplotlib"):  # which the extra agents brings
         from slamgym.agents.evaluation.report import draw_coverage
 
@@ -120,7 +124,9 @@ def _reference(against: str, config: EvaluationConfig) -> str:
     if not against:
         return "explore_lite" if "explore_lite" in config.names else config.names[0]
     if against not in config.names:
-        raise ConfigError(f"--against {against} is not among the explorers {', '.join(config.names)}; add it")
+        raise ConfigError(
+            f"--against {against} is not among the explorers {', '.join(config.names)}; add it"
+        )
     return against
 
 
@@ -182,7 +188,9 @@ def bench_command(arguments: BenchRunArguments) -> None:
             arguments.out,
             Execution(arguments.workers or available_cores(), task_timeout=arguments.task_timeout),
         )
-        result = bench_result(evaluation, bench, track, source, arguments.entry or arguments.explorer)
+        result = bench_result(
+            evaluation, bench, track, source, arguments.entry or arguments.explorer
+        )
         results.append(result)
         say(f"result: {write_result(result, arguments.out)}")
     sys.stdout.write(describe_boards(rank(results, bench)))

@@ -51,9 +51,13 @@ def main(arguments: RecordArguments) -> None:
     require(OFFLINE, "slamgym agents record")
     require(LEARNING, "slamgym agents record")
     if not _ID.fullmatch(arguments.minari):
-        raise ConfigError(f"--minari {arguments.minari!r} is no id; give one such as homes/next-best-view-v0")
+        raise ConfigError(
+            f"--minari {arguments.minari!r} is no id; give one such as homes/next-best-view-v0"
+        )
     if arguments.out is not None:
-        os.environ["MINARI_DATASETS_PATH"] = str(arguments.out.absolute())  # the only way that Minari offers
+        os.environ["MINARI_DATASETS_PATH"] = str(
+            arguments.out.absolute()
+        )  # the only way that Minari offers
     import gymnasium as gym
     import minari
     import numpy as np
@@ -61,7 +65,9 @@ def main(arguments: RecordArguments) -> None:
     import slamgym  # noqa: F401 - registers the environments
 
     where = LOCALIZATION[arguments.localization]
-    with contextlib.closing(gym.make(ENVIRONMENT, plans=arguments.plans, localization=where)) as env:
+    with contextlib.closing(
+        gym.make(ENVIRONMENT, plans=arguments.plans, localization=where)
+    ) as env:
         rng = np.random.default_rng(arguments.seed)
         episodes = []
         with show_progress("episodes", 0, arguments.episodes) as advance:
@@ -70,7 +76,9 @@ def main(arguments: RecordArguments) -> None:
                 advance()
         try:
             with warnings.catch_warnings():
-                warnings.simplefilter("ignore", UserWarning)  # Minari misses author, code and scores
+                warnings.simplefilter(
+                    "ignore", UserWarning
+                )  # Minari misses author, code and scores
                 # Not by Minari's DataCollector, which would need jax.
                 dataset = minari.create_dataset_from_buffers(
                     dataset_id=arguments.minari,
@@ -83,7 +91,10 @@ def main(arguments: RecordArguments) -> None:
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
-    episodes_of, steps = counted(dataset.total_episodes, "episode"), counted(dataset.total_steps, "step")
+    episodes_of, steps = (
+        counted(dataset.total_episodes, "episode"),
+        counted(dataset.total_steps, "step"),
+    )
     tell(f"{arguments.minari}: {episodes_of}, {steps}")
 
 

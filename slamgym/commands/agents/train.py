@@ -54,7 +54,9 @@ def wheels(arguments: TrainArguments) -> None:
     """Train a policy that drives the wheels, on a batch of environments."""
     from slamgym.agents.rl.wheels import train_wheels
 
-    train_wheels(arguments.settings.configured(WheelsConfig(), given(arguments, RUN)), arguments.out)
+    train_wheels(
+        arguments.settings.configured(WheelsConfig(), given(arguments, RUN)), arguments.out
+    )
     say(f"policy: {arguments.out / POLICY}")
 
 
@@ -89,7 +91,9 @@ def shape(arguments: ShapeArguments) -> None:
     experiment = _experiment(arguments)
     seeds = experiment.config.seeds
     if seeds < FEW_SEEDS:
-        say(f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings")
+        say(
+            f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
+        )
     runs = run_shaping(experiment, arguments.out)
     sys.stdout.write(write_shaping_report(runs, arguments.out))
     say(f"table: {arguments.out}")
@@ -105,7 +109,9 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
     if arguments.term:
         term = own_term(arguments.term, arguments.term_weight)
         if OWN not in config.presets:
-            config = dataclasses.replace(config, presets=(OWN, *config.presets))  # if it fails, then at once
+            config = dataclasses.replace(
+                config, presets=(OWN, *config.presets)
+            )  # if it fails, then at once
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
     return Experiment(config, train_wheels, term)

@@ -94,10 +94,14 @@ def _report(found: PlanComparison, folder: Path) -> None:
         say(f"slamgym: doubt: {doubt}")
     if found.is_confident:
         share = found.registration.explained
-        tell(f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes")
+        tell(
+            f"{share:.0%} of the plan's walls in view are in the map; {len(found.changes)} changes"
+        )
         rows = [_row(change) for change in found.changes]
         if rows:
-            show_table(("change", "at x, y [m]", "length [m]", "by [cm]", "+-", "with drift", "of"), rows)
+            show_table(
+                ("change", "at x, y [m]", "length [m]", "by [cm]", "+-", "with drift", "of"), rows
+            )
     tell(f"{folder / 'comparison.html'}")
 
 
@@ -105,4 +109,10 @@ def _row(change: PlanFinding) -> list[str]:
     x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
     lengths = change.offset, change.error, change.raw_offset
     moved = ["" if length is None else f"{100.0 * length:.0f}" for length in lengths]
-    return [change.kind.replace("_", " "), f"{x:.1f}, {y:.1f}", f"{change.length:.2f}", *moved, change.what]
+    return [
+        change.kind.replace("_", " "),
+        f"{x:.1f}, {y:.1f}",
+        f"{change.length:.2f}",
+        *moved,
+        change.what,
+    ]

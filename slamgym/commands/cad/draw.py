@@ -10,7 +10,15 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import tyro
 
-from slamgym.commands.frame import TRANSLATING, Extra, Out, maps_in, require, require_folder, require_input
+from slamgym.commands.frame import (
+    TRANSLATING,
+    Extra,
+    Out,
+    maps_in,
+    require,
+    require_folder,
+    require_input,
+)
 from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.documents import YAML_SUFFIXES
 from slamgym.core.errors import ConfigError, InputFileError, SlamgymError
@@ -62,7 +70,9 @@ def main(arguments: CadArguments, typed: str) -> int:
     """
     formats = _formats(arguments.formats)
     if arguments.model != "none":
-        require(TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none")
+        require(
+            TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none"
+        )
     require_folder(arguments.out)
     for path in arguments.maps:
         require_input(path, "a map's yaml, a picture of a map or a folder")

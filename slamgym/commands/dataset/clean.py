@@ -60,7 +60,9 @@ def main(arguments: CleanArguments) -> None:
         items = open_items(root)
         decisions = _decisions(arguments, items)
         model = arguments.model or PRETRAINED_MODEL
-        report = clean_maps(root, items, config, decisions, model, arguments.workers or available_cores())
+        report = clean_maps(
+            root, items, config, decisions, model, arguments.workers or available_cores()
+        )
     _print(root, report)
 
 
@@ -97,14 +99,18 @@ def _print(root: Path, report: CleanReport) -> None:
     share = 100.0 * report.kept / max(total, 1)
     lines = [f"{root}: {counted(total, 'map')}, {report.kept} kept ({share:.1f} %)"]
     for reason, count in report.reasons().items():
-        lines.append(f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}"))
+        lines.append(
+            f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}")
+        )
     if score := report.agreement:
         lines.append(
             f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of "
             f"{counted(score.count, 'map')}; {100.0 * score.band_share:.1f} % are doubtful to it"
         )
     if report.undecided:
-        lines.append(f"  doubtful maps unseen by people: {report.undecided}; slamgym dataset review {root}")
+        lines.append(
+            f"  doubtful maps unseen by people: {report.undecided}; slamgym dataset review {root}"
+        )
     lines.append(f"verdicts: {root / VERDICTS_FILE}")
     tell(*lines)
 
@@ -136,7 +142,9 @@ def review(arguments: ReviewArguments) -> None:
     verdicts = read_verdicts(root)
     missing = sum(item.name not in verdicts for item in items)
     if missing:
-        say(f"{counted(missing, 'map')} came after the verdicts; run `slamgym dataset clean {root}`.")
+        say(
+            f"{counted(missing, 'map')} came after the verdicts; run `slamgym dataset clean {root}`."
+        )
     entries = choose_entries(items, verdicts, arguments.which)
     if not entries:
         tell(f"{root}: no map is {_words(arguments.which)}; there is nothing to review.")
@@ -164,9 +172,13 @@ def _band(root: Path) -> tuple[float, float]:
         summary = read_json(path)
         low, high = (float(value) for value in summary["settings"]["band"])
     except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise InputFileError(path, f"is malformed ({error}); run `slamgym dataset clean` again") from error
+        raise InputFileError(
+            path, f"is malformed ({error}); run `slamgym dataset clean` again"
+        ) from error
     return low, high
 
 
 def _words(which: Which) -> str:
-    return {"disagreements": "judged differently by truth and classifier", "all": "there"}.get(which, which)
+    return {"disagreements": "judged differently by truth and classifier", "all": "there"}.get(
+        which, which
+    )

@@ -65,7 +65,9 @@ def _print(statistics: DatasetStatistics) -> None:
         ("dropped by cleaning", statistics.left_out),
     ):
         if counts:
-            below.append(f"{title}: " + ", ".join(f"{count} {name}" for name, count in counts.items()))
+            below.append(
+                f"{title}: " + ", ".join(f"{count} {name}" for name, count in counts.items())
+            )
     show_table(STATISTICS_COLUMNS, rows, statistics.dataset, *below)
 
 
@@ -141,7 +143,9 @@ def draw_pairs(arguments: ShowArguments) -> tuple[list[Any], Path]:
         records = list(read_manifest(arguments.folder))
         chosen = choose(records, arguments)
         heading = f"slamgym: {len(chosen)} of {len(records)} pairs"
-        write_picture(output, draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), _COLUMNS))
+        write_picture(
+            output, draw_contact_sheet(heading, sheet_entries(arguments.folder, chosen), _COLUMNS)
+        )
     return chosen, output
 
 
@@ -159,7 +163,9 @@ def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:
     order = arguments.sort
     if order is not None:
         if not hasattr(records[0], order) and order != "index":
-            raise ConfigError(f"rendered images don't know {order!r}; order the dataset by it instead")
+            raise ConfigError(
+                f"rendered images don't know {order!r}; order the dataset by it instead"
+            )
         field = "name" if order == "index" else order
         chosen.sort(key=lambda record: getattr(record, field), reverse=order not in LOWEST_FIRST)
     elif not arguments.names:

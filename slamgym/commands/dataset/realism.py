@@ -44,7 +44,9 @@ class RealismArguments(Arguments):
 
     def _check(self) -> None:
         if not self.against:
-            raise ConfigError("--against names no folder; give the reference maps' folders behind it")
+            raise ConfigError(
+                "--against names no folder; give the reference maps' folders behind it"
+            )
 
 
 def main(arguments: RealismArguments) -> None:

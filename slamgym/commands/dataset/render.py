@@ -42,7 +42,9 @@ class RenderArguments(Arguments):
 def main(arguments: RenderArguments) -> None:
     """Run the command."""
     workers = arguments.workers or available_cores()
-    render_and_report(arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers)
+    render_and_report(
+        arguments.dataset, arguments.out, arguments.images, arguments.min_coverage, workers
+    )
 
 
 def render_and_report(
@@ -61,7 +63,9 @@ def render_and_report(
 
     selection = _select(dataset, min_coverage)
     if not split_path(dataset).is_file():
-        say("The dataset has no split.json yet; making one (`slamgym dataset split` sets its options).")
+        say(
+            "The dataset has no split.json yet; making one (`slamgym dataset split` sets its options)."
+        )
     split = current_split(dataset)
     report = render_images(dataset, out, config, split, selection=selection, workers=workers)
     sides = ", ".join(f"{report.sides.get(side, 0)} {side}" for side in SPLITS)
@@ -87,5 +91,7 @@ def _select(dataset: Path, min_coverage: float | None) -> Selection:
             f"{100 * selection.rule['min_coverage']:g} % of the floor (`slamgym dataset clean` decides better)."
         )
     if not selection.kept:
-        raise ConfigError(f"{dataset}: none of the {total} pairs is good enough; try --min-coverage 0")
+        raise ConfigError(
+            f"{dataset}: none of the {total} pairs is good enough; try --min-coverage 0"
+        )
     return selection

@@ -103,7 +103,9 @@ class DeformArguments(Arguments):
         if is_dataset(self.plan):
             for name in filter(self._is_given, _NOT_OF_DATASETS):
                 option = f"--{name.replace('_', '-')}"
-                raise ConfigError(f"{option} has no effect on a dataset, whose pairs have it; leave it out")
+                raise ConfigError(
+                    f"{option} has no effect on a dataset, whose pairs have it; leave it out"
+                )
 
     def _is_given(self, name: str) -> bool:
         return bool(getattr(self, name) != self.__dataclass_fields__[name].default)

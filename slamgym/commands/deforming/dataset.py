@@ -57,13 +57,19 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
             shutil.copy(split_path(arguments.plan), split_path(root))
         for subject, hypothesis in drawn:
             slot = subject.slot
-            staged, frame = folder.stage(slot.name), _moved(hypothesis.grid.frame, hypothesis.outcome.start)
+            staged, frame = (
+                folder.stage(slot.name),
+                _moved(hypothesis.grid.frame, hypothesis.outcome.start),
+            )
             conditions = {
                 "method": arguments.method,
                 "explorer": subject.settings.explorer if subject.driven else "roadmap",
                 MIXTURE: subject.recipe,
             }
-            pair, outcome = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame), hypothesis.outcome
+            pair, outcome = (
+                MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame),
+                hypothesis.outcome,
+            )
             write = partial(_write_episode, plan=subject.plan, hypothesis=hypothesis, frame=frame)
             stage_pair(staged, write, slot, subject.plan, pair, outcome, conditions, digest)
             folder.commit(slot, staged, {})
@@ -141,4 +147,6 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
 
 def _moved(frame: GridFrame, start: Pose2D) -> GridFrame:
     """A frame of the world in the map frame, whose origin is the start."""
-    return GridFrame(frame.resolution, frame.origin_x - start.x, frame.origin_y - start.y, *frame.shape)
+    return GridFrame(
+        frame.resolution, frame.origin_x - start.x, frame.origin_y - start.y, *frame.shape
+    )

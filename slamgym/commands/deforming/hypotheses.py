@@ -19,7 +19,12 @@ from slamgym.core.names import exploration_seed
 from slamgym.core.progress import say
 from slamgym.core.types import FREE, Float32Array, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.dataset.format import Layout, is_dataset, read_dataset_config, read_manifest
-from slamgym.dataset.generate.recipe import MIXTURE, apply_conditions, episode_conditions, open_recipe
+from slamgym.dataset.generate.recipe import (
+    MIXTURE,
+    apply_conditions,
+    episode_conditions,
+    open_recipe,
+)
 from slamgym.dataset.record import Outcome, PairRecord, Slot
 from slamgym.envs.episode import EpisodeConfig, time_limit
 from slamgym.envs.plan_cache import Streams
@@ -80,13 +85,19 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
     ids = source.ids
     if arguments.plan_id is not None:
         ids = [require_plan(arguments.plan, arguments.plan_id, ids)]
-    is_one = arguments.plan_id is not None or (arguments.plans == 1 and arguments.plans_filter == "none")
+    is_one = arguments.plan_id is not None or (
+        arguments.plans == 1 and arguments.plans_filter == "none"
+    )
     found = 0
     for plan_id in ids:
         try:
             plan = source.load(plan_id)
-            if not (plan.raster(arguments.resolution or ParametricConfig.resolution).cells == FREE).any():
-                raise PlanError(plan.id, "has no free cell; use a finer --resolution or another plan")
+            if not (
+                plan.raster(arguments.resolution or ParametricConfig.resolution).cells == FREE
+            ).any():
+                raise PlanError(
+                    plan.id, "has no free cell; use a finer --resolution or another plan"
+                )
         except PlanError:
             if is_one:
                 raise
@@ -112,7 +123,9 @@ def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
         plan, driven = recorded_drive(root, record)
         for repetition in range(arguments.count):
             number = record.index + repetition * stride
-            slot = _slot(arguments, number, record.plan_id, record.repetition * arguments.count + repetition)
+            slot = _slot(
+                arguments, number, record.plan_id, record.repetition * arguments.count + repetition
+            )
             recipe = str(record.conditions.get(MIXTURE, ""))
             yield Subject(slot, plan, settings, record.seed, recipe, driven)
 
@@ -143,7 +156,9 @@ def recorded_drive(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajector
     folder = Layout(root).episode(record.name)
     truth = read_tum(folder / "truth.tum")
     x, y, _ = record.start
-    return read_houseexpo(folder / "plan.json"), Trajectory(truth.stamps, truth.poses + np.array([x, y, 0.0]))
+    return read_houseexpo(folder / "plan.json"), Trajectory(
+        truth.stamps, truth.poses + np.array([x, y, 0.0])
+    )
 
 
 def _slot(arguments: DeformArguments, number: int, plan_id: str, repetition: int) -> Slot:
@@ -156,13 +171,17 @@ class DrawnMap:
 
     grid: OccupancyGrid
     cad: OccupancyGrid  # the plan on the same frame
-    field: Float32Array | None  # (2, H, W) [m] true minus measured, out(q) = in(q + d(q)); None if not known
+    field: (
+        Float32Array | None
+    )  # (2, H, W) [m] true minus measured, out(q) = in(q + d(q)); None if not known
     outcome: Outcome  # without poses where a method knows no path
     parameters: dict[str, Any]
     cpu_seconds: float = 0.0
 
 
-def hypotheses(wanted: Iterable[Subject], arguments: DeformArguments) -> Iterator[tuple[Subject, DrawnMap]]:
+def hypotheses(
+    wanted: Iterable[Subject], arguments: DeformArguments
+) -> Iterator[tuple[Subject, DrawnMap]]:
     """Make the maps one by one; each follows from the seed and its number.
 
     Raises:
@@ -223,14 +242,23 @@ def furnished(plan: FloorPlan, env: ExploreConfig, seed: int) -> Clutter | None:
     """What stands in a building in the exploration of this seed; None for nothing."""
     if env.clutter.is_empty:
         return None
-    return make_clutter(plan, Streams.spawn(np.random.default_rng(seed)).clutter, env.clutter, env.robot)
+    return make_clutter(
+        plan, Streams.spawn(np.random.default_rng(seed)).clutter, env.clutter, env.robot
+    )
 
 
-def _drawn(result: Deformation, method: str, config: dict[str, Any], cpu_seconds: float) -> DrawnMap:
+def _drawn(
+    result: Deformation, method: str, config: dict[str, Any], cpu_seconds: float
+) -> DrawnMap:
     paths = result.true, result.odometry, result.believed
     seconds, coverage = np.ptp(result.true.stamps), result.seen[result.cad.cells == FREE].mean()
-    start, last = Pose2D(*result.true.poses[0].tolist()), Pose2D(*result.believed.poses[-1].tolist())
-    outcome = Outcome("deformed", float(coverage), float(seconds), float(seconds), start, *paths, last)
+    start, last = (
+        Pose2D(*result.true.poses[0].tolist()),
+        Pose2D(*result.believed.poses[-1].tolist()),
+    )
+    outcome = Outcome(
+        "deformed", float(coverage), float(seconds), float(seconds), start, *paths, last
+    )
     parameters = {"method": method, "drawn": result.parameters, "config": config}
     return DrawnMap(result.grid, result.cad, result.field, outcome, parameters, cpu_seconds)
 

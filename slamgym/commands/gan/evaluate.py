@@ -73,7 +73,9 @@ def run_evaluation(arguments: EvaluateTranslatorsArguments) -> None:
         require_enough(folders[name], [pairs.plan_ids[i] for i in maps])
     # What the paper's networks draw has the lines that they learnt, true faces get them here.
     lines = face_lines(arguments.images)
-    added = {name: lines if t.config.output_encoding == "layers" else 0.0 for name, t in to_cad.items()}
+    added = {
+        name: lines if t.config.output_encoding == "layers" else 0.0 for name, t in to_cad.items()
+    }
     methods = [*baselines(), *(learned(name, t, added[name]) for name, t in to_cad.items())]
     scores, summary = _measure(pairs, methods)
     if arguments.pictures:
@@ -93,7 +95,9 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
         if not equals:
             name, path = _short_name(argument), argument
         if name in translators or name in {method.name for method in baselines()}:
-            raise ConfigError(f"two methods are called {name!r}; choose a name with --weights NAME=PATH")
+            raise ConfigError(
+                f"two methods are called {name!r}; choose a name with --weights NAME=PATH"
+            )
         translators[name] = load_translator(path, device=arguments.device)
     return translators
 
@@ -137,13 +141,17 @@ def _compare_realism(
         for one in report.sets:
             report.test(TREES, learn_by_trees, simulated, one, arguments.repeats)
             advance()
-    show_table(*tests_table(report), "Distinguishing generated from simulated SLAM maps; 0.5 is perfect")
+    show_table(
+        *tests_table(report), "Distinguishing generated from simulated SLAM maps; 0.5 is perfect"
+    )
     return report
 
 
 def _map_set(name: str, maps: GeneratedMaps, pairs: PairSet) -> MapSet:
     ids, names = pairs.plan_ids, pairs.names
-    return MapSet(name, [measure_map(names[i], ids[i], cells, pairs.scale(i)) for i, cells in maps.items()])
+    return MapSet(
+        name, [measure_map(names[i], ids[i], cells, pairs.scale(i)) for i, cells in maps.items()]
+    )
 
 
 def _write(

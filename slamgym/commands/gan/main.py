@@ -38,7 +38,9 @@ def train_command(arguments: TrainTranslatorArguments, typed: str) -> None:
     options = RunOptions(arguments.checkpoint_minutes, command=typed)
     compute = choose_compute(arguments.device, arguments.precision)
     report = train_translator(arguments.images, arguments.out, config, compute, options)
-    tell(f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}")
+    tell(
+        f"{counted(report.steps, 'step')}, {counted(report.images, 'image')}, {duration(report.seconds)}"
+    )
     if report.figures:
         figures = "".join(f"  {name}: {value:.4g}\n" for name, value in report.figures.items())
         sys.stdout.write(f"on held-out pairs, not aligned:\n{figures}")
@@ -69,7 +71,9 @@ def scaled_stages(stages: Sequence[Stage], epochs: float) -> tuple[Stage, ...]:
     """The stages with this many epochs in all, in the same proportions."""
     factor = epochs / sum(stage.epochs for stage in stages)
     return tuple(
-        stage._replace(epochs=stage.epochs * factor, fade_epochs=stage.fade_epochs * min(1.0, factor))
+        stage._replace(
+            epochs=stage.epochs * factor, fade_epochs=stage.fade_epochs * min(1.0, factor)
+        )
         for stage in stages
     )
 

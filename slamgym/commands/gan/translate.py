@@ -45,7 +45,9 @@ def run_translation(arguments: TranslateArguments) -> None:
     if out.is_dir():
         out = out / f"{source.stem}.png"
     elif not _is_ros_map(source) and out.suffix.lower() not in PICTURE_SUFFIXES:
-        raise InputFileError(out, f"is no image name; end it in one of {', '.join(PICTURE_SUFFIXES)}")
+        raise InputFileError(
+            out, f"is no image name; end it in one of {', '.join(PICTURE_SUFFIXES)}"
+        )
     tell(f"{_translate(source, out, translator, arguments)}")
 
 
@@ -64,7 +66,9 @@ def _translate_folder(arguments: TranslateArguments, translator: LearnedTranslat
                 say(f"skipped {error}")
             advance()
     if refused == len(maps):
-        raise InputFileError(arguments.input, "holds nothing that could be translated; see the lines above")
+        raise InputFileError(
+            arguments.input, "holds nothing that could be translated; see the lines above"
+        )
     tell(f"{counted(len(maps) - refused, 'map')} in {arguments.out}")
 
 
@@ -72,7 +76,9 @@ def _is_ros_map(path: Path) -> bool:
     return path.suffix.lower() in YAML_SUFFIXES
 
 
-def _translate(source: Path, out: Path, translator: LearnedTranslator, arguments: TranslateArguments) -> Path:
+def _translate(
+    source: Path, out: Path, translator: LearnedTranslator, arguments: TranslateArguments
+) -> Path:
     """Translate a ROS map or an image, whose greys are classified as ROS maps' are; returns what was written."""
     if _is_ros_map(source):
         stem = out.with_suffix("") if out.suffix in (".png", *YAML_SUFFIXES) else out

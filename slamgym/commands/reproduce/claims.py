@@ -48,7 +48,9 @@ def judge(own: Interval, paper: Interval, bound: float) -> ClaimVerdict:
     return "too few maps to say" if own.high >= max(bound, paper.low) else "worse than the paper"
 
 
-def judge_claims(evaluation: Mapping[str, Any], statistics: Mapping[str, Any], deformed: str) -> list[Claim]:
+def judge_claims(
+    evaluation: Mapping[str, Any], statistics: Mapping[str, Any], deformed: str
+) -> list[Claim]:
     """All claims.
 
     Args:
@@ -74,16 +76,32 @@ def table_one_beside(methods: Mapping[str, Any]) -> tuple[list[str], list[list[s
     for name, entry in _networks(methods):
         for part in ("improvement_table_one", "improvement"):
             found = _intervals(entry[part])
-            means = [_shown(found[figure], 3) for figure in ("mean_mse2", "mean_mse1", "ratio_of_means")]
-            row = [name, str(found["count"]), *means, _counted(found["share_improved"], found["count"])]
+            means = [
+                _shown(found[figure], 3) for figure in ("mean_mse2", "mean_mse1", "ratio_of_means")
+            ]
+            row = [
+                name,
+                str(found["count"]),
+                *means,
+                _counted(found["share_improved"], found["count"]),
+            ]
             # Of few test maps both parts are the same.
             rows += [] if row in rows else [row]
-    return ["", "maps", "mean MSE2 (SLAM map)", "mean MSE1 (translation)", "MSE1 / MSE2", "improved"], rows
+    return [
+        "",
+        "maps",
+        "mean MSE2 (SLAM map)",
+        "mean MSE1 (translation)",
+        "MSE1 / MSE2",
+        "improved",
+    ], rows
 
 
 def _networks(methods: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Translators from SLAM to CAD map."""
-    return ((name, methods[name]) for name in (PAPER_NETWORK, OWN_NETWORK, TRAINED) if name in methods)
+    return (
+        (name, methods[name]) for name in (PAPER_NETWORK, OWN_NETWORK, TRAINED) if name in methods
+    )
 
 
 def _translation(methods: Mapping[str, Any]) -> Iterator[Claim]:
@@ -95,7 +113,9 @@ def _translation(methods: Mapping[str, Any]) -> Iterator[Claim]:
         own, verdict = _counted(share, found["count"]), judge(share, paper, 0.5)
         yield Claim(f"Table I: does {name} improve most maps?", _counted(paper, 21), own, verdict)
         verdict = judge(_less_is_more(ratio), _point(-0.087 / 0.114), -1.0)
-        yield Claim(f"Table I: does {name} lower the error (MSE1 / MSE2)?", "0.76", _shown(ratio), verdict)
+        yield Claim(
+            f"Table I: does {name} lower the error (MSE1 / MSE2)?", "0.76", _shown(ratio), verdict
+        )
 
 
 def _drawing_back(realism: Mapping[str, Any] | None) -> Iterator[Claim]:
@@ -105,7 +125,9 @@ def _drawing_back(realism: Mapping[str, Any] | None) -> Iterator[Claim]:
     for test in tests:
         name, accuracy, halves = test["second"], test["accuracy"], null[test["first"]]
         if name in REDRAWN or (name.startswith(TO_SLAM) and not name.endswith("bent")):
-            question = f"Figures 7 and 9: do maps that {name} makes from CAD maps look like SLAM maps?"
+            question = (
+                f"Figures 7 and 9: do maps that {name} makes from CAD maps look like SLAM maps?"
+            )
             own = f"told apart with accuracy {_shown(accuracy)}; two halves of the SLAM maps {_shown(halves)}"
             # As alike as the halves are, or nearly: by the map generator's goal, an accuracy of 0.65.
             alike = Interval(-halves.value, -halves.high, 0.0)
@@ -115,7 +137,9 @@ def _drawing_back(realism: Mapping[str, Any] | None) -> Iterator[Claim]:
 def _conversion(found: list[tuple[str, str]]) -> Iterator[Claim]:
     """Table II."""
     # The first map of a method waits for its kernels.
-    least = {method: min(float(text) for name, text in found if name == method) for method, _ in found}
+    least = {
+        method: min(float(text) for name, text in found if name == method) for method, _ in found
+    }
     if len(least) == 2:
         ekf, fast = least["ekf_schur"], least["two_phase"]
         question, paper = "Table II: is two_phase faster than the EKF?", "2.6-3.6 s against 15-94 s"
@@ -136,7 +160,10 @@ def _making(whole: Mapping[str, Any]) -> Iterator[Claim]:
 
 def _intervals(found: Mapping[str, Any]) -> dict[str, Any]:
     """The same with intervals in place of their JSON form."""
-    return {name: Interval(**value) if isinstance(value, dict) else value for name, value in found.items()}
+    return {
+        name: Interval(**value) if isinstance(value, dict) else value
+        for name, value in found.items()
+    }
 
 
 def _point(value: float) -> Interval:

@@ -79,9 +79,13 @@ def write_reproduction(run: Reproduction) -> Path:
 
 def _text(path: Path) -> Iterator[str]:
     """The tables of a text in Markdown as tables, all else as it stands."""
-    for is_table, lines in itertools.groupby(read_text(path).splitlines(), lambda line: line.startswith("|")):
+    for is_table, lines in itertools.groupby(
+        read_text(path).splitlines(), lambda line: line.startswith("|")
+    ):
         if is_table:
-            headings, _, *rows = ([cell.strip() for cell in line.strip("|").split("|")] for line in lines)
+            headings, _, *rows = (
+                [cell.strip() for cell in line.strip("|").split("|")] for line in lines
+            )
             yield make_table(headings, rows)
         elif text := "\n".join(lines).strip():
             yield f"<pre>{html.escape(text)}</pre>"

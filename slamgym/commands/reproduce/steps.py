@@ -46,19 +46,28 @@ class Reproduction:
         ConfigError: If the folder holds a reproduction with other settings.
     """
 
-    def __init__(self, out: Path, scale: Mapping[str, Any], train: bool, seed: int, workers: int) -> None:
+    def __init__(
+        self, out: Path, scale: Mapping[str, Any], train: bool, seed: int, workers: int
+    ) -> None:
         self.out, self.scale, self.train, self.seed = out, scale, train, seed
         # Where nothing is trained, all maps are for testing.
         test = scale["test"] if train else 1.0
         self._words = {**scale, "test": test, "seed": seed, "workers": workers, "out": out}
-        self._settings = {"version": __version__, "train": train, "seed": seed, "scale": dict(scale)}
+        self._settings = {
+            "version": __version__,
+            "train": train,
+            "seed": seed,
+            "scale": dict(scale),
+        }
         self._state = out / "state.json"
         self.steps: dict[str, dict[str, Any]] = {}
         """By name: ``commands``, ``seconds`` and ``cpu_seconds`` of the machine's time."""
         if self._state.exists():
             found = read_json(self._state, "choose another folder")
             if not isinstance(found, dict) or found.get("settings") != self._settings:
-                raise ConfigError(f"{out} holds a reproduction with other settings; choose a new folder")
+                raise ConfigError(
+                    f"{out} holds a reproduction with other settings; choose a new folder"
+                )
             self.steps = found["steps"]
 
     def commands(self, step: str) -> list[list[str]]:
@@ -78,7 +87,10 @@ class Reproduction:
                 lines[-1].append(f"{TRAINED}={self.out / 'run'}")
             if len(names) < MIN_MAPS:
                 return lines[-1:]
-            lines[-1] += ["--generated", *(f"{m}={self.out / 'redrawn' / m / 'episodes'}" for m in REDRAWN)]
+            lines[-1] += [
+                "--generated",
+                *(f"{m}={self.out / 'redrawn' / m / 'episodes'}" for m in REDRAWN),
+            ]
         return lines
 
     def run_steps(self) -> None:

@@ -88,11 +88,15 @@ def tried(task: Callable[[_Item], _Result], item: _Item) -> _Result | Lost[_Item
     except PlanError as error:
         return Lost(item, error.reason, PlanError.__name__)
     except MemoryError as error:
-        raise SlamgymError("memory ran out; run the same command again with fewer --workers") from error
+        raise SlamgymError(
+            "memory ran out; run the same command again with fewer --workers"
+        ) from error
     except SlamgymError:
         raise
     except (Exception, SystemExit) as error:  # noqa: BLE001 - code of the user's own may raise anything
-        if isinstance(error.__cause__, KeyboardInterrupt):  # a SystemError: it came while C code ran
+        if isinstance(
+            error.__cause__, KeyboardInterrupt
+        ):  # a SystemError: it came while C code ran
             raise error.__cause__ from None
         frame = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{Path(frame.filename).name}:{frame.lineno}, {frame.name}"

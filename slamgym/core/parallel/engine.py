@@ -52,11 +52,15 @@ class Execution:
         from slamgym.core.parallel.local import InProcessEngine, LocalEngine
 
         return (
-            InProcessEngine() if self.engine == "in_process" else LocalEngine(self.workers, self.task_timeout)
+            InProcessEngine()
+            if self.engine == "in_process"
+            else LocalEngine(self.workers, self.task_timeout)
         )
 
 
-def try_out(engine: Engine, task: Callable[[str], _Result], names: Iterable[str]) -> dict[str, _Result]:
+def try_out(
+    engine: Engine, task: Callable[[str], _Result], names: Iterable[str]
+) -> dict[str, _Result]:
     """Apply a function to names before any work is done, in a worker: code of the user's own may crash.
 
     Raises:
@@ -71,7 +75,9 @@ def try_out(engine: Engine, task: Callable[[str], _Result], names: Iterable[str]
     return results
 
 
-def run_apart(task: Callable[[_Item], _Result], item: _Item, seconds: float) -> _Result | Lost[_Item]:
+def run_apart(
+    task: Callable[[_Item], _Result], item: _Item, seconds: float
+) -> _Result | Lost[_Item]:
     """Run a task in another process, which is kept for the next: native code may crash there, or never end.
 
     Args:
@@ -90,7 +96,9 @@ def _another_process(process: int, seconds: float) -> Engine:  # noqa: ARG001 - 
     return Execution(engine=name, task_timeout=seconds).open()
 
 
-def run_tasks(task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int) -> Iterator[_Result]:
+def run_tasks(
+    task: Callable[[_Item], _Result], items: Iterable[_Item], workers: int
+) -> Iterator[_Result]:
     """Apply a function to every item, for work that can't do without any of them, such as drawing.
 
     A crash ends it in any case, so with one worker it is done in this process, which starts at once.

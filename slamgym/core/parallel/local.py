@@ -131,7 +131,9 @@ class _Worker:
         if self._executor is not None:
             try:
                 future: Future[_Result] = self._executor.submit(task, item)
-            except BrokenProcessPool:  # it was killed, with this task's forerunner or while it was idle
+            except (
+                BrokenProcessPool
+            ):  # it was killed, with this task's forerunner or while it was idle
                 self.close()
             else:
                 return future

@@ -118,7 +118,9 @@ class RayEngine(Engine):
 
     shares_files = False
 
-    def __init__(self, workers: int, address: str | None = None, timeout: float | None = None) -> None:
+    def __init__(
+        self, workers: int, address: str | None = None, timeout: float | None = None
+    ) -> None:
         self._ray = import_ray()
         self._is_ours = not self._ray.is_initialized()
         """True if the connection was made here, and ends here."""

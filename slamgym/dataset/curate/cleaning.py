@@ -42,7 +42,9 @@ class CleanConfig(Settings, dropped={"doubtful": "drop"}):
 
     def _check(self) -> None:
         if self.band[0] > self.band[1]:
-            raise ConfigError(f"the band must be two probabilities in ascending order, not {self.band}")
+            raise ConfigError(
+                f"the band must be two probabilities in ascending order, not {self.band}"
+            )
 
 
 @dataclass(frozen=True)
@@ -123,7 +125,8 @@ def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
     seen: list[_Seen] = [""] * len(items)
     starts = range(0, len(items), _BATCH)
     tasks = [
-        [(first + i, item.load) for i, item in enumerate(items[first : first + _BATCH])] for first in starts
+        [(first + i, item.load) for i, item in enumerate(items[first : first + _BATCH])]
+        for first in starts
     ]
     with show_progress("maps", 0, len(items)) as advance:
         for rows in run_tasks(_look_at, tasks, workers if len(tasks) > 1 else 1):

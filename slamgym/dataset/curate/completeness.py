@@ -51,10 +51,13 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     steps = round(AHEAD / resolution)
     cells = crop_to_known(cells, steps + 2)
     unknown = cells == UNKNOWN
-    fits_known, fits = (_distance_within(mask) * resolution for mask in (cells == FREE, cells != OCCUPIED))
+    fits_known, fits = (
+        _distance_within(mask) * resolution for mask in (cells == FREE, cells != OCCUPIED)
+    )
     floors = [_largest_part(fits_known >= radius) for radius in RADII]
     ahead = [
-        _spread(floor, fits >= radius, steps) & unknown for floor, radius in zip(floors, RADII, strict=True)
+        _spread(floor, fits >= radius, steps) & unknown
+        for floor, radius in zip(floors, RADII, strict=True)
     ]
     areas = [float(np.count_nonzero(mask)) * resolution**2 for mask in (floors[0], *ahead)]
     ways_out = [radius for radius in WAYS_OUT if _leads_out(floors[0], fits >= radius)]
@@ -69,7 +72,9 @@ def _coarsened(cells: ByteArray, resolution: float) -> tuple[ByteArray, float]:
     padded = np.pad(cells, [(0, -size % factor) for size in cells.shape], constant_values=UNKNOWN)
     blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor)
     is_free = (blocks == FREE).mean(axis=(1, 3)) >= 0.5
-    coarse = np.where((blocks == OCCUPIED).any(axis=(1, 3)), OCCUPIED, np.where(is_free, FREE, UNKNOWN))
+    coarse = np.where(
+        (blocks == OCCUPIED).any(axis=(1, 3)), OCCUPIED, np.where(is_free, FREE, UNKNOWN)
+    )
     return coarse.astype(np.uint8), resolution * factor
 
 

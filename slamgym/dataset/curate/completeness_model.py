@@ -35,7 +35,9 @@ class CompletenessModel:
     def probabilities(self, features: FloatArray) -> FloatArray:
         """Probability of being complete, shape (N,), for features of shape (N, 5); alike on every processor."""
         weights = np.array([self.bias, *self.weights.values()])
-        terms = np.column_stack([np.ones(len(features)), scaled(features.reshape(-1, len(FEATURES)))])
+        terms = np.column_stack(
+            [np.ones(len(features)), scaled(features.reshape(-1, len(FEATURES)))]
+        )
         found = exp(-product(terms, weights[:, None])[:, 0])
         return np.asarray(1.0 / (1.0 + found), dtype=np.float64)
 
@@ -53,7 +55,9 @@ class CompletenessModel:
         except ConfigError as error:
             raise InputFileError(path, f"is no model of completeness ({error})") from error
         if tuple(model.weights) != FEATURES:
-            raise InputFileError(path, "was trained on other features; train it again with this version")
+            raise InputFileError(
+                path, "was trained on other features; train it again with this version"
+            )
         return model
 
 

@@ -60,12 +60,16 @@ def open_items(root: Path | str) -> list[MapItem]:
     """
     root = Path(root)
     if not root.is_dir():
-        raise InputFileError(root, "is not a folder; name a dataset or a folder of ROS maps (.yaml)")
+        raise InputFileError(
+            root, "is not a folder; name a dataset or a folder of ROS maps (.yaml)"
+        )
     if is_dataset(root):
         return [_pair_item(root, record) for record in read_manifest(root)]
     if shard_folders(root):
         require_manifest(Layout(root).manifest, "slamgym generate")
-    items = [_map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_image(path)]
+    items = [
+        _map_item(root, path) for path in sorted(root.rglob("*.yaml")) if _describes_image(path)
+    ]
     if not items:
         raise InputFileError(
             root, "holds neither a manifest.jsonl nor ROS maps (.yaml with an image beside it)"

@@ -50,21 +50,29 @@ def plan_print(plan: FloorPlan) -> Float32Array:
     """
     direction = _wall_direction(plan)
     cos, sin = math.cos(direction), math.sin(direction)
-    points = plan.segments().reshape(-1, 2) @ np.array([[cos, -sin], [sin, cos]])  # turned by -direction
+    points = plan.segments().reshape(-1, 2) @ np.array(
+        [[cos, -sin], [sin, cos]]
+    )  # turned by -direction
     (min_x, min_y), (max_x, max_y) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
     side = max(max_x - min_x, max_y - min_y)
     cells = SIDE * _SUB
     # The box ends in the middle of the outer cells, so that drawing it is the same for a mirror image.
     resolution = side / (cells - 1)
-    low_x, low_y = (0.5 * (low + high - cells * resolution) for low, high in ((min_x, max_x), (min_y, max_y)))
+    low_x, low_y = (
+        0.5 * (low + high - cells * resolution) for low, high in ((min_x, max_x), (min_y, max_y))
+    )
     frame = GridFrame(resolution, low_x, low_y, cells, cells)
     free = np.ascontiguousarray(fill_segments(points.reshape(-1, 4), frame)[::-1], dtype=np.uint8)
     # Faces are drawn, too, because cells may miss thin walls. Row 0 is at the bottom.
     pixels = (points - [low_x, low_y]) / resolution - 0.5
     faces = list(np.rint(pixels * (1 << _SHIFT)).astype(np.int32).reshape(-1, 2, 2))
-    cv2.polylines(free, faces, isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT)
+    cv2.polylines(
+        free, faces, isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT
+    )
     away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5)
-    picture = cv2.resize(np.minimum(away, _REACH * cells), (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    picture = cv2.resize(
+        np.minimum(away, _REACH * cells), (SIDE, SIDE), interpolation=cv2.INTER_AREA
+    )
     return np.asarray(picture / max(float(np.linalg.norm(picture)), 1e-9), dtype=np.float32)
 
 
@@ -94,7 +102,9 @@ def near_duplicates(prints: Float32Array, radius: float = RADIUS) -> IntArray:
         for chunk in np.array_split(pairs, max(1, -(-len(pairs) // _CHUNK)))
     ]
     edges = np.concatenate(same)
-    graph = coo_array((np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count))
+    graph = coo_array(
+        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
+    )
     labels = connected_components(graph, directed=False)[1]
     first = np.full(labels.max(initial=-1) + 1, count, dtype=np.int64)
     np.minimum.at(first, labels, np.arange(count))
@@ -123,7 +133,9 @@ def distances(prints: Float32Array, others: Float32Array) -> Float32Array:
     for turned in (others, others.transpose(0, 2, 1)):
         for flipped in (turned, turned[:, ::-1], turned[:, :, ::-1], turned[:, ::-1, ::-1]):
             np.minimum(
-                best, np.linalg.norm((prints - flipped).reshape(len(prints), SIDE * SIDE), axis=1), out=best
+                best,
+                np.linalg.norm((prints - flipped).reshape(len(prints), SIDE * SIDE), axis=1),
+                out=best,
             )
     return best
 
@@ -135,4 +147,6 @@ def _hash(picture: Float32Array) -> FloatArray:
     rows, cols = np.array(above).T
     upper, lower = low[rows, cols], low[cols, rows]
     diagonal = low.diagonal()[: (_FREQUENCIES + 1) // 2]
-    return np.concatenate([diagonal, (upper + lower) / np.sqrt(2.0), np.abs(upper - lower) / np.sqrt(2.0)])
+    return np.concatenate(
+        [diagonal, (upper + lower) / np.sqrt(2.0), np.abs(upper - lower) / np.sqrt(2.0)]
+    )

@@ -61,10 +61,13 @@ def read_decisions(path: Path | str) -> list[Decision]:
     """
     document = read_json(path, limit=FILE_BYTES)
     if not isinstance(document, dict) or document.get("format") != DECISIONS_FORMAT:
-        raise InputFileError(path, "is no file of decisions; save one with `slamgym dataset review`")
+        raise InputFileError(
+            path, "is no file of decisions; save one with `slamgym dataset review`"
+        )
     if document.get("version") != DECISIONS_VERSION:
         raise InputFileError(
-            path, f"has version {document.get('version')!r} of the format, {DECISIONS_VERSION} is read here"
+            path,
+            f"has version {document.get('version')!r} of the format, {DECISIONS_VERSION} is read here",
         )
     entries = document.get("decisions")
     if not isinstance(entries, list):
@@ -73,7 +76,9 @@ def read_decisions(path: Path | str) -> list[Decision]:
     return list(combine([decisions], [str(path)]).values())
 
 
-def combine(groups: Sequence[Iterable[Decision]], names: Sequence[str] | None = None) -> dict[str, Decision]:
+def combine(
+    groups: Sequence[Iterable[Decision]], names: Sequence[str] | None = None
+) -> dict[str, Decision]:
     """Put the decisions of several people together.
 
     Args:
@@ -110,7 +115,9 @@ def check_decisions(decisions: Sequence[Decision], digests: Mapping[str, str], w
     """
     unknown = [decision.name for decision in decisions if decision.name not in digests]
     if unknown:
-        raise ConfigError(f"{where}: no such maps: {_listed(unknown)}; is it a file of another dataset?")
+        raise ConfigError(
+            f"{where}: no such maps: {_listed(unknown)}; is it a file of another dataset?"
+        )
     changed = [decision.name for decision in decisions if decision.digest != digests[decision.name]]
     if changed:
         raise ConfigError(

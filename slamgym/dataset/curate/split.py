@@ -164,6 +164,7 @@ def assign_sides(
         if len(chosen) == len(order) and order[-1] not in must:
             chosen -= {order[-1]}
     plans = {
-        plan_id: PlanSide("test" if group in chosen else "train", group) for plan_id, group in groups.items()
+        plan_id: PlanSide("test" if group in chosen else "train", group)
+        for plan_id, group in groups.items()
     }
     return SplitTable(seed, test, plans, tuple(sorted(forced)))

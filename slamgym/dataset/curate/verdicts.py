@@ -79,7 +79,9 @@ def iterate_verdicts(root: Path | str) -> Iterator[Verdict]:
     """
     path = Path(root) / VERDICTS_FILE
     if not path.is_file():
-        raise InputFileError(root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first")
+        raise InputFileError(
+            root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first"
+        )
     again = f"run `slamgym dataset clean {root}` again"
     for line, where in text_lines(path):
         entry = parse_json(line, where, fix=again)

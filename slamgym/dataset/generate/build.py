@@ -36,7 +36,9 @@ from slamgym.envs.episode import MakeExplorer, check_explorer
 from slamgym.envs.warmup import compile_for
 
 
-def schedule_groups(groups: Sequence[PlanGroup], seed: int, trajectories: int = 1) -> Iterator[Slot]:
+def schedule_groups(
+    groups: Sequence[PlanGroup], seed: int, trajectories: int = 1
+) -> Iterator[Slot]:
     """Go through the plans of several sources at once, each as often as its weight says.
 
     The sources take turns as evenly as their weights allow (smooth weighted round robin), so that every
@@ -49,7 +51,10 @@ def schedule_groups(groups: Sequence[PlanGroup], seed: int, trajectories: int = 
     """
     total = sum(group.weight for group in groups)
     credits = [0.0] * len(groups)
-    turns = [_rounds(group.ids, (seed, number) if number else seed) for number, group in enumerate(groups)]
+    turns = [
+        _rounds(group.ids, (seed, number) if number else seed)
+        for number, group in enumerate(groups)
+    ]
     index = 0
     while True:
         credits = [credit + group.weight for credit, group in zip(credits, groups, strict=True)]
@@ -95,7 +100,12 @@ class SlotQueue:
         *,
         shares_files: bool = True,
     ) -> None:
-        self._folder, self._plans, self._config, self._make_explorer = folder, plans, config, make_explorer
+        self._folder, self._plans, self._config, self._make_explorer = (
+            folder,
+            plans,
+            config,
+            make_explorer,
+        )
         self._slots = schedule_groups(plan_groups(plans), config.seed, config.trajectories)
         self._shard, self._shares_files = shard, shares_files
         self._missing, self._barren = pairs, 0
@@ -112,7 +122,11 @@ class SlotQueue:
         while self._missing > 0:
             slot, plan = next(self._slots), None
             is_committed = slot.index in self._folder.committed
-            if not is_committed and self._shard.owns(slot.index) and slot.index not in self._folder.rejected:
+            if (
+                not is_committed
+                and self._shard.owns(slot.index)
+                and slot.index not in self._folder.rejected
+            ):
                 plan = self._fit_plan(slot)
             found = plan is not None if self._shard == WHOLE else None
             if is_committed or (self._is_chosen(slot.plan_id) if found is None else found):

@@ -145,10 +145,14 @@ class Recipe(Settings):
             recipe = factor.rpartition("/")[0]
             for name in {name for choice in choices for name in choice.settings}:
                 if recipe and name == MIXTURE:
-                    raise ConfigError(f"{factor}: a mixture can't hold another; name the recipes of both")
+                    raise ConfigError(
+                        f"{factor}: a mixture can't hold another; name the recipes of both"
+                    )
                 owner = owners.setdefault((recipe, name), factor)
                 if owner != factor:
-                    raise ConfigError(f"{owner!r} and {factor!r} both set {name!r}; let one of them")
+                    raise ConfigError(
+                        f"{owner!r} and {factor!r} both set {name!r}; let one of them"
+                    )
         for explorer in filter(is_own_explorer, map(str, self.values("explorer"))):
             raise ConfigError(
                 f"explorer: {shown(explorer)} is code of your own, which no recipe may run; give it by --explorer"
@@ -165,7 +169,9 @@ class Recipe(Settings):
 
     def values(self, name: str) -> list[Any]:
         """Values that may be drawn for a setting; of ranges, the ends."""
-        found = (_ends(choice.settings[name]) for choice in self._choices if name in choice.settings)
+        found = (
+            _ends(choice.settings[name]) for choice in self._choices if name in choice.settings
+        )
         return [value for ends in found for value in ends]
 
     def draw(self, seed: int) -> dict[str, Any]:
@@ -212,11 +218,15 @@ def _read_recipe(spec: str) -> tuple[Path, Mapping[Any, Any]]:
     if not path.suffix and not path.is_file():
         names = [known.stem for known in RECIPES.glob("*.yaml")]
         if spec not in names:
-            raise ConfigError(f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)")
+            raise ConfigError(
+                f"no recipe {spec!r}; {suggest(spec, names)} (or give a .yaml or .json file)"
+            )
         path = RECIPES / f"{spec}.yaml"
     content = parse_yaml(read_text(path, YAML_BYTES), path)  # JSON is YAML
     if not isinstance(content, Mapping) or not content:
-        raise InputFileError(path, "is no recipe; give settings, and under each a list of what may be drawn")
+        raise InputFileError(
+            path, "is no recipe; give settings, and under each a list of what may be drawn"
+        )
     return path, content
 
 
@@ -247,7 +257,9 @@ def _factors(content: Mapping[Any, Any], where: str) -> dict[str, tuple[Choice, 
         if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
             raise ConfigError(f"{place}: give a list of what may be drawn")
         if "/" in str(factor):
-            raise ConfigError(f"{place}: a name holds no '/', which stands behind the names of mixed recipes")
+            raise ConfigError(
+                f"{place}: a name holds no '/', which stands behind the names of mixed recipes"
+            )
         factors[str(factor)] = tuple(_choice(str(factor), entry, place) for entry in entries)
     return factors
 
@@ -259,7 +271,9 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     kinds = ("value", "between", "set")
     for key in entry:
         if key not in (*kinds, "weight"):
-            raise ConfigError(f"{place}: unknown word {shown(key)}; {suggest(str(key), [*kinds, 'weight'])}")
+            raise ConfigError(
+                f"{place}: unknown word {shown(key)}; {suggest(str(key), [*kinds, 'weight'])}"
+            )
     if len(entry.keys() & kinds) != 1:
         raise ConfigError(
             f"{place}: an entry has either a 'value', a range 'between', or a 'set' of settings"
@@ -274,7 +288,9 @@ def _choice(factor: str, entry: Any, place: str) -> Choice:
     settings = {str(name): _value_or_range(value, place) for name, value in chosen.items()}
     try:
         for end in (0, -1):
-            apply_conditions(EpisodeConfig(), {name: _ends(value)[end] for name, value in settings.items()})
+            apply_conditions(
+                EpisodeConfig(), {name: _ends(value)[end] for name, value in settings.items()}
+            )
     except ConfigError as error:
         raise ConfigError(f"{place}: {error}") from None
     return Choice(settings, float(weight))
@@ -287,14 +303,18 @@ def _value_or_range(value: Any, place: str) -> Any:
     ends: Any = value.get("between")
     is_pair = isinstance(ends, Sequence) and not isinstance(ends, str) and len(ends) == 2
     if len(value) != 1 or not is_pair or not all(map(_is_number, ends)) or not ends[0] < ends[1]:
-        raise ConfigError(f"{place}: 'between' takes two numbers, the smaller first, not {shown(ends)}")
+        raise ConfigError(
+            f"{place}: 'between' takes two numbers, the smaller first, not {shown(ends)}"
+        )
     return {"between": list(ends)}
 
 
 def _is_number(value: Any) -> bool:
     """True if a value is a number that a float can hold."""
     return (
-        isinstance(value, (int, float)) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+        isinstance(value, (int, float))
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
     )
 
 
@@ -344,7 +364,9 @@ class DatasetConfig(Settings):
         default = EpisodeConfig()
         for name in sorted(self.recipe.settings):
             if setting_value(self.episode, name) != setting_value(default, name):
-                raise ConfigError(f"{name} is set, but the recipe varies it; leave one of the two out")
+                raise ConfigError(
+                    f"{name} is set, but the recipe varies it; leave one of the two out"
+                )
 
 
 def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]:

@@ -98,7 +98,9 @@ class ImageRecord(ManifestLine):
             group: The plan that stands for its plan's near-duplicates.
             sha256: Digests of the files ``A`` and ``B``.
         """
-        values: dict[str, Any] = {entry.name: getattr(pair, entry.name, None) for entry in fields(cls)}
+        values: dict[str, Any] = {
+            entry.name: getattr(pair, entry.name, None) for entry in fields(cls)
+        }
         values |= {"split": split, "group": group, "sha256": sha256}
         values |= {"size": frame.height_px, "metres_per_px": frame.resolution}
         return cls(**values | {"origin": (frame.origin_x, frame.origin_y)})
@@ -132,7 +134,9 @@ def read_images(root: Path | str, split: Split | None = None) -> list[ImageRecor
     """
     layout = ImageLayout(Path(root))
     if (layout.root / "episodes").is_dir():
-        raise InputFileError(root, "holds explorations; make images of them by `slamgym dataset render`")
+        raise InputFileError(
+            root, "holds explorations; make images of them by `slamgym dataset render`"
+        )
     lines = manifest_lines(layout.manifest, "slamgym dataset render")
     records = [ImageRecord.from_line(line, where) for line, where in lines]
     return [record for record in records if split is None or record.split == split]
@@ -149,7 +153,9 @@ def load_images(root: Path | str, record: ImageRecord) -> tuple[ByteArray, ByteA
     for side, image in zip(SIDES, (cad, slam), strict=True):
         if image.shape != (record.size, record.size):
             path = layout.image(record.split, side, record.name)
-            raise InputFileError(path, f"has shape {image.shape} but the manifest says {record.size}")
+            raise InputFileError(
+                path, f"has shape {image.shape} but the manifest says {record.size}"
+            )
     return cad, slam
 
 
@@ -178,11 +184,17 @@ def write_card(
 def _metadata_line(record: ImageRecord) -> str:
     """A record for the image-folder builder; its conditions are JSON, since columns of a table have one type."""
     pictures = {f"{side}_file_name": f"{side}/{record.name}.png" for side in SIDES}
-    return json.dumps(pictures | to_dict(record) | {"conditions": json.dumps(record.conditions)}) + "\n"
+    return (
+        json.dumps(pictures | to_dict(record) | {"conditions": json.dumps(record.conditions)})
+        + "\n"
+    )
 
 
 def _card(
-    records: Sequence[ImageRecord], left_out: Mapping[str, MapFault], settings: Mapping[str, Any], source: str
+    records: Sequence[ImageRecord],
+    left_out: Mapping[str, MapFault],
+    settings: Mapping[str, Any],
+    source: str,
 ) -> str:
     import yaml
 

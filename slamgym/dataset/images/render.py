@@ -37,7 +37,13 @@ from slamgym.dataset.curate.verdicts import VERDICTS_FILE, read_verdicts
 from slamgym.dataset.faults import MapFault
 from slamgym.dataset.folder import claim_folder
 from slamgym.dataset.format import SIDES, Layout, read_dataset_config, read_manifest
-from slamgym.dataset.images.format import IMAGES_VERSION, SPLITS, ImageLayout, ImageRecord, write_card
+from slamgym.dataset.images.format import (
+    IMAGES_VERSION,
+    SPLITS,
+    ImageLayout,
+    ImageRecord,
+    write_card,
+)
 from slamgym.dataset.images.square_images import DoesNotFitError, ImageConfig, draw_pair
 from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_ros_map
@@ -146,7 +152,11 @@ def render_images(
         settings = _image_settings(dataset, config, split, chosen)
         claim_folder(layout.config, settings, "images")
         done = _read_journal(layout)
-        todo = [record for record in records if not _is_done(layout, done.get(record.name), split, record)]
+        todo = [
+            record
+            for record in records
+            if not _is_done(layout, done.get(record.name), split, record)
+        ]
         for record in todo:
             done.pop(record.name, None)
         fresh, misfits = _draw_all(dataset, layout, todo, split, config, workers, done)
@@ -175,7 +185,8 @@ def _image_settings(
             "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
             "edition": own.get("edition", 1),  # the first wrote no number
         },
-        "images": to_dict(config) | {"as_mapped": False},  # folders of earlier versions are continued
+        "images": to_dict(config)
+        | {"as_mapped": False},  # folders of earlier versions are continued
         "split": {"seed": split.seed, "test": split.test, "forced": list(split.forced)},
         "selection": selection.rule,
     }
@@ -215,7 +226,10 @@ def _draw_all(
 
 
 def _draw_chunk(
-    dataset: Path, layout: ImageLayout, config: ImageConfig, pairs: Sequence[tuple[PairRecord, PlanSide]]
+    dataset: Path,
+    layout: ImageLayout,
+    config: ImageConfig,
+    pairs: Sequence[tuple[PairRecord, PlanSide]],
 ) -> dict[str, ImageRecord | MapFault]:
     """Draw some pairs and write their files (in a worker); their records, or why there is none."""
     drawn: dict[str, ImageRecord | MapFault] = {}
@@ -244,7 +258,9 @@ def _finish(
 ) -> None:
     """Write manifest, list of what is missing and card; remove images that are no part of the result."""
     with storage_errors(layout.root):
-        wanted = {layout.image(record.split, side, record.name) for record in records for side in SIDES}
+        wanted = {
+            layout.image(record.split, side, record.name) for record in records for side in SIDES
+        }
         for folder in {layout.image(split, side, "x").parent for split in SPLITS for side in SIDES}:
             for path in folder.iterdir():  # what isn't a picture is the user's
                 if path.suffix == ".png" and path not in wanted:
@@ -258,13 +274,21 @@ def _finish(
         write_card(layout, records, left_out, settings, source)
 
 
-def _is_done(layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, record: PairRecord) -> bool:
+def _is_done(
+    layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, record: PairRecord
+) -> bool:
     """True if a pair of images was drawn, lies on its side of the split and is whole."""
     place = split.plans[record.plan_id]
-    if drawn is None or (drawn.split, drawn.group, drawn.seed) != (place.side, place.group, record.seed):
+    if drawn is None or (drawn.split, drawn.group, drawn.seed) != (
+        place.side,
+        place.group,
+        record.seed,
+    ):
         return False
     paths = {side: layout.image(drawn.split, side, drawn.name) for side in SIDES}
-    return all(path.is_file() and sha256_of(path) == drawn.sha256.get(side) for side, path in paths.items())
+    return all(
+        path.is_file() and sha256_of(path) == drawn.sha256.get(side) for side, path in paths.items()
+    )
 
 
 def _read_journal(layout: ImageLayout) -> dict[str, ImageRecord]:

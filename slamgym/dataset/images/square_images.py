@@ -36,7 +36,9 @@ Bounds = tuple[float, float, float, float]
 _SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
-_SPIKE_WIDTH = 0.2  # narrower free space is no floor [m]: a stray beam clears a spike through the wall
+_SPIKE_WIDTH = (
+    0.2  # narrower free space is no floor [m]: a stray beam clears a spike through the wall
+)
 _DIGITS = 6  # micrometres, as manifests hold them
 
 
@@ -116,7 +118,9 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
             raise DoesNotFitError(side, room * scale)
     half = 0.5 * config.size * scale
     origin_x, origin_y = 0.5 * (min_x + max_x) - half, 0.5 * (min_y + max_y) - half
-    return GridFrame(scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size)
+    return GridFrame(
+        scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size
+    )
 
 
 def on_lattice(frame: GridFrame, grid: GridFrame) -> GridFrame:
@@ -179,10 +183,14 @@ def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> B
     if edge_px == 0.0:
         return np.rint(FREE * floor_share(segments, frame)).astype(np.uint8)
     rows, cols = frame.shape
-    fine = GridFrame(frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB)
+    fine = GridFrame(
+        frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB
+    )
     inside = fill_segments(segments, fine)
     # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
-    from_face = cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
+    from_face = (
+        cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
+    )
     middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres
     return np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
 
@@ -206,7 +214,12 @@ def resample_map(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
     if ratio >= 1.0:
         row, col = (axis.astype(np.float64) for axis in np.nonzero(occupied))
         new_row, new_col = _cells((row + 0.5 - top) / ratio), _cells((col + 0.5 - left) / ratio)
-        there = (new_row >= 0) & (new_row < frame.height_px) & (new_col >= 0) & (new_col < frame.width_px)
+        there = (
+            (new_row >= 0)
+            & (new_row < frame.height_px)
+            & (new_col >= 0)
+            & (new_col < frame.width_px)
+        )
         cells[new_row[there], new_col[there]] = OCCUPIED
         return cells
     old_row = _cells(top + (np.arange(frame.height_px) + 0.5) * ratio)

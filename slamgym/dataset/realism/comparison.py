@@ -21,7 +21,13 @@ from slamgym.metrics.map_statistics import (
     cut_to_floor,
     look_statistics,
 )
-from slamgym.metrics.two_sample import MapLearner, distinguish, half_against_half, ks_distance, tree_learner
+from slamgym.metrics.two_sample import (
+    MapLearner,
+    distinguish,
+    half_against_half,
+    ks_distance,
+    tree_learner,
+)
 
 TREES = "trees on statistics"
 """Name of the learner that :func:`learn_by_trees` makes."""
@@ -85,7 +91,9 @@ class MapSet:
     @property
     def summary(self) -> str:
         """Numbers of maps and buildings, and what was left out."""
-        left_out = "".join(f"; left out: {count} {reason}" for reason, count in self.skipped.items())
+        left_out = "".join(
+            f"; left out: {count} {reason}" for reason, count in self.skipped.items()
+        )
         buildings = counted(len(set(self.buildings)), "building")
         return f"{counted(len(self.maps), 'map')} of {buildings}{left_out}"
 
@@ -107,7 +115,9 @@ def read_map_sets(roots: Sequence[Path], building: str | None = None) -> list[Ma
     except re.error as error:
         raise ConfigError(f"--building {building!r} is no regular expression ({error})") from error
     if len({root.resolve() for root in roots}) < len(roots):
-        raise ConfigError("a folder is named twice: its maps can't be told from themselves; name each once")
+        raise ConfigError(
+            "a folder is named twice: its maps can't be told from themselves; name each once"
+        )
     names = _names(roots)
     return [_read(root, name, pattern) for root, name in zip(roots, names, strict=True)]
 
@@ -158,7 +168,9 @@ def _fault(grid: OccupancyGrid) -> str:
     return ""
 
 
-def require_enough(source: Path, buildings: Sequence[str], skipped: Mapping[str, int] | None = None) -> None:
+def require_enough(
+    source: Path, buildings: Sequence[str], skipped: Mapping[str, int] | None = None
+) -> None:
     """Refuse sets that are too small for a test.
 
     Args:
@@ -169,10 +181,14 @@ def require_enough(source: Path, buildings: Sequence[str], skipped: Mapping[str,
     Raises:
         InputFileError: If there are too few maps or buildings.
     """
-    left_out = "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
+    left_out = (
+        "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
+    )
     if len(buildings) < MIN_MAPS:
         what = f"holds {len(buildings)} maps that can be compared at cells of {LOOK_CELL:g} m"
-        raise InputFileError(source, f"{what}; add some: a test needs at least {MIN_MAPS}{left_out}")
+        raise InputFileError(
+            source, f"{what}; add some: a test needs at least {MIN_MAPS}{left_out}"
+        )
     shown = len(set(buildings))
     if shown < MIN_BUILDINGS:
         what = f"shows {shown} buildings; add maps of others"
@@ -263,17 +279,25 @@ class RealismReport:
     def test_lines(self) -> dict[tuple[str, str], dict[str, Interval]]:
         """Tests by their sets, then by learner: those of the dataset first, then nulls, then between references."""
         lines: dict[tuple[str, str], dict[str, Interval]] = {}
-        for test in sorted(self.tests, key=lambda t: (t.is_null or t.first != self.own.name, not t.is_null)):
+        for test in sorted(
+            self.tests, key=lambda t: (t.is_null or t.first != self.own.name, not t.is_null)
+        ):
             lines.setdefault((test.first, test.second), {})[test.learner] = test.accuracy
         return lines
 
 
-def compare_statistics(own: MapSet, references: Sequence[MapSet], seed: int = 0) -> list[StatisticRow]:
+def compare_statistics(
+    own: MapSet, references: Sequence[MapSet], seed: int = 0
+) -> list[StatisticRow]:
     """The statistics that a person reads, in their order."""
     rows = []
     for name, label in LOOK_NAMES.items():
-        values = {s.name: np.array([one.statistics[name] for one in s.maps]) for s in (own, *references)}
-        medians = {s.name: median_interval(values[s.name], seed, s.buildings) for s in (own, *references)}
+        values = {
+            s.name: np.array([one.statistics[name] for one in s.maps]) for s in (own, *references)
+        }
+        medians = {
+            s.name: median_interval(values[s.name], seed, s.buildings) for s in (own, *references)
+        }
         distances = {s.name: ks_distance(values[own.name], values[s.name]) for s in references}
         rows.append(StatisticRow(name, label, medians, distances))
     return rows

@@ -54,10 +54,14 @@ def to_json(report: RealismReport) -> dict[str, Any]:
 
 def to_markdown(report: RealismReport) -> str:
     """Both tables as Markdown."""
-    return markdown(*statistics_table(report, distances=False)) + "\n" + markdown(*tests_table(report))
+    return (
+        markdown(*statistics_table(report, distances=False)) + "\n" + markdown(*tests_table(report))
+    )
 
 
-def statistics_table(report: RealismReport, distances: bool = True) -> tuple[list[str], list[list[str]]]:
+def statistics_table(
+    report: RealismReport, distances: bool = True
+) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: medians with intervals, and how far the dataset lies from each reference, if wanted."""
     headings = ["median [95 %]", *(one.name for one in report.sets)]
     headings += [f"KS from {reference.name}" for reference in report.references if distances]
@@ -76,7 +80,9 @@ def tests_table(report: RealismReport) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: balanced accuracies of each learner."""
     rows, learners = [], list(dict.fromkeys(test.learner for test in report.tests))
     for (first, second), found in report.test_lines().items():
-        name = f"null: {first}, half against half" if first == second else f"{first} against {second}"
+        name = (
+            f"null: {first}, half against half" if first == second else f"{first} against {second}"
+        )
         rows.append([name, *(_figure(found[x]) if x in found else "" for x in learners)])
     return ["balanced accuracy [95 %]", *learners], rows
 
@@ -120,8 +126,12 @@ def _statistics_part(report: RealismReport) -> str:
     marks = []
     for statistic, row in zip(report.statistics, rows, strict=True):
         mine = statistic.medians[report.own.name]
-        apart = [other.low > mine.high or other.high < mine.low for other in statistic.medians.values()]
-        marks.append(["", *("apart" if mark else "" for mark in apart)] + [""] * (len(row) - len(apart) - 1))
+        apart = [
+            other.low > mine.high or other.high < mine.low for other in statistic.medians.values()
+        ]
+        marks.append(
+            ["", *("apart" if mark else "" for mark in apart)] + [""] * (len(row) - len(apart) - 1)
+        )
     return make_table(headings, rows, cell_classes=marks)
 
 
@@ -144,7 +154,9 @@ def draw_examples(own: MapSet, references: Sequence[MapSet], row: StatisticRow) 
         Card((_window(one),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
         for name, one in chosen
     ]
-    return f"{row.label}: {own.name} above, references below", draw_sheet(cards, EXAMPLES, _PANEL_PX)
+    return f"{row.label}: {own.name} above, references below", draw_sheet(
+        cards, EXAMPLES, _PANEL_PX
+    )
 
 
 def _window(one: MeasuredMap) -> ByteArray:

@@ -62,13 +62,17 @@ def compare_with_plan(
     rooms = [_judge_room(room, plan, evidence) for room in plan.rooms]
     long_walls = (wall for wall in judged if wall.length >= SHORTEST_CHANGED)
     changes = [
-        *sorted((wall for wall in long_walls if wall.kind in CHANGED), key=lambda wall: -wall.length),
+        *sorted(
+            (wall for wall in long_walls if wall.kind in CHANGED), key=lambda wall: -wall.length
+        ),
         *_new_openings(plan, measured, judged),
         *_extra_walls(plan, evidence, measured, judged),
         *_door_changes(plan, measured, evidence),
         *(room for room in rooms if room.kind in CHANGED),
     ]
-    return PlanComparison(plan.where, map_name, found, tuple(changes), tuple(judged), tuple(rooms), doubts)
+    return PlanComparison(
+        plan.where, map_name, found, tuple(changes), tuple(judged), tuple(rooms), doubts
+    )
 
 
 def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> PlanFinding:
@@ -77,7 +81,9 @@ def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> PlanFin
     return PlanFinding(kind, f"{noun} of {line.length:.1f} m", (xa, ya, xb, yb))
 
 
-def _new_openings(plan: FloorPlan, measured: Survey, judged: Sequence[PlanFinding]) -> Iterator[PlanFinding]:
+def _new_openings(
+    plan: FloorPlan, measured: Survey, judged: Sequence[PlanFinding]
+) -> Iterator[PlanFinding]:
     """Gaps in walls that are there otherwise, away from the plan's doors."""
     doors = shapely.MultiLineString([[door.start, door.end] for door in plan.doors])
     for number, wall in enumerate(judged):
@@ -85,7 +91,9 @@ def _new_openings(plan: FloorPlan, measured: Survey, judged: Sequence[PlanFindin
             continue
         for ends in open_runs(measured, number, SHORTEST_CHANGED):
             line = shapely.LineString(_along(wall.line, np.array(ends)))
-            if not line.distance(doors) < 1.5:  # else that door has moved, or is wider; nan without any
+            if (
+                not line.distance(doors) < 1.5
+            ):  # else that door has moved, or is wider; nan without any
                 yield _straight("opening_new", "opening", line)
 
 
@@ -108,7 +116,9 @@ def _extra_walls(
         yield _straight("wall_extra", "wall", line)
 
 
-def _door_changes(plan: FloorPlan, measured: Survey, evidence: MapEvidence) -> Iterator[PlanFinding]:
+def _door_changes(
+    plan: FloorPlan, measured: Survey, evidence: MapEvidence
+) -> Iterator[PlanFinding]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
         line: Line = (*door.start, *door.end)

@@ -31,7 +31,9 @@ SEEN_ALONG = 0.6
 """Share of its length along which a structure is seen from a side that counts as seen."""
 
 
-def extra_walls(floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray) -> list[LineString]:
+def extra_walls(
+    floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray
+) -> list[LineString]:
     """The walls that a plan or a drawing doesn't have, the longest first.
 
     Args:
@@ -64,7 +66,9 @@ def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     """True if there is free space within the thickness of a wall on either side of most of it."""
     start, end = np.array(line.coords)
     normal = np.array([start[1] - end[1], end[0] - start[0]]) / line.length
-    points = start + np.linspace(0.05, 0.95, max(5, round(line.length / 0.05)))[:, None] * (end - start)
+    points = start + np.linspace(0.05, 0.95, max(5, round(line.length / 0.05)))[:, None] * (
+        end - start
+    )
     depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
     sides = (points[:, None] + depths, points[:, None] - depths)
     return all((evidence.values(side) == FREE).any(axis=1).mean() >= SEEN_ALONG for side in sides)

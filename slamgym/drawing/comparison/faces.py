@@ -7,7 +7,16 @@ import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.geometry import compose, inverse, transform_points
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, IntArray, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    FloatArray,
+    IntArray,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.drawing.evidence import values_at
 from slamgym.drawing.walls import find_walls
 
@@ -92,7 +101,9 @@ class MapEvidence:
 
     def is_free_before(self, points: FloatArray, normals: FloatArray) -> np.ndarray:
         """True for points (N, 2) [m] of faces with normals (N, 2) that the robot could see."""
-        return (self.values(points[:, None] + BEFORE[:, None] * normals[:, None]) == FREE).any(axis=1)
+        return (self.values(points[:, None] + BEFORE[:, None] * normals[:, None]) == FREE).any(
+            axis=1
+        )
 
     def across(self, points: FloatArray, normals: FloatArray) -> IntArray:
         """At points (N, 2) [m] of walls with normals (N, 2) or (2,): 1 open, -1 closed, 0 unknown."""

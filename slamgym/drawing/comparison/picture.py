@@ -5,7 +5,15 @@ import numpy as np
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.geometry import inverse, transform_points
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    ByteArray,
+    FloatArray,
+    GridFrame,
+    OccupancyGrid,
+)
 from slamgym.drawing.comparison.records import PlanComparison, PlanFinding
 from slamgym.drawing.evidence import values_at
 from slamgym.viz.canvas import (
@@ -83,6 +91,8 @@ def _draw_change(picture: ByteArray, change: PlanFinding, frame: GridFrame) -> N
     draw_text(picture, text, int(middle[0]) + 8, int(middle[1]) - 16, 0.55, colour)
 
 
-def _line(picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour, thickness: int) -> None:
+def _line(
+    picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour, thickness: int
+) -> None:
     pixels = fixed_point(frame_pixels(line.reshape(2, 2), frame, 1.0))
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)

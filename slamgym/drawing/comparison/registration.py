@@ -85,9 +85,13 @@ class Registration:
                 f"are in the map, and {self.inside:.0%} of its floor is the plan's"
             )
         elif self.score - self.rival_score < _RIVAL:
-            found.append("the map fits the plan nearly as well at another place (a symmetric building?)")
+            found.append(
+                "the map fits the plan nearly as well at another place (a symmetric building?)"
+            )
         if abs(self.scale - 1.0) > SCALE_DOUBT:
-            found.append(f"scale doubtful: the map would fit better {self.scale:.3f} times as large")
+            found.append(
+                f"scale doubtful: the map would fit better {self.scale:.3f} times as large"
+            )
         return tuple(found)
 
 
@@ -110,7 +114,9 @@ class _Fitter:
     def __init__(self, plan: FloorPlan, walls: PlanWalls, evidence: MapEvidence) -> None:
         rng = np.random.default_rng(0)
         chosen = rng.permutation(len(evidence.points))[:MAX_POINTS]
-        self.some = replace(evidence, points=evidence.points[chosen], normals=evidence.normals[chosen])
+        self.some = replace(
+            evidence, points=evidence.points[chosen], normals=evidence.normals[chosen]
+        )
         row, col = np.nonzero(evidence.grid.cells == FREE)
         chosen = rng.permutation(len(row))[:MAX_POINTS]
         self.free = evidence.grid.frame.to_points(row[chosen], col[chosen])
@@ -149,7 +155,9 @@ class _Fitter:
         supported = float(((np.abs(residual) < CLOSE) & (nearest < 2.0 * CLOSE)).mean())
         inside = float(shapely.contains_xy(self._floor, transform_points(pose, self.free)).mean())
         tree = KDTree(_features(evidence.points, evidence.normals))
-        asked = self._features[evidence.is_free_before(self._walls.points, self._walls.point_normals)]
+        asked = self._features[
+            evidence.is_free_before(self._walls.points, self._walls.point_normals)
+        ]
         away = np.minimum(tree.query(asked, distance_upper_bound=MISSED)[0], MISSED)
         explained = float((away < 2.0 * CLOSE).mean()) if len(away) else 0.0
         nearness = 1.0 - float(away.mean()) / MISSED if len(away) else 0.0
@@ -169,7 +177,9 @@ def _features(points: FloatArray, normals: FloatArray) -> FloatArray:
     return np.hstack([points, NORMAL_WEIGHT * normals])
 
 
-def _coarse_poses(plan: FloorPlan, walls: PlanWalls, points: FloatArray, free: FloatArray) -> list[Pose2D]:
+def _coarse_poses(
+    plan: FloorPlan, walls: PlanWalls, points: FloatArray, free: FloatArray
+) -> list[Pose2D]:
     """The most promising distinct poses of a map over a plan."""
     cell = max(COARSE_CELL, plan.extent / COARSE_CELLS)
     everything = np.vstack([points, free])
@@ -182,7 +192,9 @@ def _coarse_poses(plan: FloorPlan, walls: PlanWalls, points: FloatArray, free: F
     turns = [Pose2D(0.0, 0.0, angle) for angle in angles]
     scores = []
     for turn in turns:
-        clouds = [_shares(transform_points(turn, cloud - middle) / cell, half) for cloud in (points, free)]
+        clouds = [
+            _shares(transform_points(turn, cloud - middle) / cell, half) for cloud in (points, free)
+        ]
         scores.append(cv2.matchTemplate(image, np.dstack(clouds), cv2.TM_CCORR))
     far, wide = math.ceil(DISTINCT[0] / cell), math.ceil(DISTINCT[1] * ANGLES / (2.0 * np.pi))
     size = 2 * wide + 1, 2 * far + 1, 2 * far + 1

@@ -10,14 +10,26 @@ from slamgym.core.text import markup
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.comparison.picture import COLOURS, draw_comparison
 from slamgym.drawing.comparison.records import COLUMNS, PlanComparison
-from slamgym.drawing.formats.html import REPORT_STYLE, doubts_part, figures_part, provenance_part, sentence
+from slamgym.drawing.formats.html import (
+    REPORT_STYLE,
+    doubts_part,
+    figures_part,
+    provenance_part,
+    sentence,
+)
 from slamgym.viz.pages import figure, inline_picture, make_page, make_table, paragraph
 
 
-def format_comparison(found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, command: str) -> str:
+def format_comparison(
+    found: PlanComparison, plan: FloorPlan, grid: OccupancyGrid, command: str
+) -> str:
     """The text of the page on a plan and a map, with the command that made it."""
     picture = f'<img alt="the map over its plan" src="{inline_picture(draw_comparison(found, plan, grid))}">'
-    words = "Green: as planned. " if found.is_confident else "The map where it fits best; don't rely on it. "
+    words = (
+        "Green: as planned. "
+        if found.is_confident
+        else "The map where it fits best; don't rely on it. "
+    )
     parts = [
         f"<h1>{markup(verdict(found))}</h1>",
         f'<p class="lead"><code>{markup(found.map)}</code>, a robot\'s map, against the plan '
@@ -44,12 +56,17 @@ def _figures(found: PlanComparison) -> list[tuple[str, str]]:
             (str(kinds.count("wall_not_seen")), "walls not seen"),
         ]
     turn = np.degrees(pose.theta)
-    return [*shown, (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at")]
+    return [
+        *shown,
+        (f"{pose.x:.2f}, {pose.y:.2f} m, {turn:.1f}°", "the map's origin lies on the plan at"),
+    ]
 
 
 def verdict(found: PlanComparison) -> str:
     """The result in a few words."""
-    return f"{len(found.changes)} changes" if found.is_confident else "NOT THE SAME BUILDING, it seems"
+    return (
+        f"{len(found.changes)} changes" if found.is_confident else "NOT THE SAME BUILDING, it seems"
+    )
 
 
 def _legend(found: PlanComparison) -> str:
@@ -76,4 +93,6 @@ def _tables(found: PlanComparison) -> Iterator[str]:
         yield make_table([name.replace("_", " ") for name in COLUMNS], found.table())
     if found.rooms:
         yield "<h2>Rooms of the plan</h2>"
-        yield make_table(["room", "seen"], [(room.what, f"{room.seen:.0%}") for room in found.rooms])
+        yield make_table(
+            ["room", "seen"], [(room.what, f"{room.seen:.0%}") for room in found.rooms]
+        )

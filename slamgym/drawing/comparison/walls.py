@@ -40,7 +40,9 @@ class Survey:
     """Everything that was measured at the walls W and their points S."""
 
     plan: PlanWalls
-    offsets: FloatArray  # (S,) along the walls' normals [m]; nan where the map has no such face nearby
+    offsets: (
+        FloatArray  # (S,) along the walls' normals [m]; nan where the map has no such face nearby
+    )
     drift: FloatArray  # (W,) offset by the map's distortion [m]
     deviation: FloatArray  # (W,) standard error of that [m]
     field: Drift
@@ -72,7 +74,9 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
     what, drift = f"wall of {plan.lengths[wall]:.1f} m", float(found.drift[wall])
     own = np.flatnonzero(plan.wall == wall)
     view = own[found.in_view[own]]
-    share = max(found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own]))
+    share = max(
+        found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own])
+    )
     seen = float(share)
     if seen < LEAST_SEEN or len(view) < 3:
         return PlanFinding("wall_not_seen", what, line, seen=seen)
@@ -90,7 +94,9 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
     offset, error = place.offset, float(np.hypot(place.error, found.deviation[wall]))
     if place.support < MOST or abs(offset) <= max(config.moved, config.sure * error):
         return PlanFinding("wall_present", what, line, offset, error, offset + drift, seen)
-    may_be_furniture = len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
+    may_be_furniture = (
+        len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
+    )
     kind: FindingKind = "wall_unclear" if may_be_furniture else "wall_moved"
     return PlanFinding(kind, what, line, offset, error, offset + drift, seen)
 

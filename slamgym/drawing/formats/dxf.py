@@ -72,7 +72,9 @@ def _add_tables(document: Any, letters: float) -> None:
 
 def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     """Everything in metres, what lies on top last."""
-    bodies = [[w.polygon for w in drawing.walls if w.layer == layer] for layer in ("SEEN", "INFERRED")]
+    bodies = [
+        [w.polygon for w in drawing.walls if w.layer == layer] for layer in ("SEEN", "INFERRED")
+    ]
     seen, inferred = (shapely.union_all(some, grid_size=CORNER_GRID) for some in bodies)
     inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
     _add_hatch(space, drawing.inferred_floor, "A-FLOR-INFR", "ANSI31")
@@ -93,7 +95,10 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
 
 def _rings(shape: Polygon) -> list[list[list[float]]]:
     """Outline and holes, the first point not repeated [m]."""
-    return [np.round(shapely.get_coordinates(ring)[:-1], 4).tolist() for ring in shapely.get_rings(shape)]
+    return [
+        np.round(shapely.get_coordinates(ring)[:-1], 4).tolist()
+        for ring in shapely.get_rings(shape)
+    ]
 
 
 def _add_outlines(space: Any, shapes: Iterable[Polygon], layer: str) -> None:
@@ -115,7 +120,11 @@ def _add_hatch(space: Any, shapes: Iterable[Polygon], layer: str, pattern: str) 
 def _add_door(space: Any, door: DrawnDoor, floor: MultiPolygon) -> None:
     """A door's block. A map doesn't say how it is hung: the leaf swings over as much floor as it can."""
     hinge, jamb, side = max(
-        ((a, b, side) for a, b in ((door.start, door.end), (door.end, door.start)) for side in (1.0, -1.0)),
+        (
+            (a, b, side)
+            for a, b in ((door.start, door.end), (door.end, door.start))
+            for side in (1.0, -1.0)
+        ),
         key=lambda hung: round(_swept(*hung).intersection(floor).area, 2),
     )
     scale = {"xscale": door.width, "yscale": side * door.width, "zscale": door.width}

@@ -39,7 +39,10 @@ def fitting_paper(width: float, height: float) -> Paper:
     from ezdxf.addons.drawing.layout import PAGE_SIZES
 
     choices = [(size, scale) for size in ("A4", "A3", "A2", "A1", "A0") for scale in (50, 100)]
-    for size, scale in [*choices, *(("A0", scale) for scale in (200, 500, 1000, 2000, 5000, 10_000))]:
+    for size, scale in [
+        *choices,
+        *(("A0", scale) for scale in (200, 500, 1000, 2000, 5000, 10_000)),
+    ]:
         longer, shorter, _ = PAGE_SIZES[f"ISO {size}"]
         across, up = (longer, shorter) if width > height else (shorter, longer)
         paper = Paper(size, across, up, scale)
@@ -62,7 +65,9 @@ def add_sheet(document: Any, drawing: Drawing, paper: Paper, middle: FloatArray)
     layout.page_setup((paper.width, paper.height), margins, offset=offset, scale=(metre, 1.0))
     layout.reset_limits(corner - BORDER / metre, corner + (frame + BORDER) / metre)
     layout.reset_main_viewport(corner + 0.5 * frame / metre, (frame + 2.0 * BORDER) / metre)
-    layout.add_viewport(middle, paper.view, middle, paper.view[1], dxfattribs={"layer": "A-ANNO-TTLB"})
+    layout.add_viewport(
+        middle, paper.view, middle, paper.view[1], dxfattribs={"layer": "A-ANNO-TTLB"}
+    )
     (width, height), bar = frame.tolist(), round_length(0.2 * paper.view[0])
     right, end = width - 10.0, width - 24.0
     start = end - bar * metre
@@ -72,15 +77,23 @@ def add_sheet(document: Any, drawing: Drawing, paper: Paper, middle: FloatArray)
         [(start, 11.0), (start, 9.0), (end, 9.0), (end, 11.0)],
         [(right, 5.0), (right, 17.0), (right - 1.5, 13.0), (right + 1.5, 13.0), (right, 17.0)],
     ):
-        layout.add_lwpolyline(corner + np.array(points) / metre, dxfattribs={"layer": "A-ANNO-TTLB"})
+        layout.add_lwpolyline(
+            corner + np.array(points) / metre, dxfattribs={"layer": "A-ANNO-TTLB"}
+        )
     facts = f"{drawing.area:.1f} m² of floor, {counted(len(drawing.rooms), 'room')}; 1:{paper.scale} on {paper.name}"
     origin = f"Lengths in metres, drawn from a robot's map by slamgym {drawing.provenance.get('slamgym', '')}"
     texts = [(4.0, 14.0, 5.0, drawing.name[:40]), (4.0, 8.5, 2.5, facts), (4.0, 3.5, 2.5, origin)]
-    for x, y, letters, words in [*texts, (start, 4.0, 2.5, f"{bar:g} m"), (right + 2.0, 5.0, 2.5, "y")]:
+    for x, y, letters, words in [
+        *texts,
+        (start, 4.0, 2.5, f"{bar:g} m"),
+        (right + 2.0, 5.0, 2.5, "y"),
+    ]:
         add_text(layout, words, corner + np.array([x, y]) / metre, letters / metre, "A-ANNO-TTLB")
 
 
-def add_text(space: Any, words: str, at: Any, height: float, layer: str, align: str = "LEFT") -> None:
+def add_text(
+    space: Any, words: str, at: Any, height: float, layer: str, align: str = "LEFT"
+) -> None:
     """A line of text at a point."""
     from ezdxf.enums import TextEntityAlignment
 

@@ -62,7 +62,9 @@ def checks(drawing: Drawing) -> list[str]:
     if unseen:
         names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen)
         found.append(f"Rooms of which the robot saw less than half: {names}.")
-    closed = [f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"]
+    closed = [
+        f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"
+    ]
     if closed:
         found.append(f"Doors that were hardly seen open: {', '.join(closed)}.")
     return found
@@ -139,9 +141,13 @@ def _rooms_table(drawing: Drawing) -> str:
     rows = []
     for room in drawing.rooms:
         sizes = [f"{line.length:.2f} m" for line in drawing.dimensions if line.of == room.id]
-        doors = ", ".join(f"D{k}" for k, door in enumerate(drawing.doors, 1) if room.id in door.rooms)
+        doors = ", ".join(
+            f"D{k}" for k, door in enumerate(drawing.doors, 1) if room.id in door.rooms
+        )
         width, depth = (*sizes, "", "")[:2]
-        rows.append((room.name, f"{room.area:.2f} m²", width, depth, f"{room.share_seen:.0%}", doors))
+        rows.append(
+            (room.name, f"{room.area:.2f} m²", width, depth, f"{room.share_seen:.0%}", doors)
+        )
     headings = ["room", "area", "width", "depth", "seen", "doors"]
     return make_table(headings, rows, [room.layer for room in drawing.rooms])
 

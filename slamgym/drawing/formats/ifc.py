@@ -33,7 +33,9 @@ def format_ifc(drawing: Drawing) -> str:
     for number, door in enumerate(drawing.doors, 1):
         doors += builder.add_door(number, door, [pairs[k] for k in wall_of[list(door.walls)]])
     footprint = shapely.union_all([drawing.floor, *(wall.polygon for wall in drawing.walls)])
-    slabs = [builder.add_slab(number, part) for number, part in enumerate(polygon_parts(footprint), 1)]
+    slabs = [
+        builder.add_slab(number, part) for number, part in enumerate(polygon_parts(footprint), 1)
+    ]
     for room in drawing.rooms:
         builder.add_space(room)
     # All at once, as each call copies the list of what is in the storey.
@@ -57,11 +59,21 @@ class _Builder:
         self.shapes = ShapeBuilder(self.file)
         whole = self._create("IfcProject", name)
         kinds = ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
-        self.run("unit.assign_unit", units=[self.run("unit.add_si_unit", unit_type=kind) for kind in kinds])
-        model = {"context_type": "Model", "parent": self.run("context.add_context", context_type="Model")}
+        self.run(
+            "unit.assign_unit",
+            units=[self.run("unit.add_si_unit", unit_type=kind) for kind in kinds],
+        )
+        model = {
+            "context_type": "Model",
+            "parent": self.run("context.add_context", context_type="Model"),
+        }
         view = {"context_identifier": "Body", "target_view": "MODEL_VIEW"}
         self.body = self.run("context.add_context", **model, **view)
-        for kind, title in (("IfcSite", "Site"), ("IfcBuilding", name), ("IfcBuildingStorey", "Storey")):
+        for kind, title in (
+            ("IfcSite", "Site"),
+            ("IfcBuilding", name),
+            ("IfcBuildingStorey", "Storey"),
+        ):
             part = self._create(kind, title)
             self.run("aggregate.assign_object", products=[part], relating_object=whole)
             self.run("geometry.edit_object_placement", product=part, matrix=np.eye(4))
@@ -74,9 +86,8 @@ class _Builder:
         }
         self.storey = whole
         self.storey.Elevation = 0.0
-        self.storey.Description = (
-            f"drawn from a two-dimensional map: heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m) are assumed"
-        )
+        heights = f"heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m)"
+        self.storey.Description = f"drawn from a two-dimensional map: {heights} are assumed"
 
     def run(self, call: str, **values: Any) -> Any:
         """Call ifcopenshell's function of that name."""
@@ -92,21 +103,34 @@ class _Builder:
             evidence = {"Thickness": wall.thickness, "Length": wall.length, "Layer": wall.layer}
             evidence |= {"Confidence": wall.confidence, "ShareSeen": wall.share_seen}
             body = _local(wall.polygon, matrix)
-            bodies.append(self._solid("IfcWall", f"W{number:03d}", matrix, body, WALL_HEIGHT, **evidence))
+            bodies.append(
+                self._solid("IfcWall", f"W{number:03d}", matrix, body, WALL_HEIGHT, **evidence)
+            )
             types.setdefault(max(round(100.0 * wall.thickness), 1), []).append(bodies[-1])
         material = self.run("material.add_material", name="unknown")
         for thickness, alike in sorted(types.items()):
             kind = self._create("IfcWallType", f"Wall {thickness} cm", predefined_type="SOLIDWALL")
-            layers = self.run("material.add_material_set", name=kind.Name, set_type="IfcMaterialLayerSet")
+            layers = self.run(
+                "material.add_material_set", name=kind.Name, set_type="IfcMaterialLayerSet"
+            )
             layer = self.run("material.add_layer", layer_set=layers, material=material)
             layer.LayerThickness = thickness / 100
-            self.run("material.assign_material", products=[kind], type="IfcMaterialLayerSet", material=layers)
+            self.run(
+                "material.assign_material",
+                products=[kind],
+                type="IfcMaterialLayerSet",
+                material=layers,
+            )
             self.run("type.assign_type", related_objects=alike, relating_type=kind)
         return bodies
 
-    def add_door(self, number: int, door: DrawnDoor, walls: list[tuple[DrawnWall, Any]]) -> list[Any]:
+    def add_door(
+        self, number: int, door: DrawnDoor, walls: list[tuple[DrawnWall, Any]]
+    ) -> list[Any]:
         """An opening in the wall at a jamb, and the IfcDoor that fills it, if it is a door."""
-        doors = [self._in_gap("IfcDoor", f"D{number:02d}", door, 0.04)] if door.kind == "door" else []
+        doors = (
+            [self._in_gap("IfcDoor", f"D{number:02d}", door, 0.04)] if door.kind == "door" else []
+        )
         if walls:
             wall, body = max(walls, key=lambda both: _runs_through(both[0], door))
             depth = max(door.depth, wall.thickness) + 0.1  # through walls that are oblique, too
@@ -142,17 +166,30 @@ class _Builder:
         rgb = {"Name": None, **dict(zip(("Red", "Green", "Blue"), colour, strict=True))}
         look = {"SurfaceColour": rgb, "Transparency": transparency}
         style = self.run("style.add_style", name=name)
-        self.run("style.add_surface_style", style=style, ifc_class="IfcSurfaceStyleShading", attributes=look)
+        self.run(
+            "style.add_surface_style",
+            style=style,
+            ifc_class="IfcSurfaceStyleShading",
+            attributes=look,
+        )
         return style
 
     def _in_gap(self, kind: str, name: str, door: DrawnDoor, depth: float) -> Any:
         """A solid that fills a door's gap to a depth [m]."""
         evidence = {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer}
         box = shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)
-        return self._solid(kind, name, _placement(door.start, door.end), box, DOOR_HEIGHT, **evidence)
+        return self._solid(
+            kind, name, _placement(door.start, door.end), box, DOOR_HEIGHT, **evidence
+        )
 
     def _solid(
-        self, kind: str, name: str, matrix: FloatArray, base: Polygon, height: float, **evidence: Any
+        self,
+        kind: str,
+        name: str,
+        matrix: FloatArray,
+        base: Polygon,
+        height: float,
+        **evidence: Any,
     ) -> Any:
         """A named thing with a body, its style and its evidence."""
         entity = self._create(kind, name)
@@ -164,7 +201,9 @@ class _Builder:
         self.run("geometry.assign_representation", product=entity, representation=shape)
         if kind in self.styles:
             styles = [self.styles[kind]]
-            self.run("style.assign_representation_styles", shape_representation=shape, styles=styles)
+            self.run(
+                "style.assign_representation_styles", shape_representation=shape, styles=styles
+            )
         described = self.run("pset.add_pset", product=entity, name="Slamgym_Evidence")
         self.run("pset.edit_pset", pset=described, properties=evidence)
         return entity
@@ -173,14 +212,18 @@ class _Builder:
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
     """Agreement of a wall at a jamb with a door in direction, and then in place."""
     of_wall, of_door = (_placement(part.start, part.end)[:2, 0] for part in (wall, door))
-    return round(abs(float(of_wall @ of_door)), 1), float(wall.polygon.intersection(door.line).length)
+    return round(abs(float(of_wall @ of_door)), 1), float(
+        wall.polygon.intersection(door.line).length
+    )
 
 
 def _placement(start: DrawnPoint, end: DrawnPoint) -> FloatArray:
     """The matrix (4, 4) of a frame at the start whose x axis points to the end."""
     from ifcopenshell.util.placement import a2p
 
-    return np.asarray(a2p((*start, 0.0), (0.0, 0.0, 1.0), (end[0] - start[0], end[1] - start[1], 0.0)))
+    return np.asarray(
+        a2p((*start, 0.0), (0.0, 0.0, 1.0), (end[0] - start[0], end[1] - start[1], 0.0))
+    )
 
 
 def _local(polygon: Polygon, matrix: FloatArray) -> Polygon:

@@ -29,7 +29,9 @@ _FACTS = {
     Dimension: "start end length of",
 }
 """What is written of each kind."""
-_UNITS = {name: f"{name}_m" for name in ("length", "thickness", "depth", "width")} | {"area": "area_m2"}
+_UNITS = {name: f"{name}_m" for name in ("length", "thickness", "depth", "width")} | {
+    "area": "area_m2"
+}
 
 
 def format_json(drawing: Drawing) -> str:
@@ -92,7 +94,9 @@ def _feature(shape: BaseGeometry, properties: dict[str, Any]) -> dict[str, Any]:
 
 def _facts(part: DrawnWall | DrawnDoor | DrawnRoom | Dimension) -> dict[str, Any]:
     """What is known of a part of the drawing, with units in the names."""
-    return {_UNITS.get(name, name): _plain(getattr(part, name)) for name in _FACTS[type(part)].split()}
+    return {
+        _UNITS.get(name, name): _plain(getattr(part, name)) for name in _FACTS[type(part)].split()
+    }
 
 
 def _rings(polygon: Polygon) -> list[Any]:

@@ -11,7 +11,14 @@ from shapely import LineString, MultiLineString, Polygon, affinity
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
-from slamgym.viz.canvas import BELIEVED_COLOUR, TRUE_COLOUR, UNSEEN_TINT, WALL_TINT, Colour, round_length
+from slamgym.viz.canvas import (
+    BELIEVED_COLOUR,
+    TRUE_COLOUR,
+    UNSEEN_TINT,
+    WALL_TINT,
+    Colour,
+    round_length,
+)
 
 DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "wall": (WALL_TINT, "wall, seen"),
@@ -43,9 +50,15 @@ DRAWING_STYLE = format_part(
 )
 """CSS of a drawing's shapes."""
 _STEPS = {
-    "name": [(0.0, along, left) for left in (1.0, -1.0, 2.3, -2.3, 3.6, -3.6) for along in (-0.5, 0.5, 0.0)],
+    "name": [
+        (0.0, along, left)
+        for left in (1.0, -1.0, 2.3, -2.3, 3.6, -3.6)
+        for along in (-0.5, 0.5, 0.0)
+    ],
     "size": [(share, 0.0, 0.0) for share in (-0.25, 0.25, 0.0, 0.4, -0.4)],
-    "number": [(share, 0.0, left) for left in (1.0, -1.0, 1.7, -1.7) for share in (0.0, 0.25, -0.25)],
+    "number": [
+        (share, 0.0, left) for left in (1.0, -1.0, 1.7, -1.7) for share in (0.0, 0.25, -0.25)
+    ],
 }
 """Places of labels from the middle of their lines: along it in its lengths and in the label's, then to its left."""
 
@@ -68,7 +81,9 @@ def drawn_shapes(drawing: Drawing) -> Iterator[DrawnShape]:
         yield DrawnShape("ROOMS", kind, room.polygon, f"{room.name}: {room.area:.2f} m2")
     yield from (DrawnShape("INFERRED", "unseen", part) for part in drawing.inferred_floor)
     for number, wall in enumerate(drawing.walls, 1):
-        sizes = f"{wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}"
+        sizes = (
+            f"{wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}"
+        )
         kind = "wall" if wall.layer == "SEEN" else "inferred"
         yield DrawnShape("WALLS", kind, wall.polygon, f"W{number}: {sizes}")
     for number, door in enumerate(drawing.doors, 1):
@@ -89,7 +104,9 @@ class DrawnLabel(NamedTuple):
     def box(self, letters: float) -> BaseGeometry:
         """The rectangle that it takes, with letters of a height [m]."""
         x, y = 0.5 * LETTER_WIDTH * letters * len(self.words), 0.65 * letters
-        return affinity.translate(affinity.rotate(shapely.box(-x, -y, x, y), self.turn, (0, 0)), *self.at)
+        return affinity.translate(
+            affinity.rotate(shapely.box(-x, -y, x, y), self.turn, (0, 0)), *self.at
+        )
 
 
 class Sheet(NamedTuple):
@@ -107,15 +124,26 @@ class Sheet(NamedTuple):
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for its key."""
         min_x, min_y, max_x, max_y = bounds
         width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
-        return cls(min_x - SHEET_MARGIN, max_y + SHEET_MARGIN, width, height + KEY_HEIGHT * letters, letters)
+        return cls(
+            min_x - SHEET_MARGIN,
+            max_y + SHEET_MARGIN,
+            width,
+            height + KEY_HEIGHT * letters,
+            letters,
+        )
 
-    def key(self, words: str, doubts: Sequence[str] = ()) -> tuple[list[DrawnShape], list[DrawnLabel]]:
+    def key(
+        self, words: str, doubts: Sequence[str] = ()
+    ) -> tuple[list[DrawnShape], list[DrawnLabel]]:
         """What the colours mean, a bar of a round length with words behind it, and the doubts: shapes and labels."""
         size, bottom = self.letters, self.top - self.height
         shapes, labels = [], []
         for number, (kind, (_, meaning)) in enumerate(DRAWN_COLOURS.items()):
             column, row = divmod(number, LEGEND_ROWS)
-            x, y = self.left + size * (1.0 + 17.0 * column), bottom + size * (4.1 + 1.6 * (LEGEND_ROWS - row))
+            x, y = (
+                self.left + size * (1.0 + 17.0 * column),
+                bottom + size * (4.1 + 1.6 * (LEGEND_ROWS - row)),
+            )
             line = LineString([(x, y), (x + 1.2 * size, y)])
             shape = line if kind in LINES else line.buffer(0.45 * size, cap_style="flat")
             shapes.append(DrawnShape("KEY", kind, shape))
@@ -123,7 +151,9 @@ class Sheet(NamedTuple):
         x, y, bar = self.left + size, bottom + 2.5 * size, round_length(0.25 * self.width)
         ticks = LineString([(x, y + 0.5 * size), (x, y), (x + bar, y), (x + bar, y + 0.5 * size)])
         shapes.append(DrawnShape("SCALE", "bar", ticks))
-        labels.append(DrawnLabel(f"{bar:g} m{words}", "start", (x + bar + 0.5 * size, y + 0.35 * size)))
+        labels.append(
+            DrawnLabel(f"{bar:g} m{words}", "start", (x + bar + 0.5 * size, y + 0.35 * size))
+        )
         if doubts:
             labels.append(DrawnLabel("; ".join(doubts), "doubts", (x, bottom + size)))
         return shapes, labels
@@ -170,17 +200,26 @@ def place_labels(
         The labels, and the dimension lines that are shown.
     """
     width = LETTER_WIDTH * letters
-    lines = [line for line in drawing.dimensions if width * len(f"{line.length:.2f}") <= 0.8 * line.length]
+    lines = [
+        line
+        for line in drawing.dimensions
+        if width * len(f"{line.length:.2f}") <= 0.8 * line.length
+    ]
     strokes = shapely.union_all([line.line for line in lines])
     floor, inside = drawing.floor, drawing.floor.difference(strokes.buffer(0.1 * letters))
-    doors = [Dimension(door.start, door.end, f"D{number}") for number, door in enumerate(drawing.doors, 1)]
+    doors = [
+        Dimension(door.start, door.end, f"D{number}")
+        for number, door in enumerate(drawing.doors, 1)
+    ]
     labels, shown, taken = list[DrawnLabel](), list[Dimension](), list[BaseGeometry]()
     for words, kind, line in [
         *(_name(room, width) for room in drawing.rooms),
         *((f"{line.length:.2f}", "size", line) for line in lines),
         *((line.of, "number", line) for line in doors),
     ]:
-        tried = [(label, label.box(letters)) for label in _tries(words, kind, line, letters, turned)]
+        tried = [
+            (label, label.box(letters)) for label in _tries(words, kind, line, letters, turned)
+        ]
         free = [place for place in tried if not shapely.intersects(taken, place[1]).any()]
         if free:
             # At best it covers neither lines nor walls, at second best no walls.
@@ -193,7 +232,9 @@ def place_labels(
     return labels, shown
 
 
-def _tries(words: str, kind: str, line: Dimension, letters: float, turned: bool) -> Iterator[DrawnLabel]:
+def _tries(
+    words: str, kind: str, line: Dimension, letters: float, turned: bool
+) -> Iterator[DrawnLabel]:
     """A label of a line at its places, best first."""
     (x0, y0), (x1, y1) = line.start, line.end
     cos, sin = (x1 - x0) / line.length, (y1 - y0) / line.length
@@ -207,7 +248,9 @@ def _tries(words: str, kind: str, line: Dimension, letters: float, turned: bool)
 
 def _name(room: DrawnRoom, width: float) -> tuple[str, str, Dimension]:
     """Name and area of a room, around the middle in which its dimension lines cross; the name alone in a small room."""
-    (x, y), (x1, y1) = shapely.get_coordinates(shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1))
+    (x, y), (x1, y1) = shapely.get_coordinates(
+        shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1)
+    )
     words = f"{room.name} {room.area:.1f} m²"
     fits = width * len(words) <= 2.0 * float(np.hypot(x1 - x, y1 - y))
     return words if fits else room.name, "name", Dimension((x - 0.5, y), (x + 0.5, y), room.id)

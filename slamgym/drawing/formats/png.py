@@ -65,7 +65,9 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
     for _, kind, shape, _ in shapes:
         if not isinstance(shape, Polygon):
             lines = [to_page(shapely.get_coordinates(line)) for line in shapely.get_parts(shape)]
-            cv2.polylines(page, lines, False, tints.get(kind, INK), _WIDTHS.get(kind, 3), cv2.LINE_AA, SHIFT)
+            cv2.polylines(
+                page, lines, False, tints.get(kind, INK), _WIDTHS.get(kind, 3), cv2.LINE_AA, SHIFT
+            )
     return _written(
         page, [(label, *(to_page(np.array([label.at]))[0] >> SHIFT).tolist()) for label in labels]
     )
@@ -85,7 +87,9 @@ def _written(page: ByteArray, labels: Sequence[tuple[DrawnLabel, int, int]]) -> 
             size = fitting_size(words, size, page.shape[1] - col)
         else:
             col -= text_width(words, size) // 2
-        texts.append((words, col, row + round(0.4 * _LETTER_PX), size, colours.get(label.kind, INK)))
+        texts.append(
+            (words, col, row + round(0.4 * _LETTER_PX), size, colours.get(label.kind, INK))
+        )
     halo = np.zeros_like(page)
     for text in texts:
         draw_text(halo, *text[:4], WHITE)

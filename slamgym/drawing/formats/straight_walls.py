@@ -32,8 +32,12 @@ def straight_walls(
     """
     bodies = [piece.polygon for piece in pieces]
     ends = np.array([(piece.start, piece.end) for piece in pieces]).reshape(-1, 2, 2)
-    thickness, length = np.array([(piece.thickness, piece.length) for piece in pieces]).reshape(-1, 2).T
-    touching = shapely.STRtree(bodies).query(bodies, predicate="dwithin", distance=TOUCHING).T.tolist()
+    thickness, length = (
+        np.array([(piece.thickness, piece.length) for piece in pieces]).reshape(-1, 2).T
+    )
+    touching = (
+        shapely.STRtree(bodies).query(bodies, predicate="dwithin", distance=TOUCHING).T.tolist()
+    )
     beside: list[list[int]] = [[] for _ in pieces]
     for one, other in [
         *touching,
@@ -64,11 +68,15 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
 
     def stretch(shapes: list[BaseGeometry]) -> list[DrawnPoint]:
         places = (shapely.get_coordinates(shapes) - start) @ along
-        return [(float(x), float(y)) for x, y in start + np.outer([places.min(), places.max()], along)]
+        return [
+            (float(x), float(y)) for x, y in start + np.outer([places.min(), places.max()], along)
+        ]
 
     low, high = stretch([piece.line for piece in pieces])
     axis = LineString(stretch([piece.polygon for piece in pieces]))
     body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
-    seen = np.average([piece.share_seen for piece in pieces], weights=[piece.length for piece in pieces])
+    seen = np.average(
+        [piece.share_seen for piece in pieces], weights=[piece.length for piece in pieces]
+    )
     layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
     return replace(longest, polygon=body, start=low, end=high, share_seen=float(seen), layer=layer)

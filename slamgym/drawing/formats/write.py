@@ -32,7 +32,9 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
     """
     unknown = [name for name in formats if name not in DRAWING_FORMATS]
     if unknown:
-        raise SlamgymError(f"unknown format {unknown[0]!r}; choose from {', '.join(DRAWING_FORMATS)}")
+        raise SlamgymError(
+            f"unknown format {unknown[0]!r}; choose from {', '.join(DRAWING_FORMATS)}"
+        )
     stem, paths = Path(stem), []
     for name in dict.fromkeys(formats):
         path = stem.with_name(f"{stem.name}.{name}")
@@ -50,7 +52,9 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
             write_ros_map(stem, drawing_map(drawing))
         else:
             # What a format needs is imported for it alone.
-            module = import_module(f"slamgym.drawing.formats.{'json' if name == 'geojson' else name}")
+            module = import_module(
+                f"slamgym.drawing.formats.{'json' if name == 'geojson' else name}"
+            )
             write_text(path, getattr(module, f"format_{name}")(drawing))
         paths.append(path)
     return paths

@@ -53,7 +53,9 @@ class Scenes(NamedTuple):
     num_first: IntArray
     num_patches: IntArray
     num_outside: IntArray
-    materials: IntArray  # (N, 2) how many segments are walls, and the seed of what varies with the place
+    materials: (
+        IntArray  # (N, 2) how many segments are walls, and the seed of what varies with the place
+    )
     floor_shape: IntArray  # (N, 2) rows and columns
     seen: IntArray  # (N,) cells seen
     floor_cells: IntArray  # (N,) cells of the floor
@@ -92,7 +94,9 @@ class Scans(NamedTuple):
     @classmethod
     def blank(cls, count: int, num_beams: int, longest_burst: int) -> "Scans":
         """So many scans not taken yet."""
-        draws = zeros(count, np.float64, (2, num_beams), (2, num_beams + 1), (longest_burst,), (num_beams,))
+        draws = zeros(
+            count, np.float64, (2, num_beams), (2, num_beams + 1), (longest_burst,), (num_beams,)
+        )
         return cls(*draws, *zeros(count, np.int64, (2,)), *zeros(count, np.float32, (num_beams,)))
 
 
@@ -102,7 +106,9 @@ class Maps(NamedTuple):
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
     anchor: FloatArray  # (N, 3) estimate at the last processed scan
-    since: FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad] since
+    since: (
+        FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad] since
+    )
     believed: FloatArray  # (N, 3) estimate now
     shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin, multiples of four
@@ -115,7 +121,10 @@ class Maps(NamedTuple):
     @classmethod
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
-        poses, places = (zeros(count, np.float64, *[(3,)] * 5), zeros(count, np.int64, (2,), (2,), (4,)))
+        poses, places = (
+            zeros(count, np.float64, *[(3,)] * 5),
+            zeros(count, np.int64, (2,), (2,), (4,)),
+        )
         counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
         return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)
 
@@ -129,7 +138,9 @@ class MapModel(NamedTuple):
     min_passes: int
     updates: tuple[float, float, float]  # see slamgym.slam.motion_model.update_thresholds
     believes_truth: bool  # else the wheels
-    keeps_current: bool  # the shown cells follow every processed scan, else they wait for a publication
+    keeps_current: (
+        bool  # the shown cells follow every processed scan, else they wait for a publication
+    )
 
 
 class DriveModel(NamedTuple):
@@ -144,7 +155,9 @@ class DriveModel(NamedTuple):
     @classmethod
     def of(cls, robot: RobotConfig, dt: float) -> "DriveModel":
         """The model of a robot."""
-        limits = np.array([robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation])
+        limits = np.array(
+            [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
+        )
         return cls(dt, limits, robot.radius + SKIN, float(robot.radius), DiscBody.of(robot))
 
 
@@ -159,7 +172,9 @@ class WheelModel(NamedTuple):
 def put(table: Any, index: int, rows: np.ndarray) -> Any:
     """Write rows to the head of one environment's part of a table (N, capacity, ...); returns it, grown at need."""
     if len(rows) > table.shape[1]:
-        (larger,) = zeros(len(table), table.dtype, (max(len(rows), 2 * table.shape[1]), *table.shape[2:]))
+        (larger,) = zeros(
+            len(table), table.dtype, (max(len(rows), 2 * table.shape[1]), *table.shape[2:])
+        )
         larger[:, : table.shape[1]] = table
         table = larger
     table[index, : len(rows)] = rows

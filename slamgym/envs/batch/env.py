@@ -72,7 +72,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     ) -> None:
         threads = usable_threads() if threads is None else threads
         if min(num_envs, threads) < 1:
-            raise ConfigError(f"num_envs and threads must be at least 1, not {num_envs} and {threads}")
+            raise ConfigError(
+                f"num_envs and threads must be at least 1, not {num_envs} and {threads}"
+            )
         self.config = config = resolve_config(config, settings)
         self._reward = Reward(config.reward, reward_terms)
         _refuse_unsupported(config, render_mode)
@@ -97,7 +99,10 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return self._fleet.scans.ranges
 
     def reset(
-        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Begin episodes.
 
@@ -126,7 +131,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self._begin(ids, wanted)
         self._sense(ids, mask)
         self._over = self._over & ~mask
-        return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(mask)
+        return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(
+            mask
+        )
 
     def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Drive all robots for one control step.
@@ -166,13 +173,19 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             observations, infos = self._renew(over, observations, infos)
         return observations, rewards, terminations, truncations, infos
 
-    def _renew(self, over: BoolArray, observations: Any, infos: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    def _renew(
+        self, over: BoolArray, observations: Any, infos: dict[str, Any]
+    ) -> tuple[Any, dict[str, Any]]:
         """Begin the next episodes at once; what the last ones ended with goes into the infos."""
         ids = np.flatnonzero(over)
         last = np.full(self.num_envs, None, dtype=object)
         for i in ids.tolist():
             is_dict = isinstance(observations, dict)
-            last[i] = {key: value[i] for key, value in observations.items()} if is_dict else observations[i]
+            last[i] = (
+                {key: value[i] for key, value in observations.items()}
+                if is_dict
+                else observations[i]
+            )
         self._begin(ids, ResetOptions())
         self._sense(ids, over)
         self._over = np.zeros_like(over)
@@ -189,7 +202,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         config = self.config
         for i in ids.tolist():
             streams = Streams.spawn(self._generators[i])
-            self._fleet.begin(i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams)
+            self._fleet.begin(
+                i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams
+            )
             self._judges[i] = CompletionDetector.of(config), None
         self._observer.begin(ids)
 
@@ -222,7 +237,11 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return complete
 
     def _rewards(
-        self, figures: dict[str, Any], driven: FloatArray, coverage: FloatArray, terminations: BoolArray
+        self,
+        figures: dict[str, Any],
+        driven: FloatArray,
+        coverage: FloatArray,
+        terminations: BoolArray,
     ) -> tuple[FloatArray, dict[str, Any]]:
         """Rewards, shape (N,), and what each term contributed."""
         fleet = self._fleet
@@ -241,7 +260,9 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
     def _figures(self) -> dict[str, Any]:
         """Values that ``info`` shows of every robot."""
         fleet = self._fleet
-        doubts = np.zeros((2, self.num_envs), dtype=np.int64)  # robots that are mapped together have none
+        doubts = np.zeros(
+            (2, self.num_envs), dtype=np.int64
+        )  # robots that are mapped together have none
         if not fleet.is_mapped_together:
             stats = [fleet.mapper(i).stats for i in range(self.num_envs)]
             doubts[:] = [len(one.doubtful) for one in stats], [one.is_doubtful for one in stats]

@@ -78,7 +78,11 @@ class Fleet:
     def __init__(self, config: ExploreConfig, count: int, threads: int) -> None:
         self._config, self.threads = config, threads
         self.shown: tuple[Any, ...] = ()
-        self.robots, self.scenes, self.maps = Robots.rest(count), Scenes.empty(count), Maps.blank(count)
+        self.robots, self.scenes, self.maps = (
+            Robots.rest(count),
+            Scenes.empty(count),
+            Maps.blank(count),
+        )
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
         self.each: list[Robot] = []
         self.lidar = Lidar(config.lidar)
@@ -86,11 +90,17 @@ class Fleet:
         geometry = self.lidar.geometry
         failures = float(lidar.range_min), float(lidar.lost), float(lidar.stray)
         directions, mount = unit_vectors(geometry.angles), plain(geometry.mount)
-        self._scanner = ScanModel(self.lidar.law, mount, directions, *failures, float(config.usable_range))
+        self._scanner = ScanModel(
+            self.lidar.law, mount, directions, *failures, float(config.usable_range)
+        )
         thresholds = float(slam.occupied_threshold), int(slam.min_passes), update_thresholds(slam)
         flags = slam.mode == "ground_truth", config.observation.map == "egocentric"
-        self.map_model = MapModel(BeamTable.of(geometry, slam), float(slam.resolution), *thresholds, *flags)
-        self.is_mapped_together = slam.mode in ("ground_truth", "dead_reckoning") and slam.counting == "beams"
+        self.map_model = MapModel(
+            BeamTable.of(geometry, slam), float(slam.resolution), *thresholds, *flags
+        )
+        self.is_mapped_together = (
+            slam.mode in ("ground_truth", "dead_reckoning") and slam.counting == "beams"
+        )
         self._contacts = DiscContacts.none(count, 0)
         self._drive_model = DriveModel.of(robot, float(config.control_step))
         ticks = odometry.ticks_per_revolution
@@ -142,7 +152,9 @@ class Fleet:
         """
         config, robots = self._config, self.robots
         plan, clutter, surfaces = prepared.plan, prepared.clutter, prepared.surfaces
-        world = World(plan, config.robot, clutter=clutter, surfaces=surfaces, state=robots.drive[index])
+        world = World(
+            plan, config.robot, clutter=clutter, surfaces=surfaces, state=robots.drive[index]
+        )
         world.reset(start)
         wheels = WheelOdometry(config.odometry, config.robot, streams.odometry)
         initial = Pose2D(0.0, 0.0, start.theta)
@@ -192,7 +204,9 @@ class Fleet:
         )  # fmt: skip
         self.robots.exact[index] = self.lidar.is_perfect and len(materials.first) == 1
 
-    def _blank_map(self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D) -> None:
+    def _blank_map(
+        self, index: int, prepared: PreparedPlan, start: Pose2D, initial: Pose2D
+    ) -> None:
         """An empty map that reaches as far as a robot in the plan can see."""
         maps, resolution = self.maps, self.map_model.resolution
         corners = math.sqrt(0.5) * self._config.observation.crop_side
@@ -202,7 +216,9 @@ class Fleet:
             BLOCK_SIDE * math.floor((low - reach) / (BLOCK_SIDE * resolution))
             for low in (min_y - start.y, min_x - start.x)
         ]
-        end = [math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)]
+        end = [
+            math.ceil((high + reach) / resolution) for high in (max_y - start.y, max_x - start.x)
+        ]
         spans = zip(corner, end, strict=True)
         shape = [BLOCK_SIDE * -(-(last - first) // BLOCK_SIDE) for first, last in spans]
         maps.corner[index], maps.shape[index], maps.known[index] = corner, shape, (*shape, 0, 0)

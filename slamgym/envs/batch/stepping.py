@@ -14,7 +14,16 @@ import numpy as np
 from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
-from slamgym.envs.batch.arrays import DriveModel, MapModel, Maps, Robots, ScanModel, Scans, Scenes, WheelModel
+from slamgym.envs.batch.arrays import (
+    DriveModel,
+    MapModel,
+    Maps,
+    Robots,
+    ScanModel,
+    Scans,
+    Scenes,
+    WheelModel,
+)
 from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import cut_crop
@@ -60,13 +69,17 @@ def drive_all(
         state[motion.LEFT :] = 0.0
         walls, touches, rest = scenes.segments[i, : scenes.num_segments[i]], False, drive.dt
         while rest > motion.NO_TIME:
-            rest = motion.drive_freely(state, linear, angular, limits, rest, drive.radius, walls, people)
+            rest = motion.drive_freely(
+                state, linear, angular, limits, rest, drive.radius, walls, people
+            )
             if rest > motion.NO_TIME:
                 span = min(rest, motion.contact_span(state, linear))
                 wished = motion.wished(state, linear, angular, limits, span)
                 wish = (wished[0] / span, wished[1] / span, wished[4])
                 solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
-                touches |= motion.settle(state, wished, solved, limits, span, drive.body, walls, people)[0]
+                touches |= motion.settle(
+                    state, wished, solved, limits, span, drive.body, walls, people
+                )[0]
                 rest -= span
         robots.collisions[i] += touches and not robots.contact[i]
         robots.contact[i] = touches
@@ -109,7 +122,12 @@ def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float
 @kernel
 def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
     """Motion of a step as the encoders measure it, with slip."""
-    rolled, wheels, state, slips = robots.rolled[i], robots.wheels[i], robots.drive[i], robots.slips[i]
+    rolled, wheels, state, slips = (
+        robots.rolled[i],
+        robots.wheels[i],
+        robots.drive[i],
+        robots.slips[i],
+    )
     before = rolled[0], rolled[1]
     rolled[0] += wheels[0] * state[motion.LEFT]
     rolled[1] += wheels[1] * state[motion.RIGHT]
@@ -118,7 +136,9 @@ def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
 
 
 @kernel
-def look_all(robots: Robots, scenes: Scenes, scanner: ScanModel, scans: Scans, ids: IntArray) -> None:
+def look_all(
+    robots: Robots, scenes: Scenes, scanner: ScanModel, scans: Scans, ids: IntArray
+) -> None:
     """Scan, and account for the floor that is truly seen.
 
     Args:
@@ -238,7 +258,10 @@ def _classify(maps: Maps, model: MapModel, i: int, box: CellBox) -> None:
 @kernel
 def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
     rows, cols, known = maps.shape[i, 0], maps.shape[i, 1], maps.known[i]
-    cells, corner = maps.cells[i, : rows * cols].reshape(rows, cols), (maps.corner[i, 0], maps.corner[i, 1])
+    cells, corner = (
+        maps.cells[i, : rows * cols].reshape(rows, cols),
+        (maps.corner[i, 0], maps.corner[i, 1]),
+    )
     return cells, corner, resolution, (known[0], known[1], known[2], known[3])
 
 
@@ -273,6 +296,8 @@ def sense_all(
         if is_published[i] and not model.keeps_current:
             _classify(maps, model, i, tiles[3])
         if out.ndim == 2:
-            write_compact(tiles, pose, view[0], scans.ranges[i], robots.velocity[i], view[1], out[i])
+            write_compact(
+                tiles, pose, view[0], scans.ranges[i], robots.velocity[i], view[1], out[i]
+            )
         else:
             cut_crop(tiles, pose, view[0], view[1], out[i, 0])

@@ -17,7 +17,9 @@ def usable_threads() -> int:
     return max(1, min([available_cores(), *(int(one) for one in asked if one.isdecimal())]))
 
 
-def divide_work(work: Callable[[IntArray], None], ids: IntArray, threads: int, parts: int = 1) -> None:
+def divide_work(
+    work: Callable[[IntArray], None], ids: IntArray, threads: int, parts: int = 1
+) -> None:
     """Let threads work on many things, each by itself.
 
     Args:
@@ -29,7 +31,11 @@ def divide_work(work: Callable[[IntArray], None], ids: IntArray, threads: int, p
     if threads == 1 or len(ids) < 2:
         work(ids)
     else:
-        list(_pool(os.getpid(), threads).map(work, np.array_split(ids, min(parts * threads, len(ids)))))
+        list(
+            _pool(os.getpid(), threads).map(
+                work, np.array_split(ids, min(parts * threads, len(ids)))
+            )
+        )
 
 
 @functools.cache

@@ -38,9 +38,7 @@ MOST_SUBMAPS = 4
 class Binding(NamedTuple):
     """What each of some submaps binds of a scan's pose (x, y, theta) in the map frame, about the robot."""
 
-    sums: (
-        FloatArray  # (S, 4, 4) normal matrix, in the last column the gradient and the weighted squared error
-    )
+    sums: FloatArray  # (S, 4, 4) normal matrix, in the last column the gradient and the weighted squared error
     hits: IntArray  # (S,) number of points near a surface
 
 
@@ -130,14 +128,19 @@ def bind_scan(
             arm_x, arm_y = cos_own * px - sin_own * py, sin_own * px + cos_own * py
             side_x, side_y = cos_own * qx - sin_own * qy, sin_own * qx + cos_own * qy
             x, y = own_x + arm_x, own_y + arm_y
-            number = _nearest_line(grid, pieces, corners[k], x, y, side_x, side_y, sides[i * stride, 2] > 0.0)
+            number = _nearest_line(
+                grid, pieces, corners[k], x, y, side_x, side_y, sides[i * stride, 2] > 0.0
+            )
             if number == VACANT:
                 continue
             p = pieces[number]
             error = p.normal_x * (x - p.mean_x) + p.normal_y * (y - p.mean_y)
             variance = SURFACE_SIGMA * SURFACE_SIGMA + p.variance
             weight = width * width / (width * width + error * error / variance)
-            row[0], row[1] = cos * p.normal_x - sin * p.normal_y, sin * p.normal_x + cos * p.normal_y
+            row[0], row[1] = (
+                cos * p.normal_x - sin * p.normal_y,
+                sin * p.normal_x + cos * p.normal_y,
+            )
             row[2], row[3] = p.normal_y * arm_x - p.normal_x * arm_y, error
             known = POINT_SHARE * weight * weight / variance
             for a in range(4):
@@ -225,21 +228,42 @@ class Chosen:
         )
 
     def align(
-        self, points: FloatArray, sides: FloatArray, start: FloatArray, prior: FloatArray, known: FloatArray
+        self,
+        points: FloatArray,
+        sides: FloatArray,
+        start: FloatArray,
+        prior: FloatArray,
+        known: FloatArray,
     ) -> Placed:
         """Align a scan; see :func:`align_scan`."""
         pose, bound = start.copy(), self._nothing()
-        fit = align_scan(self._arrays, self._corners, self.frames, points, sides, prior, known, pose, *bound)
+        fit = align_scan(
+            self._arrays, self._corners, self.frames, points, sides, prior, known, pose, *bound
+        )
         return Placed(pose, bound, float(fit))
 
-    def hits(self, points: FloatArray, sides: FloatArray, pose: FloatArray, stride: int) -> FloatArray:
+    def hits(
+        self, points: FloatArray, sides: FloatArray, pose: FloatArray, stride: int
+    ) -> FloatArray:
         """Share of every ``stride``-th point that lies near a surface of each submap, (S,)."""
         bound = self._nothing()
-        bind_scan(self._arrays, self._corners, self.frames, points, sides, stride, pose, FIRST_WIDTH, *bound)
+        bind_scan(
+            self._arrays,
+            self._corners,
+            self.frames,
+            points,
+            sides,
+            stride,
+            pose,
+            FIRST_WIDTH,
+            *bound,
+        )
         return np.asarray(bound.hits / max(1, -(-len(points) // stride)), dtype=np.float64)
 
     def _nothing(self) -> Binding:
-        return Binding(np.empty((len(self.submaps), 4, 4)), np.empty(len(self.submaps), dtype=np.int64))
+        return Binding(
+            np.empty((len(self.submaps), 4, 4)), np.empty(len(self.submaps), dtype=np.int64)
+        )
 
     def occupied(self, centre: FloatArray, radius: float) -> tuple[np.ndarray, FloatArray]:
         """Find cells with a surface within a radius of a place.
@@ -254,7 +278,9 @@ class Chosen:
         for submap, frame in zip(self.submaps, self.frames, strict=True):
             means, sides = submap.means
             cols, rows = (
-                np.floor((transform_points(Pose2D(*frame), means) - origin) / SUBMAP_CELL).astype(np.int64).T
+                np.floor((transform_points(Pose2D(*frame), means) - origin) / SUBMAP_CELL)
+                .astype(np.int64)
+                .T
             )
             to_x, to_y = transform_points(Pose2D(0.0, 0.0, frame[2]), sides).T
             inside = (rows >= 0) & (cols >= 0) & (rows < 2 * half) & (cols < 2 * half)

@@ -76,9 +76,14 @@ class LoopCloser:
             if closure is None:
                 continue
             floor = np.diag(np.square([WINDOW_FLOOR[0], *WINDOW_FLOOR]))
-            covariance = graph.relative_covariance(closure.old) + inverted(closure.information + np.eye(3))
+            covariance = graph.relative_covariance(closure.old) + inverted(
+                closure.information + np.eye(3)
+            )
             expected = seen_from(graph.poses[closure.old], graph.poses[closure.new])
-            if chi_squared(closure.measured, expected, inverted(covariance + floor)) < EXPECTED_CHI2:
+            if (
+                chi_squared(closure.measured, expected, inverted(covariance + floor))
+                < EXPECTED_CHI2
+            ):
                 self.closed += 1
                 return closure
             self.rejected += 1
@@ -90,8 +95,12 @@ class LoopCloser:
         old = firsts[graph.driven[-1] - graph.driven[firsts] > self._settings.loop_length]
         away = np.hypot(*(graph.poses[old, :2] - graph.poses[-1, :2]).T)
         chosen: list[int] = []
-        for number in np.argsort(away, kind="stable")[: np.count_nonzero(away <= LOOP_RADIUS)].tolist():
-            is_out = submaps[number].is_older_map or any(abs(number - other) < SEPARATION for other in chosen)
+        for number in np.argsort(away, kind="stable")[
+            : np.count_nonzero(away <= LOOP_RADIUS)
+        ].tolist():
+            is_out = submaps[number].is_older_map or any(
+                abs(number - other) < SEPARATION for other in chosen
+            )
             if len(chosen) < MOST_PLACES and not (is_out or graph.is_tied(submaps[number].first)):
                 chosen.append(number)
         return chosen
@@ -115,24 +124,33 @@ class LoopCloser:
         )
         around = [
             other
-            for other in range(max(0, number - CONTEXT), min(number + CONTEXT + 1, len(submaps) - 1))
+            for other in range(
+                max(0, number - CONTEXT), min(number + CONTEXT + 1, len(submaps) - 1)
+            )
             if not graph.is_tied(submaps[other].first)
         ]
         reach = float(np.hypot(points[:, 0], points[:, 1]).max())
-        space, least = SearchWindow(choose(around), here, window, turn, reach), CLOSURE_FIT - SCORE_SHORTFALL
+        space, least = (
+            SearchWindow(choose(around), here, window, turn, reach),
+            CLOSURE_FIT - SCORE_SHORTFALL,
+        )
         start, score = space.search(points, sides, least)
         if score <= least:
             return None
         nearest = sorted(around, key=lambda other: abs(other - number))
         shares = [choose([other]).hits(points, sides, start, 1)[0] for other in nearest]
-        nearest = [nearest[index] for index in np.argsort(-np.array(shares), kind="stable")[:MOST_SUBMAPS]]
+        nearest = [
+            nearest[index] for index in np.argsort(-np.array(shares), kind="stable")[:MOST_SUBMAPS]
+        ]
         pose, bound, fit = choose(nearest).align(points, sides, start, start, np.zeros((3, 3)))
         if fit < CLOSURE_FIT:
             return None
         is_far, nearly = math.hypot(*(start - here)[:2]) > AMBIGUOUS_METRES, score - AMBIGUOUS_SCORE
         if is_far and space.search(points, sides, nearly, start)[1] > nearly:
             return None
-        return match_with(graph.poses, old, len(graph) - 1, pose, bound.sums.sum(axis=0) / len(nearest), 1)
+        return match_with(
+            graph.poses, old, len(graph) - 1, pose, bound.sums.sum(axis=0) / len(nearest), 1
+        )
 
 
 def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, FloatArray]:

@@ -41,7 +41,10 @@ class Compass:
         believed, variance = float(graph.poses[submap.first, 2]), float(graph.covariance[2, 2])
         seen *= cmath.exp(4j * believed) / abs(seen)
         if self._count < FIRST_SUBMAPS:
-            self._walls, self._count = self._walls + seen / (WALL_SPREAD**2 + variance), self._count + 1
+            self._walls, self._count = (
+                self._walls + seen / (WALL_SPREAD**2 + variance),
+                self._count + 1,
+            )
             return
         off = cmath.phase(self._walls / seen) / 4.0
         if variance > WALL_SPREAD**2 and abs(off) < OBLIQUE:

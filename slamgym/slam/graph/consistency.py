@@ -45,7 +45,9 @@ class Consistency:
         # Surfaces passed and ended at, and the deviation [m].
         self._submaps: dict[int, tuple[Submap, FloatArray, float]] = {}
 
-    def judge(self, number: int, submaps: list[Submap], graph: PoseGraph, ranges: Float32Array) -> None:
+    def judge(
+        self, number: int, submaps: list[Submap], graph: PoseGraph, ranges: Float32Array
+    ) -> None:
         """Hold a submap against the earlier ones.
 
         Args:
@@ -59,8 +61,13 @@ class Consistency:
             return
         last = own.first + len(own.poses) - 1
         nodes = np.unique(np.linspace(own.first, last, SCANS + 2)[1:-1].astype(np.int64)).tolist()
-        lasers = np.array([compose(Pose2D(*graph.poses[node].tolist()), self._mount) for node in nodes])
-        older, scans = [submap for submap in submaps[:number] if not submap.is_older_map], ranges[nodes]
+        lasers = np.array(
+            [compose(Pose2D(*graph.poses[node].tolist()), self._mount) for node in nodes]
+        )
+        older, scans = (
+            [submap for submap in submaps[:number] if not submap.is_older_map],
+            ranges[nodes],
+        )
         for submap, places in near_submaps(older, graph, lasers):
             look_through(*submap.lines(), places, scans, *self._beams, counts)
         firsts = np.array([submap.first for submap in submaps[: number + 1]])
@@ -133,7 +140,11 @@ def look_through(
             if distance < SUBMAP_CELL or distance > SIGHT:
                 continue
             cosine = -(dx * sides[i, 0] + dy * sides[i, 1]) / distance
-            turn = (math.atan2(dy, dx) - laser[2] - angle_min) * math.copysign(1.0, step) / (2.0 * math.pi)
+            turn = (
+                (math.atan2(dy, dx) - laser[2] - angle_min)
+                * math.copysign(1.0, step)
+                / (2.0 * math.pi)
+            )
             beam = round((turn - math.floor(turn)) * 2.0 * math.pi / abs(step))
             if cosine < LEAST_COSINE or beam < 1 or beam > len(scan) - 2:
                 continue

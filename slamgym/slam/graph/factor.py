@@ -33,7 +33,9 @@ class Factor(NamedTuple):
 
     def covariance(self, block: int, other: int) -> FloatArray:
         """Covariance (3, 3) of a block with another one; only their ancestors are looked at."""
-        of_block, of_other = (ancestors(self.starts, self.rows, self.places[one]) for one in (block, other))
+        of_block, of_other = (
+            ancestors(self.starts, self.rows, self.places[one]) for one in (block, other)
+        )
         x = np.empty((len(self.places), 3, 3))
         x[of_other] = x[of_block] = 0.0
         x[of_other[0]] = np.eye(3)
@@ -68,7 +70,9 @@ def make_layout(places: IntArray, first: IntArray, second: IntArray) -> BlockLay
     """Lay out blocks off the diagonal between ``first`` (B,) and ``second`` (B,), and one on it for each place (M,)."""
     size = len(places)
     rows, cols = np.append(places[first], places), np.append(places[second], places)
-    keys, slots = np.unique(np.maximum(rows, cols) * size + np.minimum(rows, cols), return_inverse=True)
+    keys, slots = np.unique(
+        np.maximum(rows, cols) * size + np.minimum(rows, cols), return_inverse=True
+    )
     starts = np.searchsorted(keys // size, np.arange(size + 1))
     return BlockLayout(places, starts, keys % size, slots, rows > cols)
 
@@ -109,7 +113,9 @@ def elimination_order(anchors: BoolArray, ranks: IntArray) -> IntArray:
 
 
 @kernel
-def add_blocks(entries: FloatArray, slots: IntArray, is_turned: BoolArray, blocks: FloatArray) -> None:
+def add_blocks(
+    entries: FloatArray, slots: IntArray, is_turned: BoolArray, blocks: FloatArray
+) -> None:
     """Add blocks (B, 3, 3) to their entries."""
     for i in range(len(slots)):
         entry = entries[slots[i]]

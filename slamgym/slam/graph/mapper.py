@@ -28,7 +28,14 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.relative import Match, chi_squared, match_with, moved_by, seen_from, turned_matrix
+from slamgym.slam.graph.relative import (
+    Match,
+    chi_squared,
+    match_with,
+    moved_by,
+    seen_from,
+    turned_matrix,
+)
 from slamgym.slam.graph.submaps import Submap, known_submap, known_surfaces, sides_of
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.mapper import Mapper
@@ -70,7 +77,11 @@ class PoseGraphMapper(Mapper):
     """Mode ``pose_graph``; see :class:`slamgym.slam.mapper.Mapper` for the methods."""
 
     def __init__(
-        self, config: SlamConfig, geometry: LaserGeometry, initial_pose: Pose2D, rng: np.random.Generator
+        self,
+        config: SlamConfig,
+        geometry: LaserGeometry,
+        initial_pose: Pose2D,
+        rng: np.random.Generator,
     ) -> None:
         del rng  # nothing is random here
         super().__init__(config, geometry)
@@ -82,7 +93,9 @@ class PoseGraphMapper(Mapper):
         )  # fmt: skip
         self._reach = min(self._beams.usable, MATCH_RANGE) + SUBMAP_METRES + 1.0
         self._submaps: list[Submap] = []
-        self._closed = Columns({"first": np.int64}, first=(), centre=(2,))  # of all submaps but the newest
+        self._closed = Columns(
+            {"first": np.int64}, first=(), centre=(2,)
+        )  # of all submaps but the newest
         self._submap_bytes = 0  # of the closed ones
         self._graph = PoseGraph()
         self._loops, self._compass = LoopCloser(config.pose_graph), Compass()
@@ -168,7 +181,9 @@ class PoseGraphMapper(Mapper):
         """Find where a scan was taken, and make it a node with its edges."""
         predicted, known = self._predicted(step), self._information(step)
         newest = list(range(max(0, len(self._submaps) - 2), len(self._submaps)))
-        numbers = newest + self._overlapping(predicted, points, sides, newest[0], MOST_SUBMAPS - len(newest))
+        numbers = newest + self._overlapping(
+            predicted, points, sides, newest[0], MOST_SUBMAPS - len(newest)
+        )
         chosen = self._choose(numbers)
         placed = chosen.align(points, sides, predicted, predicted, known)
         if len(points) >= FEW_POINTS:
@@ -195,13 +210,19 @@ class PoseGraphMapper(Mapper):
         away = np.hypot(x - middle[0], y - middle[1])
         nearest = np.argsort(away, kind="stable")[:MOST_TRIED]
         known = [
-            n for n in nearest[away[nearest] < self._reach].tolist() if self._graph.is_tied(int(firsts[n]))
+            n
+            for n in nearest[away[nearest] < self._reach].tolist()
+            if self._graph.is_tied(int(firsts[n]))
         ]
         found: list[tuple[float, int]] = []
         for begin in range(0, len(known), MOST_SUBMAPS):
             some = known[begin : begin + MOST_SUBMAPS]
             shares = self._choose(some).hits(points, sides, pose, OVERLAP_STRIDE).tolist()
-            found += [(-share, number) for share, number in zip(shares, some, strict=True) if share > OVERLAP]
+            found += [
+                (-share, number)
+                for share, number in zip(shares, some, strict=True)
+                if share > OVERLAP
+            ]
         return [number for _, number in sorted(found)[:most]]
 
     def _choose(self, numbers: list[int]) -> Chosen:
@@ -220,7 +241,10 @@ class PoseGraphMapper(Mapper):
         first, count = submap.first, len(submap.poses)
         poses = self._graph.poses[first : first + count]
         now = relative_poses(np.broadcast_to(poses[0], poses.shape), poses)
-        if float((np.abs(now - np.array(submap.poses)) * (1.0, 1.0, 2.0)).sum(axis=1).max()) < STALE_METRES:
+        if (
+            float((np.abs(now - np.array(submap.poses)) * (1.0, 1.0, 2.0)).sum(axis=1).max())
+            < STALE_METRES
+        ):
             return
         submap.clear()
         for node, pose in enumerate(now, first):
@@ -262,7 +286,10 @@ class PoseGraphMapper(Mapper):
                 continue
             far = chosen.align(points, sides, start, predicted, 0.0 * known)
             x, y, angle = np.abs(far.pose - centre)
-            strays = max(x, y) > window + LEAST_WINDOW[0] or abs(wrap_angle(angle)) > turn + LEAST_WINDOW[1]
+            strays = (
+                max(x, y) > window + LEAST_WINDOW[0]
+                or abs(wrap_angle(angle)) > turn + LEAST_WINDOW[1]
+            )
             gain = (far.fit - placed.fit) * len(points) * POINT_NATS - SEARCH_NATS[is_wide]
             self._suspicion += max(gain, 0.0)
             lie = LIE_NATS if is_wide else max(LIE_NATS, SUSPICION - self._suspicion)
@@ -275,12 +302,16 @@ class PoseGraphMapper(Mapper):
         """What each submap says of a node's place."""
         poses, bound, count = self._graph.poses, placed.bound, len(numbers)
         return [
-            match_with(poses, self._submaps[number].first, node, placed.pose, bound.sums[index], count)
+            match_with(
+                poses, self._submaps[number].first, node, placed.pose, bound.sums[index], count
+            )
             for index, number in enumerate(numbers)
             if bound.hits[index] >= 2 * LEAST_POINTS
         ]
 
-    def _remember(self, scan: LaserScan, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
+    def _remember(
+        self, scan: LaserScan, step: WheelStep, points: FloatArray, sides: FloatArray
+    ) -> None:
         """Keep the newest node's scan, and draw it into the newest submap."""
         node, count = len(self._graph) - 1, len(points)
         submap = self._submaps[-1]
@@ -296,7 +327,9 @@ class PoseGraphMapper(Mapper):
             self._submaps.append(submap)
         if self._stats.doubtful[-1:] == [self._stats.last_stamp]:
             self._stats.doubtful.append(scan.stamp)  # until this submap is judged, too
-        submap.add(seen_from(self._graph.poses[submap.first], self._graph.poses[node]), points, sides)
+        submap.add(
+            seen_from(self._graph.poses[submap.first], self._graph.poses[node]), points, sides
+        )
         self._scans.append(stamps=scan.stamp, counts=count, ranges=scan.ranges)
         self._scans["points"][-1, :count], self._scans["sides"][-1, :count] = points, sides
 

@@ -50,7 +50,9 @@ class SearchWindow:
         reach: Points lie no further than this from the robot [m].
     """
 
-    def __init__(self, chosen: Chosen, centre: FloatArray, window: float, turn: float, reach: float) -> None:
+    def __init__(
+        self, chosen: Chosen, centre: FloatArray, window: float, turn: float, reach: float
+    ) -> None:
         cells, self._origin = chosen.occupied(centre, reach + window + 0.5)
         self._cells = max(1, math.ceil(window / SUBMAP_CELL))
         count = min(MOST_LEVELS, max(1, math.ceil(math.log2(self._cells + 1))) + 1)
@@ -59,7 +61,11 @@ class SearchWindow:
         self._centre, self._turn = centre, turn
 
     def search(
-        self, points: FloatArray, sides: FloatArray, least: float, away_from: FloatArray | None = None
+        self,
+        points: FloatArray,
+        sides: FloatArray,
+        least: float,
+        away_from: FloatArray | None = None,
     ) -> tuple[FloatArray, float]:
         """Find the best pose for a scan; only what lies away from a pose (3,) counts.
 
@@ -86,7 +92,9 @@ class SearchWindow:
         origin = self._centre[:2] - self._origin
         cells = turned_cells(points, sides, self._centre[2] + angles, origin, self._face_width)
         window = -self._cells, (self._cells, self._cells)
-        places = search_blocks(self._levels, self._levels[:0], *cells, *window, int(least * most), 0, avoided)
+        places = search_blocks(
+            self._levels, self._levels[:0], *cells, *window, int(least * most), 0, avoided
+        )
         if not len(places):
             return self._centre.copy(), least
         col, row, turn, score = places[-1].tolist()

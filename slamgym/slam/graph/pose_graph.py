@@ -38,7 +38,12 @@ class PoseGraph:
         self.wheels = WheelCalibration()
         self._nodes = Columns(poses=(3,), moved=(3,), design=(3, 3), slips=(2,), driven=())
         self._matches = Columns(
-            {"old": np.int64, "new": np.int64}, old=(), new=(), measured=(3,), information=(3, 3), width=()
+            {"old": np.int64, "new": np.int64},
+            old=(),
+            new=(),
+            measured=(3,),
+            information=(3, 3),
+            width=(),
         )
         self.optimisations = 0
         """How often the graph was optimised."""
@@ -94,7 +99,9 @@ class PoseGraph:
         if len(self):
             driven = float(self.driven[-1] + np.hypot(*(pose - self.poses[-1])[:2]))
             self._added = self._added + inverted(information)
-        self._nodes.append(poses=pose, moved=step.moved, design=step.design, slips=step.slips, driven=driven)
+        self._nodes.append(
+            poses=pose, moved=step.moved, design=step.design, slips=step.slips, driven=driven
+        )
 
     def tie(self, match: Match, is_sure: bool = False) -> None:
         """Add what the laser measured between two nodes."""
@@ -142,7 +149,9 @@ class PoseGraph:
     def is_tied(self, old: int) -> bool:
         """True if the place of an old node, seen from the newest, is known to within what an alignment finds."""
         covariance = self.relative_covariance(old)
-        return bool(max(covariance[0, 0], covariance[1, 1]) < TIED**2 and covariance[2, 2] < TIED_TURN**2)
+        return bool(
+            max(covariance[0, 0], covariance[1, 1]) < TIED**2 and covariance[2, 2] < TIED_TURN**2
+        )
 
     def relative_covariance(self, old: int) -> FloatArray:
         """Covariance (3, 3) of the newest node of the last optimisation seen from an old one, drift included."""
@@ -159,7 +168,9 @@ class PoseGraph:
         if self._factor is None or new >= self.optimised:
             return 0.0
         known = self._seen_from(old, new, self._factor.covariance(new, new))
-        return float(np.sqrt(max(known[0, 0], known[1, 1], 0.0)))  # rounding may leave it below zero
+        return float(
+            np.sqrt(max(known[0, 0], known[1, 1], 0.0))
+        )  # rounding may leave it below zero
 
     def _seen_from(self, old: int, new: int, of_new: FloatArray) -> FloatArray:
         """Covariance (3, 3) of a node, whose own is given, seen from an old one."""
@@ -183,7 +194,9 @@ class PoseGraph:
         )
 
 
-def graph_distances(lengths: FloatArray, first: IntArray, second: IntArray, node: int) -> FloatArray:
+def graph_distances(
+    lengths: FloatArray, first: IntArray, second: IntArray, node: int
+) -> FloatArray:
     """Length of the shortest way from a node to every node, along the path and through matches with old submaps.
 
     Args:
@@ -202,4 +215,6 @@ def graph_distances(lengths: FloatArray, first: IntArray, second: IntArray, node
     rows, cols = np.concatenate([steps, key // num]), np.concatenate([steps + 1, key % num])
     weights = np.concatenate([lengths + 1e-3, np.full(len(key), TIE_LENGTH)])
     graph = csr_matrix((weights, (rows, cols)), shape=(num, num))
-    return np.asarray(dijkstra(graph, directed=False, indices=np.array([node]))[0], dtype=np.float64)
+    return np.asarray(
+        dijkstra(graph, directed=False, indices=np.array([node]))[0], dtype=np.float64
+    )

@@ -83,7 +83,9 @@ def seen_from(frame: FloatArray, pose: FloatArray) -> FloatArray:
     """A pose (3,) in the frame of another."""
     cos, sin = math.cos(frame[2]), math.sin(frame[2])
     dx, dy = pose[0] - frame[0], pose[1] - frame[1]
-    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, float(wrap_angle(pose[2] - frame[2]))])
+    return np.array(
+        [cos * dx + sin * dy, cos * dy - sin * dx, float(wrap_angle(pose[2] - frame[2]))]
+    )
 
 
 def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
@@ -91,7 +93,11 @@ def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
     cos, sin = math.cos(frame[2]), math.sin(frame[2])
     x, y, turn = motion
     return np.array(
-        [frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y, float(wrap_angle(frame[2] + turn))]
+        [
+            frame[0] + cos * x - sin * y,
+            frame[1] + sin * x + cos * y,
+            float(wrap_angle(frame[2] + turn)),
+        ]
     )
 
 

@@ -29,9 +29,7 @@ class Edges(NamedTuple):
     second: IntArray  # (E,) node that was measured
     measured: FloatArray  # (E, 3) pose of the second node seen from the first [m, m, rad]
     information: FloatArray  # (E, 3, 3) inverse covariance, in the frame of the first node
-    design: (
-        FloatArray  # (E, 3, 3) change of the measurement by the wheels' errors; zero where the laser measured
-    )
+    design: FloatArray  # (E, 3, 3) change of the measurement by the wheels' errors; zero where the laser measured
     width: FloatArray  # (E,) chi-squared beyond which the edge loses its pull; infinite where it is sure
 
 
@@ -64,7 +62,9 @@ def optimise(
         tolerance: Stop when no pose moves further than this [m, rad].
     """
     ends, last = (edges.first, edges.second), np.full(len(edges.first), len(poses))
-    layout = make_layout(places, np.concatenate([ends[0], *ends]), np.concatenate([ends[1], last, last]))
+    layout = make_layout(
+        places, np.concatenate([ends[0], *ends]), np.concatenate([ends[1], last, last])
+    )
     count, size, axes = len(edges.first), len(places), np.arange(3)
     damping, cost = LEAST_DAMPING, total_cost(poses, wheels, plain(edges), prior)
     for _ in range(iterations):
@@ -106,7 +106,11 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
         a, b, error = edges.first[edge], edges.second[edge], errors[edge]
         cos, sin = np.cos(poses[a, 2]), np.sin(poses[a, 2])
         dx, dy = poses[b, 0] - poses[a, 0], poses[b, 1] - poses[a, 1]
-        error[0], error[1], error[2] = cos * dx + sin * dy, cos * dy - sin * dx, poses[b, 2] - poses[a, 2]
+        error[0], error[1], error[2] = (
+            cos * dx + sin * dy,
+            cos * dy - sin * dx,
+            poses[b, 2] - poses[a, 2],
+        )
         for row in range(3):
             error[row] -= edges.measured[edge, row]
             for col in range(3):

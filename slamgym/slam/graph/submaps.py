@@ -85,7 +85,9 @@ class Submap:
 
     def close(self) -> None:
         """Free the memory round the surfaces: no more scans will be added."""
-        rows, cols = (np.flatnonzero((self.grid[..., 0] != VACANT).any(axis=axis)) for axis in (1, 0))
+        rows, cols = (
+            np.flatnonzero((self.grid[..., 0] != VACANT).any(axis=axis)) for axis in (1, 0)
+        )
         if len(rows) == 0:
             return
         # A border lets the scans move a little when the path is corrected.
@@ -108,7 +110,9 @@ class Submap:
         if self._lines is None:
             kept = self.pieces[: self._used]["state"] == LINE
             pieces, (means, sides) = self.pieces[: self._used][kept], self.means
-            normals = np.column_stack([pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))])
+            normals = np.column_stack(
+                [pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))]
+            )
             normals[(normals[:, :2] * sides[kept]).sum(axis=1) < 0.0, :2] *= -1.0
             self._lines = means[kept], normals
         return self._lines
@@ -136,13 +140,19 @@ def add_scan(
     for i in range(len(points)):
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
-        col, row = math.floor((x - corner[0]) / SUBMAP_CELL), math.floor((y - corner[1]) / SUBMAP_CELL)
+        col, row = (
+            math.floor((x - corner[0]) / SUBMAP_CELL),
+            math.floor((y - corner[1]) / SUBMAP_CELL),
+        )
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
         side_x = cos * sides[i, 0] - sin * sides[i, 1]
         side_y = sin * sides[i, 0] + cos * sides[i, 1]
         face, number = 0, grid[row, col, 0]
-        if number != VACANT and pieces[number].side_x * side_x + pieces[number].side_y * side_y < 0.0:
+        if (
+            number != VACANT
+            and pieces[number].side_x * side_x + pieces[number].side_y * side_y < 0.0
+        ):
             face, number = 1, grid[row, col, 1]
         if number == VACANT:
             number = used

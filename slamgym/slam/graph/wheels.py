@@ -57,12 +57,16 @@ class WheelCalibration:
         design = np.zeros((3, 3))
         design[0, 0], design[1, 0] = moved.x, moved.y
         design[2, 1], design[2, 2] = increments[:, 0].sum(), increments[:, 2].sum()
-        slips = np.array([SLIP_DISTANCE**2 * distance, SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn])
+        slips = np.array(
+            [SLIP_DISTANCE**2 * distance, SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn]
+        )
         return WheelStep(np.array(moved), design, slips)
 
     def expected(self, step: WheelStep) -> FloatArray:
         """The motion (3,) without the systematic errors."""
-        return np.asarray(step.moved + (step.design * self.systematic).sum(axis=1), dtype=np.float64)
+        return np.asarray(
+            step.moved + (step.design * self.systematic).sum(axis=1), dtype=np.float64
+        )
 
     def variances(self, slips: FloatArray) -> FloatArray:
         """Variances (..., 2) of position and heading by random errors."""
@@ -96,9 +100,9 @@ class WheelCalibration:
             # Over a stretch the errors of wheels grow, those of matches don't.
             stretch = (np.cumsum(slips[:, kind] * seen) / STRETCH[kind]).astype(np.int64)
             slip = np.bincount(stretch, weights=slips[:, kind] * seen)
-            squared = sum(np.bincount(stretch, weights=errors[:, axis] * seen) ** 2 for axis in axes) / len(
-                axes
-            )
+            squared = sum(
+                np.bincount(stretch, weights=errors[:, axis] * seen) ** 2 for axis in axes
+            ) / len(axes)
             excess = np.minimum(squared, OUTLYING * self.noise[kind] * slip) - MATCHED[kind]
             weight = PRIOR * STRETCH[kind]
             noise = (float(excess.sum()) + FIRST_NOISE * weight) / (float(slip.sum()) + weight)

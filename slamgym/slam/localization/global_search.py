@@ -39,7 +39,9 @@ def find_places(known: KnownMap, points: FloatArray) -> list[FloatArray]:
     cells = turned_cells(points, np.empty((0, 3)), headings, np.full(2, 0.5 * SUBMAP_CELL), 0)
     margin = round(SCORE_MARGIN * HIT * len(points))
     last = known.levels.shape[2] - 1, known.levels.shape[1] - 1
-    places = search_blocks(known.levels, known.floors, *cells, 0, last, 0, margin + 1, (0.0, 0.0, 0.0))
+    places = search_blocks(
+        known.levels, known.floors, *cells, 0, last, 0, margin + 1, (0.0, 0.0, 0.0)
+    )
     places[:, :2] = known.field.corner + (places[:, :2] + 0.5) * SUBMAP_CELL
     places[:, 2] = headings[places[:, 2].astype(np.int64)]
     places = places[places[:, 3] >= places[:, 3].max(initial=0.0) - margin]

@@ -72,7 +72,9 @@ class Hypothesis:
         cos, sin = math.cos(before[2]), math.sin(before[2])
         jacobian = np.eye(6)
         jacobian[:2, 2] = before[1] - self.pose[1], self.pose[0] - before[0]
-        jacobian[:3, 3:] = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ step.design
+        jacobian[:3, 3:] = (
+            np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ step.design
+        )
         self.covariance = jacobian @ self.covariance @ jacobian.T
         self.covariance[:3, :3] += np.diag(variances[[0, 0, 1]])
 
@@ -86,7 +88,10 @@ class Hypothesis:
         gain = self.covariance[:, :3] @ inverted(own + inverted(match.information + np.eye(3)))
         error = match.measured - self.pose
         error[2] = wrap_angle(error[2])
-        self.pose, self.systematic = self.pose + gain[:3] @ error, self.systematic + gain[3:] @ error
+        self.pose, self.systematic = (
+            self.pose + gain[:3] @ error,
+            self.systematic + gain[3:] @ error,
+        )
         self.pose[2] = wrap_angle(self.pose[2])
         covariance = self.covariance - gain @ self.covariance[:3]
         self.covariance = 0.5 * (covariance + covariance.T)  # rounding would add up
@@ -106,7 +111,11 @@ class Belief(NamedTuple):
 
 
 def believe(
-    stamp: float, driven: float, hypotheses: Sequence[Hypothesis], last: Pose2D, config: LocalizationConfig
+    stamp: float,
+    driven: float,
+    hypotheses: Sequence[Hypothesis],
+    last: Pose2D,
+    config: LocalizationConfig,
 ) -> Belief:
     """Return what is believed after a scan, and how firmly.
 
@@ -119,7 +128,9 @@ def believe(
     """
     if not hypotheses:
         return Belief(stamp, "searching", last, np.eye(3), 0.0, ())
-    weights = np.exp([hypothesis.log_weight - hypotheses[0].log_weight for hypothesis in hypotheses])
+    weights = np.exp(
+        [hypothesis.log_weight - hypotheses[0].log_weight for hypothesis in hypotheses]
+    )
     weights /= weights.sum()
     best, is_alone = hypotheses[0], weights[0] >= CERTAIN_WEIGHT
     for hypothesis in hypotheses[1 if is_alone else 0 :]:

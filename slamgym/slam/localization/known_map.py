@@ -69,7 +69,9 @@ class KnownMap:
         self.field = SurfaceField(distance, cells == UNKNOWN, corner, float(frame.resolution))
         """What scans are explained by."""
         ratio = SUBMAP_CELL / frame.resolution
-        sampled = np.ix_(*(np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape))
+        sampled = np.ix_(
+            *(np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape)
+        )
         score = HIT * np.exp(-0.5 * np.square(distance[sampled] / SEARCH_SIGMA))
         self.levels = maxima(np.rint(score).astype(np.uint8), LEVELS)
         """Maxima of the score of a point in cells (rows, cols) of ``SUBMAP_CELL`` from the same corner ..."""
@@ -78,7 +80,9 @@ class KnownMap:
 
 
 @kernel
-def _is_clear(field: SurfaceField, x: float, y: float, across: float, up: float, length: float) -> bool:
+def _is_clear(
+    field: SurfaceField, x: float, y: float, across: float, up: float, length: float
+) -> bool:
     """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
     driven = 0.0
     while driven < length:
@@ -102,7 +106,12 @@ def _distance_at(field: SurfaceField, x: float, y: float) -> tuple[float, bool]:
 
 @kernel
 def explain_scan(
-    field: SurfaceField, pose: FloatArray, ranges: Float32Array, beams: BeamTable, step: int, excuses: bool
+    field: SurfaceField,
+    pose: FloatArray,
+    ranges: Float32Array,
+    beams: BeamTable,
+    step: int,
+    excuses: bool,
 ) -> tuple[float, float]:
     """Measure how well a map explains a scan from a pose.
 
@@ -144,4 +153,6 @@ def explain_scan(
             else:
                 missed += 1
     known = explained + missed
-    return MISS_NATS * (missed + near), explained / known if known > LEAST_KNOWN * (known + unknown) else -1.0
+    return MISS_NATS * (missed + near), explained / known if known > LEAST_KNOWN * (
+        known + unknown
+    ) else -1.0

@@ -73,7 +73,9 @@ class MapLocalizer(Mapper):
         self.belief = Belief(0.0, "searching", start, np.eye(3), 0.0, ())
         """Belief since the last processed scan."""
         self._states = Counter[str]()
-        self._path = Columns({"ranges": np.float32}, stamps=(), poses=(3,), ranges=(geometry.num_beams,))
+        self._path = Columns(
+            {"ranges": np.float32}, stamps=(), poses=(3,), ranges=(geometry.num_beams,)
+        )
         self._drawn = self._sure = 0  # scans drawn, and scans until the robot was last localised
 
     @property
@@ -117,7 +119,9 @@ class MapLocalizer(Mapper):
     def _localize(self, increments: FloatArray, scan: LaserScan) -> None:
         """Take a scan and the motion (steps, 3) since the one before, in the robot frame."""
         step = self._wheels.step(increments)
-        driven = float(np.hypot(*increments[:, :2].T).sum() + TURN_METRES * np.abs(increments[:, 2]).sum())
+        driven = float(
+            np.hypot(*increments[:, :2].T).sum() + TURN_METRES * np.abs(increments[:, 2]).sum()
+        )
         cloud, was_localised = self._cloud(scan), self.belief.state == "localised"
         for hypothesis in self._hypotheses:
             hypothesis.move(step, self._wheels.variances(step.slips))
@@ -129,12 +133,16 @@ class MapLocalizer(Mapper):
             for hypothesis in self._hypotheses:
                 hypothesis.align(self._known_map.surfaces, points, sides)
                 # A place that was sure may lead out of the map; one that is sought must lie on it.
-                against, fit = self._seeker.evidence(hypothesis.pose, scan.ranges, hypothesis.was_sure)
+                against, fit = self._seeker.evidence(
+                    hypothesis.pose, scan.ranges, hypothesis.was_sure
+                )
                 hypothesis.log_weight -= against
                 if fit >= 0.0:
                     hypothesis.fit += FIT_MEMORY * (fit - hypothesis.fit)
         self._hypotheses = distinct(self._hypotheses)
-        self.belief = believe(scan.stamp, driven, self._hypotheses, self.belief.pose, self._settings)
+        self.belief = believe(
+            scan.stamp, driven, self._hypotheses, self.belief.pose, self._settings
+        )
         if was_localised and self.belief.state != "localised":
             self._seeker.forget()
 

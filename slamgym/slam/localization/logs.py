@@ -62,7 +62,9 @@ def localize_log(
             path.append([record.stamp, *compose(placement, localizer.pose)])
     stamps, poses = np.hsplit(np.array(path).reshape(-1, 4), [1])
     searches, cpu_seconds = localizer.report()["searches"], localizer.stats.cpu_seconds
-    return LocalizationResult(beliefs, processed, Trajectory(stamps[:, 0], poses), searches, cpu_seconds)
+    return LocalizationResult(
+        beliefs, processed, Trajectory(stamps[:, 0], poses), searches, cpu_seconds
+    )
 
 
 def _localizer(
@@ -86,7 +88,11 @@ def _placed(belief: Belief, placement: Pose2D) -> Belief:
 
 
 def continue_map(
-    log: Log, grid: OccupancyGrid, config: SlamConfig, rng: np.random.Generator, on_scan: OnScan | None = None
+    log: Log,
+    grid: OccupancyGrid,
+    config: SlamConfig,
+    rng: np.random.Generator,
+    on_scan: OnScan | None = None,
 ) -> ReplayResult:
     """Localise a log on a map, then map on with it; see :func:`slamgym.slam.replay.replay`.
 
@@ -134,7 +140,9 @@ def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig) -> Pos
     """
     strict = replace(config, confirm_distance=max(config.confirm_distance, SURE_DISTANCE))
     ahead = _localizer(log, grid, strict)
-    processed = (i for i, record in enumerate(log.records) if ahead.update(record.odometry, record.scan))
+    processed = (
+        i for i, record in enumerate(log.records) if ahead.update(record.odometry, record.scan)
+    )
     found = next((index for index in processed if ahead.belief.state == "localised"), None)
     if found is None:
         raise SlamgymError(

@@ -53,7 +53,9 @@ class Seeker:
         self.searches = 0
         """Searches so far."""
 
-    def append(self, motion: FloatArray, driven: float, ranges: Float32Array, cloud: FloatArray) -> None:
+    def append(
+        self, motion: FloatArray, driven: float, ranges: Float32Array, cloud: FloatArray
+    ) -> None:
         """Take a scan.
 
         Args:
@@ -72,9 +74,13 @@ class Seeker:
         """Search anew from here on: where the robot was carried off, older scans show another place."""
         self._scans, self._searched = [], -math.inf
 
-    def evidence(self, pose: FloatArray, ranges: Float32Array, excuses: bool) -> tuple[float, float]:
+    def evidence(
+        self, pose: FloatArray, ranges: Float32Array, excuses: bool
+    ) -> tuple[float, float]:
         """Evidence of a scan against a pose (3,), and its fit; see :func:`explain_scan`."""
-        return explain_scan(plain(self._known.field), pose, ranges, self._beams, self._step, excuses)
+        return explain_scan(
+            plain(self._known.field), pose, ranges, self._beams, self._step, excuses
+        )
 
     def find(self, hypotheses: Sequence[Hypothesis], is_localised: bool) -> list[Hypothesis]:
         """Search the whole map for the latest scans, if that is due.
@@ -121,8 +127,12 @@ class Seeker:
             vectors[:, 0] += complex(x, y)
             clouds.append(np.hstack([vectors.view(np.float64), cloud[:, 4:]]))
         cloud = np.concatenate(clouds)
-        _, kept = np.unique(np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64), axis=0, return_index=True)
-        cloud = cloud[np.sort(kept)[np.linspace(0, len(kept) - 1, min(len(kept), CLOUD_POINTS)).astype(int)]]
+        _, kept = np.unique(
+            np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64), axis=0, return_index=True
+        )
+        cloud = cloud[
+            np.sort(kept)[np.linspace(0, len(kept) - 1, min(len(kept), CLOUD_POINTS)).astype(int)]
+        ]
         return np.ascontiguousarray(cloud[:, :2]), np.ascontiguousarray(cloud[:, 2:])
 
     def _remembered(self, pose: FloatArray, excuses: bool) -> float:

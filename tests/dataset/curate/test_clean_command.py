@@ -76,7 +76,8 @@ def decisions_file(path, **decided):
     root = path.parent / "dataset"
     digests = {record.name: record.sha256["B"] for record in read_manifest(root)}
     entries = [
-        {"name": name, "decision": word, "sha256": digests.get(name, "")} for name, word in decided.items()
+        {"name": name, "decision": word, "sha256": digests.get(name, "")}
+        for name, word in decided.items()
     ]
     path.write_text(json.dumps({"format": "slamgym-decisions", "version": 1, "decisions": entries}))
     return path
@@ -136,7 +137,9 @@ def test_an_interruption_keeps_the_old_files_and_workers_change_nothing(dataset,
 
 def test_a_person_overrules_the_truth_and_is_remembered(dataset):
     names = {record.plan_id: record.name for record in read_manifest(dataset)}
-    path = decisions_file(dataset.parent / "d.json", **{names["closet"]: "drop", names["hall"]: "keep"})
+    path = decisions_file(
+        dataset.parent / "d.json", **{names["closet"]: "drop", names["hall"]: "keep"}
+    )
     assert clean(dataset, "--apply", path) == 0
     verdicts = read_verdicts(dataset)
     assert (verdicts[names["closet"]].keep, verdicts[names["closet"]].reason) == (
@@ -162,14 +165,18 @@ def test_conflicts_and_unknown_maps_are_named_and_change_nothing(dataset, capsys
     ]:
         assert clean(dataset, "--apply", *files) == 2
         assert words in capsys.readouterr().err
-    assert before == verdict_files(dataset) | {"decisions": (dataset / "decisions.json").read_bytes()}
+    assert before == verdict_files(dataset) | {
+        "decisions": (dataset / "decisions.json").read_bytes()
+    }
     assert clean(dataset, "--apply", second) == 0
     assert read_verdicts(dataset)[name].reason == "kept by a person"
 
 
 def test_the_classifier_decides_if_asked_and_the_band_waits_for_a_person(dataset, monkeypatch):
     items = open_items(dataset)
-    monkeypatch.setattr(CompletenessModel, "probabilities", lambda *_: np.array([0.9, 0.5, 0.1, 0.8]))
+    monkeypatch.setattr(
+        CompletenessModel, "probabilities", lambda *_: np.array([0.9, 0.5, 0.1, 0.8])
+    )
     report = clean_maps(dataset, items, CleanConfig(by="classifier"), {})
     assert [verdict.keep for verdict in report.verdicts] == [True, False, False, True]
     assert [verdict.is_doubtful for verdict in report.verdicts] == [False, True, False, False]
@@ -270,7 +277,12 @@ def test_a_band_that_is_none_is_refused():
 def test_dropped_maps_are_counted_by_their_first_fault():
     low, lower = (MapFault("coverage", value, 0.95, "time_limit") for value in (0.81, 0.1))
     shifted, lost = MapFault("map_error", 0.41, 0.3), MapFault("position_error", 1.02, 0.6)
-    groups = [(low,), (lower, shifted), (shifted, lost), (MapFault("hardly_driven", 0.3, 1.0), lower)]
+    groups = [
+        (low,),
+        (lower, shifted),
+        (shifted, lost),
+        (MapFault("hardly_driven", 0.3, 1.0), lower),
+    ]
     verdicts = tuple(
         Verdict(
             name=str(number), keep=False, reason="", by="truth", probability=None, is_doubtful=False,

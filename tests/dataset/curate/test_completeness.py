@@ -9,7 +9,9 @@ from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 RESOLUTION = 0.05
 
 noise = arrays(
-    np.uint8, st.tuples(st.integers(1, 24), st.integers(1, 24)), elements=st.sampled_from([0, 205, 254])
+    np.uint8,
+    st.tuples(st.integers(1, 24), st.integers(1, 24)),
+    elements=st.sampled_from([0, 205, 254]),
 )
 
 
@@ -30,7 +32,9 @@ def test_flips_quarter_turns_and_margins_change_nothing(cells, scale, turns, fli
     cells = cells.repeat(scale, 0).repeat(scale, 1)
     turned = np.rot90(cells[:, ::-1] if flip else cells, turns)
     moved = np.ascontiguousarray(np.pad(turned, margin, constant_values=205))
-    assert np.array_equal(completeness_features(moved, RESOLUTION), completeness_features(cells, RESOLUTION))
+    assert np.array_equal(
+        completeness_features(moved, RESOLUTION), completeness_features(cells, RESOLUTION)
+    )
 
 
 @given(noise)

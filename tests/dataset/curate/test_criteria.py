@@ -32,7 +32,8 @@ def test_with_furniture_the_distance_to_the_cad_walls_says_nothing():
 
 
 @pytest.mark.parametrize(
-    "settings", [{"min_coverage": 1.2}, {"max_map_error": 0.0}, {"max_ate": -1.0}, {"max_ate": math.nan}]
+    "settings",
+    [{"min_coverage": 1.2}, {"max_map_error": 0.0}, {"max_ate": -1.0}, {"max_ate": math.nan}],
 )
 def test_senseless_criteria_are_refused(settings):
     with pytest.raises(ConfigError):

@@ -45,7 +45,10 @@ def test_nothing_is_stored_at_first(tmp_path):
         (json.dumps(document(version=2)), "version 2"),
         (json.dumps(document(decisions={})), "no list 'decisions'"),
         (json.dumps(document("a")), "decision 1 needs a name"),
-        (json.dumps(document({"name": "a", "decision": "maybe", "sha256": ""})), "decision 1 needs"),
+        (
+            json.dumps(document({"name": "a", "decision": "maybe", "sha256": ""})),
+            "decision 1 needs",
+        ),
         (json.dumps(document({"name": "a", "decision": "keep"})), "decision 1 needs"),
         (json.dumps(document({"name": 3, "decision": "keep", "sha256": ""})), "decision 1 needs"),
     ],

@@ -8,7 +8,13 @@ from shapely.affinity import affine_transform, rotate, scale, translate
 from slamgym.cad import FloorPlan, open_plans
 from slamgym.cad.image_plan import trace_plan
 from slamgym.core.types import GridFrame
-from slamgym.dataset.curate.near_duplicates import RADIUS, _candidates, distances, near_duplicates, plan_print
+from slamgym.dataset.curate.near_duplicates import (
+    RADIUS,
+    _candidates,
+    distances,
+    near_duplicates,
+    plan_print,
+)
 
 SYMMETRIES = [
     [1, 0, 0, 1], [-1, 0, 0, 1], [1, 0, 0, -1], [-1, 0, 0, -1],
@@ -97,7 +103,9 @@ def test_the_hash_proposes_every_pair_that_comparing_all_would_find():
     prints = [plan_print(source.load(plan_id)) for plan_id in source.ids[:50]]
     for picture in list(prints):
         for spread in (0.02, 0.1):
-            other = np.rot90(picture, rng.integers(4)) + rng.normal(0, 1, picture.shape) * spread / 32
+            other = (
+                np.rot90(picture, rng.integers(4)) + rng.normal(0, 1, picture.shape) * spread / 32
+            )
             prints.append((other / np.linalg.norm(other)).astype(np.float32))
     pictures = np.stack(prints)
     first, second = np.triu_indices(len(prints), k=1)

@@ -13,12 +13,7 @@ from browser import needs_browser, run_in_page
 from slamgym.commands import cli
 from slamgym.core.types import GridFrame, OccupancyGrid
 from slamgym.dataset.curate.map_items import MapItem
-from slamgym.dataset.curate.review import (
-    Decision,
-    choose_entries,
-    make_review_page,
-    read_decisions,
-)
+from slamgym.dataset.curate.review import Decision, choose_entries, make_review_page, read_decisions
 from slamgym.dataset.curate.verdicts import Verdict, read_verdicts
 from slamgym.interop import write_ros_map
 
@@ -28,7 +23,9 @@ BAND = (0.4, 0.8)
 def cells(seed=0):
     rng = np.random.default_rng(seed)
     picture = np.full((60, 90), 205, np.uint8)
-    picture[10:50, 10:80] = rng.choice(np.array([0, 205, 254], np.uint8), (40, 70), p=[0.1, 0.1, 0.8])
+    picture[10:50, 10:80] = rng.choice(
+        np.array([0, 205, 254], np.uint8), (40, 70), p=[0.1, 0.1, 0.8]
+    )
     return picture
 
 
@@ -36,7 +33,9 @@ def entry(name, *, probability=0.5, with_cad=True, **changes):
     picture = cells(len(name))
     grid = OccupancyGrid(picture, GridFrame(0.05, 0.0, 0.0, *picture.shape))
     cad = np.where(picture == 254, 254, 0).astype(np.uint8)
-    item = MapItem(name, lambda: grid, (lambda: cad) if with_cad else None, None, f"digest of {name}")
+    item = MapItem(
+        name, lambda: grid, (lambda: cad) if with_cad else None, None, f"digest of {name}"
+    )
     values = {
         "name": name, "keep": False, "reason": "doubtful: probability", "by": "classifier",
         "probability": probability, "is_doubtful": BAND[0] <= probability < BAND[1],
@@ -123,14 +122,18 @@ def test_every_button_and_picture_has_a_name():
 
 def test_the_data_hold_the_maps_pixel_by_pixel():
     known = {"b": Decision("b", False, "digest of b")}
-    data = Page(page_of(entry("a", probability=0.61), entry("b", with_cad=False), decisions=known)).data()
+    data = Page(
+        page_of(entry("a", probability=0.61), entry("b", with_cad=False), decisions=known)
+    ).data()
     assert [one["name"] for one in data["maps"]] == ["a", "b"]
     assert [one["decision"] for one in data["maps"]] == [None, "drop"]
     first, second = data["maps"]
     assert (first["probability"], first["sha256"]) == (0.61, "digest of a")
     assert second["cad"] is None
     for side, expected in (("slam", cells(1)), ("cad", np.where(cells(1) == 254, 254, 0))):
-        picture = cv2.imdecode(np.frombuffer(base64.b64decode(first[side]), np.uint8), cv2.IMREAD_UNCHANGED)
+        picture = cv2.imdecode(
+            np.frombuffer(base64.b64decode(first[side]), np.uint8), cv2.IMREAD_UNCHANGED
+        )
         assert picture.shape == (first["height"], first["width"])
         # A border of 8 cells is left of the unknown margin of 10.
         assert (picture == expected[2:58, 2:88]).all()
@@ -182,7 +185,9 @@ def maps(tmp_path):
     folder = tmp_path / "maps"
     folder.mkdir()
     for number in range(3):
-        write_ros_map(folder / f"m{number}", OccupancyGrid(cells(number), GridFrame(0.05, 0.0, 0.0, 60, 90)))
+        write_ros_map(
+            folder / f"m{number}", OccupancyGrid(cells(number), GridFrame(0.05, 0.0, 0.0, 60, 90))
+        )
     assert cli.main(["dataset", "clean", str(folder)]) == 0
     return folder
 

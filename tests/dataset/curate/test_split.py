@@ -9,7 +9,13 @@ from hypothesis import strategies as st
 
 from slamgym.commands import cli
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.dataset.curate.split import assign_sides, current_split, make_split, read_split, split_path
+from slamgym.dataset.curate.split import (
+    assign_sides,
+    current_split,
+    make_split,
+    read_split,
+    split_path,
+)
 from slamgym.dataset.format import Layout, read_manifest
 
 
@@ -43,7 +49,10 @@ def test_a_group_is_on_one_side(members, seed):
 
 
 def test_more_plans_leave_sides_as_they_were():
-    few, many = assign_sides(alone(100), test=0.2, seed=1), assign_sides(alone(300), test=0.2, seed=1)
+    few, many = (
+        assign_sides(alone(100), test=0.2, seed=1),
+        assign_sides(alone(300), test=0.2, seed=1),
+    )
     assert all(many.plans[plan_id].side == place.side for plan_id, place in few.plans.items())
 
 

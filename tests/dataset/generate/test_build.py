@@ -37,7 +37,10 @@ class Plans:
     def __init__(self, **more):
         rooms = box(0, 0, 3.0, 2.4).difference(box(1.4, 0.0, 1.6, 1.4))
         corner = Polygon([(0, 0), (3.2, 0), (3.2, 1.5), (1.6, 1.5), (1.6, 2.8), (0, 2.8)])
-        self.plans = {"rooms": FloorPlan("rooms", rooms), "corner": FloorPlan("corner", corner)} | more
+        self.plans = {
+            "rooms": FloorPlan("rooms", rooms),
+            "corner": FloorPlan("corner", corner),
+        } | more
         self.ids = list(self.plans)
 
     def __len__(self):
@@ -57,7 +60,9 @@ QUICK = DatasetConfig(
 
 def build(root, plans=None, config=QUICK, pairs=3, workers=1):
     execution = Execution(workers, "in_process" if workers == 1 else "local")
-    return build_dataset(root, plans or Plans(), config, make_explorer, pairs=pairs, execution=execution)
+    return build_dataset(
+        root, plans or Plans(), config, make_explorer, pairs=pairs, execution=execution
+    )
 
 
 def content(root: Path):
@@ -89,7 +94,8 @@ def test_every_pair_has_its_files_and_its_line(dataset):
         assert 0.0 < record.coverage <= 1.0
         assert record.finished in ("explored", "time_limit")
         assert all(
-            math.isfinite(getattr(record, name)) for name in ("ate", "odometry_ate", "map_error", "mse")
+            math.isfinite(getattr(record, name))
+            for name in ("ate", "odometry_ate", "map_error", "mse")
         )
 
 
@@ -121,10 +127,7 @@ def test_the_ros_map_is_the_slam_side(dataset):
 
 def test_a_map_made_from_true_poses_lies_on_the_plan(tmp_path):
     """Frame and scale of the two sides agree: without errors every wall is within a cell of its place."""
-    env = ExploreConfig(
-        slam=SlamConfig(mode="ground_truth"),
-        lidar=lidar_level("gazebo"),
-    )
+    env = ExploreConfig(slam=SlamConfig(mode="ground_truth"), lidar=lidar_level("gazebo"))
     build(tmp_path, config=DatasetConfig(episode=EpisodeConfig(minutes=0.5, env=env)), pairs=2)
     for record in read_manifest(tmp_path):
         assert record.ate < 1e-6
@@ -160,7 +163,9 @@ def test_other_settings_are_refused(dataset):
 
 
 def test_plans_that_can_not_be_explored_are_skipped_and_listed(tmp_path):
-    plans = Plans(broken=PlanError("broken.json", "is empty"), tiny=FloorPlan("tiny", box(0, 0, 0.2, 0.2)))
+    plans = Plans(
+        broken=PlanError("broken.json", "is empty"), tiny=FloorPlan("tiny", box(0, 0, 0.2, 0.2))
+    )
     report = build(tmp_path, plans, pairs=3)
     assert report.pairs == 3
     assert report.rejected == {"PlanError": 2}
@@ -172,7 +177,9 @@ def test_plans_that_can_not_be_explored_are_skipped_and_listed(tmp_path):
 
 
 def test_two_workers_give_the_same_bytes_as_one(tmp_path):
-    plans = Plans(broken=PlanError("broken.json", "is empty"), tiny=FloorPlan("tiny", box(0, 0, 0.2, 0.2)))
+    plans = Plans(
+        broken=PlanError("broken.json", "is empty"), tiny=FloorPlan("tiny", box(0, 0, 0.2, 0.2))
+    )
     build(tmp_path / "one", plans, pairs=3, workers=1)
     build(tmp_path / "two", plans, pairs=3, workers=2)
     assert content(tmp_path / "one") == content(tmp_path / "two")
@@ -204,7 +211,9 @@ def test_a_bug_in_one_exploration_is_recorded_and_the_run_goes_on(tmp_path, monk
 
 
 def test_an_unknown_explorer_is_one_clear_error_and_nothing_is_left(tmp_path):
-    config = dataclasses.replace(QUICK, episode=dataclasses.replace(QUICK.episode, explorer="explore_light"))
+    config = dataclasses.replace(
+        QUICK, episode=dataclasses.replace(QUICK.episode, explorer="explore_light")
+    )
     with pytest.raises(ConfigError, match=r"did you mean 'explore_lite'"):
         build(tmp_path / "out", config=config)
     assert not (tmp_path / "out").exists()
@@ -281,7 +290,9 @@ def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypat
     assert "process died" in Layout(tmp_path).rejected.read_text()
 
 
-def test_settings_that_were_dropped_since_are_read_with_the_value_that_they_still_have(dataset_copy, explore):
+def test_settings_that_were_dropped_since_are_read_with_the_value_that_they_still_have(
+    dataset_copy, explore
+):
     layout = Layout(dataset_copy)
     stored = json.loads(layout.config.read_text())
     stored["episode"]["env"]["odometry"]["scale"] = 1.0

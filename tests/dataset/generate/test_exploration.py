@@ -30,6 +30,8 @@ def fail_with(error):
 
 def test_a_full_temporary_folder_is_named(monkeypatch):
     monkeypatch.setenv("TMPDIR", "/scratch/tmp")
-    monkeypatch.setattr(module, "TemporaryDirectory", fail_with(OSError(errno.ENOSPC, "No space left")))
+    monkeypatch.setattr(
+        module, "TemporaryDirectory", fail_with(OSError(errno.ENOSPC, "No space left"))
+    )
     with pytest.raises(StorageError, match=r"^/scratch/tmp: can't be written \(the disk is full"):
         run_exploration(exploration())

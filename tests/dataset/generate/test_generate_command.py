@@ -51,13 +51,18 @@ def test_pairs_a_summary_and_a_contact_sheet(plans, tmp_path, capsys):
 
 def test_a_shard_has_a_folder_of_its_own(plans, tmp_path, capsys):
     out = tmp_path / "out"
-    assert cli.main(arguments(plans, out, "--pairs", "3", "--engine", "in_process", "--shard", "1/2")) == 0
+    assert (
+        cli.main(arguments(plans, out, "--pairs", "3", "--engine", "in_process", "--shard", "1/2"))
+        == 0
+    )
     assert str(out / "shard-00001-of-00002") in capsys.readouterr().out
     assert [record.index for record in read_manifest(out / "shard-00001-of-00002")] == [1]
 
 
 def test_a_shard_of_fewer_pairs_than_shards_may_be_empty(plans, tmp_path, capsys):
-    command = arguments(plans, tmp_path / "out", "--pairs", "1", "--engine", "in_process", "--shard", "1/2")
+    command = arguments(
+        plans, tmp_path / "out", "--pairs", "1", "--engine", "in_process", "--shard", "1/2"
+    )
     assert cli.main(command) == 0
     shown = capsys.readouterr().out
     assert "no pairs" in shown
@@ -142,7 +147,11 @@ def test_ctrl_c_keeps_what_is_done(plans, tmp_path):
     ]
     # Where the tests run in the background of a shell, they and their children are born deaf to Ctrl-C.
     process = subprocess.Popen(
-        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, preexec_fn=_hear_ctrl_c
+        command,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+        preexec_fn=_hear_ctrl_c,
     )
     while process.poll() is None and _committed(out) < 2:
         time.sleep(0.01)

@@ -93,7 +93,10 @@ def test_every_known_name_can_be_read():
 @pytest.mark.parametrize(
     ("plain", "words"),
     [
-        ({"slam.particels": [5]}, "test: slam.particels: unknown setting .* did you mean 'slam.particles'"),
+        (
+            {"slam.particels": [5]},
+            "test: slam.particels: unknown setting .* did you mean 'slam.particles'",
+        ),
         ({"explorer": ["a"], "robo.radius": [1]}, "did you mean 'robot.radius'"),
         ({"reward.coverage": [1.0]}, "unknown setting 'reward.coverage'"),
         ({"slam.particles": ["many"]}, "slam.particles must be of type int, not 'many'"),
@@ -107,14 +110,23 @@ def test_every_known_name_can_be_read():
         ({"explorer": [{"value": "nearest", "weight": 0}]}, "weight must be a number above 0"),
         ({"explorer": [{"weight": 2}]}, "either a 'value'"),
         ({"clutter.furniture": [{"between": [0.5, 0.2]}]}, "the smaller first"),
-        ({"clutter.furniture": [{"between": [0.5, 3.2]}]}, r"clutter.furniture must be in \[0, 3\], not 3.2"),
+        (
+            {"clutter.furniture": [{"between": [0.5, 3.2]}]},
+            r"clutter.furniture must be in \[0, 3\], not 3.2",
+        ),
         ({"scanner": [{"set": {}}]}, "'set' takes settings"),
-        ({"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]}, "both set 'slam.particles'"),
+        (
+            {"x": [{"set": {"slam.particles": 3}}], "slam.particles": [5]},
+            "both set 'slam.particles'",
+        ),
         (
             {"explorer": ["rl@98%:95%", "own:make"]},
             "'own:make' is code of your own, .* give it by --explorer",
         ),
-        ({"x": [{"set": {"explorer": "own:make@98%:95%"}}]}, "no recipe may run; give it by --explorer"),
+        (
+            {"x": [{"set": {"explorer": "own:make@98%:95%"}}]},
+            "no recipe may run; give it by --explorer",
+        ),
     ],
 )
 def test_a_senseless_recipe_is_one_error_that_names_the_place(plain, words):
@@ -124,7 +136,12 @@ def test_a_senseless_recipe_is_one_error_that_names_the_place(plain, words):
 
 
 def test_a_recipe_may_name_weights_and_promises():
-    names = ["rl@98%:95%", "rl:weights.safetensors", "wheels:own/weights.safetensors", "tour@2m2:90%"]
+    names = [
+        "rl@98%:95%",
+        "rl:weights.safetensors",
+        "wheels:own/weights.safetensors",
+        "tour@2m2:90%",
+    ]
     assert parse_recipe({"explorer": names}, "test").values("explorer") == names
 
 
@@ -241,7 +258,9 @@ def test_a_setting_that_the_recipe_would_draw_over_is_refused():
         DatasetConfig(recipe=recipe, episode=EpisodeConfig(explorer="cost_utility"))
 
 
-@pytest.mark.parametrize(("name", "beams", "view"), [("paper", 180, 180.0), ("paper360", 360, 360.0)])
+@pytest.mark.parametrize(
+    ("name", "beams", "view"), [("paper", 180, 180.0), ("paper360", 360, 360.0)]
+)
 def test_the_papers_recipes_have_gazebos_laser_and_true_odometry(name, beams, view):
     recipe = open_recipe(name)
     for seed in range(4):
@@ -254,7 +273,10 @@ def test_the_papers_recipes_have_gazebos_laser_and_true_odometry(name, beams, vi
 
 
 def test_the_paper_maps_by_gmapping_and_people_by_three_programs():
-    assert apply_conditions(EpisodeConfig(), open_recipe("paper").draw(0)).env.slam == SlamConfig.gmapping()
+    assert (
+        apply_conditions(EpisodeConfig(), open_recipe("paper").draw(0)).env.slam
+        == SlamConfig.gmapping()
+    )
     recipe = open_recipe("paper360")
     drawn = [apply_conditions(EpisodeConfig(), recipe.draw(seed)) for seed in range(60)]
     assert {config.explorer for config in drawn} == {"teleop"}
@@ -272,7 +294,12 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
     recipe = open_recipe("real")
     drawn = [recipe.draw(seed) for seed in range(200)]
     assert {draw["lidar"] for draw in drawn} == {"real"}
-    assert {draw.get("lidar.field_of_view_deg", 180.0) for draw in drawn} == {180.0, 240.0, 270.0, 360.0}
+    assert {draw.get("lidar.field_of_view_deg", 180.0) for draw in drawn} == {
+        180.0,
+        240.0,
+        270.0,
+        360.0,
+    }
     for draw in drawn:
         assert 3.5 <= draw["lidar.range_max"] <= 30.0
         assert draw["slam.max_usable_range"] <= draw["lidar.range_max"]
@@ -303,4 +330,7 @@ def test_buildings_are_turned_by_the_recipe():
     assert 20.0 <= config.turn_deg <= 60.0
     episode = run_episode(plan, 1, config, make_explorer)
     assert episode.plan.bounds == pytest.approx(plan.turned(config.turn_deg).bounds)
-    assert make_pair(episode.plan, episode.start, episode.slam_map, PairConfig()).frame.resolution == 0.08
+    assert (
+        make_pair(episode.plan, episode.start, episode.slam_map, PairConfig()).frame.resolution
+        == 0.08
+    )

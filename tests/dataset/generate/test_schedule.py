@@ -34,7 +34,9 @@ def test_repetitions_and_plans_get_seeds_of_their_own():
 def test_the_order_is_shuffled_by_the_seed_alone():
     first = [slot.plan_id for slot in islice(schedule(IDS, seed=1), 7)]
     assert first == [slot.plan_id for slot in islice(schedule(IDS, seed=1), 7)]
-    assert any(first != [slot.plan_id for slot in islice(schedule(IDS, seed=s), 7)] for s in range(2, 6))
+    assert any(
+        first != [slot.plan_id for slot in islice(schedule(IDS, seed=s), 7)] for s in range(2, 6)
+    )
 
 
 @given(st.integers(min_value=0), st.text(), st.integers(0, 10**6))

@@ -74,7 +74,10 @@ def test_the_number_of_workers_and_interruptions_do_not_matter(dataset, tmp_path
     build(tmp_path, pairs=4)
     assert Layout(tmp_path).manifest.read_bytes() == Layout(dataset).manifest.read_bytes()
     sums = [
-        [(path.parent.name, path.read_bytes()) for path in sorted(Layout(root).episodes.glob("*/SHA256SUMS"))]
+        [
+            (path.parent.name, path.read_bytes())
+            for path in sorted(Layout(root).episodes.glob("*/SHA256SUMS"))
+        ]
         for root in (dataset, tmp_path)
     ]
     assert len(sums[0]) == 4
@@ -107,7 +110,9 @@ def test_senseless_numbers_of_trajectories_are_refused():
 def test_the_command_line_takes_sources_weights_recipe_and_trajectories(tmp_path, capsys):
     for folder, names in (("one", "ab"), ("two", "cd")):
         for name in names:
-            write_houseexpo(tmp_path / folder / f"{name}.json", FloorPlan(name, box(0, 0, 3.0, 2.4)))
+            write_houseexpo(
+                tmp_path / folder / f"{name}.json", FloorPlan(name, box(0, 0, 3.0, 2.4))
+            )
     (tmp_path / "recipe.yaml").write_text("clutter.people: [0, 1]\n")
     out = tmp_path / "out"
     command = [

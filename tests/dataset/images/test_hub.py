@@ -34,7 +34,9 @@ print(json.dumps(rows))
 def images(dataset_copy, tmp_path):
     split = make_split(dataset_copy, test=0.4, seed=1)
     selection = select_pairs(dataset_copy, 0.0)
-    render_images(dataset_copy, tmp_path / "images", ImageConfig(size=64), split, selection=selection)
+    render_images(
+        dataset_copy, tmp_path / "images", ImageConfig(size=64), split, selection=selection
+    )
     return tmp_path / "images"
 
 

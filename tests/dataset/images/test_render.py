@@ -34,7 +34,9 @@ def dataset(dataset_copy):
 
 def render(dataset, out, config=CONFIG, min_coverage=0.0, workers=1):
     selection = select_pairs(dataset, min_coverage)
-    return render_images(dataset, out, config, read_split(dataset), selection=selection, workers=workers)
+    return render_images(
+        dataset, out, config, read_split(dataset), selection=selection, workers=workers
+    )
 
 
 def content(root):
@@ -55,14 +57,26 @@ def test_every_pair_is_there_once_on_the_side_of_its_plan(dataset, tmp_path):
     for image in images:
         pair = pairs[image.name]
         assert image.split == split.plans[image.plan_id].side
-        assert (image.seed, image.repetition, image.plan_id) == (pair.seed, pair.repetition, pair.plan_id)
-        assert (image.coverage, image.ate, image.map_error) == (pair.coverage, pair.ate, pair.map_error)
+        assert (image.seed, image.repetition, image.plan_id) == (
+            pair.seed,
+            pair.repetition,
+            pair.plan_id,
+        )
+        assert (image.coverage, image.ate, image.map_error) == (
+            pair.coverage,
+            pair.ate,
+            pair.map_error,
+        )
         assert image.conditions == pair.conditions
         cad, slam = load_images(tmp_path / "images", image)
         assert cad.shape == slam.shape == (64, 64)
         assert {0, 254} <= set(np.unique(cad)) <= set(range(255))
         assert set(np.unique(slam)) <= {0, 205, 254}
-    assert len(read_images(tmp_path / "images", "test")) + len(read_images(tmp_path / "images", "train")) == 8
+    assert (
+        len(read_images(tmp_path / "images", "test"))
+        + len(read_images(tmp_path / "images", "train"))
+        == 8
+    )
 
 
 def test_images_lie_where_the_record_says(dataset, tmp_path):
@@ -113,7 +127,9 @@ def test_a_plan_that_changes_sides_and_a_dropped_pair_leave_nothing_behind(datas
     selection = select_pairs(dataset, 0.0)
     dropped = min(selection.kept)
     fewer = dataclasses.replace(
-        selection, kept=selection.kept - {dropped}, left_out={dropped: MapFault("not_clean", detail="why")}
+        selection,
+        kept=selection.kept - {dropped},
+        left_out={dropped: MapFault("not_clean", detail="why")},
     )
     report = render_images(dataset, out, CONFIG, turned, selection=fewer)
     assert report.fresh == report.images == 7
@@ -131,7 +147,10 @@ def test_pairs_that_are_too_large_for_a_fixed_scale_are_named(dataset, tmp_path)
     assert 0 < report.images < 8
     assert report.left_out == {"too large": 8 - report.images}
     assert {image.metres_per_px for image in read_images(tmp_path / "images")} == {0.06}
-    lines = [json.loads(line) for line in ImageLayout(tmp_path / "images").skipped.read_text().splitlines()]
+    lines = [
+        json.loads(line)
+        for line in ImageLayout(tmp_path / "images").skipped.read_text().splitlines()
+    ]
     assert all("m long but the image shows 3.6 m" in line["reason"] for line in lines)
 
 
@@ -142,7 +161,9 @@ def test_clean_decides_what_is_drawn(dataset, tmp_path):
          "coverage": None, "ate": None, "map_error": None, "faults": []}
         for number, record in enumerate(read_manifest(dataset))
     ]  # fmt: skip
-    (dataset / "clean.jsonl").write_text("".join(json.dumps(verdict) + "\n" for verdict in verdicts))
+    (dataset / "clean.jsonl").write_text(
+        "".join(json.dumps(verdict) + "\n" for verdict in verdicts)
+    )
     report = render_images(dataset, tmp_path / "images", CONFIG, read_split(dataset))
     assert report.images == 4
     assert report.left_out == {"not clean": 4}
@@ -202,7 +223,17 @@ def test_a_missing_episode_file_is_named(dataset, tmp_path):
 
 def test_the_command_makes_a_split_and_reports_what_is_left_out(dataset_copy, tmp_path, capsys):
     out = tmp_path / "images"
-    command = ["dataset", "render", str(dataset_copy), "--out", str(out), "--size", "64", "--workers", "1"]
+    command = [
+        "dataset",
+        "render",
+        str(dataset_copy),
+        "--out",
+        str(out),
+        "--size",
+        "64",
+        "--workers",
+        "1",
+    ]
     assert cli.main([*command, "--min-coverage", "0"]) == 0
     shown = capsys.readouterr()
     assert "8 pairs of images" in shown.out
@@ -218,7 +249,15 @@ def test_a_side_without_pairs_is_missed_unless_all_are_for_testing(
     dataset_copy, tmp_path, capsys, test, is_missed
 ):
     assert cli.main(["dataset", "split", str(dataset_copy), "--test", test]) == 0
-    command = ["dataset", "render", str(dataset_copy), "--out", str(tmp_path / "images"), "--size", "64"]
+    command = [
+        "dataset",
+        "render",
+        str(dataset_copy),
+        "--out",
+        str(tmp_path / "images"),
+        "--size",
+        "64",
+    ]
     assert cli.main([*command, "--workers", "1", "--min-coverage", "0"]) == 0
     assert ("No pair is on the side" in capsys.readouterr().err) == is_missed
 
@@ -226,7 +265,9 @@ def test_a_side_without_pairs_is_missed_unless_all_are_for_testing(
 def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path, capsys):
     out, images = tmp_path / "pairs", tmp_path / "images"
     for name in ("a", "b", "c"):
-        write_houseexpo(tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5)))
+        write_houseexpo(
+            tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5))
+        )
     command = ["generate", "--plans", str(tmp_path / "plans"), "--minutes", "0.3", "--set", "particles=3",
                "--engine", "in_process", "--out", str(out),
                "--images", str(images)]  # fmt: skip

@@ -30,7 +30,9 @@ def map_of(plan, start=(1.0, 1.0), resolution=0.05):
     min_x, min_y, max_x, max_y = plan.bounds
     moved = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
     frame = GridFrame.covering(moved, resolution, margin=1.0)
-    cells = plan.raster(resolution, frame=frame, offset=start, outside=UNKNOWN, wall_thickness=resolution)
+    cells = plan.raster(
+        resolution, frame=frame, offset=start, outside=UNKNOWN, wall_thickness=resolution
+    )
     return OccupancyGrid(cells.cells, frame)
 
 
@@ -50,7 +52,9 @@ def test_no_occupied_cell_gets_lost_and_no_wall_breaks(seed, ratio, shift):
     cells = np.full((40, 50), UNKNOWN, np.uint8)
     cells[rng.random(cells.shape) < 0.5] = FREE
     corners = rng.integers(2, 38, (4, 2))
-    cv2.polylines(cells, [corners.reshape(-1, 1, 2).astype(np.int32)], isClosed=False, color=OCCUPIED)
+    cv2.polylines(
+        cells, [corners.reshape(-1, 1, 2).astype(np.int32)], isClosed=False, color=OCCUPIED
+    )
     grid = OccupancyGrid(cells, GridFrame(0.05, -1.0, -1.0, 40, 50))
     size = int(np.ceil(60 / ratio)) + 2
     frame = GridFrame(0.05 * ratio, -1.3 + shift[0], -1.3 + shift[1], size, size)
@@ -59,13 +63,16 @@ def test_no_occupied_cell_gets_lost_and_no_wall_breaks(seed, ratio, shift):
     x, y = grid.frame.to_point(*np.nonzero(cells == OCCUPIED))
     if ratio >= 1.0:
         # A centre on the border of pixels is drawn in one of them.
-        shown = [drawn[frame.to_cell(x + dx, y + dy)] for dx in (-1e-6, 1e-6) for dy in (-1e-6, 1e-6)]
+        shown = [
+            drawn[frame.to_cell(x + dx, y + dy)] for dx in (-1e-6, 1e-6) for dy in (-1e-6, 1e-6)
+        ]
         assert (np.array(shown) == OCCUPIED).any(axis=0).all()
         assert (drawn == OCCUPIED).sum() <= (cells == OCCUPIED).sum()
     else:  # the pixel whose centre is nearest to the cell's lies within the cell
         row, col = frame.to_cell(x, y)
         assert all(
-            (drawn[r - 1 : r + 2, c - 1 : c + 2] == OCCUPIED).any() for r, c in zip(row, col, strict=True)
+            (drawn[r - 1 : r + 2, c - 1 : c + 2] == OCCUPIED).any()
+            for r, c in zip(row, col, strict=True)
         )
     assert components(drawn == OCCUPIED) == components(cells == OCCUPIED) == 1
 
@@ -160,9 +167,14 @@ def test_thickness_does_not_depend_on_the_scale_of_the_pair():
     """A plan of twice the size has its outer edges at the same place of the image."""
     images = [
         draw_plan_image(
-            FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))).segments(), frame, edge_px=4.0
+            FloorPlan("p", scale(box(0, 0, 8, 5), f, f, origin=(0, 0))).segments(),
+            frame,
+            edge_px=4.0,
         )
-        for f, frame in ((1.0, GridFrame(0.05, -1, -1, 200, 200)), (2.0, GridFrame(0.1, -2, -2, 200, 200)))
+        for f, frame in (
+            (1.0, GridFrame(0.05, -1, -1, 200, 200)),
+            (2.0, GridFrame(0.1, -2, -2, 200, 200)),
+        )
     ]
     assert (images[0] == images[1]).all()
 
@@ -177,7 +189,10 @@ def test_stray_beams_do_not_make_the_image_larger():
     cells[10, 10] = OCCUPIED
     assert mapped_bounds(OccupancyGrid(cells, wide)) == pytest.approx(clean)
     assert (
-        mapped_bounds(OccupancyGrid(np.full((9, 9), UNKNOWN, np.uint8), GridFrame(0.05, 0, 0, 9, 9))) is None
+        mapped_bounds(
+            OccupancyGrid(np.full((9, 9), UNKNOWN, np.uint8), GridFrame(0.05, 0, 0, 9, 9))
+        )
+        is None
     )
 
 
@@ -192,7 +207,13 @@ def test_a_fixed_scale_is_kept_or_refused():
 
 @pytest.mark.parametrize(
     "values",
-    [{"size": 3}, {"scaling": "best"}, {"metres_per_px": 0.0}, {"margin_px": 128}, {"edge_px": -1.0}],
+    [
+        {"size": 3},
+        {"scaling": "best"},
+        {"metres_per_px": 0.0},
+        {"margin_px": 128},
+        {"edge_px": -1.0},
+    ],
 )
 def test_senseless_settings_are_refused(values):
     with pytest.raises(ConfigError, match=next(iter(values))):

@@ -33,7 +33,8 @@ def write_maps(folder, wall, count=COUNT, seed=0, resolution=0.05):
     for i in range(count):
         cells = drawing(seed + i, wall)
         write_ros_map(
-            folder / f"flat{i // 2}__run{i}", OccupancyGrid(cells, GridFrame(resolution, 0, 0, *cells.shape))
+            folder / f"flat{i // 2}__run{i}",
+            OccupancyGrid(cells, GridFrame(resolution, 0, 0, *cells.shape)),
         )
     return folder
 
@@ -48,7 +49,9 @@ def test_maps_are_read_and_what_is_no_map_is_counted_with_its_reason(folders):
     (thin / "broken.yaml").write_text("image: nowhere.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n")
     cells = np.full((60, 60), UNKNOWN, np.uint8)
     write_ros_map(thin / "blank", OccupancyGrid(cells, GridFrame(0.05, 0, 0, 60, 60)))
-    write_ros_map(thin / "coarse", OccupancyGrid(drawing(1, 1), GridFrame(0.1, 0, 0, *drawing(1, 1).shape)))
+    write_ros_map(
+        thin / "coarse", OccupancyGrid(drawing(1, 1), GridFrame(0.1, 0, 0, *drawing(1, 1).shape))
+    )
     one, other = read_map_sets([thin, thick])
     assert [len(s.maps) for s in (one, other)] == [COUNT, COUNT]
     assert one.skipped == {
@@ -87,15 +90,7 @@ def test_other_mistakes_are_refused(folders, tmp_path):
 
 def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, capsys):
     pytest.importorskip("sklearn")
-    words = [
-        "dataset",
-        "realism",
-        str(folders[0]),
-        "--against",
-        str(folders[1]),
-        "--halvings",
-        "1",
-    ]
+    words = ["dataset", "realism", str(folders[0]), "--against", str(folders[1]), "--halvings", "1"]
     for out in ("one", "two"):
         assert main([*words, "-o", str(tmp_path / out)]) == 0
     assert "realism.html" in capsys.readouterr().out
@@ -118,6 +113,9 @@ def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, c
 def test_what_is_not_installed_is_left_out_and_said(folders, tmp_path, monkeypatch):
     monkeypatch.setattr("slamgym.commands.dataset.realism.is_installed", lambda _: False)
     out = tmp_path / "out"
-    assert main(["dataset", "realism", str(folders[0]), "--against", str(folders[1]), "-o", str(out)]) == 0
+    assert (
+        main(["dataset", "realism", str(folders[0]), "--against", str(folders[1]), "-o", str(out)])
+        == 0
+    )
     page = (out / "realism.html").read_text()
     assert "slamgym[clean]" in page

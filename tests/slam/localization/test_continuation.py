@@ -113,4 +113,12 @@ def test_a_turned_map_is_not_continued(tmp_path):
     text = (tmp_path / "map.yaml").read_text().replace(", 0.0]", ", 0.5]")
     (tmp_path / "map.yaml").write_text(text)
     with pytest.raises(SlamgymError, match=r"turned by 0\.5 rad"):
-        main([str(tmp_path / "a.log"), "--continue", str(tmp_path / "map.yaml"), "-o", str(tmp_path / "new")])
+        main(
+            [
+                str(tmp_path / "a.log"),
+                "--continue",
+                str(tmp_path / "map.yaml"),
+                "-o",
+                str(tmp_path / "new"),
+            ]
+        )

@@ -36,14 +36,18 @@ def test_the_robot_finds_itself_anywhere_and_knows_how_well():
     assert turned[localised].max() < math.radians(4.0)
     deviations = np.array([math.sqrt(belief.covariance[0, 0]) for belief in result.beliefs])
     assert 0.01 < deviations[-1] < 0.1
-    assert np.array_equal(result.trajectory.stamps[-3:], [record.stamp for record in log.records[-3:]])
+    assert np.array_equal(
+        result.trajectory.stamps[-3:], [record.stamp for record in log.records[-3:]]
+    )
 
 
 def test_the_same_log_gives_the_same_beliefs():
     log, _ = drive(FLAT, ROUND_TRIP[:3])
     first, second = (localize(log, draw(FLAT, (1, 1))) for _ in range(2))
     assert [belief.pose for belief in first.beliefs] == [belief.pose for belief in second.beliefs]
-    assert [belief.hypotheses for belief in first.beliefs] == [belief.hypotheses for belief in second.beliefs]
+    assert [belief.hypotheses for belief in first.beliefs] == [
+        belief.hypotheses for belief in second.beliefs
+    ]
 
 
 def test_a_corridor_that_looks_the_same_from_both_ends_is_ambiguous():
@@ -64,7 +68,9 @@ def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
     result = localize(log, draw(FLAT, (1, 1)))
     states = [belief.state for belief in result.beliefs]
     away, _ = errors(result, truth)
-    before = len([index for index in result.processed if index < len(drive(FLAT, ROUND_TRIP[:4])[0])])
+    before = len(
+        [index for index in result.processed if index < len(drive(FLAT, ROUND_TRIP[:4])[0])]
+    )
     assert states[before - 1] == "localised"
     assert states[before + 8] != "localised"
     assert states[-1] == "localised"
@@ -97,7 +103,9 @@ def test_poses_come_in_the_frame_of_a_turned_map():
     straight, turned = (localize(log, draw(FLAT, (1, 1)), placement=p) for p in (HERE, placement))
     expected = compose(placement, straight.beliefs[-1].pose)
     assert turned.beliefs[-1].pose == pytest.approx(expected)
-    assert np.trace(turned.beliefs[-1].covariance) == pytest.approx(np.trace(straight.beliefs[-1].covariance))
+    assert np.trace(turned.beliefs[-1].covariance) == pytest.approx(
+        np.trace(straight.beliefs[-1].covariance)
+    )
 
 
 def test_furniture_that_was_moved_does_not_lose_the_robot():
@@ -121,5 +129,8 @@ def test_the_mode_map_needs_a_map():
 
     with pytest.raises(SlamgymError, match="finished map"):
         make_mapper(
-            SlamConfig(mode="map"), drive(FLAT, [(1, 1), (1, 2)])[0].geometry, HERE, np.random.default_rng(0)
+            SlamConfig(mode="map"),
+            drive(FLAT, [(1, 1), (1, 2)])[0].geometry,
+            HERE,
+            np.random.default_rng(0),
         )

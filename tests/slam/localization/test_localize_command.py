@@ -44,7 +44,9 @@ def test_a_log_is_localised_and_all_files_are_written(folder, tmp_path, capsys):
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["final_state"] == "localised"
     assert summary["final_pose"][:2] == pytest.approx([4.7, 3.6], abs=0.15)
-    lines = [json.loads(line) for line in (tmp_path / "localization.jsonl").read_text().splitlines()]
+    lines = [
+        json.loads(line) for line in (tmp_path / "localization.jsonl").read_text().splitlines()
+    ]
     assert len(lines) == summary["processed_scans"]
     assert {"stamp", "state", "pose", "covariance", "fit", "hypotheses"} == set(lines[0])
     assert sum(line["state"] == "localised" for line in lines) == summary["states"]["localised"]
@@ -64,7 +66,9 @@ def test_another_building_is_said(folder, tmp_path, capsys):
 def test_the_image_beside_a_yaml_and_the_folder_are_the_same_map(folder, tmp_path):
     for name, world in (("yaml", "map.yaml"), ("image", "map.pgm"), ("folder", ".")):
         run(folder, tmp_path / name, world=world)
-    files = [(tmp_path / name / "trajectory.tum").read_bytes() for name in ("yaml", "image", "folder")]
+    files = [
+        (tmp_path / name / "trajectory.tum").read_bytes() for name in ("yaml", "image", "folder")
+    ]
     assert files[0] == files[1] == files[2]
 
 
