@@ -112,7 +112,6 @@ def wall_beams(
     measured = distance - errors.range_error(distance) - severity * _NOISE[0] * noise[0]
     at = bearing - errors.bearing_error(distance, bearing) - severity * _NOISE[1] * noise[1]
     hit, stray = _fates(severity, rng.random(distance.shape))
-    rng.random(distance.shape)  # once the ranges of short beams: seeds keep their maps
     anywhere = rng.uniform(0.0, range_max, distance.shape)
     direction, measured_direction = sensors[:, 2] + bearing, sensors[:, 2] + at
     field = np.zeros((2, *visibility.frame.shape), dtype=np.float32)

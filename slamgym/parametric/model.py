@@ -100,8 +100,8 @@ def deform(
     """
     model = config or ParametricConfig()
     model = replace(model, two_phase=model.two_phase.times(model.severity))
-    # One stream per cause, so that a seed gives one robot to every method; two are unused: seeds keep their maps.
-    of_odometry, of_lidar, of_noise, _, _, of_beams = (rng or np.random.default_rng(0)).spawn(6)
+    # One stream per cause, so that a seed gives one robot to every method.
+    of_odometry, of_lidar, of_noise, of_beams = (rng or np.random.default_rng(0)).spawn(4)
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     framed = frame is not None
     frame = frame or GridFrame.covering(plan.bounds, model.resolution, DRIFT_MARGIN)

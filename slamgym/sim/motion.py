@@ -219,16 +219,15 @@ def settle(
     dx, dy, turn = state[X] - x, state[Y] - y, state[THETA] - theta
     middle = theta + 0.5 * turn
     distance = dx * math.cos(middle) + dy * math.sin(middle)
-    # The wheels roll on as driven.
-    rolled, rolled_turn = distance + (drive[2] - distance), turn + (drive[3] - turn)
-    half = 0.5 * limits[2]
-    linear, angular = distance / span, turn / span
-    state[LINEAR] = linear + (drive[5] - linear)
-    state[ANGULAR] = angular + (drive[6] - angular)
-    state[LEFT] += rolled - half * rolled_turn
-    state[RIGHT] += rolled + half * rolled_turn
+    # The drive rolls on as it would without contact.
+    rolled = drive[2]
+    roll = 0.5 * limits[2] * drive[3]
+    state[LINEAR] = drive[5]
+    state[ANGULAR] = drive[6]
+    state[LEFT] += rolled - roll
+    state[RIGHT] += rolled + roll
     state[DISTANCE] += math.hypot(dx, dy)
-    return contact, linear, angular
+    return contact, distance / span, turn / span
 
 
 @kernel
