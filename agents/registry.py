@@ -16,7 +16,7 @@ from slamgym.agents.rules import (
     NextBestView,
 )
 from slamgym.agents.selective_tour import SelectiveTour
-from slamgym.agents.teleop import Teleop
+from slamgym.agents.simulated_operator import SimulatedOperator
 from slamgym.agents.wheels import WheelsExplorer
 from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
@@ -49,7 +49,7 @@ CLASSICAL: dict[str, Make] = {
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 
-OWN_END = ("explore_lite", "wheels", "random", "teleop")
+OWN_END = ("explore_lite", "wheels", "random", "simulated_operator")
 """Explorers that end as their source does: they promise nothing."""
 
 EXPLORERS: Mapping[str, Make] = {
@@ -59,9 +59,9 @@ EXPLORERS: Mapping[str, Make] = {
     ),
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends
-    "teleop": lambda context, seed, promise: Teleop(context, seed),  # noqa: ARG005 - a person ends it
+    "simulated_operator": lambda context, seed, promise: SimulatedOperator(context, seed),  # noqa: ARG005 - a person ends it
 }
-"""Name to constructor; each takes the context, a seed, which only the random walk and the teleop driver use, and a
+"""Name to constructor; each takes the context, a seed, which only the random walk and the simulated operator use, and a
 promise."""
 
 
@@ -75,7 +75,7 @@ def make_explorer(
             wrote, or ``module:function`` for your own constructor, called as those of :data:`EXPLORERS`. What
             follows an ``@`` is a promise, as in ``rl@98%:95%``: the explorer stops when the map keeps it.
         context: What the environment says about the robot and its map.
-        seed: Of the explorer's own random choices; only the random walk and the teleop driver make any.
+        seed: Of the explorer's own random choices; only the random walk and the simulated operator make any.
         promise: For a name without one; those of :data:`OWN_END` pass it over.
 
     Raises:

@@ -7,7 +7,7 @@ from slamgym.agents import EXPLORERS, make_explorer
 from slamgym.agents.explorer import FrontierExplorer
 from slamgym.agents.registry import CLASSICAL
 from slamgym.agents.rules import EXPLORE_LITE_LOOP, ExploreLite
-from slamgym.agents.teleop import Teleop
+from slamgym.agents.simulated_operator import SimulatedOperator
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Twist2D
 from slamgym.planning import find_frontiers, make_costmap
@@ -176,7 +176,7 @@ def test_a_batch_acts_as_its_members_alone(make_world, name):
         actions.append(action)
         for world, one in zip(worlds, action, strict=True):
             world.drive(world_velocity(world, one))
-    if name in ("random", "teleop"):
+    if name in ("random", "simulated_operator"):
         assert not np.array_equal(np.array(actions)[:, 0], np.array(actions)[:, 1])
         return  # each member of a batch has a random stream of its own
     for member in range(2):
@@ -245,7 +245,7 @@ def test_an_unknown_explorer_is_refused_with_the_nearest_name(make_world):
 def by_keyboard(make_world, seed):
     world = make_world(two_rooms(door_cells=18))
     world.place(12, 15, 2.0)
-    explorer = Teleop(world.context, seed)
+    explorer = SimulatedOperator(world.context, seed)
     time, actions = explore(world, explorer, 900.0)
     return world, explorer, time, actions * (world.context.max_linear, world.context.max_angular)
 
@@ -265,7 +265,7 @@ def test_a_driver_sees_both_rooms_and_mostly_goes_straight_or_turns_on_the_spot(
 def test_visits_lengthen_the_drive_and_drivers_differ(make_world, monkeypatch):
     drives = []
     for seed, visits in ((4, 0), (4, 3), (2, 0)):
-        monkeypatch.setattr("slamgym.agents.teleop._VISITS", (visits, visits))
+        monkeypatch.setattr("slamgym.agents.simulated_operator._VISITS", (visits, visits))
         drives.append(by_keyboard(make_world, seed)[2:])
     (short, first), (long, again), (_, other) = drives
     assert long > short + 5.0

@@ -44,7 +44,7 @@ def test_every_explorer_of_frontiers_explores_a_map_that_grows(stub_robot, explo
     assert robot.exploration.text.startswith("done: ")
 
 
-@pytest.mark.parametrize("explorer", ["wheels", "random", "teleop"])
+@pytest.mark.parametrize("explorer", ["wheels", "random", "simulated_operator"])
 def test_explorers_without_frontiers_are_refused(explorer):
     with pytest.raises(
         ConfigError, match=f"the explorer {explorer} doesn't choose frontiers; take one that does"

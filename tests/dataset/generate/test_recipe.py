@@ -279,7 +279,7 @@ def test_the_paper_maps_by_gmapping_and_people_by_three_programs():
     )
     recipe = open_recipe("paper360")
     drawn = [apply_conditions(EpisodeConfig(), recipe.draw(seed)) for seed in range(60)]
-    assert {config.explorer for config in drawn} == {"teleop"}
+    assert {config.explorer for config in drawn} == {"simulated_operator"}
     thresholds = [config.env.slam.occupied_threshold for config in drawn]
     assert {0.25, 0.166, 0.1} == set(thresholds)
     assert all(

@@ -1,4 +1,4 @@
-"""A person at the keyboard: looks at the growing map and drives a robot through a building until content.
+"""A simulated person at the keyboard, who looks at the growing map and drives until content with it.
 
 TurtleBot3's ``turtlebot3_teleop`` sets a speed by key presses, so people drive straight on, stop, and turn on the
 spot, at a speed of their liking. Here they go to the nearest part of the map that is still open, and then drive
@@ -122,8 +122,8 @@ class _Driver(Pilot):
                 return
 
 
-class Teleop(BatchedExplorer):
-    """A person who drives by keyboard; each environment of a batch has its own driver.
+class SimulatedOperator(BatchedExplorer):
+    """A simulated person who drives by keyboard; each environment of a batch has its own driver.
 
     Args:
         context: What the environment says about the robot and its map.
@@ -131,6 +131,8 @@ class Teleop(BatchedExplorer):
     """
 
     def __init__(self, context: ExplorerContext, seed: int = 0) -> None:
-        super().__init__(
-            context, "teleop", lambda index: _Driver(context, np.random.default_rng([seed, index]))
-        )
+
+        def begin(index: int) -> Pilot:
+            return _Driver(context, np.random.default_rng([seed, index]))
+
+        super().__init__(context, "simulated_operator", begin)
