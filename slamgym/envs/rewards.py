@@ -113,6 +113,11 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
+def weight_of(term: RewardFunction, default: float) -> Any:
+    """The field of a term's weight."""
+    return field(default=default, metadata={"term": term})
+
+
 class RewardConfig(
     Settings,
     section="reward",
@@ -120,25 +125,25 @@ class RewardConfig(
 ):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
-    coverage_gain: float = 10.0
+    coverage_gain: float = weight_of(coverage_gain, 10.0)
     """Per share of the reachable floor (:func:`coverage_gain`); a whole exploration earns this much."""
 
-    floor_gain: float = 0.0
+    floor_gain: float = weight_of(floor_gain, 0.0)
     """Per m2 of floor (:func:`floor_gain`)."""
 
-    time: float = 0.01
+    time: float = weight_of(time_cost, 0.01)
     """Per second (:func:`time_cost`); 420 s cost 4.2, less than full coverage earns."""
 
-    path_length: float = 0.0
+    path_length: float = weight_of(path_cost, 0.0)
     """Per metre driven (:func:`path_cost`)."""
 
-    collision: float = 0.1
+    collision: float = weight_of(collision_cost, 0.1)
     """Per step with contact (:func:`collision_cost`)."""
 
-    map_error: float = 0.0
+    map_error: float = weight_of(map_error_cost, 0.0)
     """Per metre of mean map error (:func:`map_error_cost`)."""
 
-    completion: float = 1.0
+    completion: float = weight_of(completion_bonus, 1.0)
     """Once, at the end (:func:`completion_bonus`)."""
 
     shaping: float = 0.0
@@ -154,13 +159,9 @@ FRONTIER_REWARD = RewardConfig(
 """For ``ExploreFrontiersEnv``: a fiftieth per second, and potential-based coverage so that progress shows at once."""
 
 FUNCTIONS: dict[str, RewardFunction] = {
-    "coverage_gain": coverage_gain,
-    "floor_gain": floor_gain,
-    "time": time_cost,
-    "path_length": path_cost,
-    "collision": collision_cost,
-    "map_error": map_error_cost,
-    "completion": completion_bonus,
+    weight.name: weight.metadata["term"]
+    for weight in fields(RewardConfig)
+    if "term" in weight.metadata
 }
 """The terms by the name of their weight; shaping comes with its discount."""
 
@@ -182,24 +183,29 @@ class Reward:
     """
 
     def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
-        functions = FUNCTIONS | {"shaping": partial(potential_shaping, discount=config.discount)}
+        functions = dict(FUNCTIONS)
+        functions["shaping"] = partial(potential_shaping, discount=config.discount)
         functions["map_error"] = partial(_own_value, "map_error", map_error_cost)  # robot by robot
-        terms = {name: (getattr(config, name), function) for name, function in functions.items()}
-        self.terms = {name: term for name, term in terms.items() if term[0] != 0.0}
-        if not isinstance(extra or {}, Mapping):
+        self.terms: dict[str, tuple[float, RewardFunction]] = {}
+        for name, function in functions.items():
+            weight = getattr(config, name)
+            if weight != 0.0:
+                self.terms[name] = weight, function
+        own_terms = extra or {}
+        if not isinstance(own_terms, Mapping):
             raise ConfigError(
                 f"reward_terms must be a mapping of names to (weight, function), not {extra!r}"
             )
-        for name, entry in (extra or {}).items():
+        for name, entry in own_terms.items():
             weight, function = _own_term(name, entry, functions)
             self.terms[name] = weight, partial(_own_value, name, function)
         self.may_measure = bool(extra) or "map_error" in self.terms
 
     def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
         """The reward of a transition, and what each term contributed to it."""
-        contributions = {
-            name: weight * float(term(step)) for name, (weight, term) in self.terms.items()
-        }
+        contributions = {}
+        for name, (weight, term) in self.terms.items():
+            contributions[name] = weight * float(term(step))
         return float(sum(contributions.values())), contributions
 
     def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
@@ -207,9 +213,8 @@ class Reward:
         total = np.zeros(np.shape(steps.coverage))
         contributions = {}
         for name, (weight, term) in self.terms.items():
-            contributions[name] = np.broadcast_to(
-                weight * np.asarray(term(steps), np.float64), total.shape
-            )
+            weighted = weight * np.asarray(term(steps), np.float64)
+            contributions[name] = np.broadcast_to(weighted, total.shape)
             total += contributions[name]
         return total, contributions
 
@@ -217,6 +222,7 @@ class Reward:
 def _own_term(
     name: str, entry: tuple[float, RewardFunction], taken: Mapping[str, RewardFunction]
 ) -> tuple[float, RewardFunction]:
+    """Weight and function of a term of the user's own, which may not have a name that is taken."""
     if name in taken:
         raise ConfigError(
             f"reward_terms: {name!r} is a term already; set its weight by reward.{name}"
@@ -229,11 +235,9 @@ def _own_term(
             f"reward_terms[{name!r}] must be (weight, function), not {entry!r}"
         ) from None
     if not callable(function) or not math.isfinite(weight):
-        hint = (
-            suggest(function, taken)
-            if isinstance(function, str)
-            else "give a function of a StepRecord"
-        )
+        hint = "give a function of a StepRecord"
+        if isinstance(function, str):
+            hint = suggest(function, taken)
         raise ConfigError(
             f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}"
         )
@@ -259,8 +263,8 @@ def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
 
 def _each(steps: StepRecord) -> Iterator[StepRecord]:
     """The transitions of a record of arrays, shape (N,)."""
-    count = np.shape(steps.coverage)
-    return map(
-        StepRecord,
-        *(np.broadcast_to(getattr(steps, one.name), count).tolist() for one in fields(steps)),
-    )
+    columns = []
+    for one in fields(steps):
+        values = getattr(steps, one.name)
+        columns.append(np.broadcast_to(values, np.shape(steps.coverage)).tolist())
+    return map(StepRecord, *columns)
