@@ -1,13 +1,13 @@
 """Results ranked: the score, its gate, and the page that shows them."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest
-from slamgym.agents.bench.results import BenchResult
+from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest, Track
+from slamgym.agents.bench.results import BenchResult, BenchRow
 from slamgym.agents.evaluation.report import with_bounds
 from slamgym.core.documents import json_text
 from slamgym.core.intervals import (
@@ -75,66 +75,77 @@ def rank(results: Sequence[BenchResult], manifest: Manifest) -> list[TrackBoard]
     boards = []
     for track in manifest.tracks:
         for quick in (False, True):
-            own = [
-                result for result in results if (result.track, result.quick) == (track.name, quick)
-            ]
-            if not own:
-                continue
-            entries = {
-                name: [r for r in own if r.entry == name]
-                for name in dict.fromkeys(r.entry for r in own)
-            }
-            standings = [_standing(name, entries) for name in entries]
-            standings.sort(key=lambda standing: (not standing.passed, standing.score.value))
-            boards.append(
-                TrackBoard(track.name, track.about, quick, len(own[0].rows), tuple(standings))
-            )
+            own = [one for one in results if one.track == track.name and one.quick == quick]
+            if own:
+                boards.append(_board(own, track, quick))
     return boards
 
 
+def _board(results: Sequence[BenchResult], track: Track, quick: bool) -> TrackBoard:
+    """The board of a track, or of its quick subset."""
+    entries: dict[str, list[BenchResult]] = {}
+    for result in results:
+        entries.setdefault(result.entry, []).append(result)
+    standings = [_standing(name, entries) for name in entries]
+    standings.sort(key=lambda standing: (not standing.passed, standing.score.value))
+    return TrackBoard(track.name, track.about, quick, len(results[0].rows), tuple(standings))
+
+
 def _standing(entry: str, entries: Mapping[str, Sequence[BenchResult]]) -> Standing:
-    runs, reference = entries[entry], entries.get(REFERENCE, ())
+    runs = entries[entry]
     rows = [row for result in runs for row in result.rows]
-    pace = _table(runs, "pace")
     successes = [row.success for row in rows]
     success = wilson_interval(sum(successes), len(successes))
-    others = {name: other for name, other in entries.items() if name != entry}
+    against: dict[str, Interval] = {}
+    for name, others in entries.items():
+        ratio = None if name == entry else _done_ratio(runs, others)
+        if ratio is not None:
+            against[name] = ratio
     return Standing(
         entry=entry,
         runs=len(runs),
-        score=interquartile_mean(pace),
+        score=interquartile_mean(_table(runs, _pace)),
         success=success,
         passed=success.high >= PROMISED,
-        done=crossed_mean(_table(runs, "done")),
-        path=crossed_mean(_table(runs, "path")),
+        done=crossed_mean(_table(runs, lambda row: row.done)),
+        path=crossed_mean(_table(runs, lambda row: row.path)),
         contacts=float(np.mean([row.contacts for row in rows])),
         map_error=float(np.mean([row.map_error for row in rows])),
         cpu=float(np.mean([row.cpu for row in rows])),
-        quicker=probability_of_improvement(pace, _table(reference, "pace"))
-        if REFERENCE in others
-        else None,
-        against={
-            name: ratio for name, other in others.items() if (ratio := _done_ratio(runs, other))
-        },
+        quicker=None if entry == REFERENCE else _quicker(runs, entries.get(REFERENCE)),
+        against=against,
         versions=tuple(sorted({result.versions.get("slamgym", "unknown") for result in runs})),
     )
 
 
+def _quicker(
+    runs: Sequence[BenchResult], reference: Sequence[BenchResult] | None
+) -> Interval | None:
+    """Probability of being done sooner than the reference, where there is one."""
+    if reference is None:
+        return None
+    return probability_of_improvement(_table(runs, _pace), _table(reference, _pace))
+
+
 def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> Interval | None:
     """Mean time until done over that of another entry, on the plans where both succeed."""
-    times = [
-        np.where(_table(r, "success") > 0.0, _table(r, "done"), np.nan) for r in (runs, others)
-    ]
-    if not (np.isfinite(times[0]).any(axis=0) & np.isfinite(times[1]).any(axis=0)).any():
-        return None
-    return ratio_where_both(times[0], times[1])
+    ours = _table(runs, _done_if_successful)
+    theirs = _table(others, _done_if_successful)
+    on_both = np.isfinite(ours).any(axis=0) & np.isfinite(theirs).any(axis=0)
+    return ratio_where_both(ours, theirs) if on_both.any() else None
 
 
-def _table(runs: Sequence[BenchResult], field: str) -> FloatArray:
+def _pace(row: BenchRow) -> float:
+    return row.pace
+
+
+def _done_if_successful(row: BenchRow) -> float:
+    return row.done if row.success else np.nan
+
+
+def _table(runs: Sequence[BenchResult], figure: Callable[[BenchRow], float]) -> FloatArray:
     """A figure of the rows, shape (runs, plans)."""
-    return np.array(
-        [[getattr(row, field) for row in result.rows] for result in runs], dtype=np.float64
-    )
+    return np.array([[figure(row) for row in result.rows] for result in runs], dtype=np.float64)
 
 
 def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
@@ -159,12 +170,14 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
     for board in boards:
         subset = f", quick subset of {board.explorations}" if board.quick else ""
         remark = "; it shows that things run, and ranks nobody" if board.quick else ""
+        explorations = counted(board.explorations, "exploration")
         parts += [
             f"## {board.track}{subset}\n",
-            f"{board.about[0].upper()}{board.about[1:]}; {counted(board.explorations, 'exploration')}{remark}.\n",
+            f"{board.about[0].upper()}{board.about[1:]}; {explorations}{remark}.\n",
             _board_table(board),
-            *([_ratio_table(board)] if len(board.standings) > 1 else []),
         ]
+        if len(board.standings) > 1:
+            parts.append(_ratio_table(board))
     return "\n".join(parts)
 
 
@@ -175,11 +188,11 @@ def _board_table(board: TrackBoard) -> str:
     ]  # fmt: skip
     rows = []
     for place, one in enumerate(board.standings, start=1):
-        ranked = "-" if board.quick else str(place) if one.passed else "gate"
+        rank_or_gate = str(place) if one.passed else "gate"
         rows.append(
             [
                 f"`{one.entry}`",
-                ranked,
+                "-" if board.quick else rank_or_gate,
                 with_bounds(one.score),
                 with_bounds(one.success, 0, 100.0),
                 with_bounds(one.done, 0),
@@ -195,10 +208,10 @@ def _board_table(board: TrackBoard) -> str:
 
 def _ratio_table(board: TrackBoard) -> str:
     names = [one.entry for one in board.standings]
-    rows = [
-        [f"`{one.entry}`", *(with_bounds(one.against.get(name)) for name in names)]
-        for one in board.standings
-    ]
+    rows = []
+    for one in board.standings:
+        ratios = [with_bounds(one.against.get(name)) for name in names]
+        rows.append([f"`{one.entry}`", *ratios])
     return markdown(["time until done", *(f"/ `{name}`" for name in names)], rows)
 
 

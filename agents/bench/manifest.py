@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from shapely import LinearRing
 
 from slamgym.agents.evaluation.trial import Task, TrialConfig
 from slamgym.cad import FloorPlan, PlanSource, open_plans
@@ -21,16 +22,21 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import sha256_of
 from slamgym.core.limits import DRAWING_BYTES
 from slamgym.core.provenance import check_origin
-from slamgym.core.types import FloatArray, IntArray, Pose2D
+from slamgym.core.types import IntArray, Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import fitted_env
 from slamgym.sim import ClutterConfig
 
 BENCH = "slamgym-bench"
+"""Name of the benchmark in its files."""
 BENCH_VERSION = 1
+"""Version of the list; another list would be another benchmark."""
 V1 = Path(__file__).parent / "v1"
+"""Folder of the list and of the plans that come with it."""
 MANIFEST = V1 / "manifest.json"
+"""The list."""
 SHIPPED_PLANS = V1 / "plans.tar.xz"
+"""Plans that may be passed on."""
 QUICK = 12
 """Explorations of the quick subset: the first ones of a track, whose order is drawn."""
 
@@ -95,9 +101,8 @@ class Manifest:
         for track in self.tracks:
             if track.name == name:
                 return track
-        raise ConfigError(
-            f"no track {name!r}; {suggest(name, [track.name for track in self.tracks])}"
-        )
+        names = [track.name for track in self.tracks]
+        raise ConfigError(f"no track {name!r}; {suggest(name, names)}")
 
 
 def read_bench(path: Path = MANIFEST) -> Manifest:
@@ -169,15 +174,24 @@ def bench_tasks(track: Track, source: PlanSource, explorer: str) -> list[Task]:
                 "so results would not be comparable; give HouseExpo's own files, unchanged"
             )
         if any(building.furniture):
-            found = furniture_of(plan, building.seed, track)
-            if not np.allclose(found, building.furniture, rtol=_FURNITURE_TOLERANCE):
-                raise ConfigError(
-                    f"this version of slamgym furnishes {plan.id} differently ({found[0]} faces instead of "
-                    f"{building.furniture[0]}) from {BENCH} {BENCH_VERSION}; use the version that "
-                    "made the other results"
-                )
+            _refuse_other_furniture(plan, building, track)
         tasks.append(Task(explorer, plan, building.seed, Pose2D(*building.start)))
     return tasks
+
+
+def _refuse_other_furniture(plan: FloorPlan, building: Building, track: Track) -> None:
+    """Refuse to explore a plan that this version furnishes differently.
+
+    Raises:
+        ConfigError: If it does.
+    """
+    found = furniture_of(plan, building.seed, track)
+    if not np.allclose(found, building.furniture, rtol=_FURNITURE_TOLERANCE):
+        raise ConfigError(
+            f"this version of slamgym furnishes {plan.id} differently ({found[0]} faces instead of "
+            f"{building.furniture[0]}) from {BENCH} {BENCH_VERSION}; use the version that "
+            "made the other results"
+        )
 
 
 def furniture_of(plan: FloorPlan, seed: int, track: Track) -> tuple[int, float]:
@@ -185,26 +199,27 @@ def furniture_of(plan: FloorPlan, seed: int, track: Track) -> tuple[int, float]:
     env = ExploreEnv(plan, fitted_env(plan, track.trial.env, "auto"))
     env.reset(seed=seed, options={"plan": plan})
     faces = env.clutter.segments()
-    length = np.hypot(faces[:, 2] - faces[:, 0], faces[:, 3] - faces[:, 1]).sum()
+    across = faces[:, 2:] - faces[:, :2]
+    length = np.hypot(across[:, 0], across[:, 1]).sum()
     return len(faces), round(float(length), 3)
 
 
 def outline_hash(plan: FloorPlan) -> str:
     """SHA-256 of the free space, to a tenth of a millimetre, wherever its rings begin and however they run."""
-    rings = [plan.free_space.exterior, *plan.free_space.interiors]
-    first, *holes = (
-        _canonical(np.asarray(ring.coords, dtype=np.float64)[:-1, :2]) for ring in rings
-    )
+    holes = [_canonical(ring) for ring in plan.free_space.interiors]
+    holes.sort(key=lambda ring: ring.tolist())
     digest = hashlib.sha256()
-    for ring in (first, *sorted(holes, key=lambda ring: ring.tolist())):
-        digest.update(len(ring).to_bytes(4, "big") + ring.astype(">i8").tobytes())
+    for ring in (_canonical(plan.free_space.exterior), *holes):
+        digest.update(len(ring).to_bytes(4, "big"))
+        digest.update(ring.astype(">i8").tobytes())
     return digest.hexdigest()
 
 
-def _canonical(points: FloatArray) -> IntArray:
-    """A ring in whole grains, from its lowest corner on, towards the lower neighbour."""
+def _canonical(ring: LinearRing) -> IntArray:
+    """A ring in whole grains, from its lowest corner on, towards the lower neighbour, shape (N, 2)."""
+    points = np.asarray(ring.coords, dtype=np.float64)[:-1, :2]
     grains = np.rint(points / _GRAIN).astype(np.int64)
     lowest = np.lexsort((grains[:, 1], grains[:, 0]))[0]
     ahead = np.roll(grains, -lowest, axis=0)
     back = np.roll(ahead[::-1], 1, axis=0)
-    return min((ahead, back), key=lambda ring: ring.tolist())
+    return min(ahead, back, key=lambda turned: turned.tolist())

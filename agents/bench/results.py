@@ -14,8 +14,8 @@ from slamgym.agents.bench.manifest import BENCH, BENCH_VERSION, Manifest, Track,
 from slamgym.agents.evaluation.coverage_curve import horizon
 from slamgym.agents.evaluation.evaluate import Evaluation, EvaluationConfig, run_trials
 from slamgym.agents.evaluation.summary import DONE, censored, succeeded
-from slamgym.agents.evaluation.trial import FailedTrial, Trial
-from slamgym.cad import PlanSource
+from slamgym.agents.evaluation.trial import FailedTrial, Trial, TrialConfig
+from slamgym.cad import FloorPlan, PlanSource
 from slamgym.core.config import Counted, Measured, Share, Within, from_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
@@ -30,7 +30,7 @@ _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-head
 
 @dataclass(frozen=True)
 class BenchRow:
-    """One exploration."""
+    """What counts of one exploration: a :class:`~slamgym.agents.evaluation.trial.Trial` until it was done."""
 
     plan: str
     seed: int
@@ -56,6 +56,40 @@ class BenchRow:
     def pace(self) -> float:
         """Time until done as a share of the par time, 60 s and 3 s for each square metre."""
         return self.done / horizon(self.area)
+
+    @staticmethod
+    def of_trial(trial: Trial) -> "BenchRow":
+        """The row of an exploration that has ended."""
+        return BenchRow(
+            plan=trial.plan,
+            seed=trial.seed,
+            area=trial.area,
+            success=succeeded(trial),
+            coverage=trial.coverage,
+            done=round(censored(trial, "time", DONE), 3),
+            path=round(censored(trial, "path", DONE), 3),
+            contacts=trial.collisions,
+            map_error=trial.map_error,
+            cpu=trial.cpu,
+        )
+
+    @staticmethod
+    def of_failure(failed: FailedTrial, plan: FloorPlan, config: TrialConfig) -> "BenchRow":
+        """The row of one that crashed: it has driven at top speed until the time limit and seen nothing."""
+        limit = round(time_limit(plan, config.minutes), 3)
+        return BenchRow(
+            plan=failed.plan,
+            seed=failed.seed,
+            area=round(plan.area, 3),
+            success=False,
+            coverage=0.0,
+            done=limit,
+            path=round(limit * config.env.robot.max_linear, 3),
+            contacts=0,
+            map_error=0.0,
+            cpu=0.0,
+            error=f"{failed.error}: {failed.reason}",
+        )
 
 
 @dataclass(frozen=True)
@@ -113,10 +147,12 @@ def bench_result(
         entry: Name on the leaderboard.
     """
     ended: list[Trial | FailedTrial] = [*evaluation.trials, *evaluation.failed]
-    by_key = {(trial.plan, trial.seed): trial for trial in ended}
-    rows = tuple(
-        _row(by_key[building.plan, building.seed], track, source) for building in track.buildings
-    )
+    rows = [BenchRow.of_trial(trial) for trial in evaluation.trials]
+    rows += [
+        BenchRow.of_failure(failed, source.load(failed.plan), track.trial)
+        for failed in evaluation.failed
+    ]
+    by_key = {(row.plan, row.seed): row for row in rows}
     whole = manifest.track(track.name)
     return BenchResult(
         track=track.name,
@@ -126,31 +162,8 @@ def bench_result(
         settings=ended[0].settings,
         manifest=manifest.sha256,
         versions=_versions(),
-        rows=rows,
+        rows=tuple(by_key[building.plan, building.seed] for building in track.buildings),
     )
-
-
-def _row(trial: Trial | FailedTrial, track: Track, source: PlanSource) -> BenchRow:
-    """One exploration; one that crashed has driven at top speed until the time limit and seen nothing."""
-    if isinstance(trial, FailedTrial):
-        plan = source.load(trial.plan)
-        limit = round(time_limit(plan, track.trial.minutes), 3)
-        path = round(limit * track.trial.env.robot.max_linear, 3)
-        measured = (round(plan.area, 3), False, 0.0, limit, path, 0, 0.0, 0.0)
-        return BenchRow(trial.plan, trial.seed, *measured, error=f"{trial.error}: {trial.reason}")
-    done, path = (round(censored(trial, quantity, DONE), 3) for quantity in ("time", "path"))
-    success, contacts = succeeded(trial), trial.collisions
-    measured = (
-        trial.area,
-        success,
-        trial.coverage,
-        done,
-        path,
-        contacts,
-        trial.map_error,
-        trial.cpu,
-    )
-    return BenchRow(trial.plan, trial.seed, *measured)
 
 
 def _versions() -> dict[str, str]:
@@ -238,9 +251,8 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
     except ConfigError as error:
         raise InputFileError(path, str(error)) from None
     wanted = track.quick() if result.quick else track
-    if [(b.plan, b.seed) for b in wanted.buildings] != [
-        (row.plan, row.seed) for row in result.rows
-    ]:
+    listed = [(building.plan, building.seed) for building in wanted.buildings]
+    if listed != [(row.plan, row.seed) for row in result.rows]:
         raise InputFileError(
             path, f"does not hold the explorations of the track {track.name!r}; run it again"
         )

@@ -1,7 +1,7 @@
 """Coverage of a building over time and over path length: explorers are compared by it."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -47,12 +47,16 @@ class CoverageCurve:
     def reached(self, level: float) -> tuple[float, float] | None:
         """When a coverage was first reached [s], and how far the robot had driven [m]; None if it never was."""
         there = np.flatnonzero(self.coverage >= level - 1e-12)
-        return (float(self.time[there[0]]), float(self.path[there[0]])) if len(there) else None
+        if len(there) == 0:
+            return None
+        first = there[0]
+        return float(self.time[first]), float(self.path[first])
 
     def at(self, times: FloatArray) -> FloatArray:
         """Coverage at some times [s]; 0 before the first point, the final coverage after the last."""
-        index = np.searchsorted(self.time, np.asarray(times, dtype=np.float64), side="right") - 1
-        return np.where(index >= 0, self.coverage[np.maximum(index, 0)], 0.0)
+        times = np.asarray(times, dtype=np.float64)
+        last = np.searchsorted(self.time, times, side="right") - 1
+        return np.where(last >= 0, self.coverage[np.maximum(last, 0)], 0.0)
 
     def mean_until(self, end: float) -> float:
         """Mean coverage from time 0 to ``end`` [s]: the area under the curve, as a share of the most possible.
@@ -60,8 +64,10 @@ class CoverageCurve:
         After its last point a curve stays level, so an explorer that is done isn't punished for it.
         """
         inside = self.time < end
-        edges = np.append(self.time[inside], end)
-        return float((np.diff(edges) * self.coverage[inside]).sum() / end) if inside.any() else 0.0
+        if not inside.any():
+            return 0.0
+        durations = np.diff(np.append(self.time[inside], end))
+        return float((durations * self.coverage[inside]).sum() / end)
 
     def thinned(self) -> "CoverageCurve":
         """The same curve with the points only where coverage changed, and the last one."""
@@ -86,5 +92,7 @@ class CoverageCurve:
             ValueError: If it is no curve.
         """
         return CoverageCurve(
-            *(np.array(values.get(f.name, ()), np.float64) for f in fields(CoverageCurve))
+            time=np.array(values.get("time", ()), np.float64),
+            path=np.array(values.get("path", ()), np.float64),
+            coverage=np.array(values.get("coverage", ()), np.float64),
         )

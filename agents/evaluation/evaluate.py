@@ -72,8 +72,9 @@ class TrialLog(Generic[_Entry]):
                 try:
                     trial = from_dict(kind, parse_json(line, where))
                 except (InputFileError, ConfigError, ValueError) as error:
-                    reason = f"is no trial of this version ({error}); move the file away"
-                    raise InputFileError(where, reason) from error
+                    raise InputFileError(
+                        where, f"is no trial of this version ({error}); move the file away"
+                    ) from error
                 self.trials[trial.key] = trial
 
     def append(self, trial: _Entry) -> None:
@@ -181,10 +182,8 @@ def run_trials(
         with storage_errors(out):
             out.mkdir(parents=True, exist_ok=True)
         stack.enter_context(exclusive_lock(out / ".lock"))
-        log, failures = (
-            TrialLog(out / "trials.jsonl", Trial),
-            TrialLog(out / "failed.jsonl", FailedTrial),
-        )
+        log = TrialLog(out / "trials.jsonl", Trial)
+        failures = TrialLog(out / "failed.jsonl", FailedTrial)
         over = log.trials.keys() | failures.trials.keys()
         tasks = [task for task in wanted if _key(task, hashes) not in over]
         with storage_errors(out):
@@ -197,18 +196,17 @@ def run_trials(
         explore = functools.partial(_explore, config)
         for outcome in pool.run(functools.partial(tried, explore), tasks):
             if isinstance(outcome, Lost):
-                key = _key(outcome.item, hashes)
-                failures.append(FailedTrial(*key, error=outcome.error, reason=outcome.reason))
+                failures.append(_failed(outcome, hashes))
             else:
                 log.append(outcome)
             advance()
     order = sorted(wanted, key=lambda task: config.names.index(task.explorer))
     keys = [_key(task, hashes) for task in order]
     return Evaluation(
-        [log.trials[key] for key in keys if key in log.trials],
-        [],
-        [failures.trials[key] for key in keys if key in failures.trials],
-        len(tasks),
+        trials=[log.trials[key] for key in keys if key in log.trials],
+        skipped=[],
+        failed=[failures.trials[key] for key in keys if key in failures.trials],
+        fresh=len(tasks),
     )
 
 
@@ -253,7 +251,12 @@ def choose_plans(
 
 
 def _key(task: Task, hashes: dict[str, str]) -> Key:
-    return task.explorer, task.plan.id, task.seed, hashes[task.explorer]
+    return Key(task.explorer, task.plan.id, task.seed, hashes[task.explorer])
+
+
+def _failed(lost: Lost, hashes: dict[str, str]) -> FailedTrial:
+    key = _key(lost.item, hashes)
+    return FailedTrial(key.explorer, key.plan, key.seed, key.settings, lost.error, lost.reason)
 
 
 def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
@@ -266,8 +269,6 @@ def _hash(config: EvaluationConfig, plan: FloorPlan, name: str) -> str:
 
 def _explore(config: EvaluationConfig, task: Task) -> Trial:
     """One task; runs in a worker."""
-    return (
-        bound_trial(task, config.trial)
-        if task.explorer == ORACLE
-        else run_trial(task, config.trial)
-    )
+    if task.explorer == ORACLE:
+        return bound_trial(task, config.trial)
+    return run_trial(task, config.trial)

@@ -1,7 +1,6 @@
 """An evaluation as Markdown tables, figures as JSON and a plot of coverage over time, in the folder of the trials."""
 
 import dataclasses
-import itertools
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,6 +14,7 @@ from slamgym.agents.evaluation.summary import (
     SHARES,
     Comparison,
     ExplorerSummary,
+    LevelComparison,
     Summary,
     summarise_trials,
 )
@@ -28,6 +28,7 @@ from slamgym.core.text import markdown
 from slamgym.viz.plots import Curve, plot_curves
 
 _RATIO_LEVELS = ("0.95", "0.99")
+"""Shares of the floor at which explorers are set against the reference."""
 _POINTS = 200
 """Points of a plotted curve."""
 
@@ -75,9 +76,8 @@ def _done_table(summary: Summary) -> str:
         ]
         if e.explorer in against:
             compared = against[e.explorer]
-            cells += [
-                with_bounds(to[DONE].ratio_of_means) for to in (compared.time_to, compared.path_to)
-            ]
+            cells.append(with_bounds(compared.time_to[DONE].ratio_of_means))
+            cells.append(with_bounds(compared.path_to[DONE].ratio_of_means))
         elif reference:
             cells += ["-", "-"]
         rows.append(cells)
@@ -85,16 +85,21 @@ def _done_table(summary: Summary) -> str:
 
 
 def _levels_table(explorers: Sequence[ExplorerSummary]) -> str:
-    rows, levels = [], SHARES[:-1]
+    levels = SHARES[:-1]
+    rows = []
     for e in explorers:
-        means = [
-            (e.time_to[level].value, e.path_to[level].value, 100 * e.reached[level])
-            for level in levels
-        ]
-        rows.append(
-            [f"`{e.explorer}`", *(f"{time:.0f} / {path:.1f} ({n:.0f})" for time, path, n in means)]
-        )
-    return markdown(["explorer", *(f"{100 * float(level):g} %" for level in levels)], rows)
+        cells = [f"`{e.explorer}`"]
+        for level in levels:
+            time = e.time_to[level].value
+            path = e.path_to[level].value
+            cells.append(f"{time:.0f} / {path:.1f} ({100 * e.reached[level]:.0f})")
+        rows.append(cells)
+    return markdown(["explorer", *map(_percent, levels)], rows)
+
+
+def _percent(level: str) -> str:
+    """A level as a heading says it."""
+    return f"{100 * float(level):g} %"
 
 
 def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
@@ -121,27 +126,31 @@ def _whole_table(explorers: Sequence[ExplorerSummary]) -> str:
 
 def _ratio_table(comparisons: Sequence[Comparison]) -> str:
     header = ["explorer"]
-    header += [
-        f"{q} to {100 * float(level):g} %" for q in ("time", "path") for level in _RATIO_LEVELS
-    ]
+    header += [f"time to {_percent(level)}" for level in _RATIO_LEVELS]
+    header += [f"path to {_percent(level)}" for level in _RATIO_LEVELS]
     rows = []
     for comparison in comparisons:
         cells = [f"`{comparison.explorer}`"]
-        for to, level in itertools.product((comparison.time_to, comparison.path_to), _RATIO_LEVELS):
-            found = to[level]
-            cells.append(
-                with_bounds(found.ratio_of_means) + (f" n={found.both}" if found.both else "")
-            )
+        cells += [_ratio_cell(comparison.time_to[level]) for level in _RATIO_LEVELS]
+        cells += [_ratio_cell(comparison.path_to[level]) for level in _RATIO_LEVELS]
         drives = comparison.explorer != ORACLE
         rows.append([*cells, with_bounds(comparison.map_error if drives else None)])
     return markdown([*header, "map error"], rows)
+
+
+def _ratio_cell(found: LevelComparison) -> str:
+    """A ratio, and over how many explorations it is."""
+    count = f" n={found.both}" if found.both else ""
+    return with_bounds(found.ratio_of_means) + count
 
 
 def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0) -> str:
     """``0.85 [0.80, 0.91]``; a dash where there is none."""
     if interval is None:
         return "-"
-    value, low, high = (factor * x for x in (interval.value, interval.low, interval.high))
+    value = factor * interval.value
+    low = factor * interval.low
+    high = factor * interval.high
     return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
 
 
@@ -213,13 +222,16 @@ def draw_coverage(
         SlamgymError: If matplotlib is not installed.
         InputFileError: If the picture can't be written.
     """
-    reached = [time / t.area for t in trials if (time := t.time_to["0.99"]) is not None]
-    times = np.linspace(0.0, np.percentile(reached, 90.0) if reached else 10.0, _POINTS)  # [s/m2]
+    reached = [trial.time_to["0.99"] for trial in trials]
+    per_area = [
+        time / trial.area for time, trial in zip(reached, trials, strict=True) if time is not None
+    ]
+    latest = np.percentile(per_area, 90.0) if per_area else 10.0
+    times = np.linspace(0.0, latest, _POINTS)  # [s/m2]
     curves: list[Curve] = []
     for name in dict.fromkeys(trial.explorer for trial in trials):
-        found = np.vstack(
-            [t.coverage_curve.at(times * t.area) for t in trials if t.explorer == name]
-        )
-        curves.append(Curve(f"{name} ({len(found)})", times, found.mean(axis=0), mean_band(found)))
-    labels = "robot time per floor area [s/m²]", "share of the reachable floor seen"
+        own = [trial for trial in trials if trial.explorer == name]
+        found = np.vstack([trial.coverage_curve.at(times * trial.area) for trial in own])
+        curves.append(Curve(f"{name} ({len(own)})", times, found.mean(axis=0), mean_band(found)))
+    labels = ("robot time per floor area [s/m²]", "share of the reachable floor seen")
     plot_curves(path, curves, labels, title)

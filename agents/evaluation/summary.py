@@ -6,10 +6,9 @@ the explorations in which both explorers reached the level: they say how fast, n
 many these are.
 """
 
-import functools
-import operator
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -29,6 +28,9 @@ TAIL_FROM = "0.99"
 
 SHARES = (*map(level_name, COVERAGE_LEVELS), DONE)
 """Shares of the floor, and the end: what explorers are compared at."""
+
+Quantity = Literal["time", "path"]
+"""What it takes to reach a level: time [s] or path [m]."""
 
 _Figure = Callable[[Trial], float]
 """A figure of a trial."""
@@ -114,7 +116,9 @@ def summarise_trials(trials: Sequence[Trial], against: str) -> Summary:
     names = list(dict.fromkeys(trial.explorer for trial in trials))
     if against not in names:
         raise ConfigError(f"no trials of the reference {against!r}; {suggest(against, names)}")
-    by_name = {name: {(t.plan, t.seed): t for t in trials if t.explorer == name} for name in names}
+    by_name: dict[str, dict[tuple[str, int], Trial]] = {name: {} for name in names}
+    for trial in trials:
+        by_name[trial.explorer][trial.plan, trial.seed] = trial
     shared = [pair for pair in by_name[against] if all(pair in found for found in by_name.values())]
     if not shared:
         raise ConfigError("the explorers share no exploration")
@@ -133,13 +137,20 @@ def compare(trials: Sequence[Trial], reference: Sequence[Trial]) -> Comparison:
         trials: One of each pair of plan and seed.
         reference: The same pairs in the same order.
     """
-    time_to, path_to = (
-        {level: _compare_level(trials, reference, quantity, level) for level in SHARES}
-        for quantity in ("time", "path")
+    return Comparison(
+        explorer=trials[0].explorer,
+        reference=reference[0].explorer,
+        time_to={level: _compare_level(trials, reference, "time", level) for level in SHARES},
+        path_to={level: _compare_level(trials, reference, "path", level) for level in SHARES},
+        map_error=_map_error_ratio(trials, reference),
     )
-    ours, theirs = (_by_plan(found, _FIGURES["map_error"]) for found in (trials, reference))
-    map_error = ratio_of_means(ours, theirs) if theirs.any() else None
-    return Comparison(trials[0].explorer, reference[0].explorer, time_to, path_to, map_error)
+
+
+def _map_error_ratio(trials: Sequence[Trial], reference: Sequence[Trial]) -> Interval | None:
+    """Ratio of the mean errors of the map; None where the reference has none."""
+    ours = _by_plan(trials, lambda trial: trial.map_error)
+    theirs = _by_plan(reference, lambda trial: trial.map_error)
+    return ratio_of_means(ours, theirs) if theirs.any() else None
 
 
 def succeeded(trial: Trial) -> bool:
@@ -147,15 +158,16 @@ def succeeded(trial: Trial) -> bool:
     return trial.finished and trial.coverage >= SUCCESS_COVERAGE
 
 
-def reached_at(trial: Trial, quantity: str, level: str) -> float | None:
+def reached_at(trial: Trial, quantity: Quantity, level: str) -> float | None:
     """Time [s] or path [m] to a level, :data:`DONE` too; None where it wasn't reached."""
+    at_end = trial.time if quantity == "time" else trial.path
     if level == DONE:
-        return float(getattr(trial, quantity)) if succeeded(trial) else None
-    value = getattr(trial, f"{quantity}_to")[level]
+        return float(at_end) if succeeded(trial) else None
+    value = (trial.time_to if quantity == "time" else trial.path_to)[level]
     return None if value is None else float(value)
 
 
-def censored(trial: Trial, quantity: str, level: str) -> float:
+def censored(trial: Trial, quantity: Quantity, level: str) -> float:
     """Time [s] or path [m] to a level; where it wasn't reached, what the time limit makes of it."""
     value = reached_at(trial, quantity, level)
     if value is not None:
@@ -172,13 +184,6 @@ def tail(trial: Trial) -> float:
     return 0.0 if reached is None else max(0.0, trial.time - reached)
 
 
-_FIGURES: dict[str, _Figure] = {
-    name: operator.attrgetter(name)
-    for name in ("mean_coverage", "coverage", "collisions", "map_error", "ate", "time", "path")
-} | {"success": succeeded}
-"""Figures that are averaged for each explorer."""
-
-
 def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:
     """Mean of a figure on each plan, shape (plans,): repetitions on one plan are no independent draws."""
     found: dict[str, list[float]] = {}
@@ -188,47 +193,51 @@ def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:
 
 
 def _compare_level(
-    trials: Sequence[Trial], reference: Sequence[Trial], quantity: str, level: str
+    trials: Sequence[Trial], reference: Sequence[Trial], quantity: Quantity, level: str
 ) -> LevelComparison:
-    reached = [
-        i
-        for i, (one, other) in enumerate(zip(trials, reference, strict=True))
-        if reached_at(one, quantity, level) is not None
+    ours: list[Trial] = []
+    theirs: list[Trial] = []
+    for one, other in zip(trials, reference, strict=True):
+        reached = reached_at(other, quantity, level)
         # A level that the very first scan shows takes no time, which has no ratio.
-        and (reached_at(other, quantity, level) or 0.0) > 0.0
-    ]
-    ratio = None
-    if reached:
-        figure = functools.partial(censored, quantity=quantity, level=level)
-        ours, theirs = (
-            _by_plan([found[i] for i in reached], figure) for found in (trials, reference)
-        )
-        ratio = ratio_of_means(ours, theirs)
-    return LevelComparison(len(reached), ratio)
+        if reached_at(one, quantity, level) is not None and reached is not None and reached > 0.0:
+            ours.append(one)
+            theirs.append(other)
+    if not ours:
+        return LevelComparison(0, None)
+    ratio = ratio_of_means(
+        _by_plan(ours, lambda trial: censored(trial, quantity, level)),
+        _by_plan(theirs, lambda trial: censored(trial, quantity, level)),
+    )
+    return LevelComparison(len(ours), ratio)
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
     def mean(figure: _Figure) -> Interval:
         return mean_interval(_by_plan(trials, figure))
 
-    def to_levels(quantity: str) -> dict[str, Interval]:
-        return {
-            level: mean(functools.partial(censored, quantity=quantity, level=level))
-            for level in SHARES
-        }
+    def mean_to(quantity: Quantity, level: str) -> Interval:
+        return mean(lambda trial: censored(trial, quantity, level))
 
-    reached = {
-        level: float(np.mean([reached_at(t, "time", level) is not None for t in trials]))
-        for level in SHARES
-    }
+    def share_reached(level: str) -> float:
+        return float(np.mean([reached_at(trial, "time", level) is not None for trial in trials]))
+
     successes = [trial for trial in trials if succeeded(trial)]
+    decision_cpu = float(np.mean([trial.decision_cpu for trial in trials]))
     return ExplorerSummary(
         explorer=name,
         trials=len(trials),
-        reached=reached,
-        time_to=to_levels("time"),
-        path_to=to_levels("path"),
+        reached={level: share_reached(level) for level in SHARES},
+        time_to={level: mean_to("time", level) for level in SHARES},
+        path_to={level: mean_to("path", level) for level in SHARES},
+        mean_coverage=mean(lambda trial: trial.mean_coverage),
+        coverage=mean(lambda trial: trial.coverage),
+        success=mean(succeeded),
+        collisions=mean(lambda trial: trial.collisions),
+        map_error=mean(lambda trial: trial.map_error),
+        ate=mean(lambda trial: trial.ate),
+        time=mean(lambda trial: trial.time),
+        path=mean(lambda trial: trial.path),
         tail=mean_interval(_by_plan(successes, tail)) if successes else None,
-        decision_ms=1e3 * float(np.mean([t.decision_cpu for t in trials])),
-        **{name: mean(figure) for name, figure in _FIGURES.items()},
+        decision_ms=1e3 * decision_cpu,
     )

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -25,8 +25,14 @@ SUCCESS_COVERAGE = 0.98
 ORACLE = "oracle"
 """Name of the bound among the explorers: the best drive known for one who knows the floor plan."""
 
-Key = tuple[str, str, int, str]
-"""Identity of a trial: explorer, plan, seed, hash of the settings."""
+
+class Key(NamedTuple):
+    """Identity of a trial."""
+
+    explorer: str
+    plan: str
+    seed: int
+    settings: str  # hash of the settings of trial and explorer
 
 
 class Task(NamedTuple):
@@ -68,7 +74,7 @@ class TrialIdentity:
     @property
     def key(self) -> Key:
         """Identity of the trial."""
-        return self.explorer, self.plan, self.seed, self.settings
+        return Key(self.explorer, self.plan, self.seed, self.settings)
 
 
 @dataclass(frozen=True)
@@ -156,7 +162,8 @@ class _Stopwatch:
 
     def predict(self, *arguments: Any) -> Any:
         """The explorer's action."""
-        begin, decisions = time.thread_time(), self.decisions
+        begin = time.thread_time()
+        decisions = self.decisions
         answer = self._explorer.predict(*arguments)
         self.all.append(time.thread_time() - begin)
         if self.decisions > decisions:
@@ -191,23 +198,32 @@ def run_trial(
         for info in episode_steps(env, watch, reset)
     ]
     cpu = time.process_time() - began
-    assert env.log is not None, "for_explorer() has the environment keep a log"
-    curve = CoverageCurve(*np.array(points, dtype=np.float64).T)
-    estimate, truth = env.mapper.trajectory(), env.log.true_trajectory(env.start)
-    return _record(
-        env,
-        task,
-        trial_hash(config, watch.fingerprint),
-        curve,
+    curve = _curve_of(points)
+    return replace(
+        _record(env, task, trial_hash(config, watch.fingerprint), curve),
         finished=watch.finished,
         collisions=env.simulation.collisions,
         map_error=round(env.map_error(), 6),
-        ate=round(absolute_trajectory_error(estimate, truth, align=False).translation.rmse, 6),
+        ate=round(_trajectory_error(env), 6),
         decisions=len(watch.deciding),
         decision_cpu=round(float(np.mean(watch.deciding or watch.all)), 7),
         cpu=round(cpu, 4),
         curve=curve.thinned().to_dict(),
     )
+
+
+def _curve_of(points: list[tuple[float, float, float]]) -> CoverageCurve:
+    """The curve through times [s], paths [m] and coverages."""
+    time, path, coverage = np.array(points, dtype=np.float64).T
+    return CoverageCurve(time, path, coverage)
+
+
+def _trajectory_error(env: ExploreEnv) -> float:
+    """Root mean square error of the final trajectory's positions, unaligned [m]."""
+    assert env.log is not None, "for_explorer() has the environment keep a log"
+    truth = env.log.true_trajectory(env.start)
+    error = absolute_trajectory_error(env.mapper.trajectory(), truth, align=False)
+    return error.translation.rmse
 
 
 def bound_trial(task: Task, config: TrialConfig) -> Trial:
@@ -222,45 +238,34 @@ def bound_trial(task: Task, config: TrialConfig) -> Trial:
     env = ExploreEnv(task.plan, fitted_env(task.plan, config.env, config.minutes))
     began = time.process_time()
     _, info = env.reset(seed=task.seed, options={"plan": task.plan})
-    bounds = bound_exploration(env, sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE}), task.seed % 2**32)
-    done = next(b for b in bounds if b.share == SUCCESS_COVERAGE)
-    steps = [
-        (0.0, 0.0, min(info["coverage"], bounds[0].share)),
-        *((b.time, b.path, b.share) for b in bounds),
-    ]
-    curve = CoverageCurve(*np.array(steps).T)
-    unmeasured = "collisions map_error ate decisions decision_cpu"
-    return _record(
-        env,
-        task,
-        trial_hash(config, ORACLE),
-        curve,
-        finished=True,
+    levels = sorted({*COVERAGE_LEVELS, SUCCESS_COVERAGE})
+    bounds = bound_exploration(env, levels, task.seed % 2**32)
+    done = next(bound for bound in bounds if bound.share == SUCCESS_COVERAGE)
+    first = (0.0, 0.0, min(info["coverage"], bounds[0].share))
+    curve = _curve_of([first, *((bound.time, bound.path, bound.share) for bound in bounds)])
+    return replace(
+        _record(env, task, trial_hash(config, ORACLE), curve),
         time=round(done.time, 3),
         path=round(done.path, 4),
         coverage=SUCCESS_COVERAGE,
         cpu=round(time.process_time() - began, 4),
-        curve=curve.to_dict(),
-        **dict.fromkeys(unmeasured.split(), 0),
     )
 
 
-def _record(
-    env: ExploreEnv, task: Task, settings: str, found: CoverageCurve, **figures: Any
-) -> Trial:
-    """The record of an exploration that has ended; what isn't among the figures is read from the curve."""
-    plan, reached = (
-        task.plan,
-        {level_name(level): found.reached(level) for level in COVERAGE_LEVELS},
-    )
+def _record(env: ExploreEnv, task: Task, settings: str, curve: CoverageCurve) -> Trial:
+    """The record of an exploration, read from its curve alone.
+
+    It is finished; contacts, errors, decisions and CPU times are 0.
+    """
+    plan = task.plan
     assert env.config.time_limit is not None
-    from_curve = {
-        "time": round(float(found.time[-1]), 3),
-        "path": round(float(found.path[-1]), 4),
-        "coverage": round(found.final, 6),
-        "time_to": {name: at and round(at[0], 4) for name, at in reached.items()},
-        "path_to": {name: at and round(at[1], 4) for name, at in reached.items()},
-    }
+    time_to: dict[str, float | None] = {}
+    path_to: dict[str, float | None] = {}
+    for level in COVERAGE_LEVELS:
+        reached = curve.reached(level)
+        name = level_name(level)
+        time_to[name] = None if reached is None else round(reached[0], 4)
+        path_to[name] = None if reached is None else round(reached[1], 4)
     return Trial(
         explorer=task.explorer,
         plan=plan.id,
@@ -269,6 +274,18 @@ def _record(
         area=round(plan.area, 3),
         rooms=len(plan.rooms),
         time_limit=round(env.config.time_limit, 3),
-        mean_coverage=round(found.mean_until(horizon(plan.area)), 6),
-        **{**from_curve, **figures},
+        finished=True,
+        time=round(float(curve.time[-1]), 3),
+        path=round(float(curve.path[-1]), 4),
+        coverage=round(curve.final, 6),
+        time_to=time_to,
+        path_to=path_to,
+        mean_coverage=round(curve.mean_until(horizon(plan.area)), 6),
+        collisions=0,
+        map_error=0,
+        ate=0,
+        decisions=0,
+        decision_cpu=0,
+        cpu=0,
+        curve=curve.to_dict(),
     )
