@@ -37,43 +37,47 @@ class FrontierScorer:
         """
         there = observation["mask"] > 0.5
         features = observation["candidates"][there]
-        crops = _relu(self._linear("crop", observation["crops"][there].reshape(len(features), -1)))
-        overall = np.broadcast_to(
-            observation["globals"], (len(features), len(observation["globals"]))
-        )
-        vectors = _relu(
-            self._linear("embed_in", np.concatenate([features, crops, overall], axis=1))
-        )
+        count = len(features)
+        crops = observation["crops"][there].reshape(count, -1)
+        crops = _relu(self._linear("crop", crops))
+        joined = np.concatenate([features, crops, _repeated(observation["globals"], count)], axis=1)
+        vectors = _relu(self._linear("embed_in", joined))
         vectors = _relu(self._linear("embed_out", vectors))
         vectors = self._normalise(vectors + self._attend(vectors))
         pooled = np.concatenate([vectors.mean(axis=0), vectors.max(axis=0)])
-        own = np.concatenate(
-            [vectors, np.broadcast_to(pooled, (len(features), len(pooled)))], axis=1
-        )
+        own = np.concatenate([vectors, _repeated(pooled, count)], axis=1)
         learned = self._linear("score_out", _relu(self._linear("score_in", own)))
-        return (learned + product(features, self._weights["prior.weight"]))[:, 0]
+        prior = product(features, self._weights["prior.weight"])
+        return (learned + prior)[:, 0]
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
-        return product(values, self._weights[f"{name}.weight"]) + self._weights[f"{name}.bias"]
+        weight = self._weights[f"{name}.weight"]
+        bias = self._weights[f"{name}.bias"]
+        return product(values, weight) + bias
 
     def _attend(self, vectors: Float32Array) -> Float32Array:
-        count = len(vectors)
-        parts = self._linear("query_key_value", vectors).reshape(count, 3, HEADS, WIDTH // HEADS)
+        units = WIDTH // HEADS
+        parts = self._linear("query_key_value", vectors).reshape(len(vectors), 3, HEADS, units)
         attended = []
-        for query, key, value in parts.transpose(
-            2, 1, 0, 3
-        ):  # of each head, (N, width / heads) each
-            weights = product(query, key.T) / np.sqrt(np.float32(WIDTH // HEADS))
+        for head in range(HEADS):
+            query, key, value = parts[:, :, head].transpose(1, 0, 2)  # (N, units) each
+            weights = product(query, key.T) / np.sqrt(np.float32(units))
             weights = exp(weights - weights.max(axis=1, keepdims=True))
-            attended.append(product(weights / weights.sum(axis=1, keepdims=True), value))
+            weights = weights / weights.sum(axis=1, keepdims=True)
+            attended.append(product(weights, value))
         return self._linear("attended", np.concatenate(attended, axis=1))
 
     def _normalise(self, vectors: Float32Array) -> Float32Array:
         centred = vectors - vectors.mean(axis=1, keepdims=True)
-        scale = np.sqrt((centred**2).mean(axis=1, keepdims=True) + np.float32(1e-5))
-        return (centred / scale * self._weights["norm.weight"] + self._weights["norm.bias"]).astype(
-            np.float32
-        )
+        variance = (centred**2).mean(axis=1, keepdims=True)
+        scale = np.sqrt(variance + np.float32(1e-5))
+        normalised = centred / scale * self._weights["norm.weight"] + self._weights["norm.bias"]
+        return normalised.astype(np.float32)
+
+
+def _repeated(values: Float32Array, count: int) -> Float32Array:
+    """The same values for each of some candidates, shape (count, values)."""
+    return np.broadcast_to(values, (count, len(values)))
 
 
 def _relu(values: Float32Array) -> Float32Array:

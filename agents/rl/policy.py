@@ -23,8 +23,6 @@ from slamgym.envs.frontier_features import CANDIDATE_FEATURES, CROP_PX, GLOBAL_F
 
 MASKED = -1e8
 """Score of a row without candidate; finite, so that a row of nothing but these has a softmax."""
-
-
 _PRIOR_WEIGHT = -5.0
 """The score begins as the detour of the tour that begins with a candidate, times this."""
 
@@ -34,7 +32,9 @@ class FrontierNetwork(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        features, num_globals, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), WIDTH
+        features = len(CANDIDATE_FEATURES)
+        num_globals = len(GLOBAL_FEATURES)
+        width = WIDTH
         self.crop = nn.Linear(2 * CROP_PX * CROP_PX, CROP_UNITS)
         self.embed_in = nn.Linear(features + CROP_UNITS + num_globals, width)
         self.embed_out = nn.Linear(width, width)
@@ -54,23 +54,19 @@ class FrontierNetwork(nn.Module):
 
     def forward(self, observation: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         """Scores (B, K) and values (B,) of a batch of observations."""
-        features, mask = observation["candidates"], observation["mask"] > 0.5
-        count = features.shape[1]
-        crops = torch.relu(self.crop(observation["crops"].flatten(2)))
+        features = observation["candidates"]
         overall = observation["globals"]
-        joined = torch.cat([features, crops, overall[:, None].expand(-1, count, -1)], dim=2)
-        vectors = torch.relu(self.embed_out(torch.relu(self.embed_in(joined))))
+        mask = observation["mask"] > 0.5
+        crops = torch.relu(self.crop(observation["crops"].flatten(2)))
+        joined = torch.cat([features, crops, _repeated(overall, mask)], dim=2)
+        vectors = torch.relu(self.embed_in(joined))
+        vectors = torch.relu(self.embed_out(vectors))
         vectors = self.norm(vectors + self._attend(vectors, mask))
-        there = mask[:, :, None]
-        total = there.sum(dim=1).clamp(min=1)
-        mean = (vectors * there).sum(dim=1) / total
-        largest = (
-            torch.where(there, vectors, torch.full_like(vectors, -1e3)).amax(dim=1).clamp(min=-1e2)
-        )
-        pooled = torch.cat([mean, largest], dim=1)
-        own = torch.cat([vectors, pooled[:, None].expand(-1, count, -1)], dim=2)
+        pooled = _pooled(vectors, mask)
+        own = torch.cat([vectors, _repeated(pooled, mask)], dim=2)
         scores = self.score_out(torch.relu(self.score_in(own))) + self.prior(features)
-        values = self.value_out(torch.relu(self.value_in(torch.cat([pooled, overall], dim=1))))
+        situation = torch.cat([pooled, overall], dim=1)
+        values = self.value_out(torch.relu(self.value_in(situation)))
         return scores[:, :, 0].masked_fill(~mask, MASKED), values[:, 0]
 
     def _attend(self, vectors: Tensor, mask: Tensor) -> Tensor:
@@ -80,6 +76,21 @@ class FrontierNetwork(nn.Module):
         bias = torch.where(mask, 0.0, MASKED)[:, None, None]
         attended = scaled_dot_product_attention(query, key, value, bias)
         return self.attended(attended.transpose(1, 2).reshape(batch, count, width))
+
+
+def _repeated(values: Tensor, mask: Tensor) -> Tensor:
+    """Values of each situation, shape (B, n), for each of its candidates, shape (B, K, n)."""
+    return values[:, None].expand(-1, mask.shape[1], -1)
+
+
+def _pooled(vectors: Tensor, mask: Tensor) -> Tensor:
+    """The mean and the largest of the candidates' vectors, shape (B, 2 width)."""
+    there = mask[:, :, None]
+    count = there.sum(dim=1).clamp(min=1)
+    mean = (vectors * there).sum(dim=1) / count
+    masked = torch.where(there, vectors, torch.full_like(vectors, -1e3))
+    largest = masked.amax(dim=1).clamp(min=-1e2)
+    return torch.cat([mean, largest], dim=1)
 
 
 class _NetworkExtractor(BaseFeaturesExtractor):
@@ -100,7 +111,8 @@ class _Split(nn.Module):
 
     def __init__(self, count: int) -> None:
         super().__init__()
-        self.latent_dim_pi, self.latent_dim_vf = count, 1
+        self.latent_dim_pi = count
+        self.latent_dim_vf = 1
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
         return self.forward_actor(features), self.forward_critic(features)
@@ -124,7 +136,8 @@ class FrontierPolicy(ActorCriticPolicy):
 
     def _build(self, lr_schedule: Any) -> None:
         super()._build(lr_schedule)
-        self.action_net, self.value_net = nn.Identity(), nn.Identity()
+        self.action_net = nn.Identity()
+        self.value_net = nn.Identity()
         self.optimizer = self.optimizer_class(
             self.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs
         )
