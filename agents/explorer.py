@@ -86,7 +86,9 @@ class BatchedExplorer:
     def __init__(
         self, context: ExplorerContext, fingerprint: str, begin: Callable[[int], Pilot]
     ) -> None:
-        self.context, self.fingerprint, self.begin = context, fingerprint, begin
+        self.context = context
+        self.fingerprint = fingerprint
+        self.begin = begin
         self._pilots: list[Pilot] = []
         self._times: list[float] = []
 
@@ -126,21 +128,24 @@ class BatchedExplorer:
         """
         batched = np.ndim(observation["pose"]) == 2
         count = len(observation["pose"]) if batched else 1
-        starts = (
-            np.zeros(count, np.bool_) if episode_start is None else np.atleast_1d(episode_start)
-        )
+        starts = np.zeros(count, np.bool_)
+        if episode_start is not None:
+            starts = np.atleast_1d(episode_start)
         if len(self._pilots) != count:
             self._pilots = [self.begin(i) for i in range(count)]
             self._times = [-np.inf] * count
         actions = np.zeros((count, 2), np.float32)
         for i in range(count):
-            one = {key: value[i] for key, value in observation.items()} if batched else observation
+            one = observation
+            if batched:
+                one = {key: value[i] for key, value in observation.items()}
             time = float(one["time"][0])
             if starts[i] or time < self._times[i]:
                 self._pilots[i] = self.begin(i)
             self._times[i] = time
-            if not self._pilots[i].finished:
-                actions[i] = self.context.to_action(self._pilots[i].act(one))
+            pilot = self._pilots[i]
+            if not pilot.finished:
+                actions[i] = self.context.to_action(pilot.act(one))
         return (actions if batched else actions[0]), state
 
 
@@ -156,6 +161,7 @@ class FrontierExplorer(BatchedExplorer):
     def __init__(
         self, context: ExplorerContext, rule: Rule, config: ExplorationLoopConfig | None = None
     ) -> None:
-        self.rule, self.config = rule, config or ExplorationLoopConfig()
+        self.rule = rule
+        self.config = config or ExplorationLoopConfig()
         fingerprint = config_hash({"rule": repr(rule), "loop": to_dict(self.config)})
         super().__init__(context, fingerprint, lambda _: FrontierPilot(context, self.config, rule))

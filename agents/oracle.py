@@ -28,35 +28,42 @@ def true_viewpoints(env: ExploreEnv, resolution: float = 0.05) -> Viewpoints:
         env: After its reset.
         resolution: Cells of the drawing on which tours are planned [m].
     """
-    plan, clutter, robot, start = env.plan, env.clutter, env.config.robot, env.start
-    offset = start.x, start.y
-    frame = replace(env.config.observation, map_resolution=resolution).frame()
-    drawn = plan.raster(resolution, frame=frame, offset=offset, outside=UNKNOWN)
-    known = crop_known(_with_furniture(drawn, clutter, offset), Pose2D(0.0, 0.0, 0.0))
-    frame = known.frame._replace(
-        origin_x=known.frame.origin_x + offset[0], origin_y=known.frame.origin_y + offset[1]
-    )
-    config_of_body = CostmapConfig(inscribed_radius=robot.radius, inflation_radius=robot.radius)
-    costmap = make_costmap(OccupancyGrid(known.cells, frame), config_of_body)
-    space = reachable_space(costmap, start)
+    robot = env.config.robot
+    body = CostmapConfig(inscribed_radius=robot.radius, inflation_radius=robot.radius)
+    costmap = make_costmap(_true_map(env, resolution), body)
+    space = reachable_space(costmap, env.start)
     assert space is not None, "the robot stands in the building"
-    floor = ReachableFloor(plan, robot.radius, clutter.passages)
+    floor = ReachableFloor(env.plan, robot.radius, env.clutter.passages)
     return Viewpoints(
         costmap,
         space,
-        floor.mask(start.x, start.y),
+        floor.mask(env.start.x, env.start.y),
         floor.frame,
-        np.vstack([plan.segments(), clutter.segments()]),
+        np.vstack([env.plan.segments(), env.clutter.segments()]),
         env.config.usable_range,
     )
+
+
+def _true_map(env: ExploreEnv, resolution: float) -> OccupancyGrid:
+    """The known part of a drawing of the building with its furniture, world frame."""
+    offset = (env.start.x, env.start.y)
+    canvas = replace(env.config.observation, map_resolution=resolution).frame()
+    drawn = env.plan.raster(resolution, frame=canvas, offset=offset, outside=UNKNOWN)
+    known = crop_known(_with_furniture(drawn, env.clutter, offset), Pose2D(0.0, 0.0, 0.0))
+    frame = known.frame
+    frame = frame._replace(origin_x=frame.origin_x + offset[0], origin_y=frame.origin_y + offset[1])
+    return OccupancyGrid(known.cells, frame)
 
 
 class Bound(NamedTuple):
     """Least path and time known to see a share of a building."""
 
     share: float
-    path: float  # [m]
-    time: float  # at top speed; at each stop the robot turns until it has looked all round [s]
+    """Of the floor."""
+    path: float
+    """[m]"""
+    time: float
+    """At top speed; at each stop the robot turns until it has looked all round [s]."""
 
 
 def bound_exploration(
@@ -81,21 +88,32 @@ def bound_exploration(
     start = (env.start.x, env.start.y)
     seen_first = viewpoints.views[viewpoints.nearest(start)]
     search = TourSearch(viewpoints, start, ~seen_first, np.random.default_rng(seed))
-    robot, lidar = env.config.robot, env.config.lidar
-    look = (
-        max(0.0, 2.0 * math.pi - math.radians(lidar.field_of_view_deg)) / robot.max_angular
-    )  # [s]
+    top_speed = env.config.robot.max_linear
+    look = _time_of_a_look(env)
     found: list[Bound] = []
     tour: list[int] = []
     for share in shares:
         needed = round(share * seen_first.size) - int(np.count_nonzero(seen_first))
         tour = search.shortest(needed, iterations, tour)
         path = search.length(tour)
-        found.append(Bound(share, path, path / robot.max_linear + len(tour) * look))
-    return [
-        Bound(one.share, min(more.path for more in found[i:]), min(more.time for more in found[i:]))
-        for i, one in enumerate(found)
-    ]
+        found.append(Bound(share, path, path / top_speed + len(tour) * look))
+    return _never_less(found)
+
+
+def _time_of_a_look(env: ExploreEnv) -> float:
+    """How long the robot turns at a stop until it has looked all round [s]."""
+    out_of_sight = 2.0 * math.pi - math.radians(env.config.lidar.field_of_view_deg)
+    return max(0.0, out_of_sight) / env.config.robot.max_angular
+
+
+def _never_less(bounds: list[Bound]) -> list[Bound]:
+    """Bounds of ascending shares, of which a larger one takes no less than those before."""
+    found = []
+    for index, bound in enumerate(bounds):
+        path = min(more.path for more in bounds[index:])
+        time = min(more.time for more in bounds[index:])
+        found.append(Bound(bound.share, path, time))
+    return found
 
 
 def _with_furniture(grid: OccupancyGrid, clutter: Clutter, offset: Point) -> OccupancyGrid:

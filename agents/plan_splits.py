@@ -17,8 +17,10 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.sim import RobotConfig
 
 PlanSplit = Literal["train", "validation", "test"]
+"""Name of a split."""
 
-_FOLDS = 10  # one for the test, one for validation, the rest to learn from
+_FOLDS = 10
+"""One is for the test, one for validation, the rest to learn from."""
 
 
 def split_of(plan_id: str) -> PlanSplit:
@@ -27,7 +29,8 @@ def split_of(plan_id: str) -> PlanSplit:
     Args:
         plan_id: Name of the plan, as its source lists it.
     """
-    fold = int.from_bytes(hashlib.sha256(plan_id.encode()).digest(), "big") % _FOLDS
+    digest = hashlib.sha256(plan_id.encode()).digest()
+    fold = int.from_bytes(digest, "big") % _FOLDS
     held_out: dict[int, PlanSplit] = {0: "test", 1: "validation"}
     return held_out.get(fold, "train")
 
@@ -85,5 +88,5 @@ def _load(source: PlanSource, plan_id: str, largest_area: float) -> FloorPlan | 
         check_plan(plan, RobotConfig().radius)
     except PlanError:
         return None
-    is_large = plan.extent > longest_side(largest_area) or not AREA[0] <= plan.area <= largest_area
-    return None if is_large or not passes(plan, "useful") else plan
+    is_of_size = AREA[0] <= plan.area <= largest_area and plan.extent <= longest_side(largest_area)
+    return plan if is_of_size and passes(plan, "useful") else None

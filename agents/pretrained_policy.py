@@ -78,7 +78,8 @@ def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
     """The first 12 hex digits of the SHA-256 of weights in the order of their names."""
     digest = hashlib.sha256()
     for name in sorted(weights):
-        digest.update(name.encode() + np.ascontiguousarray(weights[name], "<f4").tobytes())
+        digest.update(name.encode())
+        digest.update(np.ascontiguousarray(weights[name], "<f4").tobytes())
     return digest.hexdigest()[:12]
 
 
@@ -98,8 +99,10 @@ def write_weights(
 ) -> None:
     """Write weights as safetensors with their description in the header, and that as JSON next to them."""
     tensors = {name: np.ascontiguousarray(value, dtype="<f4") for name, value in weights.items()}
-    write_bytes(path, save(tensors, {"slamgym": json.dumps(description, sort_keys=True)}))
-    write_text(path.with_suffix(".json"), json.dumps(description, indent=2, sort_keys=True) + "\n")
+    header = json.dumps(description, sort_keys=True)
+    write_bytes(path, save(tensors, {"slamgym": header}))
+    readable = json.dumps(description, indent=2, sort_keys=True)
+    write_text(path.with_suffix(".json"), readable + "\n")
 
 
 def read_policy(path: Path | str) -> tuple[dict[str, Float32Array], dict[str, Any]]:
@@ -152,7 +155,8 @@ def read_weights(
             )
     try:
         found = load_json(metadata["slamgym"])
-        theirs, about = (found["space"], found["network"]), found["about"]
+        theirs = (found["space"], found["network"])
+        about = found["about"]
     except (KeyError, TypeError, ValueError):
         raise InputFileError(path, f"holds no {what}; slamgym agents train writes one") from None
     for one, mine in zip(theirs, description, strict=True):
@@ -178,7 +182,8 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
             continue
         if isinstance(mine, list):
             count = len(their) if isinstance(their, list) else "no"
-            their, mine = f"{count} features", f"{len(mine)}, or others"
+            their = f"{count} features"
+            mine = f"{len(mine)}, or others"
         fix = "train again or use the version it was made with"
         if name == "env":
             fix = "rl:FILE takes frontier policies, wheels:FILE drivers of the wheels"
@@ -190,7 +195,9 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
 
 def weight_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights of a frontier policy."""
-    features, overall, width = len(CANDIDATE_FEATURES), len(GLOBAL_FEATURES), WIDTH
+    features = len(CANDIDATE_FEATURES)
+    overall = len(GLOBAL_FEATURES)
+    width = WIDTH
     linear = {
         "crop": (2 * CROP_PX * CROP_PX, CROP_UNITS),
         "embed_in": (features + CROP_UNITS + overall, width),
@@ -212,5 +219,6 @@ def linear_shapes(layers: Mapping[str, tuple[int, int]]) -> dict[str, tuple[int,
     """Names and shapes of the weights and biases of layers, given by their inputs and outputs."""
     shapes: dict[str, tuple[int, ...]] = {}
     for name, (inputs, outputs) in layers.items():
-        shapes |= {f"{name}.weight": (outputs, inputs), f"{name}.bias": (outputs,)}
+        shapes[f"{name}.weight"] = (outputs, inputs)
+        shapes[f"{name}.bias"] = (outputs,)
     return shapes

@@ -20,7 +20,8 @@ class _Walk(Pilot):
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
-        follower, theta = self._follower, float(observation["pose"][2])
+        follower = self._follower
+        theta = float(observation["pose"][2])
         points = follower.points(observation["scan"])
         if not follower.is_free_ahead(points):
             self._turning = True

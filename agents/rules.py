@@ -59,7 +59,8 @@ class ExploreLite:
         distances = np.array([one.frontier.min_distance for one in loop.candidates])
         sizes = np.array([one.frontier.size for one in loop.candidates]) * resolution
         # Explore Lite multiplies distances in metres by the cell size once more.
-        return self.gain_scale * sizes - self.potential_scale * distances * resolution
+        cost = self.potential_scale * distances * resolution
+        return self.gain_scale * sizes - cost
 
 
 @dataclass(frozen=True)
@@ -85,13 +86,14 @@ class CostUtility:
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
-        costmap, max_range = loop.navigator.costmap, loop.context.geometry.range_max
+        costmap = loop.navigator.costmap
         assert costmap is not None
-        areas = np.array(
-            [expected_gain(costmap, one.frontier.middle, max_range) for one in loop.candidates]
-        )
+        max_range = loop.context.geometry.range_max
+        middles = [one.frontier.middle for one in loop.candidates]
+        areas = np.array([expected_gain(costmap, middle, max_range) for middle in middles])
+        utilities = areas / (math.pi * max_range**2)
         costs = np.array([one.path_cost for one in loop.candidates])
-        return areas / (math.pi * max_range**2) - self.cost_weight * costs
+        return utilities - self.cost_weight * costs
 
 
 @dataclass(frozen=True)
@@ -109,14 +111,15 @@ class NextBestView:
 
     def __call__(self, loop: ExplorationLoop) -> FloatArray:
         """Score the loop's candidates, shape (N,)."""
-        costmap, geometry = loop.navigator.costmap, loop.context.geometry
+        costmap = loop.navigator.costmap
         assert costmap is not None
-        places = candidate_places(loop).tolist()
-        gains = [view_gain(costmap, (x, y), _TRUSTED_RANGE, geometry) for x, y in places]
-        # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
-        return np.array(
-            [math.log(max(gain, 1e-3)) for gain in gains]
-        ) - self.path_weight * path_lengths(loop)
+        laser = loop.context.geometry
+        scores = []
+        for x, y in candidate_places(loop).tolist():
+            gain = view_gain(costmap, (x, y), _TRUSTED_RANGE, laser)
+            # The logarithm orders alike, and distinguishes far views that the exponential rounds to 0.
+            scores.append(math.log(max(gain, 1e-3)))
+        return np.array(scores) - self.path_weight * path_lengths(loop)
 
 
 @dataclass(frozen=True)
@@ -138,10 +141,12 @@ def tour_scores(loop: ExplorationLoop, wanted: BoolArray) -> FloatArray:
     Returns:
         Negative, the first 0, and -inf for candidates that are left out, shape (N,).
     """
-    stops = np.flatnonzero(np.append(True, wanted | ~wanted.any()))
-    lengths = candidate_tour_lengths(loop, loop.navigator.lengths)[np.ix_(stops, stops)]
+    visited = wanted | ~wanted.any()
+    stops = np.flatnonzero(np.append(True, visited))  # the robot, and the candidates after it
+    lengths = candidate_tour_lengths(loop, loop.navigator.lengths)
+    tour = open_tour(lengths[np.ix_(stops, stops)])
     scores: FloatArray = np.full(len(wanted), -np.inf)
-    scores[stops[1:] - 1] = -np.argsort(open_tour(lengths))
+    scores[visited] = -np.argsort(tour)
     return scores
 
 

@@ -25,8 +25,6 @@ _VIEW = 0.15
 """Share of the scanner's range that is floor for sure where nothing returned."""
 _TRIES = 5
 """So many places are tried for a visit that no path leads to."""
-
-
 _SPEED = (0.15, 0.26)
 """Forward speeds; the keys' limits are 0.22 m/s for a Burger and 0.26 m/s for a Waffle, at 0.01 a press [m/s]."""
 _TURN_RATE = (0.4, 1.2)
@@ -47,7 +45,9 @@ class _Driver(Pilot):
     """First to what is open, then through the building again."""
 
     def __init__(self, context: ExplorerContext, rng: np.random.Generator) -> None:
-        speed, turn_rate, opening = (rng.uniform(*ends) for ends in (_SPEED, _TURN_RATE, _OPENING))
+        speed = rng.uniform(*_SPEED)
+        turn_rate = rng.uniform(*_TURN_RATE)
+        opening = rng.uniform(*_OPENING)
         self._visits_left = int(rng.integers(_VISITS[0], _VISITS[1] + 1))
         follower = FollowerConfig(turn_in_place=_HEADING_ERROR, turned=0.05, turn_rate=turn_rate)
         loop = ExplorationLoopConfig(
@@ -83,39 +83,54 @@ class _Driver(Pilot):
     def _with_floor(self, observation: Observation) -> ByteArray:
         """The map, with the floor that was seen where scans met nothing."""
         published: ByteArray = observation["map"]
-        if (
-            self._shown is not None
-            and published is self._published
-            and not published.flags.writeable
-        ):
+        is_the_last = published is self._published and not published.flags.writeable
+        if self._shown is not None and is_the_last:
             return self._shown
-        context = self._explorer.loop.context
-        laser, frame, scan = context.geometry, context.frame, observation["scan"]
-        sensor = compose(Pose2D(*observation["pose"].tolist()), laser.mount)
-        open_ranges = np.where(scan >= laser.range_max, np.inf, 0.0)
-        place = (frame.origin_x, frame.origin_y, frame.resolution)
-        sweep(self._unseen, *place, *sensor, self._directions, open_ranges, _VIEW * laser.range_max)
+        self._note_floor(observation)
+        frame = self._explorer.loop.context.frame
         shown = published.copy()
         cells = shown.reshape(frame.shape)
         cells[(cells == UNKNOWN) & ~self._unseen[::-1]] = FREE
         shown.flags.writeable = False
-        self._published, self._shown = published, shown
+        self._published = published
+        self._shown = shown
         return shown
+
+    def _note_floor(self, observation: Observation) -> None:
+        """Mark what lies before the scanner, where nothing returned, as seen."""
+        context = self._explorer.loop.context
+        laser = context.geometry
+        frame = context.frame
+        sensor = compose(Pose2D(*observation["pose"].tolist()), laser.mount)
+        open_ranges = np.where(observation["scan"] >= laser.range_max, np.inf, 0.0)
+        sweep(
+            self._unseen,
+            frame.origin_x,
+            frame.origin_y,
+            frame.resolution,
+            sensor.x,
+            sensor.y,
+            sensor.theta,
+            self._directions,
+            open_ranges,
+            _VIEW * laser.range_max,
+        )
 
     def _visit(self) -> None:
         """Drive to some place that the robot can get to, or be content."""
-        loop, navigator = self._explorer.loop, self._explorer.loop.navigator
+        loop = self._explorer.loop
+        navigator = loop.navigator
         navigator.cancel()
-        costmap, space = navigator.costmap, navigator.reachable
+        costmap = navigator.costmap
+        space = navigator.reachable
         if self._visits_left == 0 or costmap is None or space is None:
             self.finished = True
             return
         self._visits_left -= 1
         for _ in range(_TRIES):
             self.decisions += 1
-            row, col = divmod(
-                int(space.order[self._rng.integers(space.num_centre)]), costmap.costs.shape[1]
-            )
+            cell = int(space.order[self._rng.integers(space.num_centre)])
+            row, col = divmod(cell, costmap.costs.shape[1])
             x, y = costmap.frame.to_point(row, col)
             navigator.set_goal(Goal(float(x), float(y)), loop.pose, loop.time)
             if navigator.is_active:

@@ -32,6 +32,7 @@ WHEELS = Path(__file__).parent / "pretrained" / "wheels_policy.safetensors"
 CLIP = 5.0
 """Normalised observations are cut off here."""
 _EPSILON = 1e-8
+"""Added to the variances of the observations."""
 _SMALLEST_FRONTIER = 0.5
 """Shorter frontiers don't keep it driving [m]."""
 _SPACE = {
@@ -41,6 +42,7 @@ _SPACE = {
     "ranges": SCAN_SECTORS,
     "sectors": SECTORS,
 }
+"""Observations that the weights take in."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,9 @@ class WheelsPolicy:
     """Weights of the network."""
 
     weights: Mapping[str, Float32Array]
-    about: Mapping[str, Any]  # how they were trained
+    """By the names of :func:`wheels_shapes`."""
+    about: Mapping[str, Any]
+    """How they were trained."""
 
     def act(self, observation: Float32Array) -> Float32Array:
         """Shares of the largest speed and turning rate, shape (..., 2) in [-1, 1].
@@ -56,13 +60,17 @@ class WheelsPolicy:
         Args:
             observation: Of the preset ``compact_far``, shape (..., n).
         """
-        w = self.weights
-        scaled = (observation - w["mean"]) / np.sqrt(w["variance"] + np.float32(_EPSILON))
-        hidden = np.clip(scaled, -CLIP, CLIP).reshape(-1, scaled.shape[-1])
-        for name, layer in self._layers.items():
-            hidden = product(hidden, layer) + w[f"{name}.bias"]
-            hidden = np.clip(hidden, -1.0, 1.0) if name == "action" else np.maximum(hidden, 0.0)
-        return hidden.reshape(*observation.shape[:-1], 2)
+        variance = self.weights["variance"]
+        centred = observation - self.weights["mean"]
+        scaled = np.clip(centred / np.sqrt(variance + np.float32(_EPSILON)), -CLIP, CLIP)
+        hidden = scaled.reshape(-1, scaled.shape[-1])
+        hidden = np.maximum(self._linear("first", hidden), 0.0)
+        hidden = np.maximum(self._linear("second", hidden), 0.0)
+        action = np.clip(self._linear("action", hidden), -1.0, 1.0)
+        return action.reshape(*observation.shape[:-1], 2)
+
+    def _linear(self, name: str, values: Float32Array) -> Float32Array:
+        return product(values, self._layers[name]) + self.weights[f"{name}.bias"]
 
     @functools.cached_property
     def _layers(self) -> dict[str, Float32Array]:
@@ -73,18 +81,16 @@ class WheelsPolicy:
 
 def wheels_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights."""
-    size, (first, second) = compact_size(SCAN_SECTORS) + FAR_SIZE, LAYER_UNITS
+    size = compact_size(SCAN_SECTORS) + FAR_SIZE
+    first, second = LAYER_UNITS
     layers = {"first": (size, first), "second": (first, second), "action": (second, 2)}
     return {"mean": (size,), "variance": (size,), **linear_shapes(layers)}
 
 
 def write_wheels(path: Path, policy: WheelsPolicy) -> None:
     """Write weights with their description, also as JSON next to them."""
-    write_weights(
-        path,
-        policy.weights,
-        {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)},
-    )
+    description = {"space": _SPACE, "network": WHEELS_NETWORK, "about": dict(policy.about)}
+    write_weights(path, policy.weights, description)
 
 
 def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
@@ -93,10 +99,11 @@ def read_wheels(path: Path | str = WHEELS) -> WheelsPolicy:
     Raises:
         InputFileError: If the file is missing, damaged, or made for another observation.
     """
-    known = _SPACE, WHEELS_NETWORK
-    return WheelsPolicy(
-        *read_weights(Path(path), "policy that drives the wheels", known, wheels_shapes())
+    description = (_SPACE, WHEELS_NETWORK)
+    weights, about = read_weights(
+        Path(path), "policy that drives the wheels", description, wheels_shapes()
     )
+    return WheelsPolicy(weights, about)
 
 
 class WheelsPilot(Pilot):
@@ -109,11 +116,11 @@ class WheelsPilot(Pilot):
     """
 
     def __init__(self, context: ExplorerContext, policy: WheelsPolicy, avoids: bool = True) -> None:
-        self._context, self._policy = context, policy
-        limits = context.max_linear, context.max_angular, context.geometry.range_max
-        self._observer = CompactObserver(
-            context.geometry.num_beams, limits, CROP_SIDE, looks_far=True
-        )
+        self._context = context
+        self._policy = policy
+        laser = context.geometry
+        limits = (context.max_linear, context.max_angular, laser.range_max)
+        self._observer = CompactObserver(laser.num_beams, limits, CROP_SIDE, looks_far=True)
         self._detector = CompletionDetector(context.robot_radius, _SMALLEST_FRONTIER)
         self._follower = PathFollower(context) if avoids else None
         self._steps = 0
@@ -122,7 +129,8 @@ class WheelsPilot(Pilot):
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
-        context, cells = self._context, observation["map"][0]
+        context = self._context
+        cells = observation["map"][0]
         pose = Pose2D(*observation["pose"].tolist())
         if self._steps % self._publication == 0:
             grid = crop_known(OccupancyGrid(cells, context.frame), pose)

@@ -42,15 +42,14 @@ class BatchVecEnv(VecEnv):
             raise ConfigError("Stable-Baselines3 needs autoreset_mode='same_step'")
         self.env = env  # which the base class asks for its render mode
         super().__init__(env.num_envs, env.single_observation_space, env.single_action_space)
-        self._hold, self._seconds = hold, seconds
+        self._hold = hold
+        self._seconds = seconds
         self._follower = PathFollower(explorer_context(env.config)) if avoids else None
         self._rng = np.random.default_rng(seed)
         self.seed(seed)
         self._actions: Any = None
-        self._returns, self._lengths = (
-            np.zeros(env.num_envs),
-            np.zeros(env.num_envs, dtype=np.int64),
-        )
+        self._returns = np.zeros(env.num_envs)
+        self._lengths = np.zeros(env.num_envs, dtype=np.int64)
         self._limits = np.full(env.num_envs, np.inf)
         self._begun = time.time()
 
@@ -58,8 +57,10 @@ class BatchVecEnv(VecEnv):
         """Begin episodes in all environments."""
         observations, self.reset_infos = self.env.reset(seed=self._seeds[0])
         self._reset_seeds()
-        self._returns[:], self._lengths[:] = 0.0, 0
-        self._limits = self._draw_limits(self.num_envs) * self._rng.uniform(0.1, 1.0, self.num_envs)
+        self._returns[:] = 0.0
+        self._lengths[:] = 0
+        limits = self._draw_limits(self.num_envs)
+        self._limits = limits * self._rng.uniform(0.1, 1.0, self.num_envs)
         return observations
 
     def step_async(self, actions: Any) -> None:
@@ -68,38 +69,40 @@ class BatchVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[Any, FloatArray, Any, list[dict[str, Any]]]:
         """Step; see :class:`stable_baselines3.common.vec_env.VecEnv`."""
-        rewards, over = np.zeros(self.num_envs), np.zeros(self.num_envs, dtype=np.bool_)
+        rewards = np.zeros(self.num_envs)
+        over = np.zeros(self.num_envs, dtype=np.bool_)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         for _ in range(self._hold):
             observations, reward, terminations, truncations, all_infos = self.env.step(self._safe())
             rewards += np.where(over, 0.0, reward)  # what follows an end belongs to no episode
-            for i in np.flatnonzero((terminations | truncations) & ~over).tolist():
+            ended = terminations | truncations
+            for i in np.flatnonzero(ended & ~over).tolist():
                 is_cut = bool(truncations[i] and not terminations[i])
                 infos[i] = _last(all_infos["final_obs"][i], all_infos["final_info"], i, is_cut)
-            over |= terminations | truncations
+            over |= ended
         self._returns += rewards
         self._lengths += 1
-        late = (self._lengths * self._hold * self.env.config.control_step >= self._limits) & ~over
+        seconds = self._lengths * self._hold * self.env.config.control_step
+        late = (seconds >= self._limits) & ~over
         if late.any():
             for i in np.flatnonzero(late).tolist():
                 infos[i] = _last(_row(observations, i), all_infos, i, is_cut=True)
             observations, _ = self.env.reset(options={"reset_mask": late})
-        self._close_episodes(np.flatnonzero(over | late), infos)
-        return observations, rewards.astype(np.float32), over | late, infos
+        over |= late
+        self._close_episodes(np.flatnonzero(over), infos)
+        return observations, rewards.astype(np.float32), over, infos
 
     def _safe(self) -> Any:
         """The actions, or what drives round what the scans show."""
         follower = self._follower
         if follower is None:
             return self._actions
-        commands, to_action = (
-            Actions(self.env.config).to_commands(self._actions),
-            follower.context.to_action,
-        )
-        pairs = zip(commands.tolist(), self.env.ranges, strict=True)
-        return np.array(
-            [to_action(follower.avoid(Twist2D(*command), ranges)) for command, ranges in pairs]
-        )
+        to_action = follower.context.to_action
+        commands = Actions(self.env.config).to_commands(self._actions)
+        actions = []
+        for command, ranges in zip(commands.tolist(), self.env.ranges, strict=True):
+            actions.append(to_action(follower.avoid(Twist2D(*command), ranges)))
+        return np.array(actions)
 
     def _close_episodes(self, ids: Any, infos: list[dict[str, Any]]) -> None:
         """Add what the monitor of Stable-Baselines3 would, and begin to count again."""
@@ -111,7 +114,8 @@ class BatchVecEnv(VecEnv):
                 "coverage": infos[i].pop("coverage"),
                 "collisions": infos[i].pop("collisions"),
             }
-        self._returns[ids], self._lengths[ids] = 0.0, 0
+        self._returns[ids] = 0.0
+        self._lengths[ids] = 0
         self._limits[ids] = self._draw_limits(len(ids))
 
     def _draw_limits(self, count: int) -> FloatArray:

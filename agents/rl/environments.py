@@ -1,6 +1,6 @@
 """The environments of training runs, and how a trained policy explores buildings, measured as evaluations measure."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -99,33 +99,44 @@ def explore_plan(
     """
     if isinstance(config, WheelsConfig):
         env = resolve_config(None, {"localization": "ground_truth"})
-        trial = TrialConfig(config.evaluate_seconds / 60.0, None, env)
         return run_trial(
             Task("wheels", plan, seed),
-            trial,
+            TrialConfig(config.evaluate_seconds / 60.0, None, env),
             lambda context: WheelsExplorer(context, policy, avoids),
         )
     env = resolve_config(None, {**_simulation(config), **changes})
-    trial = TrialConfig(config.time_limit / 60.0, None, env)
     return run_trial(
-        Task("rl", plan, seed), trial, lambda context: LearnedExplorer(context, policy)
+        Task("rl", plan, seed),
+        TrialConfig(config.time_limit / 60.0, None, env),
+        lambda context: LearnedExplorer(context, policy),
     )
 
 
 def figures_of(trial: Trial) -> dict[str, float]:
     """Figures that trainings are judged by; times [s] and paths [m] that were not reached count as those at the end."""
-    found: dict[str, float] = {
-        f"{quantity}_{level[2:]}": getattr(trial, quantity) if reached is None else reached
-        for quantity in ("time", "path")
-        for level in ("0.95", "0.99")
-        for reached in [getattr(trial, f"{quantity}_to")[level]]
+
+    def to(level: str, reached: Mapping[str, float | None], at_end: float) -> float:
+        found = reached[level]
+        return at_end if found is None else found
+
+    return {
+        "time_95": to("0.95", trial.time_to, trial.time),
+        "time_99": to("0.99", trial.time_to, trial.time),
+        "path_95": to("0.95", trial.path_to, trial.path),
+        "path_99": to("0.99", trial.path_to, trial.path),
+        "time": float(trial.time),
+        "path": float(trial.path),
+        "coverage": float(trial.coverage),
+        "decisions": float(trial.decisions),
+        "map_error": float(trial.map_error),
+        "contacts": trial.collisions * _CONTACT_SECONDS / max(trial.time, 1.0),
     }
-    names = ("time", "path", "coverage", "decisions", "map_error")
-    found |= {name: float(getattr(trial, name)) for name in names}
-    return found | {"contacts": trial.collisions * _CONTACT_SECONDS / max(trial.time, 1.0)}
 
 
 def mean_figures(trials: Sequence[Trial]) -> dict[str, float]:
     """Means over explorations of :func:`figures_of`."""
     found = [figures_of(trial) for trial in trials]
-    return {name: float(np.mean([one[name] for one in found])) for name in found[0]}
+    means: dict[str, float] = {}
+    for name in found[0]:
+        means[name] = float(np.mean([figures[name] for figures in found]))
+    return means

@@ -34,14 +34,16 @@ from slamgym.core.progress import Advance, say, show_progress
 from slamgym.core.streams import check_zip
 
 CHECKPOINT = "checkpoint.pt"
+"""Name of the checkpoint in the folder of a run."""
 CONFIG = "config.json"
+"""Name of the settings of a run ..."""
 VALIDATION = "validation.csv"
+"""... and of its evaluations."""
 
 _MAY_CHANGE = ("steps", "workers")
 """Settings that may change when a run continues."""
 _CHECKPOINTS = 200
 """So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
-_STATISTICS = ("mean", "var", "count")
 _DAMAGES = (
     OSError,
     RuntimeError,
@@ -84,12 +86,32 @@ class PolicyLearner(ABC, Generic[ConfigT]):
     def export(self, model: PPO, path: Path) -> None:
         """Write the policy's weights without value and optimiser, as explorers read them."""
 
-    def ppo(self, policy: Any, envs: Any, **changes: Any) -> PPO:
-        """Proximal policy optimisation with the settings of the run."""
-        settings: dict[str, Any] = {**to_dict(self.config.ppo), **FIXED_PPO, **changes}
-        rate = self.config.ppo.learning_rate
-        settings["learning_rate"] = lambda left: rate * max(0.1, left)
-        return PPO(policy, envs, seed=self.config.seed, device="cpu", **settings)
+    def ppo(
+        self, policy: Any, envs: Any, discount: float, layers: dict[str, Any] | None = None
+    ) -> PPO:
+        """Proximal policy optimisation with the settings of the run.
+
+        Args:
+            policy: The network's class, or its name.
+            envs: Environments.
+            discount: Of the return, per step.
+            layers: Settings of the network.
+        """
+        settings = self.config.ppo
+        return PPO(
+            policy,
+            envs,
+            n_steps=settings.n_steps,
+            batch_size=settings.batch_size,
+            n_epochs=settings.n_epochs,
+            learning_rate=lambda left: settings.learning_rate * max(0.1, left),
+            ent_coef=settings.ent_coef,
+            gamma=discount,
+            policy_kwargs=layers,
+            seed=self.config.seed,
+            device="cpu",
+            **FIXED_PPO,
+        )
 
 
 def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
@@ -107,16 +129,15 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
         ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
         InputFileError: If plans or the checkpoint can't be read.
     """
-    config, unit = learner.config, learner.unit
+    config = learner.config
+    unit = learner.unit
     torch.set_num_threads(1)
     _refuse_other_run(config, out)
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
-    write_text(
-        out / CONFIG, json.dumps({"version": __version__, **to_dict(config)}, indent=2) + "\n"
-    )
-    say(
-        f"{len(plans)} floor plans, {sum(plan.area for plan in plans) / len(plans):.0f} m2 on average"
-    )
+    settings = {"version": __version__, **to_dict(config)}
+    write_text(out / CONFIG, json.dumps(settings, indent=2) + "\n")
+    area = sum(plan.area for plan in plans) / len(plans)
+    say(f"{len(plans)} floor plans, {area:.0f} m2 on average")
     model = learner.make(plans)
     if (out / CHECKPOINT).is_file():
         load_checkpoint(out, model)
@@ -124,9 +145,8 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
         model.set_random_seed(config.seed + model.num_timesteps)
         say(f"going on at {unit} {model.num_timesteps}")
     log = own_folder(own_folder(out / "log") / str(model.num_timesteps))
-    (log / "progress.csv").unlink(
-        missing_ok=True
-    )  # begun again in any case, and not through a link
+    # Begun again in any case, and not through a link.
+    (log / "progress.csv").unlink(missing_ok=True)
     model.set_logger(configure(str(log), ["csv", "tensorboard"]))
     left = max(0, config.steps - model.num_timesteps)
     try:
@@ -154,7 +174,8 @@ def _refuse_other_run(config: RunConfig, out: Path) -> None:
     if (out / CONFIG).exists():
         old = read_run(type(config), out)
         for entry in dataclasses.fields(config):
-            mine, theirs = getattr(config, entry.name), getattr(old, entry.name)
+            mine = getattr(config, entry.name)
+            theirs = getattr(old, entry.name)
             if mine != theirs and entry.name not in _MAY_CHANGE:
                 raise ConfigError(
                     f"{out} holds a run with {entry.name} = {theirs}, not {mine}; choose another folder"
@@ -183,12 +204,16 @@ class _Keep(BaseCallback):
 
     def __init__(self, learner: PolicyLearner[Any], out: Path, advance: Advance) -> None:
         super().__init__()
-        self._learner, self._out, self._advance = learner, out, advance
+        self._learner = learner
+        self._out = out
+        self._advance = advance
         config = learner.config
-        self._every, self._plans = config.evaluate_every, []
+        self._every = config.evaluate_every
+        self._plans: list[FloorPlan] = []
         if self._every:
-            count, largest = config.evaluate_plans, config.largest_area
-            self._plans = draw_plans(config.plans, "validation", count, largest_area=largest)
+            self._plans = draw_plans(
+                config.plans, "validation", config.evaluate_plans, largest_area=config.largest_area
+            )
         self._rows = read_validation(out)
         last = self._rows[-1] if self._rows else {}
         self._validate_at = last.get("steps", 0.0) + self._every
@@ -232,9 +257,8 @@ class _Keep(BaseCallback):
         say(f"validation at {self._learner.unit} {model.num_timesteps}: {shown}")
         row = {"steps": model.num_timesteps, "training_cpu_seconds": round(spent, 1), **figures}
         _append(self._out / VALIDATION, row)
-        if figures["score"] < min(
-            (one.get("score", math.inf) for one in self._rows), default=math.inf
-        ):
+        scores = [one.get("score", math.inf) for one in self._rows]
+        if figures["score"] < min(scores, default=math.inf):
             self._learner.export(model, self._out / BEST)
         self._rows.append(row)
 
@@ -271,7 +295,11 @@ def save_checkpoint(folder: Path, model: Any) -> None:
     state = {"steps": model.num_timesteps, "updates": model._n_updates}
     state |= model.get_parameters()
     for name, statistics in _statistics(model).items():
-        state[name] = {key: torch.as_tensor(getattr(statistics, key)) for key in _STATISTICS}
+        state[name] = {
+            "mean": torch.as_tensor(statistics.mean),
+            "var": torch.as_tensor(statistics.var),
+            "count": torch.as_tensor(statistics.count),
+        }
     with staged(folder / CHECKPOINT) as part:
         torch.save(state, part)
 
@@ -292,9 +320,11 @@ def load_checkpoint(folder: Path, model: Any) -> None:
         state = torch.load(path, map_location="cpu", weights_only=True)
         model.set_parameters({name: state[name] for name in model.get_parameters()})
         for name, statistics in _statistics(model).items():
-            for key in _STATISTICS:
-                setattr(statistics, key, state[name][key].numpy())
-        model.num_timesteps, model._n_updates = int(state["steps"]), int(state["updates"])
+            statistics.mean = state[name]["mean"].numpy()
+            statistics.var = state[name]["var"].numpy()
+            statistics.count = state[name]["count"].numpy()
+        model.num_timesteps = int(state["steps"])
+        model._n_updates = int(state["updates"])
     except _DAMAGES as error:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise InputFileError(

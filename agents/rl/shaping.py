@@ -40,8 +40,6 @@ RESULTS = "shaping.json"
 """Says in the folder of a run what its results depend on."""
 Term = tuple[str, float, RewardFunction]
 """Name, weight and function of a term of the user's own."""
-
-
 REPORT = {
     "coverage": ("coverage", 3),
     "contacts": ("contacts in 5 min", 1),
@@ -56,9 +54,8 @@ class ShapingRun:
 
     preset: str
     seed: int
-    outcomes: list[
-        dict[str, float]
-    ]  # :func:`~slamgym.agents.rl.environments.figures_of` each test plan
+    outcomes: list[dict[str, float]]
+    """:func:`~slamgym.agents.rl.environments.figures_of` each test plan."""
 
 
 class Experiment:
@@ -73,25 +70,34 @@ class Experiment:
     def __init__(
         self, config: ShapingConfig, learn: Callable[..., Any], term: Term | None = None
     ) -> None:
-        self.config, self._learn, self._term = config, learn, term
+        self.config = config
+        self._learn = learn
+        self._term = term
+
+    def _own_term(self, preset: str) -> Term | None:
+        """The term of the user's own, where the preset has it."""
+        return self._term if preset == OWN else None
 
     def identity(self, preset: str, seed: int) -> dict[str, Any]:
         """What the results depend on."""
-        term = list(self._term[:2]) if preset == OWN and self._term else None
-        return {"settings": to_dict(self.config.settings(preset, seed)), "term": term}
+        term = self._own_term(preset)
+        settings = to_dict(self.config.settings(preset, seed))
+        return {"settings": settings, "term": list(term[:2]) if term else None}
 
     def learn(self, preset: str, seed: int, folder: Path) -> None:
         """Train, or go on."""
-        own = (
-            {"reward_terms": {self._term[0]: self._term[1:]}}
-            if preset == OWN and self._term
-            else {}
-        )
-        self._learn(self.config.settings(preset, seed), folder, avoids=False, **own)
+        term = self._own_term(preset)
+        reward_terms = None
+        if term is not None:
+            name, weight, function = term
+            reward_terms = {name: (weight, function)}
+        settings = self.config.settings(preset, seed)
+        self._learn(settings, folder, reward_terms=reward_terms, avoids=False)
 
     def explore(self, preset: str, seed: int, folder: Path, plan: FloorPlan) -> Trial:
         """Explore a plan with the trained policy; start and noise follow from the plan's id."""
-        settings, start = self.config.settings(preset, seed), exploration_seed(0, plan.id, 0)
+        settings = self.config.settings(preset, seed)
+        start = exploration_seed(0, plan.id, 0)
         return explore_plan(settings, folder / POLICY, plan, start, avoids=False)
 
 
@@ -119,7 +125,8 @@ def _run_one(
 ) -> ShapingRun:
     """Train and test one preset with one seed, or what is left of that."""
     own_folder(own_folder(folder.parent) / folder.name)
-    identity, path = experiment.identity(preset, seed), folder / RESULTS
+    identity = experiment.identity(preset, seed)
+    path = folder / RESULTS
     if not path.exists():
         write_text(path, json_text(identity))
     elif read_json(path, "delete the folder to begin that run again") != identity:
@@ -132,8 +139,9 @@ def _run_one(
         experiment.learn(preset, seed, folder)
         with show_progress("test explorations", len(plans) - len(left), len(plans)) as advance:
             for plan in left:
-                trials[plan.id] = experiment.explore(preset, seed, folder, plan)
-                log.append(trials[plan.id])
+                trial = experiment.explore(preset, seed, folder, plan)
+                trials[plan.id] = trial
+                log.append(trial)
                 advance()
     return ShapingRun(preset, seed, [figures_of(trials[plan.id]) for plan in plans])
 

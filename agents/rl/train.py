@@ -43,14 +43,15 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         config = self.config
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
-            return lambda: Monitor(
-                make_env(config, list(plans), clutter=clutter), info_keywords=_EPISODE
-            )
+            def make() -> gym.Env[Any, Any]:
+                env = make_env(config, list(plans), clutter=clutter)
+                return Monitor(env, info_keywords=_EPISODE)
+
+            return make
 
         furnished = round(config.furnished * config.num_envs)
-        makers = [
-            maker(FURNISHED if i < furnished else ClutterConfig()) for i in range(config.num_envs)
-        ]
+        makers = [maker(FURNISHED)] * furnished
+        makers += [maker(ClutterConfig())] * (config.num_envs - furnished)
         envs = (
             DummyVecEnv(makers)
             if config.workers == 1
@@ -58,7 +59,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         )
         envs.seed(config.seed)
         # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
-        return self.ppo(FrontierPolicy, envs, gamma=1.0)
+        return self.ppo(FrontierPolicy, envs, discount=1.0)
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans, empty and furnished ones in turns where the run has both.

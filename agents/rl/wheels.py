@@ -20,6 +20,7 @@ from slamgym.agents.rl.train_config import DISCOUNT, HOLD, LAYER_UNITS, WheelsCo
 from slamgym.agents.wheels import CLIP, WheelsPolicy, write_wheels
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
+from slamgym.core.types import Float32Array
 from slamgym.envs.rewards import RewardTerms
 
 EPISODE_SECONDS = (60.0, 600.0)
@@ -27,8 +28,10 @@ EPISODE_SECONDS = (60.0, 600.0)
 followed counts."""
 _CONTACT_PRICE = 10.0
 """Cost of a contact in five minutes when the best weights are chosen [s]."""
-_FIRST_SPEED, _FIRST_TURN = 0.9, 0.5
-"""Shares of the largest speed and turning rate of the untrained network: it sees more than one that stands."""
+_FIRST_SPEED = 0.9
+"""Speed of the untrained network, as a share of the largest: it sees more than one that stands."""
+_FIRST_TURN = 0.5
+"""Its turning rate towards the way, as a share of the largest."""
 
 
 class FirstLayer(BaseFeaturesExtractor):
@@ -61,14 +64,16 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
 
     unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {
-        f"rollout/{key}": key for key in ("coverage", "collisions")
+        "rollout/coverage": "coverage",
+        "rollout/collisions": "collisions",
     }
 
     def __init__(
         self, config: WheelsConfig, reward_terms: RewardTerms | None = None, avoids: bool = True
     ) -> None:
         super().__init__(config)
-        self._terms, self._avoids = reward_terms, avoids
+        self._terms = reward_terms
+        self._avoids = avoids
 
     def make(self, plans: Sequence[FloorPlan]) -> PPO:
         """The learner on its environments."""
@@ -82,35 +87,40 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
             "activation_fn": nn.ReLU,
             "log_std_init": math.log(0.5),
         }
-        model = self.ppo("MlpPolicy", normalised, gamma=DISCOUNT, policy_kwargs=layers)
+        model = self.ppo("MlpPolicy", normalised, DISCOUNT, layers)
         _follow_the_way(model)
         return model
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans; the score is the time to 99 %, a contact costs :data:`_CONTACT_PRICE`."""
-        means = mean_figures(
-            [
-                explore_plan(self.config, policy, plan, i, self._avoids)
-                for i, plan in enumerate(plans)
-            ]
-        )
+        trials = [
+            explore_plan(self.config, policy, plan, seed, self._avoids)
+            for seed, plan in enumerate(plans)
+        ]
+        means = mean_figures(trials)
         return {**means, "score": _CONTACT_PRICE * means["contacts"] + means["time_99"]}
 
     def export(self, model: PPO, path: Path) -> None:
         """Write the weights as the explorer ``wheels`` reads them, with the normalisation of the observations."""
-        weights = {
-            f"{name}.{kind}": getattr(part, kind).detach().cpu().numpy().copy()
-            for name, part in zip(("first", "second", "action"), _layers(model.policy), strict=True)
-            for kind in ("weight", "bias")
-        }
+        first, second, action = _layers(model.policy)
         statistics: Any = model.get_vec_normalize_env().obs_rms
-        weights |= {
+        weights = {
+            "first.weight": _exported(first.weight),
+            "first.bias": _exported(first.bias),
+            "second.weight": _exported(second.weight),
+            "second.bias": _exported(second.bias),
+            "action.weight": _exported(action.weight),
+            "action.bias": _exported(action.bias),
             "mean": statistics.mean.astype(np.float32),
             "variance": statistics.var.astype(np.float32),
         }
         training = to_dict(self.config)
         about = {"version": __version__, "decisions": model.num_timesteps, "training": training}
         write_wheels(path, WheelsPolicy(weights, about))
+
+
+def _exported(parameters: Tensor) -> Float32Array:
+    return parameters.detach().cpu().numpy().copy()
 
 
 def _layers(policy: Any) -> tuple[Any, Any, Any]:
@@ -125,7 +135,8 @@ def _follow_the_way(model: PPO) -> None:
     first, second, action = _layers(model.policy)
     with torch.no_grad():
         for layer in (first, second):
-            layer.weight[:2], layer.bias[:2] = 0.0, 0.0
+            layer.weight[:2] = 0.0
+            layer.bias[:2] = 0.0
         first.weight[:2, -1] = torch.tensor([1.0, -1.0])
         second.weight[:2, :2] = torch.eye(2)
         action.bias[0] = _FIRST_SPEED
