@@ -34,31 +34,31 @@ class MapError:
     def __init__(
         self, prepared: PreparedPlan, start: Pose2D, newest: Callable[[], OccupancyGrid]
     ) -> None:
-        self._prepared, self._world_from_map, self._newest = (
-            prepared,
-            Pose2D(start.x, start.y, 0.0),
-            newest,
-        )
+        self._prepared = prepared
+        self._world_from_map = Pose2D(start.x, start.y, 0.0)
+        self._newest = newest
         grid = newest()
         self._grid: OccupancyGrid | None = None  # the one measured last
         self._before: OccupancyGrid | float = OccupancyGrid(grid.cells.copy(), grid.frame)
-        self._error, self._step, self.is_read = math.nan, 0, False
+        self._error = math.nan
+        self._step = 0
+        self.is_read = False
 
     def measure(self, grid: OccupancyGrid | None = None) -> float:
         """Mean distance of the newest map's occupied cells, or of a map's, from the nearest true obstacle [m]."""
-        grid = self._newest() if grid is None else grid
+        if grid is None:
+            grid = self._newest()
         if grid is not self._grid:
-            self._grid, self._error = (
-                grid,
-                self._obstacle_distance.mean_error(grid, self._world_from_map),
-            )
+            self._grid = grid
+            self._error = self._obstacle_distance.mean_error(grid, self._world_from_map)
         return self._error
 
     def of_next_step(self) -> Callable[[], tuple[float, float]]:
         """Measures the errors for the record of a new step, when called before the one after it."""
         if self.is_read:
             self._before = self._error
-        self._step, self.is_read = self._step + 1, False
+        self._step += 1
+        self.is_read = False
         return partial(self._read, self._step)
 
     def _read(self, step: int) -> tuple[float, float]:
@@ -67,14 +67,16 @@ class MapError:
         if isinstance(self._before, OccupancyGrid):
             self._before = self.measure(self._before)
         if not self.is_read:
-            self.is_read, _ = True, self.measure()
+            self.is_read = True
+            self.measure()
         return self._before, self._error
 
     @cached_property
     def _obstacle_distance(self) -> ObstacleDistance:
         # Kept for the episode alone: a field takes megabytes, and an environment keeps dozens of plans ready.
-        parts = self._prepared.plan, self._prepared.clutter
-        return ObstacleDistance(np.vstack([part.segments() for part in parts]))
+        walls = self._prepared.plan.segments()
+        furniture = self._prepared.clutter.segments()
+        return ObstacleDistance(np.vstack([walls, furniture]))
 
 
 class Assessment:
@@ -101,14 +103,16 @@ class Assessment:
         usable_range: float,
         reward: Reward,
     ) -> None:
-        start, floor = simulation.start, prepared.floor
-        self._prepared, self._simulation = prepared, simulation
-        self.map_error = MapError(prepared, start, simulation.mapper.occupancy_grid)
+        self._prepared = prepared
+        self._simulation = simulation
         self._reward = reward
-        self.coverage = Coverage(floor.mask(start.x, start.y), floor.frame, geometry, usable_range)
+        start = simulation.start
+        self.map_error = MapError(prepared, start, simulation.mapper.occupancy_grid)
+        floor = prepared.floor.mask(start.x, start.y)
+        self.coverage = Coverage(floor, prepared.floor.frame, geometry, usable_range)
         self.look()
         self.latest = self._record(
-            None, duration=0.0, distance=0.0, contact=False, terminated=False
+            self.coverage.share, duration=0.0, distance=0.0, contact=False, terminated=False
         )
         if "map_error" in reward.terms:
             _ = self.latest.map_error
@@ -125,35 +129,36 @@ class Assessment:
             duration: In [s].
             terminated: True if the exploration is complete.
         """
-        step = {"distance": motion.distance, "contact": motion.contact}
-        self.latest = self._record(self.latest, duration=duration, terminated=terminated, **step)
+        self.latest = self._record(
+            self.latest.coverage, duration, motion.distance, motion.contact, terminated
+        )
         return self.latest
 
     def conclude(self) -> tuple[float, dict[str, float]]:
         """Let the latest step be the last: what that adds to its reward, and to each term."""
-        goes_on = self._reward(self.latest)
+        reward, terms = self._reward(self.latest)
         self.latest = replace(self.latest, terminated=True)
-        ends = self._reward(self.latest)
-        return ends[0] - goes_on[0], {
-            name: value - goes_on[1][name] for name, value in ends[1].items()
-        }
+        last_reward, last_terms = self._reward(self.latest)
+        added = {name: value - terms[name] for name, value in last_terms.items()}
+        return last_reward - reward, added
 
     def info(self) -> dict[str, Any]:
         """The newest figures, as ``info`` shows them."""
-        simulation, latest = self._simulation, self.latest
+        simulation = self._simulation
+        stats = simulation.mapper.stats
         pose = simulation.true_pose
         info = {
-            "coverage": latest.coverage,
+            "coverage": self.latest.coverage,
             "path_length": simulation.path_length,
             "collisions": simulation.collisions,
-            "pose_error": latest.pose_error,
+            "pose_error": self.latest.pose_error,
             "heading_error": abs(wrap_angle(simulation.believed_pose.theta - pose.theta)),
-            "doubtful_scans": len(simulation.mapper.stats.doubtful),
-            "is_doubtful": simulation.mapper.stats.is_doubtful,
+            "doubtful_scans": len(stats.doubtful),
+            "is_doubtful": stats.is_doubtful,
             "true_pose": np.array(pose),
         }
         if self.map_error.is_read:
-            info["map_error"] = latest.map_error
+            info["map_error"] = self.latest.map_error
         return info
 
     def scene(self, log: EpisodeLog) -> Scene:
@@ -162,16 +167,20 @@ class Assessment:
         Args:
             log: The paths so far.
         """
-        plan, clutter, simulation = self._prepared.plan, self._prepared.clutter, self._simulation
-        start, belief, latest = simulation.start, simulation.believed_pose, self.latest
+        plan = self._prepared.plan
+        simulation = self._simulation
+        world = simulation.world
+        start = simulation.start
+        belief = simulation.believed_pose
         grid = simulation.mapper.occupancy_grid()
         frame = grid.frame._replace(
             origin_x=grid.frame.origin_x + start.x, origin_y=grid.frame.origin_y + start.y
         )
+        num_fixed = len(plan.segments()) + len(self._prepared.clutter.segments())
         return Scene(
             plan=plan,
-            furniture=simulation.world.furniture(),
-            moving=simulation.world.segments()[len(plan.segments()) + len(clutter.segments()) :],
+            furniture=world.furniture(),
+            moving=world.segments()[num_fixed:],
             robot_radius=simulation.radius,
             true_pose=simulation.true_pose,
             believed_pose=Pose2D(belief.x + start.x, belief.y + start.y, belief.theta),
@@ -183,24 +192,35 @@ class Assessment:
             true_path=log.true_poses[:, :2],
             believed_path=log.estimates[:, :2] + [start.x, start.y],
             figures=SceneFigures(
-                time=latest.time,
-                coverage=latest.coverage,
+                time=self.latest.time,
+                coverage=self.latest.coverage,
                 path_length=simulation.path_length,
-                pose_error=latest.pose_error,
+                pose_error=self.latest.pose_error,
                 contacts=simulation.collisions,
             ),
         )
 
-    def _record(self, before: StepRecord | None, **step: Any) -> StepRecord:
-        """The record of a step, after that of the last one."""
-        simulation, share = self._simulation, self.coverage.share
-        pose, truth = simulation.believed_pose, simulation.true_map_pose
+    def _record(
+        self,
+        previous_coverage: float,
+        duration: float,
+        distance: float,
+        contact: bool,
+        terminated: bool,
+    ) -> StepRecord:
+        """The record of the step that ends now."""
+        simulation = self._simulation
+        pose = simulation.believed_pose
+        truth = simulation.true_map_pose
         return StepRecord(
-            **step,
+            duration=duration,
             time=simulation.time,
-            coverage=share,
-            previous_coverage=before.coverage if before else share,
+            distance=distance,
+            contact=contact,
+            coverage=self.coverage.share,
+            previous_coverage=previous_coverage,
             pose_error=math.hypot(pose.x - truth.x, pose.y - truth.y),
+            terminated=terminated,
             floor_area=self.coverage.floor_area,
             map_errors=self.map_error.of_next_step(),
         )

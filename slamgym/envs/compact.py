@@ -68,7 +68,9 @@ def write_compact(
     begin = 2 * BLOCKS * BLOCKS
     for g in range(groups):
         nearest = limits[2]
-        for i in range(g * len(ranges) // groups, (g + 1) * len(ranges) // groups):
+        first = g * len(ranges) // groups
+        end = (g + 1) * len(ranges) // groups
+        for i in range(first, end):
             nearest = min(nearest, float(ranges[i]))
         out[begin + g] = max(nearest, 0.0) / limits[2]
     for k in range(2):
@@ -78,28 +80,40 @@ def write_compact(
 @kernel
 def _write_shares(tiles: Tiles, pitch: float, pose: FloatArray, out: Float32Array) -> None:
     """Write the blocks' shares of free and occupied space, read at points ``pitch`` cells apart."""
-    cols, flat, known = tiles[0].shape[1], tiles[0].reshape(-1), tiles[3]
-    last = BLOCKS * _POINTS - 1
+    cols = tiles[0].shape[1]
+    flat = tiles[0].reshape(-1)
+    known = tiles[3]
+    size = BLOCKS * _POINTS
+    last = size - 1
     first, down, right = turned_grid(tiles, pose, pitch, (last, last))
-    share = np.float32(1.0 / (_POINTS * _POINTS))
-    table, read = line_table(cols, right, BLOCKS, _POINTS), np.empty((_POINTS, last + 1), np.uint8)
+    table = line_table(cols, right, BLOCKS, _POINTS)
+    read = np.empty((_POINTS, size), np.uint8)
     fetch_rows(flat, cols, known, (first, down, right), (last, last), read)
-    free, occupied = np.empty(last + 1, np.uint8), np.empty(last + 1, np.uint8)
+    free = np.empty(size, np.uint8)
+    occupied = np.empty(size, np.uint8)
     for i in range(BLOCKS):
-        free[:], occupied[:] = 0, 0
-        begin = first[0] + i * _POINTS * down[0], first[1] + i * _POINTS * down[1]
+        free[:] = 0
+        occupied[:] = 0
+        line = i * _POINTS
+        begin = first[0] + line * down[0], first[1] + line * down[1]
         if read_turned(flat, cols, known, (begin, down, right), _POINTS, table, read):
             for a in range(_POINTS):
-                for b in range(last + 1):
+                for b in range(size):
                     free[b] += read[a, b] == FREE
                     occupied[b] += read[a, b] == OCCUPIED
-        for j in range(BLOCKS):
-            num_free = num_occupied = 0
-            for k in range(_POINTS):
-                num_free += free[k * BLOCKS + j]
-                num_occupied += occupied[k * BLOCKS + j]
-            out[i * BLOCKS + j] = share * np.float32(num_free)
-            out[(BLOCKS + i) * BLOCKS + j] = share * np.float32(num_occupied)
+        _write_row(free, out[i * BLOCKS :])
+        _write_row(occupied, out[(BLOCKS + i) * BLOCKS :])
+
+
+@kernel
+def _write_row(counts: ByteArray, out: Float32Array) -> None:
+    """Write the shares of a row of blocks, given how many of its points count, the first of each block first."""
+    share = np.float32(1.0 / (_POINTS * _POINTS))
+    for j in range(BLOCKS):
+        number = 0
+        for k in range(_POINTS):
+            number += counts[k * BLOCKS + j]
+        out[j] = share * np.float32(number)
 
 
 def compact_size(num_beams: int) -> int:
@@ -118,21 +132,21 @@ class MapTiles(NamedTuple):
     @staticmethod
     def of(cells: ByteArray, corner: tuple[int, int], resolution: float) -> "MapTiles":
         """Take cells, shape (H, W), row 0 at the bottom, that begin at a row and column of the lattice."""
-        below, left = corner[0] % BLOCK_SIDE, corner[1] % BLOCK_SIDE
-        above, right = (
-            -(below + cells.shape[0]) % BLOCK_SIDE,
-            -(left + cells.shape[1]) % BLOCK_SIDE,
-        )
+        row, col = corner
+        height, width = cells.shape
+        below = row % BLOCK_SIDE
+        left = col % BLOCK_SIDE
+        above = -(below + height) % BLOCK_SIDE
+        right = -(left + width) % BLOCK_SIDE
         whole = np.pad(cells, ((below, above), (left, right)), constant_values=UNKNOWN)
-        return MapTiles(
-            whole, (corner[0] - below, corner[1] - left), resolution, (0, 0, *whole.shape)
-        )
+        return MapTiles(whole, (row - below, col - left), resolution, (0, 0, *whole.shape))
 
     @staticmethod
     def of_grid(cells: ByteArray, frame: GridFrame) -> "MapTiles":
         """Take a map (H, W) whose row 0 is at the top."""
-        corner = round(frame.origin_y / frame.resolution), round(frame.origin_x / frame.resolution)
-        return MapTiles.of(cells[::-1], corner, frame.resolution)
+        row = round(frame.origin_y / frame.resolution)
+        col = round(frame.origin_x / frame.resolution)
+        return MapTiles.of(cells[::-1], (row, col), frame.resolution)
 
 
 class CompactObserver:
@@ -157,25 +171,30 @@ class CompactObserver:
         side: float,
         looks_far: bool = False,
     ) -> None:
-        self.limits, self.side = np.array(limits, dtype=np.float64), side
+        self.limits = np.array(limits, dtype=np.float64)
+        self.side = side
         self._far = FarLook(1) if looks_far else None
-        size = compact_size(num_beams) + (FAR_SIZE if looks_far else 0)
+        size = compact_size(num_beams)
+        if looks_far:
+            size += FAR_SIZE
         self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     @classmethod
     def of(cls, config: ExploreConfig) -> "CompactObserver":
         """The observer that the settings of an environment ask for."""
-        robot, lidar = config.robot, config.lidar
-        limits = robot.max_linear, robot.max_angular, lidar.range_max
+        lidar = config.lidar
         observation = config.observation
         return cls(
-            lidar.num_beams, limits, observation.crop_side, observation.preset == "compact_far"
+            num_beams=lidar.num_beams,
+            limits=(config.robot.max_linear, config.robot.max_angular, lidar.range_max),
+            side=observation.crop_side,
+            looks_far=observation.preset == "compact_far",
         )
 
     def refresh(self, published: MapTiles) -> None:
         """Look far, at a map that was published just now."""
         if self._far:
-            self._far.refresh(0, *published[:3])
+            self._far.refresh(0, published.cells, published.corner, published.resolution)
 
     def observe(
         self, shown: MapTiles, ranges: Float32Array, pose: Pose2D, velocity: Twist2D
@@ -188,7 +207,8 @@ class CompactObserver:
             pose: Believed pose, map frame.
             velocity: Measured velocity.
         """
-        out, where = np.empty(self.space.shape, dtype=np.float32), np.array(pose)
+        out = np.empty(self.space.shape, dtype=np.float32)
+        where = np.array(pose)
         write_compact(shown[:], where, self.side, ranges, np.array(velocity), self.limits, out)
         if self._far:
             self._far.write(_ONLY, where[np.newaxis], out[np.newaxis])

@@ -57,9 +57,8 @@ class CompletionDetector:
         # Only what is lethal to the robot matters here: no cost beyond its body.
         self._costs = CostmapConfig(inscribed_radius=robot_radius, inflation_radius=robot_radius)
         self._min_size = min_size
-        self._remembered: FloatArray = np.zeros(
-            (0, 2)
-        )  # centres of the frontier's cells, map frame [m]
+        # Centres of the frontier's cells, map frame [m].
+        self._remembered: FloatArray = np.zeros((0, 2))
         self._trusted = 0  # for so many checks
 
     @classmethod
@@ -81,35 +80,52 @@ class CompletionDetector:
             return False
         self._trusted = 0
         grid = free_body(_with_border(crop_known(grid, pose)), pose, self._radius)
-        costmap = make_costmap(grid, self._costs) if self._promise else self._body_costs(grid)
+        if self._promise is not None:
+            return self._is_promise_kept(self._promise, grid, pose)
+        costmap = self._body_costs(grid)
         space = reachable_space(costmap, pose)
         if space is None:
             return False
-        if self._promise is not None:
-            known_area = len(space.order) * grid.frame.resolution**2
-            frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
-            ways_on = [one for one in frontiers if fits_through(costmap, one, self._radius)]
-            return is_kept(self._promise, ways_on, known_area)
         runs = frontier_runs(costmap, space, self._min_size)
-        if runs:
-            self._remembered, self._trusted = grid.frame.to_points(*runs[-1].T), _TRUSTED
-        return not runs
+        if not runs:
+            return True
+        rows, cols = runs[-1].T
+        self._remembered = grid.frame.to_points(rows, cols)
+        self._trusted = _TRUSTED
+        return False
+
+    def _is_promise_kept(self, promise: Promise, grid: OccupancyGrid, pose: Pose2D) -> bool:
+        """True if what the map shows of ways on keeps the promise."""
+        costmap = make_costmap(grid, self._costs)
+        space = reachable_space(costmap, pose)
+        if space is None:
+            return False
+        known_area = len(space.order) * grid.frame.resolution**2
+        frontiers = find_frontiers(costmap, pose, self._min_size, reachable=space)
+        ways_on = [one for one in frontiers if fits_through(costmap, one, self._radius)]
+        return is_kept(promise, ways_on, known_area)
 
     def _is_still_there(self, grid: OccupancyGrid) -> bool:
         """True if enough of the remembered frontier is still unknown next to free space."""
-        frame, points = grid.frame, self._remembered
-        left = _count_edges(grid.cells, points, (frame.resolution, frame.origin_x, frame.origin_y))
-        return bool(left * frame.resolution >= self._min_size - 1e-6 and left >= 0.5 * len(points))
+        frame = grid.frame
+        points = self._remembered
+        place = frame.resolution, frame.origin_x, frame.origin_y
+        left = _count_edges(grid.cells, points, place)
+        is_long_enough = left * frame.resolution >= self._min_size - 1e-6
+        return bool(is_long_enough and left >= 0.5 * len(points))
 
     def _body_costs(self, grid: OccupancyGrid) -> Costmap:
         """The costs that :func:`make_costmap` would find, without its distances: by a disc about each occupied cell."""
         import cv2
 
-        cells, reach = grid.cells, (self._radius + 1e-9) / grid.frame.resolution
-        offsets = np.arange(-math.floor(reach), math.floor(reach) + 1) ** 2
-        disc = (offsets + offsets[:, np.newaxis] <= reach**2).view(np.uint8)
+        cells = grid.cells
+        reach = (self._radius + 1e-9) / grid.frame.resolution
+        half = math.floor(reach)
+        squares = np.arange(-half, half + 1) ** 2
+        is_within = squares + squares[:, np.newaxis] <= reach**2
         occupied = (cells == OCCUPIED).view(np.uint8)
-        costs = cv2.dilate(occupied, disc) * np.uint8(INSCRIBED_COST) + occupied
+        touched = cv2.dilate(occupied, is_within.view(np.uint8))
+        costs = touched * np.uint8(INSCRIBED_COST) + occupied
         costs[cells == UNKNOWN] = NO_INFORMATION
         return Costmap(costs, np.empty((0, 0), np.float32), grid.frame, cells, self._costs)
 
@@ -117,10 +133,14 @@ class CompletionDetector:
 @kernel
 def _count_edges(cells: ByteArray, points: FloatArray, place: tuple[float, float, float]) -> int:
     """How many cells at points, shape (N, 2) [m], are unknown next to free space; ``place`` is the frame's."""
-    (rows, cols), count = cells.shape, 0
+    rows, cols = cells.shape
+    size, origin_x, origin_y = place
+    count = 0
     for k in range(len(points)):
-        col = min(max(math.floor((points[k, 0] - place[1]) / place[0]), -1), cols)
-        row = min(max(rows - 1 - math.floor((points[k, 1] - place[2]) / place[0]), -1), rows)
+        col = math.floor((points[k, 0] - origin_x) / size)
+        row = rows - 1 - math.floor((points[k, 1] - origin_y) / size)
+        col = min(max(col, -1), cols)
+        row = min(max(row, -1), rows)
         if 0 <= row < rows and 0 <= col < cols and cells[row, col] != UNKNOWN:
             continue
         for r, c in ((row - 1, col), (row + 1, col), (row, col - 1), (row, col + 1)):
@@ -133,6 +153,7 @@ def _count_edges(cells: ByteArray, points: FloatArray, place: tuple[float, float
 def _with_border(grid: OccupancyGrid) -> OccupancyGrid:
     """A map with one unknown cell more on every side: a tight map may end in free cells."""
     size, x, y, height, width = grid.frame
-    cells = np.full((height + 2, width + 2), UNKNOWN, np.uint8)
+    frame = GridFrame(size, x - size, y - size, height + 2, width + 2)
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
     cells[1:-1, 1:-1] = grid.cells
-    return OccupancyGrid(cells, GridFrame(size, x - size, y - size, height + 2, width + 2))
+    return OccupancyGrid(cells, frame)

@@ -32,7 +32,9 @@ CORNER = math.sqrt(2.0) - 1.0
 
 
 _FRACTION = 32
+"""Binary digits of a beam's position within a cell."""
 _HALF = 1 << (_FRACTION - 1)
+"""Half a cell."""
 
 
 class ReachableFloor:
@@ -71,20 +73,22 @@ class ReachableFloor:
         """
         index = self._part_at(x, y)
         if index not in self._masks:
-            if index < 0:
-                cells = np.zeros(self.frame.shape, dtype=np.bool_)
-            elif self._passages is not None and self._labels is not None:
-                cells = self._passages.floor_about(
-                    self._labels == index, self._dilation, self.frame
-                )
-            else:
-                floor = (
-                    self._parts[index].buffer(self._dilation, quad_segs=8).intersection(self._free)
-                )
-                cells = np.ascontiguousarray(fill_segments(_outlines(floor), self.frame)[::-1])
+            cells = self._mask_of(index)
             cells.flags.writeable = False
             self._masks[index] = cells
         return self._masks[index]
+
+    def _mask_of(self, index: int) -> BoolArray:
+        """Cells of a part; none for -1."""
+        if index < 0:
+            return np.zeros(self.frame.shape, dtype=np.bool_)
+        if self._passages is not None and self._labels is not None:
+            part = self._labels == index
+            return self._passages.floor_about(part, self._dilation, self.frame)
+        around = self._parts[index].buffer(self._dilation, quad_segs=8)
+        floor = around.intersection(self._free)
+        cells = fill_segments(_outlines(floor), self.frame)
+        return np.ascontiguousarray(cells[::-1])
 
     def _part_at(self, x: float, y: float) -> int:
         """Index of the part that holds a point, or is nearest to it; -1 if there is none."""
@@ -151,17 +155,27 @@ class Coverage:
             pose: True pose of the robot's base, world frame.
             true_ranges: Ranges without noise from there, shape (num_beams,) [m].
         """
-        place, sensor = (self.frame.origin_x, self.frame.origin_y, CELL), compose(pose, self._mount)
+        sensor = compose(pose, self._mount)
         self._seen += sweep(
-            self._unseen, *place, *sensor, self._directions, true_ranges, self._usable
+            self._unseen,
+            self.frame.origin_x,
+            self.frame.origin_y,
+            CELL,
+            sensor.x,
+            sensor.y,
+            sensor.theta,
+            self._directions,
+            true_ranges,
+            self._usable,
         )
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:
     """All edges of an area's polygons, shape (S, 4) [m]."""
-    return ring_segments(
-        [ring for part in polygon_parts(area) for ring in (part.exterior, *part.interiors)]
-    )
+    rings = []
+    for part in polygon_parts(area):
+        rings += [part.exterior, *part.interiors]
+    return ring_segments(rings)
 
 
 @kernel
@@ -199,14 +213,17 @@ def sweep(
     """
     height, width = unseen.shape
     flat = unseen.reshape(-1)
-    cos, sin = math.cos(theta), math.sin(theta)
+    cos = math.cos(theta)
+    sin = math.sin(theta)
     scale = 1.0 / resolution
     start_col = math.floor((x - origin_x) * scale)
     start_row = math.floor((y - origin_y) * scale)
     if not (0 <= start_row < height and 0 <= start_col < width):
         return 0
     start = start_row * width + start_col
-    fresh, last_row, last_col = 0, 0, 0
+    fresh = 0
+    last_row = 0
+    last_col = 0
     for i in range(len(ranges)):
         length = min(ranges[i], usable)
         end_x = x + length * (cos * directions[i, 0] - sin * directions[i, 1])
@@ -216,15 +233,18 @@ def sweep(
         d_row = min(max(math.floor((end_y - origin_y) * scale), 0), height - 1) - start_row
         if i > 0 and d_row == last_row and d_col == last_col:
             continue  # the same cells as the last beam's
-        last_row, last_col = d_row, d_col
+        last_row = d_row
+        last_col = d_col
         major_stride = 1 if d_col >= 0 else -1
         minor_stride = width if d_row >= 0 else -width
-        major, minor = abs(d_col), abs(d_row)
+        major = abs(d_col)
+        minor = abs(d_row)
         if minor > major:
             major, minor = minor, major
             major_stride, minor_stride = minor_stride, major_stride
         slope = (minor << _FRACTION) // max(major, 1)
-        offset, along = _HALF, start
+        offset = _HALF
+        along = start
         for _ in range(major + 1):
             # An unsigned index isn't asked whether it counts from the end.
             cell = np.uint64(along + (offset >> _FRACTION) * minor_stride)

@@ -26,19 +26,30 @@ SECTORS = 24
 """Directions in which the robot could leave, counter-clockwise from ahead."""
 FAR_SIZE = SECTORS + 3
 """Numbers of the far look."""
-_DIRECTIONS = tuple(
-    (math.cos(2.0 * math.pi * k / SECTORS), math.sin(2.0 * math.pi * k / SECTORS))
-    for k in range(SECTORS)
-)
+_ANGLES = [2.0 * math.pi * k / SECTORS for k in range(SECTORS)]
+_DIRECTIONS = tuple((math.cos(angle), math.sin(angle)) for angle in _ANGLES)
+"""Unit vector of each direction, ahead and left."""
 BLOCK_SIDE = 4
 """Cells along a side of a block, on the map's lattice."""
-_FURTHEST = 25.0  # [m]; longer ways are told as this one
-_DETOUR = 2.0  # [m]; longer detours are told as this one
-_NEAREST_STEP, _LAST_STEP = 3, 12  # blocks from the robot between which a direction is followed
+_FURTHEST = 25.0
+"""Longer ways are told as this one [m]."""
+_DETOUR = 2.0
+"""Longer detours are told as this one [m]."""
+_NEAREST_STEP = 3
+"""A direction counts for ways that lead to it at least so far from the robot [blocks]."""
+_LAST_STEP = 12
+"""A direction is followed so far from the robot [blocks]."""
 
-_UNKNOWN_BLOCK, _BLOCKED = -1, -2
+_UNKNOWN_BLOCK = -1
+"""Mark of a block of which nothing is known."""
+_BLOCKED = -2
+"""Mark of a block that holds an occupied cell."""
 _UNREACHED = 1 << 30
-_STRAIGHT, _DIAGONAL = 2, 3  # chamfer lengths, in half blocks
+"""Mark of a block that can be crossed, and to which no way was found yet."""
+_STRAIGHT = 2
+"""Chamfer length of the way to a block beside [half blocks]."""
+_DIAGONAL = 3
+"""Chamfer length of the way to a block at a corner [half blocks]."""
 
 
 @kernel
@@ -50,18 +61,25 @@ def draw_blocks(cells: ByteArray, blocks: Int32Array) -> None:
         blocks: Receives the blocks, and one more to every side, shape (h + 2, w + 2).
     """
     blocks[:] = _UNKNOWN_BLOCK
-    least, most = np.empty(cells.shape[1], np.uint8), np.empty(cells.shape[1], np.uint8)
+    width = cells.shape[1]
+    least = np.empty(width, np.uint8)
+    most = np.empty(width, np.uint8)
     for i in range(blocks.shape[0] - 2):
         # Occupied is less than unknown, and free more.
         first = BLOCK_SIDE * i
-        one, two, three, four = cells[first], cells[first + 1], cells[first + 2], cells[first + 3]
-        for c in range(len(least)):
+        one = cells[first]
+        two = cells[first + 1]
+        three = cells[first + 2]
+        four = cells[first + 3]
+        for c in range(width):
             least[c] = min(one[c], two[c], three[c], four[c])
             most[c] = max(one[c], two[c], three[c], four[c])
         for j in range(blocks.shape[1] - 2):
-            low, high = UNKNOWN, UNKNOWN
+            low = UNKNOWN
+            high = UNKNOWN
             for c in range(BLOCK_SIDE * j, BLOCK_SIDE * (j + 1)):
-                low, high = min(low, least[c]), max(high, most[c])
+                low = min(low, least[c])
+                high = max(high, most[c])
             if low == OCCUPIED:
                 blocks[i + 1, j + 1] = _BLOCKED
             elif high != UNKNOWN:
@@ -75,7 +93,8 @@ def measure_ways(blocks: Int32Array) -> None:
     Args:
         blocks: From :func:`draw_blocks`.
     """
-    cols, flat = blocks.shape[1], blocks.reshape(-1)
+    cols = blocks.shape[1]
+    flat = blocks.reshape(-1)
     around = (1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, 1 - cols)
     queues = np.empty((4, flat.size), dtype=np.int32)  # those of a length and of the three after it
     counts = np.zeros(4, dtype=np.int64)
@@ -87,25 +106,34 @@ def measure_ways(blocks: Int32Array) -> None:
             if flat[cell] != length:
                 continue  # a shorter way was found
             for d in range(8):
-                is_diagonal, there = d & 1, cell + around[d]
+                there = cell + around[d]
+                is_diagonal = d & 1
                 following = length + (_DIAGONAL if is_diagonal else _STRAIGHT)
-                # No diagonal cuts the corner of a wall.
-                if flat[there] <= following or (
-                    is_diagonal
-                    and (_BLOCKED in (flat[cell + around[d - 1]], flat[cell + around[(d + 1) & 7]]))
-                ):
+                if flat[there] <= following:
+                    continue
+                if is_diagonal and _cuts_corner(flat, cell, around, d):
                     continue
                 flat[there] = following
-                queues[following & 3, counts[following & 3]] = there
-                counts[following & 3] += 1
+                queue = following & 3
+                queues[queue, counts[queue]] = there
+                counts[queue] += 1
         counts[length & 3] = 0
         length += 1
 
 
 @kernel
+def _cuts_corner(flat: Int32Array, cell: int, around: tuple[int, ...], d: int) -> bool:
+    """True if a diagonal out of a block passes a block with an occupied cell."""
+    before = flat[cell + around[d - 1]]
+    after = flat[cell + around[(d + 1) & 7]]
+    return _BLOCKED in (before, after)
+
+
+@kernel
 def _find_frontiers(blocks: Int32Array, found: Int32Array) -> int:
     """Mark as 0 and list the blocks that can be crossed and touch an unknown one, two or more together."""
-    cols, flat = blocks.shape[1], blocks.reshape(-1)
+    cols = blocks.shape[1]
+    flat = blocks.reshape(-1)
     straight = (1, cols, -1, -cols)
     around = (1, cols + 1, cols, cols - 1, -1, -cols - 1, -cols, 1 - cols)
     borders = np.zeros(flat.size, dtype=np.uint8)
@@ -150,15 +178,18 @@ def write_far(
     """
     begin = out.shape[1] - FAR_SIZE
     for i in ids:
-        blocks = ways[i, : shapes[i, 0] * shapes[i, 1]].reshape(shapes[i, 0], shapes[i, 1])
-        row, col = poses[i, 1] / size - corners[i, 0], poses[i, 0] / size - corners[i, 1]
+        rows, cols = shapes[i]
+        blocks = ways[i, : rows * cols].reshape(rows, cols)
+        row = poses[i, 1] / size - corners[i, 0]
+        col = poses[i, 0] / size - corners[i, 1]
         numbers = out[i, begin:]
-        sin, cos = math.sin(poses[i, 2]), math.cos(poses[i, 2])
+        sin = math.sin(poses[i, 2])
+        cos = math.cos(poses[i, 2])
         for k in range(SECTORS):
             ahead, left = _DIRECTIONS[k]
-            numbers[k] = _way_by(
-                blocks, row, col, ahead * sin + left * cos, ahead * cos - left * sin
-            )
+            up = ahead * sin + left * cos
+            right = ahead * cos - left * sin
+            numbers[k] = _way_by(blocks, row, col, up, right)
         shortest = numbers[:SECTORS].min()
         for k in range(SECTORS):
             detour = (numbers[k] - shortest) * size / _DETOUR if numbers[k] < np.inf else 1.0
@@ -170,22 +201,28 @@ def write_far(
 @kernel
 def _mean_direction(nearness: Float32Array) -> tuple[float, float]:
     """Unit vector, ahead and left, of the directions with hardly a detour; nothing where no way leads."""
-    ahead, left = 0.0, 0.0
+    ahead = 0.0
+    left = 0.0
     for k in range(SECTORS):
         weight = float(nearness[k]) ** 8
         ahead += weight * _DIRECTIONS[k][0]
         left += weight * _DIRECTIONS[k][1]
     length = math.sqrt(ahead * ahead + left * left)
-    return (ahead / length, left / length) if length > 0.0 else (0.0, 0.0)
+    if length > 0.0:
+        return ahead / length, left / length
+    return 0.0, 0.0
 
 
 @kernel
 def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float) -> float:
     """Length of the way to the nearest frontier that starts in a direction [blocks]; infinite if none does."""
     rows, cols = blocks.shape
-    best, was_frontier, is_leaving = np.inf, False, True
+    best = np.inf
+    was_frontier = False
+    is_leaving = True
     for step in range(_LAST_STEP + 1):
-        r, c = math.floor(row + step * up), math.floor(col + step * right)
+        r = math.floor(row + step * up)
+        c = math.floor(col + step * right)
         way = blocks[r, c] if 0 <= r < rows and 0 <= c < cols else _UNKNOWN_BLOCK
         if way == _UNKNOWN_BLOCK:
             return min(best, float(step)) if was_frontier else best
@@ -194,10 +231,12 @@ def _way_by(blocks: Int32Array, row: float, col: float, up: float, right: float)
             if is_leaving and step < 2:
                 continue
             return best
-        is_leaving, was_frontier = False, way == 0
+        is_leaving = False
+        was_frontier = way == 0
         if step >= _NEAREST_STEP:
             # By the block's middle, so that the way doesn't jump where the direction enters a block.
-            best = min(best, math.sqrt((r + 0.5 - row) ** 2 + (c + 0.5 - col) ** 2) + 0.5 * way)
+            to_middle = math.sqrt((r + 0.5 - row) ** 2 + (c + 0.5 - col) ** 2)
+            best = min(best, to_middle + 0.5 * way)
     return best
 
 
@@ -210,23 +249,25 @@ class FarLook:
 
     def __init__(self, count: int) -> None:
         self._ways: Any = np.zeros((count, 0), dtype=np.int32)
-        self._shapes, self._corners = (np.zeros((count, 2), dtype=np.int64) for _ in range(2))
+        self._shapes = np.zeros((count, 2), dtype=np.int64)
+        self._corners = np.zeros((count, 2), dtype=np.int64)
         self._size = 1.0
 
     def refresh(
         self, index: int, cells: ByteArray, corner: tuple[int, int], resolution: float
     ) -> None:
         """Look at one robot's map, which was published: the fields of a :class:`~slamgym.envs.compact.MapTiles`."""
-        shape = [size // BLOCK_SIDE + 2 for size in cells.shape]
-        count = shape[0] * shape[1]
+        height, width = cells.shape
+        row, col = corner
+        rows = height // BLOCK_SIDE + 2
+        cols = width // BLOCK_SIDE + 2
+        count = rows * cols
         if count > self._ways.shape[1]:
             self._ways = put(self._ways, index, np.zeros(count, dtype=np.int32))
-        self._shapes[index], self._corners[index] = (
-            shape,
-            [first // BLOCK_SIDE - 1 for first in corner],
-        )
+        self._shapes[index] = rows, cols
+        self._corners[index] = row // BLOCK_SIDE - 1, col // BLOCK_SIDE - 1
         self._size = resolution * BLOCK_SIDE
-        blocks = self._ways[index, :count].reshape(shape)
+        blocks = self._ways[index, :count].reshape(rows, cols)
         draw_blocks(cells, blocks)
         measure_ways(blocks)
 

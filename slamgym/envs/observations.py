@@ -39,29 +39,27 @@ def cut_crop(tiles: Tiles, pose: FloatArray, pitch: float, samples: int, out: By
         samples: Points per side of a crop cell.
         out: Receives the crop, shape (h, w).
     """
-    (height, width), cells, known = out.shape, tiles[0], tiles[3]
-    last, cols, flat = (
-        (height * samples - 1, width * samples - 1),
-        cells.shape[1],
-        cells.reshape(-1),
-    )
+    height, width = out.shape
+    cols = tiles[0].shape[1]
+    flat = tiles[0].reshape(-1)
+    known = tiles[3]
+    num_points = width * samples
+    last = height * samples - 1, num_points - 1
     first, down, right = turned_grid(tiles, pose, pitch, last)
-    table, read = (
-        line_table(cols, right, width, samples),
-        np.empty((samples, width * samples), np.uint8),
-    )
-    best = np.empty(
-        width * samples, np.uint8
-    )  # values less one: of these occupied is the largest, then free
+    table = line_table(cols, right, width, samples)
+    read = np.empty((samples, num_points), np.uint8)
+    # Values less one: of these occupied is the largest, then free.
+    best = np.empty(num_points, np.uint8)
     fetch_rows(flat, cols, known, (first, down, right), last, read)
     for i in range(height):
         out[i] = UNKNOWN
-        begin = first[0] + i * samples * down[0], first[1] + i * samples * down[1]
+        line = i * samples
+        begin = first[0] + line * down[0], first[1] + line * down[1]
         if not read_turned(flat, cols, known, (begin, down, right), samples, table, read):
             continue
         best[:] = np.uint8(UNKNOWN - 1)
         for a in range(samples):
-            for b in range(width * samples):
+            for b in range(num_points):
                 best[b] = max(best[b], np.uint8(read[a, b] - np.uint8(1)))
         for k in range(1, samples):
             for j in range(width):
@@ -90,24 +88,25 @@ class Measurements:
     """
 
     def __init__(self, config: ExploreConfig) -> None:
+        robot = config.robot
+        lidar = config.lidar
         extent = np.array([FURTHEST, FURTHEST, math.pi], dtype=np.float32)
-        speed = 2.0 * np.array(
-            [config.robot.max_linear, config.robot.max_angular], dtype=np.float32
-        )
-        steps, longest = config.max_steps, np.finfo(np.float32).max
-        limit = longest if steps is None else steps * config.control_step
-        range_max, num_beams = config.lidar.range_max, config.lidar.num_beams
+        speed = 2.0 * np.array([robot.max_linear, robot.max_angular], dtype=np.float32)
+        time_limit: Any = np.finfo(np.float32).max
+        if config.max_steps is not None:
+            time_limit = config.max_steps * config.control_step
         self.space = spaces.Dict(
             {
                 "map": spaces.Box(0, 255, config.observation.shape, np.uint8),
-                "scan": spaces.Box(0.0, range_max, (num_beams,), np.float32),
+                "scan": spaces.Box(0.0, lidar.range_max, (lidar.num_beams,), np.float32),
                 "pose": spaces.Box(-extent, extent, dtype=np.float32),
                 "velocity": spaces.Box(-speed, speed, dtype=np.float32),
-                "time": spaces.Box(0.0, np.float32(limit), (1,), np.float32),
+                "time": spaces.Box(0.0, np.float32(time_limit), (1,), np.float32),
             }
         )
-        self._range_max = np.float32(range_max)
-        self._extent, self._speed = extent, speed
+        self._range_max = np.float32(lidar.range_max)
+        self._extent = extent
+        self._speed = speed
 
     def observe(
         self, cells: ByteArray, ranges: Float32Array, pose: Any, velocity: Any, time: Any
@@ -121,9 +120,10 @@ class Measurements:
             velocity: Measured velocity; cut off at twice the robot's limits.
             time: Robot time, shape (1,) [s].
         """
+        shorter = np.minimum(ranges, self._range_max)
         return {
             "map": cells,
-            "scan": np.maximum(np.minimum(ranges, self._range_max), np.float32(0.0)),
+            "scan": np.maximum(shorter, np.float32(0.0)),
             "pose": _within(pose, self._extent),
             "velocity": _within(velocity, self._speed),
             "time": np.array(time, dtype=np.float32),
@@ -133,7 +133,9 @@ class Measurements:
 def _within(values: Any, limits: Float32Array) -> Float32Array:
     """Values in single precision, cut off at plus and minus their limits."""
     single: Float32Array = np.array(values, dtype=np.float32)
-    return np.minimum(np.maximum(single, -limits, out=single), limits, out=single)
+    np.maximum(single, -limits, out=single)
+    np.minimum(single, limits, out=single)
+    return single
 
 
 class SensedStep(NamedTuple):
@@ -175,19 +177,20 @@ class EgocentricView:
     """The newest map about the robot, turned into its heading."""
 
     def __init__(self, config: ObservationConfig, map_resolution: float) -> None:
-        self._side, self._resolution = config.crop_px, map_resolution
-        self._points = crop_points(config, map_resolution)
+        self._side = config.crop_px
+        self._resolution = map_resolution
+        self._pitch, self._samples = crop_points(config, map_resolution)
         self._tiles: MapTiles | None = None
 
     def look(self, now: SensedStep) -> ByteArray:
         """A crop round the robot of the newest map, not of the last published one."""
         if now.is_new or self._tiles is None:
             cells, corner = now.mapper.lattice()
-            self._tiles = MapTiles(
-                np.ascontiguousarray(cells), corner, self._resolution, (0, 0, *cells.shape)
-            )
+            known = 0, 0, *cells.shape
+            cells = np.ascontiguousarray(cells)
+            self._tiles = MapTiles(cells, corner, self._resolution, known)
         crop: ByteArray = np.empty((1, self._side, self._side), dtype=np.uint8)
-        cut_crop(self._tiles[:], np.array(now.pose), *self._points, crop[0])
+        cut_crop(self._tiles[:], np.array(now.pose), self._pitch, self._samples, crop[0])
         return crop
 
 
@@ -196,14 +199,16 @@ class CompactView:
 
     def __init__(self, config: ExploreConfig) -> None:
         self._observer = CompactObserver.of(config)
-        self._waits = config.observation.map == "global"
+        self._waits_for_publication = config.observation.map == "global"
         self._resolution = config.slam.resolution
         self._tiles: MapTiles | None = None
 
     def look(self, now: SensedStep) -> Float32Array:
         """The observation."""
-        if self._tiles is None or (now.is_published if self._waits else now.is_new):
-            self._tiles = MapTiles.of(*now.mapper.lattice(), self._resolution)
+        has_changed = now.is_published if self._waits_for_publication else now.is_new
+        if self._tiles is None or has_changed:
+            cells, corner = now.mapper.lattice()
+            self._tiles = MapTiles.of(cells, corner, self._resolution)
         if now.is_published:
             self._observer.refresh(self._tiles)
         return self._observer.observe(self._tiles, now.ranges, now.pose, now.velocity)

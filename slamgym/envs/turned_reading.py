@@ -37,20 +37,16 @@ def turned_grid(tiles: Tiles, pose: FloatArray, pitch: float, last: Place) -> Li
         pitch: Distance of the points [cells].
         last: Numbers of the last line and of its last point.
     """
-    corner, resolution = tiles[1], tiles[2]
+    corner = tiles[1]
+    resolution = tiles[2]
     one = float(1 << _FRACTION)
-    cos, sin = round(pitch * one * math.cos(pose[2])), round(pitch * one * math.sin(pose[2]))
+    cos = round(pitch * one * math.cos(pose[2]))
+    sin = round(pitch * one * math.sin(pose[2]))
     # Exact to the lattice for any given part of the map.
-    row = (
-        round(pose[1] / resolution * one)
-        + (last[0] * sin + last[1] * cos) // 2
-        - (corner[0] << _FRACTION)
-    )
-    col = (
-        round(pose[0] / resolution * one)
-        + (last[0] * cos - last[1] * sin) // 2
-        - (corner[1] << _FRACTION)
-    )
+    robot_row = round(pose[1] / resolution * one) - (corner[0] << _FRACTION)
+    robot_col = round(pose[0] / resolution * one) - (corner[1] << _FRACTION)
+    row = robot_row + (last[0] * sin + last[1] * cos) // 2
+    col = robot_col + (last[0] * cos - last[1] * sin) // 2
     return (row, col), (-sin, -cos), (-cos, sin)
 
 
@@ -69,9 +65,12 @@ def line_table(cols: int, right: Place, count: int, samples: int) -> np.ndarray:
     table = np.empty((4, count * samples), np.uint32)
     for k in range(samples):
         for j in range(count):
-            row, col = (j * samples + k) * right[0], (j * samples + k) * right[1]
+            point = j * samples + k
+            row = point * right[0]
+            col = point * right[1]
             at = k * count + j
-            table[0, at], table[1, at] = np.uint32(row), np.uint32(col)
+            table[0, at] = np.uint32(row)
+            table[1, at] = np.uint32(col)
             table[2, at] = np.uint32((row >> _FRACTION) * cols + (col >> _FRACTION))
     return table
 
@@ -91,20 +90,24 @@ def fetch_rows(
         read: Its first value is changed, so that the compiler leaves the fetching in.
     """
     first, down, right = lines
-    top, left, bottom, end = known[2], known[3], known[0], known[1]
+    known_top, known_left, known_bottom, known_end = known
+    top = known_bottom
+    left = known_end
+    bottom = known_top
+    end = known_left
     for a, b in ((0, 0), (0, last[1]), (last[0], 0), (last[0], last[1])):
         row = (first[0] + a * down[0] + b * right[0]) >> _FRACTION
         col = (first[1] + a * down[1] + b * right[1]) >> _FRACTION
-        top, bottom, left, end = (
-            min(top, row),
-            max(bottom, row + 1),
-            min(left, col),
-            max(end, col + 1),
-        )
+        top = min(top, row)
+        bottom = max(bottom, row + 1)
+        left = min(left, col)
+        end = max(end, col + 1)
     seen = np.uint8(0)
-    left, end = max(left, known[1]), min(end, known[3])
-    for row in range(max(top, known[0]), min(bottom, known[2])):
-        for at in range(row * cols + left, row * cols + end, 64):
+    left = max(left, known_left)
+    end = min(end, known_end)
+    for row in range(max(top, known_top), min(bottom, known_bottom)):
+        begin = row * cols
+        for at in range(begin + left, begin + end, 64):
             seen |= flat[np.uint64(at)]
     read[0, 0] = seen
 
@@ -112,16 +115,24 @@ def fetch_rows(
 @kernel
 def _points_between(begin: int, step: int, low: int, end: int, points: Place) -> Place:
     """Of some points, half open, those that lie between two borders [cells], half open."""
-    low, end = (low << _FRACTION) - begin, (end << _FRACTION) - begin
+    low = (low << _FRACTION) - begin
+    end = (end << _FRACTION) - begin
     if step == 0:
         return points if low <= 0 < end else (0, 0)
     if step < 0:
-        low, end, step = 1 - end, 1 - low, -step
-    inverse = 1.0 / step  # a division of whole numbers would take longer than reading the line
-    first, last = math.ceil(low * inverse), math.ceil(end * inverse)
-    first += (first * step < low) - ((first - 1) * step >= low)
-    last += (last * step < end) - ((last - 1) * step >= end)
+        low, end = 1 - end, 1 - low
+        step = -step
+    first = _first_point_from(low, step)
+    last = _first_point_from(end, step)
     return max(points[0], first), min(points[1], last)
+
+
+@kernel
+def _first_point_from(border: int, step: int) -> int:
+    """Number of the first of the points at multiples of a positive step that isn't below a border."""
+    inverse = 1.0 / step  # a division of whole numbers would take longer than reading the line
+    number = math.ceil(border * inverse)
+    return number + (number * step < border) - ((number - 1) * step >= border)
 
 
 @kernel
@@ -149,8 +160,10 @@ def read_turned(
         True if one of the points is where the map may be known.
     """
     (row, col), down, right = lines
-    num_points, is_there = table.shape[1], False
-    count, share = num_points // samples, 1.0 / samples
+    num_points = table.shape[1]
+    count = num_points // samples
+    share = 1.0 / samples
+    is_there = False
     for a in range(read.shape[0]):
         begin, end = _points_between(row, right[0], known[0], known[2], (0, num_points))
         begin, end = _points_between(col, right[1], known[1], known[3], (begin, end))
@@ -159,18 +172,24 @@ def read_turned(
                 read[a, k] = UNKNOWN
         if begin < end:
             is_there = True
-            row_rest, col_rest = np.uint32(~row), np.uint32(~col)
+            row_rest = np.uint32(~row)
+            col_rest = np.uint32(~col)
             here = (row >> _FRACTION) * cols + (col >> _FRACTION)
-            corner, above = np.uint32(here), np.uint32(here + cols)
+            corner = np.uint32(here)
+            above = np.uint32(here + cols)
             for k in range(num_points):
                 begins = above if table[0, k] > row_rest else corner
                 beside = np.uint32(1) if table[1, k] > col_rest else np.uint32(0)
                 table[3, k] = begins + beside + table[2, k]
-            first, last = int((begin + 0.5) * share), int((end + 0.5) * share)
-            before, after = begin - first * samples, end - last * samples
+            first = int((begin + 0.5) * share)
+            last = int((end + 0.5) * share)
+            before = begin - first * samples
+            after = end - last * samples
             for s in range(samples):
-                begin, end = s * count + first + (s < before), s * count + last + (s < after)
+                begin = s * count + first + (s < before)
+                end = s * count + last + (s < after)
                 for k in range(np.uint64(begin), np.uint64(end)):
                     read[a, k] = flat[table[3, k]]
-        row, col = row + down[0], col + down[1]
+        row += down[0]
+        col += down[1]
     return is_there

@@ -11,9 +11,19 @@ from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
 
-def zeros(count: int, dtype: Any, *shapes: tuple[int, ...]) -> list[Any]:
-    """Tables of zeros with a row for each of so many robots."""
-    return [np.zeros((count, *shape), dtype=dtype) for shape in shapes]
+def _numbers(*shape: int) -> FloatArray:
+    """A table of zeros."""
+    return np.zeros(shape)
+
+
+def _integers(*shape: int) -> IntArray:
+    """A table of whole zeros."""
+    return np.zeros(shape, dtype=np.int64)
+
+
+def _flags(*shape: int) -> BoolArray:
+    """A table of flags, none of them set."""
+    return np.zeros(shape, dtype=np.bool_)
 
 
 class Robots(NamedTuple):
@@ -36,8 +46,21 @@ class Robots(NamedTuple):
     @classmethod
     def rest(cls, count: int) -> "Robots":
         """So many robots at rest."""
-        numbers = zeros(count, np.float64, (8,), (3,), (3,), (3,), (2,), (2,), (3,), (3,), ())
-        return cls(*numbers, *zeros(count, np.int64, (), ()), *zeros(count, np.bool_, (), ()))
+        return cls(
+            drive=_numbers(count, 8),
+            pose=_numbers(count, 3),
+            start=_numbers(count, 3),
+            odometry=_numbers(count, 3),
+            velocity=_numbers(count, 2),
+            rolled=_numbers(count, 2),
+            wheels=_numbers(count, 3),
+            slips=_numbers(count, 3),
+            path=_numbers(count),
+            steps=_integers(count),
+            collisions=_integers(count),
+            contact=_flags(count),
+            exact=_flags(count),
+        )
 
 
 class Scenes(NamedTuple):
@@ -50,12 +73,10 @@ class Scenes(NamedTuple):
     floor_corner: FloatArray  # (N, 2) lower left corner [m]
     first: IntArray  # (N, F) where each segment's patches begin, see slamgym.sim.surfaces
     num_segments: IntArray  # (N,)
-    num_first: IntArray
-    num_patches: IntArray
-    num_outside: IntArray
-    materials: (
-        IntArray  # (N, 2) how many segments are walls, and the seed of what varies with the place
-    )
+    num_first: IntArray  # (N,)
+    num_patches: IntArray  # (N,)
+    num_outside: IntArray  # (N,)
+    materials: IntArray  # (N, 2) number of walls, and the seed of what varies with the place
     floor_shape: IntArray  # (N, 2) rows and columns
     seen: IntArray  # (N,) cells seen
     floor_cells: IntArray  # (N,) cells of the floor
@@ -64,9 +85,23 @@ class Scenes(NamedTuple):
     @classmethod
     def empty(cls, count: int) -> "Scenes":
         """Room for so many scenes; the tables grow with what is put into them."""
-        numbers = zeros(count, np.float64, (0, 4), (0, 5), (0, 4), (), (2,))
-        indices = zeros(count, np.int64, (0,), (), (), (), (), (2,), (2,), (), ())
-        return cls(*numbers, *indices, *zeros(count, np.bool_, (0,)))
+        return cls(
+            segments=_numbers(count, 0, 4),
+            patches=_numbers(count, 0, 5),
+            outside=_numbers(count, 0, 4),
+            roughness=_numbers(count),
+            floor_corner=_numbers(count, 2),
+            first=_integers(count, 0),
+            num_segments=_integers(count),
+            num_first=_integers(count),
+            num_patches=_integers(count),
+            num_outside=_integers(count),
+            materials=_integers(count, 2),
+            floor_shape=_integers(count, 2),
+            seen=_integers(count),
+            floor_cells=_integers(count),
+            unseen=_flags(count, 0),
+        )
 
 
 class ScanModel(NamedTuple):
@@ -94,10 +129,14 @@ class Scans(NamedTuple):
     @classmethod
     def blank(cls, count: int, num_beams: int, longest_burst: int) -> "Scans":
         """So many scans not taken yet."""
-        draws = zeros(
-            count, np.float64, (2, num_beams), (2, num_beams + 1), (longest_burst,), (num_beams,)
+        return cls(
+            normal=_numbers(count, 2, num_beams),
+            fate=_numbers(count, 2, num_beams + 1),
+            pulses=_numbers(count, longest_burst),
+            true=_numbers(count, num_beams),
+            burst=_integers(count, 2),
+            ranges=np.zeros((count, num_beams), dtype=np.float32),
         )
-        return cls(*draws, *zeros(count, np.int64, (2,)), *zeros(count, np.float32, (num_beams,)))
 
 
 class Maps(NamedTuple):
@@ -106,9 +145,7 @@ class Maps(NamedTuple):
     last: FloatArray  # (N, 3) odometry of the last scan
     processed: FloatArray  # (N, 3) odometry of the last processed scan
     anchor: FloatArray  # (N, 3) estimate at the last processed scan
-    since: (
-        FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad] since
-    )
+    since: FloatArray  # (N, 3) stamp of the last processed scan [s]; distance [m] and turn [rad]
     believed: FloatArray  # (N, 3) estimate now
     shape: IntArray  # (N, 2) rows and columns, multiples of four
     corner: IntArray  # (N, 2) row and column of the lattice where they begin, multiples of four
@@ -121,12 +158,20 @@ class Maps(NamedTuple):
     @classmethod
     def blank(cls, count: int) -> "Maps":
         """So many maps without any cell."""
-        poses, places = (
-            zeros(count, np.float64, *[(3,)] * 5),
-            zeros(count, np.int64, (2,), (2,), (4,)),
+        return cls(
+            last=_numbers(count, 3),
+            processed=_numbers(count, 3),
+            anchor=_numbers(count, 3),
+            since=_numbers(count, 3),
+            believed=_numbers(count, 3),
+            shape=_integers(count, 2),
+            corner=_integers(count, 2),
+            known=_integers(count, 4),
+            begun=_flags(count),
+            is_new=_flags(count),
+            counts=np.zeros((count, 0, 2), dtype=np.int32),
+            cells=np.zeros((count, 0), dtype=np.uint8),
         )
-        counts, cells = zeros(count, np.int32, (0, 2)), zeros(count, np.uint8, (0,))
-        return cls(*poses, *places, *zeros(count, np.bool_, (), ()), *counts, *cells)
 
 
 class MapModel(NamedTuple):
@@ -138,9 +183,7 @@ class MapModel(NamedTuple):
     min_passes: int
     updates: tuple[float, float, float]  # see slamgym.slam.motion_model.update_thresholds
     believes_truth: bool  # else the wheels
-    keeps_current: (
-        bool  # the shown cells follow every processed scan, else they wait for a publication
-    )
+    keeps_current: bool  # shown cells follow every processed scan, else they wait for a publication
 
 
 class DriveModel(NamedTuple):
@@ -155,10 +198,14 @@ class DriveModel(NamedTuple):
     @classmethod
     def of(cls, robot: RobotConfig, dt: float) -> "DriveModel":
         """The model of a robot."""
-        limits = np.array(
-            [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
+        limits = [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
+        return cls(
+            dt=dt,
+            limits=np.array(limits),
+            radius=robot.radius + SKIN,
+            body=float(robot.radius),
+            disc=DiscBody.of(robot),
         )
-        return cls(dt, limits, robot.radius + SKIN, float(robot.radius), DiscBody.of(robot))
 
 
 class WheelModel(NamedTuple):
@@ -171,11 +218,11 @@ class WheelModel(NamedTuple):
 
 def put(table: Any, index: int, rows: np.ndarray) -> Any:
     """Write rows to the head of one environment's part of a table (N, capacity, ...); returns it, grown at need."""
-    if len(rows) > table.shape[1]:
-        (larger,) = zeros(
-            len(table), table.dtype, (max(len(rows), 2 * table.shape[1]), *table.shape[2:])
-        )
-        larger[:, : table.shape[1]] = table
+    count, capacity, *shape = table.shape
+    if len(rows) > capacity:
+        larger_capacity = max(len(rows), 2 * capacity)
+        larger = np.zeros((count, larger_capacity, *shape), dtype=table.dtype)
+        larger[:, :capacity] = table
         table = larger
     table[index, : len(rows)] = rows
     return table

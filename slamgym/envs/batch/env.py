@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import gymnasium as gym
 import numpy as np
@@ -20,7 +20,6 @@ from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.observing import BatchObserver
 from slamgym.envs.batch.stepping import drive_all
 from slamgym.envs.batch.threads import divide_work, usable_threads
-from slamgym.envs.completion import CompletionDetector
 from slamgym.envs.config import ExploreConfig, resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.observations import observation_space
@@ -70,7 +69,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         threads: int | None = None,
         **settings: Any,
     ) -> None:
-        threads = usable_threads() if threads is None else threads
+        if threads is None:
+            threads = usable_threads()
         if min(num_envs, threads) < 1:
             raise ConfigError(
                 f"num_envs and threads must be at least 1, not {num_envs} and {threads}"
@@ -87,8 +87,8 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._plan_cache = PlanCache(plans, config.robot, config.lidar.surfaces, BATCH_SITES)
         self._generators: list[np.random.Generator] = []
-        # Of each robot: is it done, and how wrong is its map? In the order of the robots.
-        self._judges: dict[int, tuple[CompletionDetector, MapError | None]] = {}
+        # Of each robot; None before its first map, and where no reward reads it.
+        self._map_errors: list[MapError | None] = [None] * num_envs
         self._over = np.zeros(num_envs, dtype=np.bool_)
         self._fleet = Fleet(config, num_envs, threads)
         self._observer = BatchObserver(config, self._fleet)
@@ -118,22 +118,29 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         options = dict(options or {})
         mask = self._read_mask(options.pop("reset_mask", None))
         wanted = ResetOptions.read(options)
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
-        if seeds is not None and len(seeds) != self.num_envs:
-            raise ConfigError(f"seed must be a number or {self.num_envs} of them, not {len(seeds)}")
         ids = np.flatnonzero(mask)
-        for i in ids.tolist():
-            one = None if seeds is None else seeds[i]
-            if i == len(self._generators):
-                self._generators.append(seeding.np_random(one)[0])
-            elif one is not None:
-                self._generators[i] = seeding.np_random(one)[0]
+        self._seed(ids, seed)
         self._begin(ids, wanted)
         self._sense(ids, mask)
         self._over = self._over & ~mask
-        return self._observer.observe(ids, mask), _entries(self._figures(), mask) | self._plans(
-            mask
-        )
+        observations = self._observer.observe(ids, mask)
+        infos = _entries(self._figures()._asdict(), mask)
+        return observations, infos | self._plans(mask)
+
+    def _seed(self, ids: IntArray, seed: int | Sequence[int | None] | None) -> None:
+        """Make the generators of environments that are seeded, and of those that have none."""
+        seeds: Sequence[int | None] = [None] * self.num_envs
+        if isinstance(seed, int):
+            seeds = range(seed, seed + self.num_envs)
+        elif seed is not None:
+            seeds = seed
+        if len(seeds) != self.num_envs:
+            raise ConfigError(f"seed must be a number or {self.num_envs} of them, not {len(seeds)}")
+        for i in ids.tolist():
+            if i == len(self._generators):
+                self._generators.append(seeding.np_random(seeds[i])[0])
+            elif seeds[i] is not None:
+                self._generators[i] = seeding.np_random(seeds[i])[0]
 
     def step(self, actions: Any) -> tuple[Any, FloatArray, BoolArray, BoolArray, dict[str, Any]]:
         """Drive all robots for one control step.
@@ -142,31 +149,33 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             ActionError: If the actions are of another kind than those of the space.
             gymnasium.error.ResetNeeded: Before the first reset, or where an episode is over and none begins by itself.
         """
-        fleet, mode, config = self._fleet, self.metadata["autoreset_mode"], self.config
+        fleet = self._fleet
+        mode = self.metadata["autoreset_mode"]
         if not fleet.each or (mode == AutoresetMode.DISABLED and self._over.any()):
             raise gym.error.ResetNeeded(
                 "call reset() first, with options['reset_mask'] for those that are over"
             )
+        everyone = np.arange(self.num_envs)
         fresh = self._over if mode == AutoresetMode.NEXT_STEP else np.zeros_like(self._over)
-        everyone, lived = np.arange(self.num_envs), ~fresh
-        path, coverage = fleet.robots.path.copy(), fleet.shares
+        lived = ~fresh
+        path = fleet.robots.path.copy()
+        coverage = fleet.shares
         fleet.drive(np.flatnonzero(lived), self._actions.to_commands(actions))
         driven = fleet.robots.path - path
         if fresh.any():
             self._begin(np.flatnonzero(fresh), ResetOptions())
-        is_published = fleet.robots.steps % config.publication_steps == 0
+        is_published = fleet.robots.steps % self.config.publication_steps == 0
         self._sense(everyone, is_published)
 
         terminations = self._are_complete(is_published & lived) & lived
-        truncations = np.zeros_like(lived)
-        if config.max_steps is not None:
-            truncations = (fleet.robots.steps >= config.max_steps) & lived
+        truncations = self._are_cut_off() & lived
         figures = self._figures()
         rewards, terms = self._rewards(figures, driven, coverage, terminations)
         rewards[fresh] = 0.0
-        self._over = over = terminations | truncations
+        over = terminations | truncations
+        self._over = over
         observations = self._observer.observe(everyone, is_published)
-        infos = _entries(figures, np.ones_like(lived)) | self._plans(fresh)
+        infos = _entries(figures._asdict(), np.ones_like(lived)) | self._plans(fresh)
         infos |= _entries({"reward_terms": _entries(terms, lived)}, lived)
         infos |= _entries({"is_success": terminations}, over)
         if mode == AutoresetMode.SAME_STEP and over.any():
@@ -180,32 +189,27 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         ids = np.flatnonzero(over)
         last = np.full(self.num_envs, None, dtype=object)
         for i in ids.tolist():
-            is_dict = isinstance(observations, dict)
-            last[i] = (
-                {key: value[i] for key, value in observations.items()}
-                if is_dict
-                else observations[i]
-            )
+            if isinstance(observations, dict):
+                last[i] = {key: value[i] for key, value in observations.items()}
+            else:
+                last[i] = observations[i]
         self._begin(ids, ResetOptions())
         self._sense(ids, over)
         self._over = np.zeros_like(over)
-        infos = {
-            **_entries(self._figures(), np.ones_like(over)),
-            **_entries({"reward_terms": _narrowed(infos["reward_terms"], ~over)}, ~over),
-            **self._plans(over),
-            **_entries({"final_obs": last, "final_info": _narrowed(infos, over)}, over),
-        }
-        return self._observer.observe(ids, over), infos
+        terms = _narrowed(infos["reward_terms"], ~over)
+        fresh_infos = _entries(self._figures()._asdict(), np.ones_like(over))
+        fresh_infos |= _entries({"reward_terms": terms}, ~over)
+        fresh_infos |= self._plans(over)
+        fresh_infos |= _entries({"final_obs": last, "final_info": _narrowed(infos, over)}, over)
+        return self._observer.observe(ids, over), fresh_infos
 
     def _begin(self, ids: IntArray, wanted: ResetOptions) -> None:
         """Draw buildings and starts and put robots down; :meth:`Fleet.sense` is still to be called."""
-        config = self.config
         for i in ids.tolist():
             streams = Streams.spawn(self._generators[i])
-            self._fleet.begin(
-                i, *self._plan_cache.choose_site(wanted, streams, config.clutter), streams
-            )
-            self._judges[i] = CompletionDetector.of(config), None
+            prepared, start = self._plan_cache.choose_site(wanted, streams, self.config.clutter)
+            self._fleet.begin(i, prepared, start, streams)
+            self._map_errors[i] = None
         self._observer.begin(ids)
 
     def _sense(self, ids: IntArray, is_published: BoolArray) -> None:
@@ -214,15 +218,15 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         if not self._reward.may_measure:
             return
         for i in ids.tolist():
-            detector, error = self._judges[i]
-            if error is None:
-                robot, start = self._fleet.each[i], Pose2D(*self._fleet.robots.start[i].tolist())
-                error = MapError(robot.prepared, start, partial(self._fleet.grid, i))
-                self._judges[i] = detector, error
+            if self._map_errors[i] is None:
+                prepared = self._fleet.each[i].prepared
+                start = Pose2D(*self._fleet.robots.start[i].tolist())
+                self._map_errors[i] = MapError(prepared, start, partial(self._fleet.grid, i))
 
     def _are_complete(self, published: BoolArray) -> BoolArray:
         """Mask of explorations that are complete by one of the rules in force."""
-        config, fleet = self.config, self._fleet
+        config = self.config
+        fleet = self._fleet
         complete = np.zeros(self.num_envs, dtype=np.bool_)
         if config.coverage_goal is not None:
             complete = fleet.shares >= config.coverage_goal
@@ -231,59 +235,66 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             def look(ids: IntArray) -> None:
                 for i in ids.tolist():
                     pose = Pose2D(*fleet.maps.believed[i].tolist())
-                    complete[i] = self._judges[i][0].is_explored(fleet.grid(i), pose)
+                    complete[i] = fleet.each[i].detector.is_explored(fleet.grid(i), pose)
 
             divide_work(look, np.flatnonzero(published & ~complete), fleet.threads)
         return complete
 
+    def _are_cut_off(self) -> BoolArray:
+        """Mask of explorations whose time limit is over."""
+        if self.config.max_steps is None:
+            return np.zeros(self.num_envs, dtype=np.bool_)
+        return self._fleet.robots.steps >= self.config.max_steps
+
     def _rewards(
-        self,
-        figures: dict[str, Any],
-        driven: FloatArray,
-        coverage: FloatArray,
-        terminations: BoolArray,
+        self, figures: "_Figures", driven: FloatArray, coverage: FloatArray, terminations: BoolArray
     ) -> tuple[FloatArray, dict[str, Any]]:
         """Rewards, shape (N,), and what each term contributed."""
         fleet = self._fleet
-        arrays: dict[str, Any] = {
-            "time": fleet.times,
-            "distance": driven,
-            "contact": fleet.robots.contact.copy(),
-            "previous_coverage": coverage,
-            "floor_area": fleet.scenes.floor_cells * CELL**2,
-            "terminated": terminations,
-            **{name: figures[name] for name in ("coverage", "pose_error")},
-        }
-        arrays["map_errors"] = [error.of_next_step() for _, error in self._judges.values() if error]
-        return self._reward.of_many(StepRecord(duration=self.config.control_step, **arrays))
+        errors = [error.of_next_step() for error in self._map_errors if error is not None]
+        record: Any = StepRecord  # of arrays, a number for each robot
+        steps = record(
+            duration=self.config.control_step,
+            time=fleet.times,
+            distance=driven,
+            contact=fleet.robots.contact.copy(),
+            coverage=figures.coverage,
+            previous_coverage=coverage,
+            pose_error=figures.pose_error,
+            terminated=terminations,
+            floor_area=fleet.scenes.floor_cells * CELL**2,
+            map_errors=errors,
+        )
+        return self._reward.of_many(steps)
 
-    def _figures(self) -> dict[str, Any]:
-        """Values that ``info`` shows of every robot."""
+    def _figures(self) -> "_Figures":
+        """The newest figures of every robot."""
         fleet = self._fleet
-        doubts = np.zeros(
-            (2, self.num_envs), dtype=np.int64
-        )  # robots that are mapped together have none
+        # Robots that are mapped together have no doubts.
+        doubtful_scans = np.zeros(self.num_envs, dtype=np.int64)
+        is_doubtful = np.zeros(self.num_envs, dtype=np.bool_)
         if not fleet.is_mapped_together:
-            stats = [fleet.mapper(i).stats for i in range(self.num_envs)]
-            doubts[:] = [len(one.doubtful) for one in stats], [one.is_doubtful for one in stats]
+            for i in range(self.num_envs):
+                stats = fleet.mapper(i).stats
+                doubtful_scans[i] = len(stats.doubtful)
+                is_doubtful[i] = stats.is_doubtful
         apart = fleet.maps.believed - (fleet.robots.pose - fleet.robots.start * (1.0, 1.0, 0.0))
-        return {
-            "coverage": fleet.shares,
-            "path_length": fleet.robots.path.copy(),
-            "collisions": fleet.robots.collisions.copy(),
-            "pose_error": np.hypot(apart[:, 0], apart[:, 1]),
-            "heading_error": np.abs(wrap_angle(apart[:, 2])),
-            "doubtful_scans": doubts[0],
-            "is_doubtful": doubts[1] > 0,
-            "true_pose": fleet.robots.pose.copy(),
-        }
+        return _Figures(
+            coverage=fleet.shares,
+            path_length=fleet.robots.path.copy(),
+            collisions=fleet.robots.collisions.copy(),
+            pose_error=np.hypot(apart[:, 0], apart[:, 1]),
+            heading_error=np.abs(wrap_angle(apart[:, 2])),
+            doubtful_scans=doubtful_scans,
+            is_doubtful=is_doubtful,
+            true_pose=fleet.robots.pose.copy(),
+        )
 
     def _plans(self, mask: BoolArray) -> dict[str, Any]:
         """The ids of the buildings in which an episode begins, as infos."""
         if not mask.any():
             return {}
-        names = [robot.prepared.plan.id for robot in self._fleet.each]
-        plans = np.array(names, dtype=object)
+        plans = np.array([robot.prepared.plan.id for robot in self._fleet.each], dtype=object)
         plans[~mask] = None
         return _entries({"plan": plans}, mask)
 
@@ -299,6 +310,19 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         return mask
 
 
+class _Figures(NamedTuple):
+    """What ``info`` shows of every robot, as :class:`~slamgym.envs.ExploreEnv` describes it; shape (N, ...)."""
+
+    coverage: FloatArray
+    path_length: FloatArray
+    collisions: IntArray
+    pose_error: FloatArray
+    heading_error: FloatArray
+    doubtful_scans: IntArray
+    is_doubtful: BoolArray
+    true_pose: FloatArray
+
+
 def _entries(values: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
     """Values with the mask of those to whom they apply, as vector environments give infos; nothing if to none."""
     entries = dict(values) if mask.any() else {}
@@ -311,10 +335,12 @@ def _narrowed(infos: dict[str, Any], mask: BoolArray) -> dict[str, Any]:
     """Infos of fewer environments; those of none are left out."""
     narrowed: dict[str, Any] = {}
     for name, value in infos.items():
-        if name.startswith("_") or not (infos[f"_{name}"] & mask).any():
+        if name.startswith("_"):
             continue
-        narrowed[name] = _narrowed(value, mask) if isinstance(value, dict) else value
-        narrowed[f"_{name}"] = infos[f"_{name}"] & mask
+        left = infos[f"_{name}"] & mask
+        if left.any():
+            narrowed[name] = _narrowed(value, mask) if isinstance(value, dict) else value
+            narrowed[f"_{name}"] = left
     return narrowed
 
 
@@ -330,16 +356,31 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 def _refuse_unsupported(config: ExploreConfig, render_mode: str | None) -> None:
     """Refuse what single environments have and a batch doesn't."""
-    observation, clutter = config.observation, config.clutter
-    shows_whole_map = observation.map == "global" and not observation.is_compact
-    refused = {
-        "pictures; leave out render_mode": render_mode is not None,
-        "a log of every scan; set record=False": config.record,
-        "people; set clutter.people to 0": clutter.people > 0,
-        "furniture that is moved; set clutter.changes to 0": clutter.changes > 0.0,
-        "scanners that take their time; set lidar.sweep to 0": config.lidar.sweep > 0.0,
-        "the whole map as a picture; give observation.map='egocentric' or preset='compact'": shows_whole_map,
-    }
-    for what, is_asked in refused.items():
-        if is_asked:
-            raise ConfigError(f"a batch of environments has no {what}, or make single environments")
+    observation = config.observation
+    if render_mode is not None:
+        raise ConfigError(
+            "a batch of environments has no pictures; leave out render_mode, or make single environments"
+        )
+    if config.record:
+        raise ConfigError(
+            "a batch of environments has no a log of every scan; set record=False, or make single environments"
+        )
+    if config.clutter.people > 0:
+        raise ConfigError(
+            "a batch of environments has no people; set clutter.people to 0, or make single environments"
+        )
+    if config.clutter.changes > 0.0:
+        raise ConfigError(
+            "a batch of environments has no furniture that is moved; set clutter.changes to 0, or make single "
+            "environments"
+        )
+    if config.lidar.sweep > 0.0:
+        raise ConfigError(
+            "a batch of environments has no scanners that take their time; set lidar.sweep to 0, or make single "
+            "environments"
+        )
+    if observation.map == "global" and not observation.is_compact:
+        raise ConfigError(
+            "a batch of environments has no the whole map as a picture; give observation.map='egocentric' or "
+            "preset='compact', or make single environments"
+        )

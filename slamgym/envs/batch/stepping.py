@@ -27,7 +27,7 @@ from slamgym.envs.batch.arrays import (
 from slamgym.envs.compact import write_compact
 from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import cut_crop
-from slamgym.envs.turned_reading import CellBox, Tiles
+from slamgym.envs.turned_reading import CellBox, Place, Tiles
 from slamgym.sim import motion
 from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
 from slamgym.sim.contact import DiscContacts, solve_disc
@@ -38,8 +38,10 @@ from slamgym.slam.motion_model import add_way, is_far_enough
 
 _compose = kernel(geometry.compose)
 _between = kernel(geometry.between)
-_count_ticks, _slipped_arc = kernel(count_ticks), kernel(slipped_arc)
-_add_way, _is_far_enough = kernel(add_way), kernel(is_far_enough)
+_count_ticks = kernel(count_ticks)
+_slipped_arc = kernel(slipped_arc)
+_add_way = kernel(add_way)
+_is_far_enough = kernel(is_far_enough)
 _TURN = 2.0 * math.pi
 
 
@@ -65,9 +67,13 @@ def drive_all(
     people = np.empty((0, 3))
     limits = drive.limits
     for i in ids:
-        state, linear, angular = robots.drive[i], targets[i, 0], targets[i, 1]
+        state = robots.drive[i]
+        linear = targets[i, 0]
+        angular = targets[i, 1]
         state[motion.LEFT :] = 0.0
-        walls, touches, rest = scenes.segments[i, : scenes.num_segments[i]], False, drive.dt
+        walls = scenes.segments[i, : scenes.num_segments[i]]
+        touches = False
+        rest = drive.dt
         while rest > motion.NO_TIME:
             rest = motion.drive_freely(
                 state, linear, angular, limits, rest, drive.radius, walls, people
@@ -92,7 +98,9 @@ def _pose(rows: FloatArray, i: int) -> Pose2D:
 
 @kernel
 def _put_pose(rows: FloatArray, i: int, pose: Pose2D) -> None:
-    rows[i, 0], rows[i, 1], rows[i, 2] = pose.x, pose.y, pose.theta
+    rows[i, 0] = pose.x
+    rows[i, 1] = pose.y
+    rows[i, 2] = pose.theta
 
 
 @kernel
@@ -106,7 +114,8 @@ def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float
         dt: Duration of the step [s].
     """
     for i in ids:
-        state, before = robots.drive[i], _pose(robots.pose, i)
+        state = robots.drive[i]
+        before = _pose(robots.pose, i)
         theta = math.pi - (math.pi - state[motion.THETA]) % _TURN
         now = Pose2D(state[motion.X], state[motion.Y], theta)
         _put_pose(robots.pose, i, now)
@@ -116,18 +125,17 @@ def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float
         new = _compose(old, moved)
         _put_pose(robots.odometry, i, new)
         moved = _between(old, new)
-        robots.velocity[i, 0], robots.velocity[i, 1] = moved.x / dt, moved.theta / dt
+        robots.velocity[i, 0] = moved.x / dt
+        robots.velocity[i, 1] = moved.theta / dt
 
 
 @kernel
 def _rolled(robots: Robots, model: WheelModel, i: int) -> Pose2D:
     """Motion of a step as the encoders measure it, with slip."""
-    rolled, wheels, state, slips = (
-        robots.rolled[i],
-        robots.wheels[i],
-        robots.drive[i],
-        robots.slips[i],
-    )
+    rolled = robots.rolled[i]
+    wheels = robots.wheels[i]
+    state = robots.drive[i]
+    slips = robots.slips[i]
     before = rolled[0], rolled[1]
     rolled[0] += wheels[0] * state[motion.LEFT]
     rolled[1] += wheels[1] * state[motion.RIGHT]
@@ -155,7 +163,8 @@ def look_all(
     law = scanner.law
     mount = Pose2D(scanner.mount[0], scanner.mount[1], scanner.mount[2])
     for i in ids:
-        walls, true = scenes.segments[i, : scenes.num_segments[i]], scans.true[i]
+        walls = scenes.segments[i, : scenes.num_segments[i]]
+        true = scans.true[i]
         sensor = _compose(_pose(robots.pose, i), mount)
         _put_pose(sensors, 0, sensor)
         x, y, theta = sensor
@@ -163,23 +172,30 @@ def look_all(
         if robots.exact[i]:
             assign(true, measured)
         else:
-            first = scenes.first[i, : scenes.num_first[i]]
-            patches = scenes.patches[i, : scenes.num_patches[i]]
-            outside = scenes.outside[i, : scenes.num_outside[i]]
-            num_walls, seed = scenes.materials[i, 0], scenes.materials[i, 1]
-            materials = (first, patches, outside, num_walls, seed, scenes.roughness[i])
-            measure_beams(sensors, walls, true, hits, materials, law[:], scans.normal[i], measured)  # type: ignore[arg-type]
+            materials = _materials(scenes, i)
+            normal = scans.normal[i]
+            measure_beams(sensors, walls, true, hits, materials, law[:], normal, measured)  # type: ignore[arg-type]
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
             begin = scans.burst[i, 0]
             for k in range(scans.burst[i, 1]):
                 measured[begin + k] = min(measured[begin + k], scans.pulses[i, k])
         write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
-        rows, cols = scenes.floor_shape[i, 0], scenes.floor_shape[i, 1]
+        rows, cols = scenes.floor_shape[i]
         unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
         left, bottom = scenes.floor_corner[i]
         scenes.seen[i] += sweep(
             unseen, left, bottom, CELL, x, y, theta, scanner.directions, true, scanner.usable
         )
+
+
+@kernel
+def _materials(scenes: Scenes, i: int) -> Any:
+    """What the segments of one scene are made of: :class:`slamgym.sim.surfaces.Surfaces` without names."""
+    first = scenes.first[i, : scenes.num_first[i]]
+    patches = scenes.patches[i, : scenes.num_patches[i]]
+    outside = scenes.outside[i, : scenes.num_outside[i]]
+    num_walls, seed = scenes.materials[i]
+    return first, patches, outside, num_walls, seed, scenes.roughness[i]
 
 
 @kernel
@@ -198,16 +214,19 @@ def map_all(
     """
     for i in ids:
         if model.believes_truth:
-            true, start = robots.pose[i], robots.start[i]
+            true = robots.pose[i]
+            start = robots.start[i]
             odometry = Pose2D(true[0] - start[0], true[1] - start[1], true[2])
         else:
             odometry = _pose(robots.odometry, i)
         maps.is_new[i] = _is_processed(maps, model, i, odometry, times[i])
-        believed = _compose(_pose(maps.anchor, i), _between(_pose(maps.processed, i), odometry))
+        moved = _between(_pose(maps.processed, i), odometry)
+        believed = _compose(_pose(maps.anchor, i), moved)
         if maps.is_new[i]:
             _put_pose(maps.anchor, i, believed)
             _put_pose(maps.processed, i, odometry)
-            maps.since[i, 0], maps.since[i, 1], maps.since[i, 2] = times[i], 0.0, 0.0
+            maps.since[i, 0] = times[i]
+            maps.since[i, 1:] = 0.0
             _draw(maps, model, i, scans.ranges)
             believed = _compose(believed, _between(odometry, odometry))
         _put_pose(maps.believed, i, believed)
@@ -231,25 +250,35 @@ def _is_processed(maps: Maps, model: MapModel, i: int, odometry: Pose2D, time: f
 @kernel
 def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     """Draw a scan from the last processed pose."""
-    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    rows, cols = maps.shape[i]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
-    corner = (maps.corner[i, 0], maps.corner[i, 1])
-    ranges, beams, resolution = ranges[i : i + 1], model.beams[:], model.resolution
-    bounds = draw_scans(counts, corner, resolution, maps.anchor[i : i + 1], ranges, beams, 1)  # type: ignore[arg-type]
-    box = cells_of(bounds, corner, model.resolution)
-    if box[0] < 0 or box[1] < 0 or box[2] >= rows or box[3] >= cols:
+    corner = _corner(maps, i)
+    resolution = model.resolution
+    poses = maps.anchor[i : i + 1]
+    bounds = draw_scans(counts, corner, resolution, poses, ranges[i : i + 1], model.beams[:], 1)  # type: ignore[arg-type]
+    top, left, bottom, right = cells_of(bounds, corner, resolution)
+    if top < 0 or left < 0 or bottom >= rows or right >= cols:
         return  # beliefs have drifted so far that the map doesn't cover the scan
     known = maps.known[i]
-    for k in range(2):
-        known[k], known[2 + k] = min(known[k], box[k]), max(known[2 + k], box[2 + k] + 1)
+    known[0] = min(known[0], top)
+    known[1] = min(known[1], left)
+    known[2] = max(known[2], bottom + 1)
+    known[3] = max(known[3], right + 1)
     if model.keeps_current:
-        _classify(maps, model, i, (box[0], box[1], box[2] + 1, box[3] + 1))
+        _classify(maps, model, i, (top, left, bottom + 1, right + 1))
+
+
+@kernel
+def _corner(maps: Maps, i: int) -> Place:
+    """Row and column of the lattice at which a map begins."""
+    row, col = maps.corner[i]
+    return row, col
 
 
 @kernel
 def _classify(maps: Maps, model: MapModel, i: int, box: CellBox) -> None:
     """Bring shown cells up to date."""
-    rows, cols = maps.shape[i, 0], maps.shape[i, 1]
+    rows, cols = maps.shape[i]
     counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
     cells = maps.cells[i, : rows * cols].reshape(rows, cols)
     classify_counts(counts, box, model.threshold, (0.0, 0.0), model.min_passes, cells)
@@ -257,12 +286,11 @@ def _classify(maps: Maps, model: MapModel, i: int, box: CellBox) -> None:
 
 @kernel
 def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
-    rows, cols, known = maps.shape[i, 0], maps.shape[i, 1], maps.known[i]
-    cells, corner = (
-        maps.cells[i, : rows * cols].reshape(rows, cols),
-        (maps.corner[i, 0], maps.corner[i, 1]),
-    )
-    return cells, corner, resolution, (known[0], known[1], known[2], known[3])
+    """One robot's map."""
+    rows, cols = maps.shape[i]
+    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+    top, left, bottom, right = maps.known[i]
+    return cells, _corner(maps, i), resolution, (top, left, bottom, right)
 
 
 @kernel
@@ -287,17 +315,20 @@ def sense_all(
             :func:`slamgym.envs.observations.crop_points` says.
         out: Receives observations of the preset ``compact``, shape (N, n), or crops, shape (N, 1, h, w).
     """
-    (robots, scenes, scans, maps), (scanner, model) = world, models
+    robots, scenes, scans, maps = world
+    scanner, model = models
     for k in range(len(ids)):
-        i, one = ids[k], ids[k : k + 1]
+        i = ids[k]
+        one = ids[k : k + 1]
         look_all(robots, scenes, scanner, scans, one)
         map_all(robots, scans, maps, model, one, times)
-        tiles, pose = _tiles(maps, i, model.resolution), maps.believed[i]
+        tiles = _tiles(maps, i, model.resolution)
+        pose = maps.believed[i]
         if is_published[i] and not model.keeps_current:
             _classify(maps, model, i, tiles[3])
         if out.ndim == 2:
-            write_compact(
-                tiles, pose, view[0], scans.ranges[i], robots.velocity[i], view[1], out[i]
-            )
+            ranges = scans.ranges[i]
+            velocity = robots.velocity[i]
+            write_compact(tiles, pose, view[0], ranges, velocity, view[1], out[i])
         else:
             cut_crop(tiles, pose, view[0], view[1], out[i, 0])

@@ -13,8 +13,12 @@ from slamgym.core.types import IntArray
 
 def usable_threads() -> int:
     """The process's cores, or fewer by ``NUMBA_NUM_THREADS`` and ``OMP_NUM_THREADS``, which are 1 in workers."""
-    asked = [os.environ.get(name, "") for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")]
-    return max(1, min([available_cores(), *(int(one) for one in asked if one.isdecimal())]))
+    most = available_cores()
+    for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS"):
+        asked = os.environ.get(name, "")
+        if asked.isdecimal():
+            most = min(most, int(asked))
+    return max(1, most)
 
 
 def divide_work(
@@ -30,12 +34,11 @@ def divide_work(
     """
     if threads == 1 or len(ids) < 2:
         work(ids)
-    else:
-        list(
-            _pool(os.getpid(), threads).map(
-                work, np.array_split(ids, min(parts * threads, len(ids)))
-            )
-        )
+        return
+    calls = min(parts * threads, len(ids))
+    results = _pool(os.getpid(), threads).map(work, np.array_split(ids, calls))
+    for _ in results:  # raises what a call has raised
+        pass
 
 
 @functools.cache
