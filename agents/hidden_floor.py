@@ -16,8 +16,15 @@ from slamgym.agents.pretrained_policy import linear_shapes, read_weights
 from slamgym.core.errors import InputFileError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array, FloatArray
-from slamgym.envs.frontier_features import expected_unseen_share
-from slamgym.planning.costmap import LETHAL_COST, NO_INFORMATION, Costmap
+from slamgym.envs.frontier_features import (
+    AREA_SCALE,
+    DISTANCE_SCALE,
+    TIME_SCALE,
+    FrontierMeasures,
+    expected_unseen_share,
+    scaled_figures,
+)
+from slamgym.planning.costmap import FARTHEST_WALL, LETHAL_COST, NO_INFORMATION, Costmap
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import unknown_regions
 from slamgym.planning.frontiers import Frontier, expected_gain
@@ -33,14 +40,27 @@ FRONTIER_FIGURES = (
     "distance", "looks", "nearest_look", "lost", "nearest_lost", "lost_near_by", "passed", "passed_by", "met",
     "nearest_met", "unseen_share", "lost_square",
 )  # fmt: skip
-"""Figures of a frontier. A look is a beam towards it: lost without return, passed beyond it, or met something there."""
+"""Figures of a frontier, in the order in which the network takes them in. A look is a beam towards it: lost without
+return, passed beyond it, or met something there."""
 
 FLOOR_LAYERS = {"first": (len(FRONTIER_FIGURES), 64), "second": (64, 32), "out": (32, len(AREAS))}
 """Layers of the network: inputs and outputs."""
 DESCRIPTION = ({"env": "hidden floor", "figures": list(FRONTIER_FIGURES)}, {"areas": list(AREAS)})
 """What the weights take in, and what they say."""
 
+_LOOKS = (
+    "looks", "nearest_look", "lost", "nearest_lost", "lost_near_by", "passed", "passed_by", "met",
+    "nearest_met", "lost_square",
+)  # fmt: skip
+"""Columns of what became of the beams towards a frontier."""
+_LARGEST_AREA = 1000.0
+"""A larger known floor counts as this [m2]."""
+_LONGEST_TIME = 3600.0
+"""A longer exploration counts as this [s]."""
+_FARTHEST = 10.0
+"""A farther frontier counts as so far [m]."""
 _RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-2, -2)])
+"""Rows and columns of a ring about a cell, by which the side of the unknown is found [cells]."""
 
 
 def describe_frontiers(
@@ -49,35 +69,53 @@ def describe_frontiers(
     """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
     costmap = loop.navigator.costmap
     assert costmap is not None
-    size, frame = costmap.frame.resolution, costmap.frame
     _, cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
-    places = [frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
+    places = [costmap.frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
     outward = np.array([outward_of(costmap, one) for one in frontiers])
-    beams = looks.figures(places, outward)
-    unseen, rows = expected_unseen_share(loop), []
-    for k, (one, region) in enumerate(zip(frontiers, regions, strict=True)):
-        extent = float(np.hypot(*np.ptp(places[k], axis=0)))
-        clearance = float(costmap.distance[tuple(one.cells.T)].max())
-        gain = expected_gain(costmap, one.middle, loop.context.geometry.range_max)
-        rows.append([
-            one.size * size / 3.0, extent / 3.0, min(0.5 * one.size, clearance) * size,
-            min(loop.known_area, 1000.0) / 100.0, min(loop.time, 3600.0) / 600.0, loop.round,
-            region.near * cell**2 / 5.0, region.far * cell**2 / 20.0, region.outside, region.is_enclosed,
-            region.free * cell / 5.0, region.occupied * cell / 10.0, region.frontiers / 4.0, gain / 15.0,
-            min(clearance * size, 3.0) / 1.5, min(one.min_distance, 10.0) / 10.0, *beams[k, :9], unseen, beams[k, 9],
-        ])  # fmt: skip
+    beams = looks.figures(places, outward).tolist()
+    max_range = loop.context.geometry.range_max
+    shared = {
+        "known_area": min(loop.known_area, _LARGEST_AREA) / AREA_SCALE,
+        "time": min(loop.time, _LONGEST_TIME) / TIME_SCALE,
+        "round": loop.round,
+        "unseen_share": expected_unseen_share(loop),
+    }
+    rows = []
+    for index, frontier in enumerate(frontiers):
+        clearance = float(costmap.distance[tuple(frontier.cells.T)].max())  # [cells]
+        resolution = costmap.frame.resolution
+        measures = FrontierMeasures(
+            size=frontier.size * resolution,
+            extent=float(np.hypot(*np.ptp(places[index], axis=0))),
+            gain=expected_gain(costmap, frontier.middle, max_range),
+            clearance=min(clearance * resolution, FARTHEST_WALL),
+            unknown=regions[index],
+            cell=cell,
+        )
+        figures = shared | scaled_figures(measures)
+        figures["room"] = min(0.5 * frontier.size, clearance) * resolution
+        figures["distance"] = min(frontier.min_distance, _FARTHEST) / DISTANCE_SCALE
+        figures |= zip(_LOOKS, beams[index], strict=True)
+        rows.append([figures[name] for name in FRONTIER_FIGURES])
     return np.array(rows, np.float32)
 
 
 def outward_of(costmap: Costmap, frontier: Frontier) -> FloatArray:
     """Unit vector from the known to the unknown at a frontier, shape (2,)."""
+    height, width = costmap.costs.shape
     around = frontier.cells[:, None] + _RING
-    row, col = (np.clip(around[..., k], 0, costmap.costs.shape[k] - 1) for k in range(2))
+    row = np.clip(around[..., 0], 0, height - 1)
+    col = np.clip(around[..., 1], 0, width - 1)
     costs = costmap.costs[row, col]
-    weights = (costs == NO_INFORMATION).sum(axis=0) - 1.0 * (costs < LETHAL_COST).sum(axis=0)
-    x, y = float((weights * _RING[:, 1]).sum()), -float((weights * _RING[:, 0]).sum())
+    unknown = (costs == NO_INFORMATION).sum(axis=0)
+    passable = (costs < LETHAL_COST).sum(axis=0)
+    weights = unknown - 1.0 * passable
+    x = float((weights * _RING[:, 1]).sum())
+    y = -float((weights * _RING[:, 0]).sum())
     length = math.hypot(x, y)
-    return np.array([x / length, y / length]) if length > 0.0 else np.array([1.0, 0.0])
+    if length == 0.0:
+        return np.array([1.0, 0.0])
+    return np.array([x / length, y / length])
 
 
 @dataclass(frozen=True)
@@ -109,15 +147,20 @@ class HiddenFloor:
         """Probabilities that frontiers of some figures (N, figures) hide at least :data:`AREAS`, shape (N, areas)."""
         for name in ("first", "second"):
             values = np.maximum(self._linear(name, values), np.float32(0.0))
-        return 1.0 / (1.0 + exp(-self._linear("out", values).astype(np.float64)))
+        logits = self._linear("out", values).astype(np.float64)
+        return 1.0 / (1.0 + exp(-logits))
 
     def _linear(self, name: str, values: Float32Array) -> Float32Array:
-        return product(values, self.weights[f"{name}.weight"].T) + self.weights[f"{name}.bias"]
+        weight = self.weights[f"{name}.weight"]
+        return product(values, weight.T) + self.weights[f"{name}.bias"]
 
 
 def moments(chances: FloatArray, most: float) -> FloatArray:
     """Mean and mean square of what frontiers hide, up to ``most`` [m2] each, shape (2, N) [m2, m4]."""
     # The integrals of the chance to hide more than x, and of 2x times that; between two areas it is their mean.
     ends = np.minimum((0.0, *AREAS, math.inf), most)
-    between = 0.5 * (np.hstack([chances[:, :1], chances]) + np.hstack([chances, chances[:, -1:]]))
-    return np.cumsum(between * np.diff([ends, ends**2])[:, None], axis=2)[..., -1]
+    widths = np.diff([ends, ends**2])
+    below = np.hstack([chances[:, :1], chances])
+    above = np.hstack([chances, chances[:, -1:]])
+    between = 0.5 * (below + above)
+    return np.cumsum(between * widths[:, None], axis=2)[..., -1]

@@ -8,7 +8,6 @@ over comes last. In large buildings, where the way back is long, nothing is pass
 probably hide no more than may be left, and only what the map encloses.
 """
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -25,10 +24,9 @@ from slamgym.agents.hidden_floor import (
 from slamgym.agents.pretrained_policy import fingerprint_of
 from slamgym.agents.rules import TOUR_LOOP, tour_scores
 from slamgym.core.config import config_hash
-from slamgym.core.types import FloatArray, Observation, Pose2D, Twist2D
+from slamgym.core.types import BoolArray, FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.frontiers import Frontier
 from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise, is_kept
 
@@ -54,8 +52,10 @@ class SelectivePilot(FrontierPilot):
         self, context: ExplorerContext, config: ExplorationLoopConfig, network: HiddenFloor
     ) -> None:
         super().__init__(context, config, self._scores)
-        self._network, self._looks = network, Looks(context)
-        self._promise, self._may_stop = config.promise or CALIBRATED, config.promise == CALIBRATED
+        self._network = network
+        self._looks = Looks(context)
+        self._promise = config.promise or CALIBRATED
+        self._may_stop = config.promise == CALIBRATED
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
@@ -64,34 +64,47 @@ class SelectivePilot(FrontierPilot):
 
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
-        left = self._promise.left or (1.0 - (self._promise.seen or 0.0)) * loop.known_area
+        left = self._left(loop)
         figures = describe_frontiers(loop, self._looks, loop.wanted)
         chances = self._network.chances(figures)
         hidden = moments(chances, left)
-        worth = self._worth_a_visit(loop.wanted, hidden, left)
-        is_large = loop.known_area + moments(chances, AREAS[-1])[0].sum() > LARGEST_SKIPPED
-        enclosed = figures[:, FRONTIER_FIGURES.index("unknown_enclosed")]
-        worth |= {id(loop.wanted[k]) for k in np.flatnonzero(is_large & (enclosed == 0.0))}
-        ways_on = loop.ways_on() if self._may_stop else None
-        if is_kept(
-            CALIBRATED, ways_on and [one for one in ways_on if id(one) in worth], loop.known_area
-        ):
-            return np.full(len(loop.candidates), -np.inf)
-        is_all = is_large and not (self._may_stop and hidden[0].sum() <= left)
-        return tour_scores(
-            loop, np.array([is_all or id(one.frontier) in worth for one in loop.candidates])
-        )
+        worth = self._worth_a_visit(hidden, left)
+        probable = moments(chances, AREAS[-1])[0].sum()
+        is_large = loop.known_area + probable > LARGEST_SKIPPED
+        if is_large:
+            is_open = figures[:, FRONTIER_FIGURES.index("unknown_enclosed")] == 0.0
+            worth |= is_open
+        # Frontiers share no cell, so the middle of each is its own.
+        index_of = {one.middle: index for index, one in enumerate(loop.wanted)}
+        if self._may_stop:
+            ways_on = loop.ways_on()
+            if ways_on is not None:
+                ways_on = [one for one in ways_on if worth[index_of[one.middle]]]
+            if is_kept(CALIBRATED, ways_on, loop.known_area):
+                return np.full(len(loop.candidates), -np.inf)
+        may_pass_over = not is_large or (self._may_stop and hidden[0].sum() <= left)
+        if not may_pass_over:
+            return tour_scores(loop, np.ones(len(loop.candidates), np.bool_))
+        chosen = [index_of[one.frontier.middle] for one in loop.candidates]
+        return tour_scores(loop, worth[chosen])
 
-    def _worth_a_visit(
-        self, frontiers: Sequence[Frontier], hidden: FloatArray, left: float
-    ) -> set[int]:
-        """Identities of the frontiers that are worth a visit, by the moments of what they hide."""
+    def _left(self, loop: ExplorationLoop) -> float:
+        """How much floor the promise leaves unseen [m2]."""
+        if self._promise.left is not None:
+            return self._promise.left
+        seen = self._promise.seen or 0.0
+        return (1.0 - seen) * loop.known_area
+
+    def _worth_a_visit(self, hidden: FloatArray, left: float) -> BoolArray:
+        """Which frontiers are worth a visit, by the moments of what they hide, shape (N,)."""
         mean, square = hidden
         order = np.argsort(square, kind="stable")
         spare = np.maximum(left - np.cumsum(mean[order]), 0.0)
         variance = np.cumsum((square - mean**2)[order])
         risk = self._network.risk * (1.0 - self._promise.confidence)
-        return {id(frontiers[k]) for k in order[variance > risk * (variance + spare**2)].tolist()}
+        worth = np.zeros(len(mean), np.bool_)
+        worth[order] = variance > risk * (variance + spare**2)
+        return worth
 
 
 class SelectiveTour(BatchedExplorer):
@@ -109,7 +122,8 @@ class SelectiveTour(BatchedExplorer):
         config: ExplorationLoopConfig | None = None,
         network: Path | str = HIDDEN_FLOOR,
     ) -> None:
-        self.config = loop = config or TOUR_LOOP
+        loop = config or TOUR_LOOP
         read = HiddenFloor.read(network)
-        name = f"{fingerprint_of(read.weights)}-{read.risk:g}-{config_hash(loop)}"
-        super().__init__(context, name, lambda _: SelectivePilot(context, loop, read))
+        fingerprint = f"{fingerprint_of(read.weights)}-{read.risk:g}-{config_hash(loop)}"
+        super().__init__(context, fingerprint, lambda _: SelectivePilot(context, loop, read))
+        self.config = loop

@@ -54,8 +54,10 @@ from slamgym.sim import ClutterConfig
 
 REACH = 0.25
 """Floor so near to a frontier's cells lies at it [m]."""
-LONGEST, MOST = 4000.0, 2500
-"""Explorations are logged up to here [s], so many frontiers of each."""
+LONGEST = 4000.0
+"""Explorations are logged up to here [s]."""
+MOST = 2500
+"""So many frontiers of an exploration are learned from."""
 LARGE = (150.0, 1600.0)
 """Areas of large buildings [m2]: generated offices with loops, and homes."""
 DROPPED_BELOW = (0.0, 0.0, 0.15, 0.3)
@@ -64,12 +66,12 @@ AT_RANDOM = (0.0, 0.1, 0.3)
 """And one of these: so many choices are drawn at random, fewer beyond 100 m2."""
 CLUTTER = (ClutterConfig(), FURNISHED, dataclasses.replace(FURNISHED, people=1))
 """Drawn with probabilities of 0.45, 0.3 and 0.25."""
-
-
 RISKS = (0.25, 0.1, 0.03)
 """Shares of what a promise risks, tried one after the other."""
-KINDS, EACH = ("furnished", "homes"), 20
-"""Groups of plans on which they are tried, and how many of each."""
+KINDS = ("furnished", "homes")
+"""Groups of plans on which they are tried."""
+EACH = 20
+"""So many plans of each group."""
 
 
 @dataclass(frozen=True)
@@ -139,10 +141,8 @@ def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
 
 def large_plans(houseexpo: str, count: int, seed: int) -> Iterator[FloorPlan]:
     """Large buildings of the training split, HouseExpo's and generated ones in turn."""
-    source, office = (
-        open_plans(houseexpo),
-        PlanGeneratorConfig(kind="office", office_area=LARGE, loops=1.0),
-    )
+    source = open_plans(houseexpo)
+    office = PlanGeneratorConfig(kind="office", office_area=LARGE, loops=1.0)
     ids = iter(shuffled(ids_of(source.ids, "train"), seed))
     found = 0
     for number in itertools.count():
@@ -172,11 +172,10 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
     env = ExploreEnv(plan, fitted_env(plan, config, "auto"))
     observation, _ = env.reset(seed=exploration_seed(7, plan.id, 0))
     context = env.explorer_context()
-    loop, looks = ExplorationLoop(context), Looks(context)
-    least, at_random = (
-        rng.choice(DROPPED_BELOW),
-        rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area),
-    )
+    loop = ExplorationLoop(context)
+    looks = Looks(context)
+    least = rng.choice(DROPPED_BELOW)
+    at_random = rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
     found: list[tuple[Any, ...]] = []
     truncated = False
     while not (truncated or loop.finished or loop.time > LONGEST):
@@ -188,8 +187,9 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
                 found.append(
                     (describe_frontiers(loop, looks, loop.wanted), areas.astype(np.float32))
                 )
-            hides = dict(zip(map(id, loop.wanted), areas, strict=True))
-            kept = np.array([hides[id(one.frontier)] >= least for one in loop.candidates])
+            # Frontiers share no cell, so the middle of each is its own.
+            hides = {one.middle: area for one, area in zip(loop.wanted, areas, strict=True)}
+            kept = np.array([hides[one.frontier.middle] >= least for one in loop.candidates])
             index = (
                 int(rng.integers(len(kept)))
                 if rng.random() < at_random
@@ -204,8 +204,11 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
 
 def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
     """Unseen floor behind each frontier that is to be visited, nearer than behind the others, shape (N,) [m2]."""
-    coverage, grid, frontiers = env.coverage, loop.known_map(), loop.wanted
-    floor, unseen = coverage._floor, coverage._unseen
+    coverage = env.coverage
+    grid = loop.known_map()
+    frontiers = loop.wanted
+    floor = coverage._floor
+    unseen = coverage._unseen
     rows, cols = np.indices(floor.shape)
     frame = coverage.frame
     x = frame.origin_x + (cols + 0.5) * CELL - env.start.x
@@ -217,7 +220,8 @@ def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
     passable = floor & ((grid.cells[row, col] == UNKNOWN) | unseen)
     costmap = loop.navigator.costmap
     assert costmap is not None
-    labels, seeds = np.full(floor.shape, -1), []
+    labels = np.full(floor.shape, -1)
+    seeds = []
     reach = round(REACH / CELL)
     around = [
         (r, c)
@@ -271,7 +275,8 @@ class Network(nn.Module):
 
     def __init__(self, figures: torch.Tensor) -> None:
         super().__init__()
-        self.mean, self.scale = figures.mean(dim=0), figures.std(dim=0) + 1e-3
+        self.mean = figures.mean(dim=0)
+        self.scale = figures.std(dim=0) + 1e-3
         self.layers = nn.ModuleDict({name: nn.Linear(*size) for name, size in FLOOR_LAYERS.items()})
 
     def forward(self, figures: torch.Tensor) -> torch.Tensor:
@@ -303,7 +308,8 @@ def train(explored: Sequence[dict[str, Any]], arguments: Arguments) -> dict[str,
         for name in ("figures", "areas")
     )
     hides = (areas[:, None] >= torch.tensor(AREAS)).float()
-    network, batch = Network(figures), 256
+    network = Network(figures)
+    batch = 256
     optimiser = torch.optim.AdamW(network.parameters(), weight_decay=0.1)
     steps = arguments.epochs * math.ceil(len(areas) / batch)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
@@ -329,9 +335,11 @@ def is_kept_often_enough(path: Path, risk: float, arguments: Arguments) -> bool:
     """Explore until the promise is broken too often, or all is explored."""
     log = arguments.out / f"calibration-{risk:g}.jsonl"
     rows = [json.loads(line) for line in log.read_text().splitlines()] if log.exists() else []
-    known, broken = {(row["group"], row["plan"]): row for row in rows}, 0
+    known = {(row["group"], row["plan"]): row for row in rows}
+    broken = 0
     for name in KINDS:
-        clutter, plans = GROUPS[name].clutter, plans_of(arguments.plans, name, "validation")
+        clutter = GROUPS[name].clutter
+        plans = plans_of(arguments.plans, name, "validation")
         for number, plan in enumerate(itertools.islice(plans, EACH)):
             row = known.get((name, plan.id))
             if row is None:
@@ -343,7 +351,8 @@ def is_kept_often_enough(path: Path, risk: float, arguments: Arguments) -> bool:
                     env, explorer, env.reset(seed=exploration_seed(5, plan.id, 0))
                 ):
                     pass
-                time, share = round(env.simulation.time), 1.0 - env.coverage.share
+                time = round(env.simulation.time)
+                share = 1.0 - env.coverage.share
                 row = {"group": name, "plan": plan.id, "time": time, "share": share}
                 with log.open("a") as file:
                     print(json.dumps(row), file=file)
