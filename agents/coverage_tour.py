@@ -28,6 +28,7 @@ _SPACING = 0.75
 _EVERY = 2
 """Every so many-th floor cell of a row and of a column stands for the others."""
 _BEAMS = 360
+"""Beams of a look all round."""
 _APART = 0.6
 """Distance between the points of a path from which something is seen [m]."""
 _WARMTH = 0.02
@@ -77,30 +78,26 @@ class Viewpoints:
         self.cells: IntArray = np.flatnonzero(kept)
         segments = segments.view()
         segments.flags.writeable = False
-        in_sight = [
-            _in_sight(x, y, floor, frame, segments, max_range) for x, y in self.places.tolist()
-        ]
+        points: list[Point] = [(x, y) for x, y in self.places.tolist()]
+        in_sight = [_in_sight(point, floor, frame, segments, max_range) for point in points]
         self.views: BoolArray = np.vstack([seen.reshape(-1)[self.cells] for seen in in_sight])
         self._lists = [np.flatnonzero(seen) for seen in self.views]
-        self._legs: dict[
-            tuple[int, int], BoolArray
-        ] = {}  # what is seen while driving from place to place
-        self._at: IntArray = np.array([self.paths.place((x, y)) for x, y in self.places.tolist()])
+        # What is seen while driving from place to place.
+        self._legs: dict[tuple[int, int], BoolArray] = {}
+        self._at: IntArray = np.array([self.paths.place(point) for point in points])
         lengths = np.vstack([self.paths.lengths_from(cell, self._at) for cell in self._at])
         # Rounding makes a way back longer by micrometres, and improving a tour by such lengths may never end.
         self.lengths: FloatArray = np.minimum(lengths, lengths.T)
         self.near: IntArray = np.argsort(self.lengths, axis=1)[:, 1 : 1 + _NEIGHBOURS]
         row, col = np.divmod(self.cells, frame.width_px)
-        self._centres = np.column_stack(
-            [
-                frame.origin_x + (col + 0.5) * frame.resolution,
-                frame.origin_y + (row + 0.5) * frame.resolution,
-            ]
-        )
+        x = frame.origin_x + (col + 0.5) * frame.resolution
+        y = frame.origin_y + (row + 0.5) * frame.resolution
+        self._centres = np.column_stack([x, y])
 
     def nearest(self, point: Sequence[float] | FloatArray) -> int:
         """The place nearest to a point."""
-        return int(((self.places - np.asarray(point)) ** 2).sum(axis=1).argmin())
+        away = self.places - np.asarray(point)
+        return int((away**2).sum(axis=1).argmin())
 
     def lengths_from(self, start: Point) -> FloatArray:
         """Path length from a point to each place, shape (P,) [m]."""
@@ -109,21 +106,24 @@ class Viewpoints:
     def seen_between(self, here: int, there: int) -> BoolArray:
         """Cells that are seen ahead on the path from one place to another, shape (C,)."""
         if (here, there) not in self._legs:
-            x, y = self.places[here]
-            self._legs[here, there] = self.seen_on_leg((float(x), float(y)), there)
+            self._legs[here, there] = self.seen_on_leg(self._point(here), there)
         return self._legs[here, there]
+
+    def _point(self, place: int) -> Point:
+        x, y = self.places[place]
+        return float(x), float(y)
 
     def seen_on_leg(self, start: Point, place: int) -> BoolArray:
         """Cells that are seen ahead on the path from a point to a place, shape (C,)."""
-        x, y = self.places[place]
-        path = self.paths.path(start, (float(x), float(y)))
+        path = self.paths.path(start, self._point(place))
         seen = np.zeros(self.views.shape[1], dtype=np.bool_)
         stride = max(1, round(_APART / self.paths.cell))
         for i in range(stride, len(path), stride):
             ahead = path[i] - path[i - stride]
             cells = self._lists[self.nearest(path[i])]
             x, y = (self._centres[cells] - path[i]).T
-            seen[cells[x * ahead[0] + y * ahead[1] > 0.0]] = True
+            is_ahead = x * ahead[0] + y * ahead[1] > 0.0
+            seen[cells[is_ahead]] = True
         return seen
 
 
@@ -140,16 +140,21 @@ class TourSearch:
     def __init__(
         self, viewpoints: Viewpoints, start: Point, wanted: BoolArray, rng: np.random.Generator
     ) -> None:
-        self._viewpoints, self._start, self._wanted, self._rng = viewpoints, start, wanted, rng
+        self._viewpoints = viewpoints
+        self._start = start
+        self._wanted = wanted
+        self._rng = rng
         self._views = viewpoints.views & wanted
         self._matrix = np.ascontiguousarray(self._views.T, np.float32)
-        self._home = count = len(viewpoints.places)  # index of the start in the lengths
+        count = len(viewpoints.places)
+        self._home = count  # index of the start in the lengths
+        from_start = viewpoints.lengths_from(start)
         self._lengths = np.pad(viewpoints.lengths, (0, 1)).astype(np.float64)
-        self._lengths[count, :count] = self._lengths[:count, count] = viewpoints.lengths_from(start)
-        self._first_legs: dict[
-            int, BoolArray
-        ] = {}  # what is seen on the way from the start to each place
-        self._usable = np.isfinite(self._lengths[count, :count])
+        self._lengths[count, :count] = from_start
+        self._lengths[:count, count] = from_start
+        # What is seen on the way from the start to each place.
+        self._first_legs: dict[int, BoolArray] = {}
+        self._usable = np.isfinite(from_start)
 
     def shortest(self, needed: int, iterations: int, begin: Sequence[int] = ()) -> list[int]:
         """A short tour that sees so many of the wanted cells, or all that can be seen if those are fewer.
@@ -162,14 +167,12 @@ class TourSearch:
         Returns:
             Places in their order, without the start.
         """
-        needed = min(needed, int(np.count_nonzero(self._views[self._usable].any(axis=0))))
-        usable = [place for place in begin if self._usable[place]]
-        current = self._reduced(self._ordered(self._repaired(usable, needed)), needed)
+        visible = self._views[self._usable].any(axis=0)
+        needed = min(needed, int(np.count_nonzero(visible)))
+        current = self._completed([place for place in begin if self._usable[place]], needed)
         best = current
         for number in range(iterations):
-            tried = self._reduced(
-                self._ordered(self._repaired(self._destroyed(current), needed)), needed
-            )
+            tried = self._completed(self._destroyed(current), needed)
             if number % 10 == 0:
                 tried = self._slid(tried, needed)
             allowed = 1.0 + _WARMTH * (1.0 - number / iterations)
@@ -178,6 +181,12 @@ class TourSearch:
             if self.length(tried) < self.length(best) - 1e-9:
                 best = tried
         return self._reduced(self._slid(best, needed), needed)
+
+    def _completed(self, tour: list[int], needed: int) -> list[int]:
+        """The tour with what it lacks, in a better order, and without what it doesn't need."""
+        tour = self._repaired(tour, needed)
+        tour = self._ordered(tour)
+        return self._reduced(tour, needed)
 
     def length(self, tour: list[int]) -> float:
         """Length of the drive [m]."""
@@ -199,20 +208,29 @@ class TourSearch:
         """The tour with stops put in, by what each shows for its detour, until enough is seen."""
         tour = list(tour)
         unseen = self._wanted & (self.counts(tour) == 0)
-        total = np.count_nonzero(self._wanted)
+        may_stay_unseen = np.count_nonzero(self._wanted) - needed
         noise = 1.0 + 0.3 * self._rng.random(len(self._views))
-        while (missing := needed - (total - int(np.count_nonzero(unseen)))) > 0:
+        while True:
+            missing = int(np.count_nonzero(unseen)) - may_stay_unseen
+            if missing <= 0:
+                return tour
             shown = product(unseen[None].astype(np.float32), self._matrix)[0]
             gains = np.minimum(shown, missing) * self._usable
-            stops = np.array([self._home, *tour])
-            to_stops = self._lengths[stops, : self._home]  # (n + 1, P)
-            detours = to_stops.copy()
-            detours[:-1] += to_stops[1:] - self._lengths[stops[:-1], stops[1:]][:, None]
+            detours = self._detours(tour)
             cheapest = np.where(self._usable, detours, np.inf).min(axis=0)
-            place = int(np.argmax(noise * gains / (np.maximum(cheapest, 0.0) + _SMALL_DETOUR)))
+            costs = np.maximum(cheapest, 0.0) + _SMALL_DETOUR
+            place = int(np.argmax(noise * gains / costs))
             tour.insert(int(np.argmin(detours[:, place])), place)
             unseen &= ~self._views[place]
-        return tour
+
+    def _detours(self, tour: list[int]) -> FloatArray:
+        """How much longer each place makes the drive if it is put before each stop or at the end, shape (n + 1, P)."""
+        stops = np.array([self._home, *tour])
+        to_stops = self._lengths[stops, : self._home]
+        legs = self._lengths[stops[:-1], stops[1:]]
+        detours = to_stops.copy()
+        detours[:-1] += to_stops[1:] - legs[:, None]
+        return detours
 
     def _ordered(self, tour: list[int]) -> list[int]:
         """The same stops in a better order."""
@@ -224,7 +242,8 @@ class TourSearch:
 
     def _reduced(self, tour: list[int], needed: int) -> list[int]:
         """The tour without stops that aren't needed, those with the largest detour first."""
-        tour, counts = list(tour), self.counts(tour)
+        tour = list(tour)
+        counts = self.counts(tour)
         is_shorter = True
         while is_shorter:
             is_shorter = False
@@ -235,17 +254,20 @@ class TourSearch:
                 left = counts - self._seen_for(tour, index)
                 if np.count_nonzero(left) >= needed:
                     del tour[index]
-                    counts, is_shorter = left, True
+                    counts = left
+                    is_shorter = True
                     break
         return tour
 
     def _seen_for(self, tour: list[int], index: int) -> IntArray:
         """Number of times that one stop alone shows each cell, shape (C,)."""
+        stop = tour[index]
         before = tour[index - 1] if index else None
-        own = self._views[tour[index]].astype(np.int64) + self._on_the_way(before, tour[index])
+        own = self._views[stop].astype(np.int64) + self._on_the_way(before, stop)
         if index + 1 < len(tour):
-            own += self._on_the_way(tour[index], tour[index + 1])
-            own -= self._on_the_way(before, tour[index + 1])
+            after = tour[index + 1]
+            own += self._on_the_way(stop, after)
+            own -= self._on_the_way(before, after)
         return own
 
     def _slid(self, tour: list[int], needed: int) -> list[int]:
@@ -254,8 +276,9 @@ class TourSearch:
         for index in range(len(tour)):
             for place in self._viewpoints.near[tour[index]].tolist():
                 moved = [*tour[:index], place, *tour[index + 1 :]]
-                shorter = self._usable[place] and self.length(moved) < self.length(tour) - 1e-6
-                if shorter and np.count_nonzero(self.counts(moved)) >= needed:
+                if not self._usable[place] or self.length(moved) >= self.length(tour) - 1e-6:
+                    continue
+                if np.count_nonzero(self.counts(moved)) >= needed:
                     tour = moved
         return tour
 
@@ -270,25 +293,37 @@ class TourSearch:
     def _on_the_way(self, here: int | None, there: int) -> IntArray:
         """1 for each wanted cell that is seen ahead on the path to a stop, shape (C,)."""
         if here is not None:
-            return (self._wanted & self._viewpoints.seen_between(here, there)).astype(np.int64)
-        if there not in self._first_legs:
-            self._first_legs[there] = self._wanted & self._viewpoints.seen_on_leg(
-                self._start, there
-            )
-        return self._first_legs[there].astype(np.int64)
+            seen = self._viewpoints.seen_between(here, there)
+        elif there in self._first_legs:
+            seen = self._first_legs[there]
+        else:
+            seen = self._viewpoints.seen_on_leg(self._start, there)
+            self._first_legs[there] = seen
+        return (self._wanted & seen).astype(np.int64)
 
 
 def _in_sight(
-    x: float, y: float, floor: BoolArray, frame: GridFrame, segments: FloatArray, max_range: float
+    point: Point, floor: BoolArray, frame: GridFrame, segments: FloatArray, max_range: float
 ) -> BoolArray:
     """Which floor is in sight all round a place, shape of the floor."""
+    x, y = point
     ranges = np.empty(_BEAMS)
     step = 2.0 * math.pi / _BEAMS
     cast_rays(x, y, 0.0, 0.0, step, segments, max_range, ranges)
     unseen = floor.copy()
     directions = unit_vectors(step * np.arange(_BEAMS, dtype=np.float64))
-    place = (frame.origin_x, frame.origin_y, frame.resolution)
-    sweep(unseen, *place, x, y, 0.0, directions, ranges, max_range)
+    sweep(
+        unseen,
+        frame.origin_x,
+        frame.origin_y,
+        frame.resolution,
+        x,
+        y,
+        0.0,
+        directions,
+        ranges,
+        max_range,
+    )
     return ~unseen
 
 
@@ -301,10 +336,10 @@ def _lattice(costmap: Costmap, reachable: Reachable) -> FloatArray:
     width = costmap.costs.shape[1]
     order = reachable.order[: reachable.num_centre]
     rows, cols = np.divmod(order, width)
-    size = max(1, round(_SPACING / costmap.frame.resolution))
-    square = (rows // size) * (width // size + 1) + cols // size
+    side = max(1, round(_SPACING / costmap.frame.resolution))
+    squares = (rows // side) * (width // side + 1) + cols // side
     clearance = costmap.distance[rows, cols]
-    best = np.lexsort((-clearance, square))
-    _, first = np.unique(square[best], return_index=True)
-    kept = best[first]
+    by_square = np.lexsort((-clearance, squares))
+    _, first = np.unique(squares[by_square], return_index=True)
+    kept = by_square[first]
     return np.column_stack(costmap.frame.to_point(rows[kept], cols[kept]))
