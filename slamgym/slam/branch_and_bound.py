@@ -37,7 +37,8 @@ def fill_levels(levels: ByteArray) -> None:
     rows, cols = levels.shape[1:]
     for h in range(1, len(levels)):
         step = 1 << (h - 1)
-        below, level = levels[h - 1], levels[h]
+        below = levels[h - 1]
+        level = levels[h]
         for row in range(rows):
             up = min(row + step, rows - 1)
             # Without a branch inside, the compiler turns these loops into vector instructions.
@@ -58,7 +59,8 @@ def block_score(
     rows, cols = level.shape
     total = 0
     for i in range(len(us)):
-        row, col = vs[i] + dv, us[i] + du
+        row = vs[i] + dv
+        col = us[i] + du
         if row >= rows or col >= cols or row <= -low or col <= -low:
             continue
         total += level[max(row, 0), max(col, 0)]
@@ -94,19 +96,29 @@ def best_in_block(
     top = len(levels) - 1
     stack = np.empty((4 * top + 4, 4), dtype=np.int64)
     stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, block[0], block[1], block[2]
-    best, best_u, best_v, height = least, block[0], block[1], 1
+    best = least
+    best_u = block[0]
+    best_v = block[1]
+    height = 1
     while height > 0:
         height -= 1
-        h, u, v, bound = stack[height, 0], stack[height, 1], stack[height, 2], stack[height, 3]
+        h = stack[height, 0]
+        u = stack[height, 1]
+        v = stack[height, 2]
+        bound = stack[height, 3]
         if bound <= best:
             continue
         if h == 0:
             if (u - avoided[0]) ** 2 + (v - avoided[1]) ** 2 >= avoided[2] ** 2:
-                best, best_u, best_v = bound, u, v
+                best = bound
+                best_u = u
+                best_v = v
             continue
-        half, first = 1 << (h - 1), height
+        half = 1 << (h - 1)
+        first = height
         for child in range(4):
-            child_u, child_v = u + (child & 1) * half, v + (child >> 1) * half
+            child_u = u + (child & 1) * half
+            child_v = v + (child >> 1) * half
             if child_u > most[0] or child_v > most[1]:
                 continue
             if len(floors) > 0 and floors[h - 1, child_v, child_u] == 0:
@@ -140,7 +152,8 @@ def turned_cells(
     us = np.empty((len(headings), len(points)), dtype=np.int32)
     vs = np.empty((len(headings), len(points)), dtype=np.int32)
     for a in range(len(headings)):
-        cos, sin = math.cos(headings[a]), math.sin(headings[a])
+        cos = math.cos(headings[a])
+        sin = math.sin(headings[a])
         for i in range(len(points)):
             us[a, i] = math.floor(
                 (origin[0] + cos * points[i, 0] - sin * points[i, 1]) / SUBMAP_CELL
@@ -149,7 +162,8 @@ def turned_cells(
                 (origin[1] + sin * points[i, 0] + cos * points[i, 1]) / SUBMAP_CELL
             )
         for i in range(len(sides)):
-            x, y = cos * sides[i, 0] - sin * sides[i, 1], sin * sides[i, 0] + cos * sides[i, 1]
+            x = cos * sides[i, 0] - sin * sides[i, 1]
+            y = sin * sides[i, 0] + cos * sides[i, 1]
             us[a, i] += width * (
                 (0 if x > 0.0 else 2) if abs(x) >= abs(y) else (1 if y > 0.0 else 3)
             )
@@ -185,25 +199,32 @@ def search_blocks(
         (places, 4) column, row, number of the heading, and score; ``MOST_PLACES`` at most.
     """
     top = len(levels) - 1
-    cols, rows = ((last[0] - first) >> top) + 1, ((last[1] - first) >> top) + 1
+    cols = ((last[0] - first) >> top) + 1
+    rows = ((last[1] - first) >> top) + 1
     bounds = np.zeros(len(us) * cols * rows, dtype=np.int64)
     for a in range(len(us)):
         for i in range(cols):
             for j in range(rows):
-                u, v = first + (i << top), first + (j << top)
+                u = first + (i << top)
+                v = first + (j << top)
                 if len(floors) == 0 or floors[top, v, u]:
                     bounds[(a * cols + i) * rows + j] = block_score(
                         levels[top], 1 << top, us[a], vs[a], u, v
                     )
-    places, best, count = np.empty((min(len(bounds), MOST_PLACES), 4)), least, 0
+    places = np.empty((min(len(bounds), MOST_PLACES), 4))
+    best = least
+    count = 0
     for place in np.argsort(-bounds):
         wanted = max(best - margin, least)
         if bounds[place] <= wanted or count == len(places):
             break
-        a, i, j = place // (cols * rows), place // rows % cols, place % rows
+        a = place // (cols * rows)
+        i = place // rows % cols
+        j = place % rows
         block = first + (i << top), first + (j << top), bounds[place]
         score, u, v = best_in_block(levels, floors, us[a], vs[a], block, last, wanted, avoided)
         if score > wanted:
             places[count, 0], places[count, 1], places[count, 2], places[count, 3] = u, v, a, score
-            best, count = max(best, score), count + 1
+            best = max(best, score)
+            count = count + 1
     return places[:count]

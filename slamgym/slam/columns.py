@@ -16,7 +16,8 @@ class Columns:
     """
 
     def __init__(self, types: dict[str, Any] | None = None, **shapes: tuple[int, ...]) -> None:
-        self._length, self._capacity = 0, FIRST_ROWS
+        self._length = 0
+        self._capacity = FIRST_ROWS
         self._arrays = {
             name: np.zeros((FIRST_ROWS, *shape), (types or {}).get(name, np.float64))
             for name, shape in shapes.items()

@@ -25,7 +25,8 @@ def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float) ->
         longest: Largest range taken, if it is usable [m].
     """
     beams = BeamTable(*beams)
-    points, n = np.empty((len(ranges), 2)), 0
+    points = np.empty((len(ranges), 2))
+    n = 0
     for i in range(len(ranges)):
         r = ranges[i]
         # A beam of the scanner's whole range met nothing.
@@ -55,7 +56,8 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
     """
     for i in range(len(points)):
         out[i, 0] = out[i, 1] = 0.0
-        first, last = i, i
+        first = i
+        last = i
         for _ in range(NORMAL_POINTS):
             if first > 0 and _gap(points, first - 1) < NORMAL_GAP:
                 first -= 1
@@ -65,7 +67,8 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
         if count < 3:
             continue
         xx, xy, yy = _scatter(points, first, last + 1)
-        half_trace, half_gap = 0.5 * (xx + yy), math.hypot(0.5 * (xx - yy), xy)
+        half_trace = 0.5 * (xx + yy)
+        half_gap = math.hypot(0.5 * (xx - yy), xy)
         thickness, spread = (
             half_trace - half_gap,
             half_trace + half_gap,
@@ -90,7 +93,8 @@ def _scatter(points: FloatArray, first: int, end: int) -> tuple[float, float, fl
         mean_x += points[j, 0] / count
         mean_y += points[j, 1] / count
     for j in range(first, end):
-        dx, dy = points[j, 0] - mean_x, points[j, 1] - mean_y
+        dx = points[j, 0] - mean_x
+        dy = points[j, 1] - mean_y
         xx += dx * dx / count
         xy += dx * dy / count
         yy += dy * dy / count

@@ -64,18 +64,23 @@ def nearest_square(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> 
     nearest = math.inf
     if not (u >= 1.0 and v >= 1.0):
         return nearest
-    cell_u, cell_v = int(u), int(v)
-    row, col = cell_v >> TILE_BITS, cell_u >> TILE_BITS
+    cell_u = int(u)
+    cell_v = int(v)
+    row = cell_v >> TILE_BITS
+    col = cell_u >> TILE_BITS
     if row >= table.shape[0] or col >= table.shape[1] or table[row, col] == EMPTY:
         return nearest
     tile = np.uint64(table[row, col])
-    at_u, at_v = cell_u & TILE_MASK, cell_v & TILE_MASK
+    at_u = cell_u & TILE_MASK
+    at_v = cell_v & TILE_MASK
     left = np.uint64(cells[tile, np.uint64((at_v << TILE_BITS) | at_u), np.uint64(NEIGHBOURS)])
     inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
-    in_u, in_v = u - cell_u, v - cell_v
+    in_u = u - cell_u
+    in_v = v - cell_v
     for k in range(9):
         if left & np.uint64(1 << k):
-            near_u, near_v = k % 3 - 1, k // 3 - 1
+            near_u = k % 3 - 1
+            near_v = k // 3 - 1
             if not inside:
                 tile = np.uint64(
                     table[(cell_v + near_v) >> TILE_BITS, (cell_u + near_u) >> TILE_BITS]
@@ -100,7 +105,8 @@ def exp_of_minus(x: float) -> float:
 @kernel
 def turn_points(points: FloatArray, theta: float, out: FloatArray) -> None:
     """Turn points (2, n) by theta."""
-    cos, sin = math.cos(theta), math.sin(theta)
+    cos = math.cos(theta)
+    sin = math.sin(theta)
     for i in range(points.shape[1]):
         out[0, i] = cos * points[0, i] - sin * points[1, i]
         out[1, i] = sin * points[0, i] + cos * points[1, i]
@@ -156,13 +162,18 @@ def climb(
         The top and its score.
     """
     pose = start
-    linear_step, angular_step = s.linear_step, FIRST_TURN
-    ahead, aside = np.empty_like(points), np.empty_like(points)
+    linear_step = s.linear_step
+    angular_step = FIRST_TURN
+    ahead = np.empty_like(points)
+    aside = np.empty_like(points)
     turn_points(points, pose.theta, ahead)
     current = score(pool.cells, table, ahead, pose.u, pose.v, s.gain, -1.0)
-    halved, back = 0, -1
+    halved = 0
+    back = -1
     for _ in range(MAX_CLIMB_STEPS):
-        best, best_pose, best_move = current, pose, -1
+        best = current
+        best_pose = pose
+        best_move = -1
         for move in range(6):
             if move == back:
                 continue  # where the climb came from, and lower
@@ -177,9 +188,13 @@ def climb(
             turned = ahead if move < 4 else aside
             value = score(pool.cells, table, turned, trial.u, trial.v, s.gain, best)
             if value > best:
-                best, best_pose, best_move = value, trial, move
+                best = value
+                best_pose = trial
+                best_move = move
         if best_move >= 0:
-            current, pose, back = best, best_pose, best_move ^ 1
+            current = best
+            pose = best_pose
+            back = best_move ^ 1
             if best_move >= 4:
                 turn_points(points, pose.theta, ahead)
             continue
@@ -205,7 +220,8 @@ def log_likelihood(
         pose: The pose.
         s: Settings.
     """
-    turned, total = np.empty_like(points), 0.0
+    turned = np.empty_like(points)
+    total = 0.0
     turn_points(points, pose.theta, turned)
     for i in range(points.shape[1]):
         square = nearest_square(pool.cells, table, pose.u + turned[0, i], pose.v + turned[1, i])
@@ -234,12 +250,14 @@ def match_particles(
         Number of particles that were matched; the others keep their pose.
     """
     parts, tables, origin, resolution = maps
-    pool, s = TilePool(*parts), MatchSettings(*s)
+    pool = TilePool(*parts)
+    s = MatchSettings(*s)
     scale = 1.0 / resolution
     taken = np.ascontiguousarray(points[:: s.stride].T) * scale
     matched = 0
     for p in range(len(poses)):
-        u, v = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
+        u = (poses[p, 0] - origin[0]) * scale
+        v = (poses[p, 1] - origin[1]) * scale
         pose = CellPose(u, v, poses[p, 2])
         top, value = climb(pool, tables[p], taken, pose, s)
         if value > s.minimum_score:

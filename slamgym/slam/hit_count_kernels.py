@@ -97,9 +97,12 @@ def _open_length(ranges: Float32Array, i: int, low: int, high: int, beams: BeamT
     longest = min(beams.usable, beams.range_max)
     if low < 0 or high >= len(ranges):
         return longest if high - low - 1 > beams.widest_gap else 0.0
-    ax, ay = ranges[low] * beams.directions[low, 0], ranges[low] * beams.directions[low, 1]
-    bx, by = ranges[high] * beams.directions[high, 0], ranges[high] * beams.directions[high, 1]
-    ex, ey = bx - ax, by - ay
+    ax = ranges[low] * beams.directions[low, 0]
+    ay = ranges[low] * beams.directions[low, 1]
+    bx = ranges[high] * beams.directions[high, 0]
+    by = ranges[high] * beams.directions[high, 1]
+    ex = bx - ax
+    ey = by - ay
     offset = ax * ey - ay * ex
     slant = beams.directions[i, 0] * ey - beams.directions[i, 1] * ex
     if offset <= 0.0 or slant <= 0.0:
@@ -119,23 +122,29 @@ def scan_bounds(
         beams: The scanner.
         lengths: (scans, num_beams) receives how far each beam is drawn [m].
     """
-    directions, mount = beams.directions, beams.mount
+    directions = beams.directions
+    mount = beams.mount
     min_x = min_y = math.inf
     max_x = max_y = -math.inf
     for k in range(len(poses)):
         drawn_lengths(ranges[k], beams, lengths[k])
-        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        cos = math.cos(poses[k, 2])
+        sin = math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
-        min_x, max_x = min(min_x, x0), max(max_x, x0)
-        min_y, max_y = min(min_y, y0), max(max_y, y0)
+        min_x = min(min_x, x0)
+        max_x = max(max_x, x0)
+        min_y = min(min_y, y0)
+        max_y = max(max_y, y0)
         for i in range(ranges.shape[1]):
             length = lengths[k, i]
             x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
             y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
             # min and max would ask each number whether it is one.
-            min_x, max_x = x if x < min_x else min_x, x if x > max_x else max_x
-            min_y, max_y = y if y < min_y else min_y, y if y > max_y else max_y
+            min_x = x if x < min_x else min_x
+            max_x = x if x > max_x else max_x
+            min_y = y if y < min_y else min_y
+            max_y = y if y > max_y else max_y
     return min_x, min_y, max_x, max_y
 
 
@@ -187,12 +196,14 @@ def draw_scans(
     first_row, first_col, last_row, last_col = cells_of(bounds, corner, resolution)
     if first_row < 0 or first_col < 0 or last_row >= counts.shape[0] or last_col >= counts.shape[1]:
         return bounds
-    directions, mount = beams.directions, beams.mount
+    directions = beams.directions
+    mount = beams.mount
     cols = counts.shape[1]
     flat = counts.reshape(-1)
     scale = 1.0 / resolution
     for k in range(len(poses)):
-        cos, sin = math.cos(poses[k, 2]), math.sin(poses[k, 2])
+        cos = math.cos(poses[k, 2])
+        sin = math.sin(poses[k, 2])
         x0 = poses[k, 0] + cos * mount[0] - sin * mount[1]
         y0 = poses[k, 1] + sin * mount[0] + cos * mount[1]
         start_col = math.floor(x0 * scale) - corner_col
@@ -209,12 +220,14 @@ def draw_scans(
             d_row = math.floor(y * scale) - corner_row - start_row
             major_stride = 1 if d_col >= 0 else -1
             minor_stride = cols if d_row >= 0 else -cols
-            major, minor = abs(d_col), abs(d_row)
+            major = abs(d_col)
+            minor = abs(d_row)
             if minor > major:
                 major, minor = minor, major
                 major_stride, minor_stride = minor_stride, major_stride
             slope = (minor << _FRACTION) // max(major, 1)
-            offset, cell = 1 << (_FRACTION - 1), start
+            offset = 1 << (_FRACTION - 1)
+            cell = start
             for _ in range(major):
                 # An unsigned index isn't asked whether it counts from the end.
                 flat[np.uint64(2 * (cell + (offset >> _FRACTION) * minor_stride) + 1)] += sign
@@ -278,8 +291,12 @@ def classify_counts(
         out: (rows, cols) receives the values, contiguous.
     """
     # Eight cells fit into a vector of these numbers; counts below 2^24 are exact.
-    share, above, below = np.float32(threshold), np.float32(margins[0]), np.float32(margins[1])
-    pairs, values, cols = counts.reshape(-1), out.reshape(-1), counts.shape[1]
+    share = np.float32(threshold)
+    above = np.float32(margins[0])
+    below = np.float32(margins[1])
+    pairs = counts.reshape(-1)
+    values = out.reshape(-1)
+    cols = counts.shape[1]
     for row in range(box[0], box[2]):
         # Unsigned indices of contiguous arrays let the compiler classify them at once.
         for cell in range(np.uint64(row * cols + box[1]), np.uint64(row * cols + box[3])):

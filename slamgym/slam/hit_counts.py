@@ -42,7 +42,8 @@ class HitCountMap:
         self._beams = plain(beams)
         self._resolution = config.resolution
         self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
-        self._threshold, self._min_passes = config.occupied_threshold, config.min_passes
+        self._threshold = config.occupied_threshold
+        self._min_passes = config.min_passes
         self._margins = float(config.occupied_margin), float(config.free_margin)
         self._memory_limit = config.memory_limit_mb * 1e6
         self.corner = (0, 0)
@@ -85,11 +86,14 @@ class HitCountMap:
             grid: Its cells must lie on this map's lattice.
         """
         step, x, y, rows, cols = grid.frame
-        row, col = round(y / step), round(x / step)
+        row = round(y / step)
+        col = round(x / step)
         box = (row, col, row + rows, col + cols)
         self._grow_to(box)
-        row, col = row - self.corner[0], col - self.corner[1]
-        at, cells = self._counts[row : row + rows, col : col + cols], grid.cells[::-1]
+        row = row - self.corner[0]
+        col = col - self.corner[1]
+        at = self._counts[row : row + rows, col : col + cols]
+        cells = grid.cells[::-1]
         at[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
         at[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
         self._dirty = _around(box, self._dirty)
@@ -115,13 +119,14 @@ class HitCountMap:
                 f"than slam.memory_limit_mb={self._memory_limit / 1e6:.0f} allows; raise it, use a coarser "
                 "resolution, or check the log for impossible ranges"
             )
-        counts, cells = (
-            np.zeros((*shape, 2), dtype=np.int32),
-            np.full(shape, UNKNOWN, dtype=np.uint8),
-        )
+        counts = np.zeros((*shape, 2), dtype=np.int32)
+        cells = np.full(shape, UNKNOWN, dtype=np.uint8)
         at = (slice(row - low[0], row - low[0] + rows), slice(col - low[1], col - low[1] + cols))
-        counts[at], cells[at] = self._counts, self._cells
-        self.corner, self._counts, self._cells = (low[0], low[1]), counts, cells
+        counts[at] = self._counts
+        cells[at] = self._cells
+        self.corner = (low[0], low[1])
+        self._counts = counts
+        self._cells = cells
         return True
 
     def classified(self) -> ByteArray:
@@ -150,7 +155,8 @@ class HitCountMap:
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
         cells = self.classified()
-        col, row = frame.origin_x / self._resolution, frame.origin_y / self._resolution
+        col = frame.origin_x / self._resolution
+        row = frame.origin_y / self._resolution
         aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
         if frame.resolution != self._resolution or not aligned:
             out = np.empty(frame.shape, dtype=np.uint8)
@@ -186,10 +192,12 @@ def cropped_to_known(cells: ByteArray, corner: tuple[int, int], resolution: floa
         resolution: Cell size [m].
     """
     known = cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    rows = np.flatnonzero(known.any(axis=1))
+    cols = np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         frame = GridFrame(resolution, 0.0, 0.0, 1, 1)
         return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)
     crop = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
-    x, y = (corner[1] + int(cols[0])) * resolution, (corner[0] + int(rows[0])) * resolution
+    x = (corner[1] + int(cols[0])) * resolution
+    y = (corner[0] + int(rows[0])) * resolution
     return OccupancyGrid(np.ascontiguousarray(crop[::-1]), GridFrame(resolution, x, y, *crop.shape))

@@ -17,7 +17,7 @@ from slamgym.interop.records import Log, OdometryTrack
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.mapper import FEW_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.relative import moved_by, seen_from
@@ -60,11 +60,14 @@ class LaserTracker:
 
     def move(self, scan: LaserScan, expected: FloatArray | None = None) -> LaserMotion:
         """Take the next scan, which is ``expected`` (3,) away; by default the speed has stayed as it was."""
-        points, wait = self._points(scan), max(scan.stamp - self._stamp, 1e-3)
+        points = self._points(scan)
+        wait = max(scan.stamp - self._stamp, 1e-3)
         guess = moved_by(self._pose, self._speed * wait if expected is None else expected)
         pose, information, fit = self._place(points, guess, wait)
         step = seen_from(self._pose, pose)
-        self._speed, self._stamp, self._pose = step / wait, scan.stamp, pose
+        self._speed = step / wait
+        self._stamp = scan.stamp
+        self._pose = pose
         if np.abs(seen_from(self._keyframe, pose)).max() > KEYFRAME:
             self._draw(points)
         return LaserMotion(step, information, fit)
@@ -77,8 +80,9 @@ class LaserTracker:
     def _place(self, points: FloatArray, guess: FloatArray, wait: float) -> LaserMotion:
         if len(points) < FEW_POINTS:
             return LaserMotion(guess, np.zeros((3, 3)), 0.0)
-        sides, free = sides_of(points, self._beams[1]), np.zeros((3, 3))
-        chosen = Chosen(self._submaps, np.array(self._frames))
+        sides = sides_of(points, self._beams[1])
+        free = np.zeros((3, 3))
+        chosen = AlignmentTarget(self._submaps, np.array(self._frames))
         placed = chosen.align(points, sides, guess, guess, free)
         if placed.fit < SURE_FIT:
             window, turn = np.clip(np.multiply(FASTEST, wait), *WINDOWS).tolist()
@@ -86,7 +90,7 @@ class LaserTracker:
             found = chosen.align(points, sides, place, place, free)
             placed = found if found.fit > placed.fit + BETTER_FIT else placed
         pose = np.array([*placed.pose[:2], wrap_angle(placed.pose[2])])
-        return LaserMotion(pose, placed.bound.sums.sum(axis=0)[:3, :3], placed.fit)
+        return LaserMotion(pose, placed.equations.sums.sum(axis=0)[:3, :3], placed.fit)
 
     def _draw(self, points: FloatArray) -> None:
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:

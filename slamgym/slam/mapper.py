@@ -157,7 +157,8 @@ class Mapper(ABC):
 
     def know(self, grid: OccupancyGrid) -> None:
         """Begin with an older map, before the first scan; its cells lie on the lattice of this one."""
-        self._known, self._grid = grid, None
+        self._known = grid
+        self._grid = None
         self._new_map()
 
     def _new_map(self) -> None:

@@ -112,7 +112,8 @@ def _carried(
     """Every scan's pose by odometry from the processed scan ``anchor``."""
     motion = relative_poses(odometry[indices[anchor]], odometry[every])
     base = poses[anchor]
-    cos, sin = np.cos(base[:, 2]), np.sin(base[:, 2])
+    cos = np.cos(base[:, 2])
+    sin = np.sin(base[:, 2])
     return np.column_stack(
         [
             base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1],
@@ -146,16 +147,22 @@ def sample_motion(
         normals: (steps, particles, 3) standard normal draws.
         noise: (4,) srr, srt, str, stt.
     """
-    srr, srt, str_, stt = noise[0], noise[1], noise[2], noise[3]
+    srr = noise[0]
+    srt = noise[1]
+    str_ = noise[2]
+    stt = noise[3]
     for k in range(len(increments)):
-        dx, dy, turn = increments[k, 0], increments[k, 1], increments[k, 2]
+        dx = increments[k, 0]
+        dy = increments[k, 1]
+        turn = increments[k, 2]
         sigma_x = srr * abs(dx) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dy)
         sigma_y = srr * abs(dy) + str_ * abs(turn) + LATERAL_SHARE * srr * abs(dx)
         sigma_turn = stt * abs(turn) + srt * math.hypot(dx, dy)
         for p in range(len(poses)):
             noisy_x = dx + sigma_x * normals[k, p, 0]
             noisy_y = dy + sigma_y * normals[k, p, 1]
-            cos, sin = math.cos(poses[p, 2]), math.sin(poses[p, 2])
+            cos = math.cos(poses[p, 2])
+            sin = math.sin(poses[p, 2])
             poses[p, 0] += cos * noisy_x - sin * noisy_y
             poses[p, 1] += sin * noisy_x + cos * noisy_y
             poses[p, 2] += turn + sigma_turn * normals[k, p, 2]

@@ -59,7 +59,8 @@ def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
     """
     if not log.has_odometry or len(log) < 2:
         return log
-    pairs, checked = measure_pairs(log), log
+    pairs = measure_pairs(log)
+    checked = log
     late = _lateness(log, pairs) if estimate_offset else 0.0
     if late != 0.0:
         which = f"{abs(late):.2f} s {'late' if late > 0.0 else 'early'}"
@@ -102,7 +103,8 @@ def _odometry_of(log: Log, scans: IntArray) -> FloatArray:
 def _lateness(log: Log, pairs: PairMotions) -> float:
     """Lateness of the odometry's clock by the turns [s]; 0 where it isn't sure."""
     order = np.argsort(log.track.stamps, kind="stable")
-    stamps, headings = log.track.stamps[order], np.unwrap(log.track.poses[order, 2])
+    stamps = log.track.stamps[order]
+    headings = np.unwrap(log.track.poses[order, 2])
     turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
     begin, end = (
         np.interp(times[turning] + OFFSETS[:, None], stamps, headings) for times in pairs.stamps
@@ -182,7 +184,8 @@ def _distrusted(log: Log, pairs: PairMotions) -> Log:
         [_deviation(*each) for each in zip(error, information, spread**-2, strict=True)]
     )
     # What lies between the two says nothing.
-    agrees, contradicts = deviations < 0.5 * CONTRADICTION, deviations > CONTRADICTION
+    agrees = deviations < 0.5 * CONTRADICTION
+    contradicts = deviations > CONTRADICTION
     telling = (np.maximum(laser, wheels) > MOVED).any(axis=1) & (agrees | contradicts)
     padded = np.pad(contradicts[telling], 2).astype(np.int64)
     most = padded[:-2] + padded[1:-1] + padded[2:] >= 2
@@ -191,7 +194,8 @@ def _distrusted(log: Log, pairs: PairMotions) -> Log:
     stretches = [(float(begins[a]), float(ends[b - 1])) for a, b in edges.tolist() if b - a >= 3]
     if not stretches:
         return log
-    seconds, start = sum(end - begin for begin, end in stretches), log.records[0].stamp
+    seconds = sum(end - begin for begin, end in stretches)
+    start = log.records[0].stamp
     sentence = (
         f"the scans contradict the odometry for {seconds:.0f} s in {len(stretches)} stretches, first from "
         f"{stretches[0][0] - start:.0f} to {stretches[0][1] - start:.0f} s after the start: it isn't trusted there "

@@ -138,7 +138,8 @@ class ParticleFilter(Mapper):
 
     def _match_and_weigh(self, points: FloatArray) -> None:
         """Move the particles to their best matches and weigh them."""
-        likelihoods, maps = np.empty(len(self._poses)), plain(self._maps.tile_maps)
+        likelihoods = np.empty(len(self._poses))
+        maps = plain(self._maps.tile_maps)
         matched = match_particles(maps, self._poses, points, self._match_settings, likelihoods)
         self._stats.refused_matches += len(self._poses) - matched
         self._log_weights += likelihoods
@@ -158,7 +159,9 @@ class ParticleFilter(Mapper):
 
     def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
-        steps, known, ranges = len(self._tree), len(self._lineage), self._tree["ranges"]
+        steps = len(self._tree)
+        known = len(self._lineage)
+        ranges = self._tree["ranges"]
         if steps == 0:
             return
         lineage = np.full(steps, -1, dtype=np.int64)

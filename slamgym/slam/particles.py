@@ -159,7 +159,10 @@ class ParticleMaps:
             and high[0] <= col + cols
         ):
             return
-        first_row, first_col, last_row, last_col = low[1], low[0], high[1], high[0]
+        first_row = low[1]
+        first_col = low[0]
+        last_row = high[1]
+        last_col = high[0]
         if rows:
             first_row = row if first_row >= row else min(first_row, row - GROWTH_TILES)
             first_col = col if first_col >= col else min(first_col, col - GROWTH_TILES)
@@ -172,9 +175,11 @@ class ParticleMaps:
         tables = np.zeros(
             (len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32
         )
-        below, left = row - first_row, col - first_col
+        below = row - first_row
+        left = col - first_col
         tables[:, below : below + rows, left : left + cols] = self.tables
-        self.tables, self._corner = tables, (first_row, first_col)
+        self.tables = tables
+        self._corner = (first_row, first_col)
         self.origin = np.array([first_col, first_row], dtype=np.float64) * (TILE * self.resolution)
 
     def register(self, poses: FloatArray, points: FloatArray) -> None:

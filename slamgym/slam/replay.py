@@ -107,6 +107,7 @@ def replay(
 def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
     """The smallest frame that covers two on one lattice."""
     bounds = list(zip(a.bounds, b.bounds, strict=True))
-    (left, bottom), (right, top) = map(min, bounds[:2]), map(max, bounds[2:])
+    (left, bottom) = map(min, bounds[:2])
+    (right, top) = map(max, bounds[2:])
     step = b.resolution
     return GridFrame(step, left, bottom, round((top - bottom) / step), round((right - left) / step))

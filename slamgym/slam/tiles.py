@@ -60,7 +60,8 @@ class TilePool(NamedTuple):
         size = len(self.references)
         larger.cells[:size] = self.cells
         larger.references[:size] = self.references
-        num_free, num_new = int(self.num_free[0]), capacity - size
+        num_free = int(self.num_free[0])
+        num_new = capacity - size
         larger.free[:num_new] = np.arange(capacity - 1, size - 1, -1)
         larger.free[num_new : num_new + num_free] = self.free[:num_free]
         larger.num_free[0] = num_new + num_free
@@ -95,7 +96,8 @@ def writable_tile(pool: TilePool, table: np.ndarray, row: int, col: int) -> int:
 @kernel
 def _begin_cell(pool: TilePool, table: np.ndarray, cell_u: int, cell_v: int) -> None:
     """Tell the neighbours of a cell that it holds a mean from now on; its tile is this table's own."""
-    at_u, at_v = cell_u & TILE_MASK, cell_v & TILE_MASK
+    at_u = cell_u & TILE_MASK
+    at_v = cell_v & TILE_MASK
     inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
     tile = table[cell_v >> TILE_BITS, cell_u >> TILE_BITS]
     for dv in range(-1, 2):
@@ -129,31 +131,42 @@ def register_scan(maps: TileMaps, poses: FloatArray, points: FloatArray, first: 
         caller lets the pool grow and calls again from there.
     """
     parts, tables, origin, resolution = maps
-    pool, scale = TilePool(*parts), 1.0 / resolution
+    pool = TilePool(*parts)
+    scale = 1.0 / resolution
     cells = pool.cells
     # An end point touches at most four tiles: its own and those of its neighbour cells.
     most = min(4 * len(points), tables.shape[1] * tables.shape[2])
-    max_u, max_v = tables.shape[2] * TILE - 1.0, tables.shape[1] * TILE - 1.0
+    max_u = tables.shape[2] * TILE - 1.0
+    max_v = tables.shape[1] * TILE - 1.0
     for p in range(first, len(poses)):
         if pool.num_free[0] < most:
             return p
-        cos, sin = np.cos(poses[p, 2]) * scale, np.sin(poses[p, 2]) * scale
-        u0, v0 = (poses[p, 0] - origin[0]) * scale, (poses[p, 1] - origin[1]) * scale
-        row, col, tile, table = -1, -1, EMPTY, tables[p]
+        cos = np.cos(poses[p, 2]) * scale
+        sin = np.sin(poses[p, 2]) * scale
+        u0 = (poses[p, 0] - origin[0]) * scale
+        v0 = (poses[p, 1] - origin[1]) * scale
+        row = -1
+        col = -1
+        tile = EMPTY
+        table = tables[p]
         for i in range(len(points)):
             u = u0 + cos * points[i, 0] - sin * points[i, 1]
             v = v0 + sin * points[i, 0] + cos * points[i, 1]
             if u >= 1.0 and v >= 1.0 and u < max_u and v < max_v:
-                at_row, at_col = int(v) >> TILE_BITS, int(u) >> TILE_BITS
+                at_row = int(v) >> TILE_BITS
+                at_col = int(u) >> TILE_BITS
                 # Neighbouring beams mostly end in the same tile.
                 if at_row != row or at_col != col:
-                    row, col = at_row, at_col
+                    row = at_row
+                    col = at_col
                     tile = writable_tile(pool, table, row, col)
-                cell_u, cell_v = int(u), int(v)
+                cell_u = int(u)
+                cell_v = int(v)
                 # Indices are unsigned, so that none is asked whether it counts from the end.
                 cell = np.uint64(((cell_v & TILE_MASK) << TILE_BITS) | (cell_u & TILE_MASK))
                 own = np.uint64(tile)
-                in_u, in_v = (u - cell_u) * MEAN_UNITS, (v - cell_v) * MEAN_UNITS
+                in_u = (u - cell_u) * MEAN_UNITS
+                in_v = (v - cell_v) * MEAN_UNITS
                 count = int(cells[own, cell, np.uint64(COUNT)])
                 if count == 0:
                     cells[own, cell, np.uint64(MEAN_U)] = np.uint16(in_u)
@@ -190,7 +203,8 @@ def copy_maps(pool: TilePool, tables: np.ndarray, ancestors: IntArray) -> None:
             continue
         for row in range(tables.shape[1]):
             for col in range(tables.shape[2]):
-                old, new = tables[p, row, col], tables[source, row, col]
+                old = tables[p, row, col]
+                new = tables[source, row, col]
                 if old == new:
                     continue
                 tables[p, row, col] = new

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import PoseGraphConfig
-from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.relative import (
     DAMPING,
@@ -99,9 +99,9 @@ def closed(pillars: list[float], driven: float, deviation: float = 0.4) -> Match
     poses = np.array([(x, 0.0, 0.0) for x in [*xs, 0.9]])
     ways, submaps, closer = np.array([*xs + 1.0, driven]), [old, new], LoopCloser(PoseGraphConfig())
 
-    def choose(numbers: list[int]) -> Chosen:
+    def choose(numbers: list[int]) -> AlignmentTarget:
         chosen = [submaps[number] for number in numbers]
-        return Chosen(chosen, poses[[submap.first for submap in chosen]])
+        return AlignmentTarget(chosen, poses[[submap.first for submap in chosen]])
 
     return closer.close(Path(poses, ways, deviation), submaps, choose)
 

@@ -9,7 +9,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.branch_and_bound import block_score, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
-from slamgym.slam.graph.alignment import FACES, Chosen
+from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow, score_levels
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, sides_of
 from slamgym.slam.hill_climbing import match_particles
@@ -50,7 +50,7 @@ def submap(poses, segments=ROOM):
 
 
 def alone(drawn):
-    return Chosen([drawn], np.zeros((1, 3)))
+    return AlignmentTarget([drawn], np.zeros((1, 3)))
 
 
 def align(drawn, points, start, known=UNKNOWN_PLACE):
@@ -153,7 +153,7 @@ def test_an_older_map_is_seen_from_its_free_side():
         ]
     )
     start = np.array([0.2, 0.1, 0.3])
-    older = Chosen([known_submap((points, sides), start)], start[None])
+    older = AlignmentTarget([known_submap((points, sides), start)], start[None])
     # Cells are marked in their middle, half of them behind the face.
     pose, _, fit = older.align(
         *with_sides(scan_points(start, inner)), start + 0.03, start, UNKNOWN_PLACE

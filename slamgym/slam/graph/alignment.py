@@ -21,32 +21,40 @@ ALIGNED_COSINE = 0.7
 SURFACE_SIGMA = 0.0105
 """Standard deviation of a point across a line [m]. Wider ones, or such as grow with the range as the data sheet of a
 cheap laser says, are worse by a third on simulated homes: what errs more is left to the weights."""
-ALIGN_WIDTH, FIRST_WIDTH = 3.0, 10.0
-"""Residual at which a point's weight has fallen to a quarter, at the last steps and at the first one [deviations]."""
+ALIGN_WIDTH = 3.0
+"""Residual at which a point's weight has fallen to a quarter, at the last steps [standard deviations]."""
+FIRST_WIDTH = 10.0
+"""Residual at which a point's weight has fallen to a quarter, at the first step [standard deviations]."""
 POINT_SHARE = 0.2
 """Weight of a point: neighbours err together."""
 ALIGN_STEPS = 12
-MOST_STEP, MOST_TURN = SUBMAP_CELL, 0.1
-"""Most that one step moves [m] and turns [rad]: surfaces are sought within a cell."""
-CONVERGED = 2e-4, 2e-5
+"""Most steps of an alignment."""
+MOST_STEP = SUBMAP_CELL
+"""Most that one step moves [m]: surfaces are sought within a cell."""
+MOST_TURN = 0.1
+"""Most that one step turns [rad]."""
+CONVERGED_STEP = 2e-4
+"""An alignment ends with a step that moves less than this [m], if it turns little, too."""
+CONVERGED_TURN = 2e-5
+"""An alignment ends with a step that turns less than this [rad], if it moves little, too."""
 FACES = 4
 """Directions of the map's axes that surfaces face."""
 MOST_SUBMAPS = 4
 """Submaps that a scan is aligned with at once."""
 
 
-class Binding(NamedTuple):
-    """What each of some submaps binds of a scan's pose (x, y, theta) in the map frame, about the robot."""
+class NormalEquations(NamedTuple):
+    """What each of some submaps says of a scan's pose (x, y, theta) in the map frame, about the robot."""
 
     sums: FloatArray  # (S, 4, 4) normal matrix, in the last column the gradient and the weighted squared error
     hits: IntArray  # (S,) number of points near a surface
 
 
-class Placed(NamedTuple):
-    """A scan's place by an alignment."""
+class Alignment(NamedTuple):
+    """A scan's place among submaps."""
 
     pose: FloatArray  # (3,) in the map frame
-    bound: Binding  # there
+    equations: NormalEquations  # there
     fit: float  # share of the points that fit, 0 to 1
 
 
@@ -62,8 +70,10 @@ def _nearest_line(
     is_normal: bool,
 ) -> int:
     """Number of the nearest piece with a line that a point seen from a side may lie on, in the submap's frame."""
-    col, row = math.floor((x - corner[0]) / SUBMAP_CELL), math.floor((y - corner[1]) / SUBMAP_CELL)
-    best, number = 1e18, VACANT
+    col = math.floor((x - corner[0]) / SUBMAP_CELL)
+    row = math.floor((y - corner[1]) / SUBMAP_CELL)
+    best = 1e18
+    number = VACANT
     for near_row in range(max(row - 1, 0), min(row + 2, grid.shape[0])):
         for near_col in range(max(col - 1, 0), min(col + 2, grid.shape[1])):
             for face in range(2):
@@ -78,7 +88,8 @@ def _nearest_line(
                     continue
                 d2 = (x - p.own_x) ** 2 + (y - p.own_y) ** 2
                 if d2 < best:
-                    best, number = d2, near
+                    best = d2
+                    number = near
     return number
 
 
@@ -92,10 +103,10 @@ def bind_scan(
     stride: int,
     pose: FloatArray,
     width: float,
-    bound: FloatArray,
+    sums: FloatArray,
     hits: IntArray,
 ) -> float:
-    """Compute what each submap binds at a pose.
+    """Compute what each submap says of a scan at a pose.
 
     Args:
         submaps: Grids and pieces of the submaps, each a tuple of ``MOST_SUBMAPS`` arrays.
@@ -106,28 +117,41 @@ def bind_scan(
         stride: Take every so many points.
         pose: (3,) of the robot in the map frame.
         width: Residual that counts a quarter [standard deviations].
-        bound: (S, 4, 4) receives the sums of :class:`Binding`.
+        sums: (S, 4, 4) receives the sums of :class:`NormalEquations`.
         hits: (S,) receives the number of points near a surface.
 
     Returns:
         Share of the points that fit a surface of any submap, 0 to 1.
     """
-    bound[:], hits[:] = 0.0, 0
+    sums[:] = 0.0
+    hits[:] = 0
     taken = (len(points) + stride - 1) // stride
-    best, row = np.zeros(taken), np.empty(4)
+    best = np.zeros(taken)
+    row = np.empty(4)
+    grids, all_pieces = submaps
     for k in range(len(frames)):
-        grid, pieces = submaps[0][k], submaps[1][k]
-        cos, sin = math.cos(frames[k, 2]), math.sin(frames[k, 2])
+        grid = grids[k]
+        pieces = all_pieces[k]
+        cos = math.cos(frames[k, 2])
+        sin = math.sin(frames[k, 2])
         # The scan in the submap's frame.
-        cos_own, sin_own = math.cos(pose[2] - frames[k, 2]), math.sin(pose[2] - frames[k, 2])
-        dx, dy = pose[0] - frames[k, 0], pose[1] - frames[k, 1]
-        own_x, own_y = cos * dx + sin * dy, cos * dy - sin * dx
+        cos_own = math.cos(pose[2] - frames[k, 2])
+        sin_own = math.sin(pose[2] - frames[k, 2])
+        dx = pose[0] - frames[k, 0]
+        dy = pose[1] - frames[k, 1]
+        own_x = cos * dx + sin * dy
+        own_y = cos * dy - sin * dx
         for i in range(taken):
-            px, py = points[i * stride, 0], points[i * stride, 1]
-            qx, qy = sides[i * stride, 0], sides[i * stride, 1]
-            arm_x, arm_y = cos_own * px - sin_own * py, sin_own * px + cos_own * py
-            side_x, side_y = cos_own * qx - sin_own * qy, sin_own * qx + cos_own * qy
-            x, y = own_x + arm_x, own_y + arm_y
+            px = points[i * stride, 0]
+            py = points[i * stride, 1]
+            qx = sides[i * stride, 0]
+            qy = sides[i * stride, 1]
+            arm_x = cos_own * px - sin_own * py
+            arm_y = sin_own * px + cos_own * py
+            side_x = cos_own * qx - sin_own * qy
+            side_y = sin_own * qx + cos_own * qy
+            x = own_x + arm_x
+            y = own_y + arm_y
             number = _nearest_line(
                 grid, pieces, corners[k], x, y, side_x, side_y, sides[i * stride, 2] > 0.0
             )
@@ -137,15 +161,14 @@ def bind_scan(
             error = p.normal_x * (x - p.mean_x) + p.normal_y * (y - p.mean_y)
             variance = SURFACE_SIGMA * SURFACE_SIGMA + p.variance
             weight = width * width / (width * width + error * error / variance)
-            row[0], row[1] = (
-                cos * p.normal_x - sin * p.normal_y,
-                sin * p.normal_x + cos * p.normal_y,
-            )
-            row[2], row[3] = p.normal_y * arm_x - p.normal_x * arm_y, error
+            row[0] = cos * p.normal_x - sin * p.normal_y
+            row[1] = sin * p.normal_x + cos * p.normal_y
+            row[2] = p.normal_y * arm_x - p.normal_x * arm_y
+            row[3] = error
             known = POINT_SHARE * weight * weight / variance
             for a in range(4):
                 for b in range(4):
-                    bound[k, a, b] += known * row[a] * row[b]
+                    sums[k, a, b] += known * row[a] * row[b]
             hits[k] += 1
             best[i] = max(best[i], weight)
     fit = 0.0
@@ -164,7 +187,7 @@ def align_scan(
     prior: FloatArray,
     known: FloatArray,
     pose: FloatArray,
-    bound: FloatArray,
+    sums: FloatArray,
     hits: IntArray,
 ) -> float:
     """Align a scan with submaps by Gauss-Newton steps with Geman-McClure weights that narrow from step to step.
@@ -178,25 +201,27 @@ def align_scan(
         prior: (3,) expected pose.
         known: (3, 3) information of that; zero for none.
         pose: (3,) to begin at; receives the result.
-        bound: (S, 4, 4) receives what each submap binds there.
+        sums: (S, 4, 4) receives what each submap says there.
         hits: (S,) receives the number of points near a surface.
 
     Returns:
         Share of the points that fit, 0 to 1.
     """
-    fit, away, gradient = 0.0, np.empty(3), np.empty(3)
+    fit = 0.0
+    away = np.empty(3)
+    gradient = np.empty(3)
     for step in range(ALIGN_STEPS):
         width = max(ALIGN_WIDTH, FIRST_WIDTH / (1.0 + step))
-        fit = bind_scan(submaps, corners, frames, points, sides, 1, pose, width, bound, hits)
+        fit = bind_scan(submaps, corners, frames, points, sides, 1, pose, width, sums, hits)
         away[:] = pose - prior
         away[2] = nearest_turn(away[2])
         h = known + 1e-3 * np.eye(3)  # damped, where a direction is bound by nothing
         for a in range(3):
             gradient[a] = known[a, 0] * away[0] + known[a, 1] * away[1] + known[a, 2] * away[2]
-            for k in range(len(bound)):
-                gradient[a] += bound[k, a, 3]
+            for k in range(len(sums)):
+                gradient[a] += sums[k, a, 3]
                 for b in range(3):
-                    h[a, b] += bound[k, a, b]
+                    h[a, b] += sums[k, a, b]
         step_x, step_y, step_t = solve_factored(lower_factor(h), gradient)
         length = math.hypot(step_x, step_y)
         shorter = min(1.0, MOST_STEP / max(length, MOST_STEP))
@@ -204,12 +229,12 @@ def align_scan(
         pose[0] -= step_x * shorter
         pose[1] -= step_y * shorter
         pose[2] = nearest_turn(pose[2] - step_t)
-        if width == ALIGN_WIDTH and length < CONVERGED[0] and abs(step_t) < CONVERGED[1]:
+        if width == ALIGN_WIDTH and length < CONVERGED_STEP and abs(step_t) < CONVERGED_TURN:
             break
     return fit
 
 
-class Chosen:
+class AlignmentTarget:
     """Submaps as they lie now; a scan is aligned with at most ``MOST_SUBMAPS``.
 
     Args:
@@ -218,14 +243,15 @@ class Chosen:
     """
 
     def __init__(self, submaps: list[Submap], frames: FloatArray) -> None:
-        self.submaps, self.frames = submaps, np.ascontiguousarray(frames)
+        self.submaps = submaps
+        self.frames = np.ascontiguousarray(frames)
         self._corners = np.array([submap.corner for submap in submaps])
         blank = MOST_SUBMAPS - len(submaps)
-        no_grid, no_pieces = np.full((1, 1, 2), VACANT, dtype=np.int32), np.zeros(1, dtype=PIECE)
-        self._arrays = (
-            (*(submap.grid for submap in submaps), *[no_grid] * blank),
-            (*(submap.pieces for submap in submaps), *[no_pieces] * blank),
-        )
+        no_grid = np.full((1, 1, 2), VACANT, dtype=np.int32)
+        no_pieces = np.zeros(1, dtype=PIECE)
+        grids = [submap.grid for submap in submaps] + [no_grid] * blank
+        pieces = [submap.pieces for submap in submaps] + [no_pieces] * blank
+        self._arrays = (tuple(grids), tuple(pieces))
 
     def align(
         self,
@@ -234,19 +260,29 @@ class Chosen:
         start: FloatArray,
         prior: FloatArray,
         known: FloatArray,
-    ) -> Placed:
+    ) -> Alignment:
         """Align a scan; see :func:`align_scan`."""
-        pose, bound = start.copy(), self._nothing()
+        pose = start.copy()
+        equations = self._no_equations()
         fit = align_scan(
-            self._arrays, self._corners, self.frames, points, sides, prior, known, pose, *bound
+            self._arrays,
+            self._corners,
+            self.frames,
+            points,
+            sides,
+            prior,
+            known,
+            pose,
+            equations.sums,
+            equations.hits,
         )
-        return Placed(pose, bound, float(fit))
+        return Alignment(pose, equations, float(fit))
 
-    def hits(
+    def hit_shares(
         self, points: FloatArray, sides: FloatArray, pose: FloatArray, stride: int
     ) -> FloatArray:
         """Share of every ``stride``-th point that lies near a surface of each submap, (S,)."""
-        bound = self._nothing()
+        equations = self._no_equations()
         bind_scan(
             self._arrays,
             self._corners,
@@ -256,14 +292,16 @@ class Chosen:
             stride,
             pose,
             FIRST_WIDTH,
-            *bound,
+            equations.sums,
+            equations.hits,
         )
-        return np.asarray(bound.hits / max(1, -(-len(points) // stride)), dtype=np.float64)
+        taken = math.ceil(len(points) / stride)
+        return np.asarray(equations.hits / max(1, taken), dtype=np.float64)
 
-    def _nothing(self) -> Binding:
-        return Binding(
-            np.empty((len(self.submaps), 4, 4)), np.empty(len(self.submaps), dtype=np.int64)
-        )
+    def _no_equations(self) -> NormalEquations:
+        """Arrays for a kernel to fill."""
+        count = len(self.submaps)
+        return NormalEquations(np.empty((count, 4, 4)), np.empty(count, dtype=np.int64))
 
     def occupied(self, centre: FloatArray, radius: float) -> tuple[np.ndarray, FloatArray]:
         """Find cells with a surface within a radius of a place.
@@ -273,18 +311,17 @@ class Chosen:
             x axis, the y axis, -x, and -y; and the lower left corner (2,) of the cells [m].
         """
         half = math.ceil(radius / SUBMAP_CELL) + 2
+        size = 2 * half
         origin = (np.floor(centre[:2] / SUBMAP_CELL) - half) * SUBMAP_CELL
-        cells = np.zeros((FACES, 2 * half, 2 * half), dtype=np.uint8)
+        cells = np.zeros((FACES, size, size), dtype=np.uint8)
         for submap, frame in zip(self.submaps, self.frames, strict=True):
             means, sides = submap.means
-            cols, rows = (
-                np.floor((transform_points(Pose2D(*frame), means) - origin) / SUBMAP_CELL)
-                .astype(np.int64)
-                .T
-            )
+            placed = transform_points(Pose2D(*frame), means)
+            cols, rows = np.floor((placed - origin) / SUBMAP_CELL).astype(np.int64).T
             to_x, to_y = transform_points(Pose2D(0.0, 0.0, frame[2]), sides).T
-            inside = (rows >= 0) & (cols >= 0) & (rows < 2 * half) & (cols < 2 * half)
-            for face, towards in enumerate((to_x, to_y, -to_x, -to_y)):
+            inside = (rows >= 0) & (cols >= 0) & (rows < size) & (cols < size)
+            faces = (to_x, to_y, -to_x, -to_y)
+            for face, towards in enumerate(faces):
                 kept = inside & (towards > 0.0)
                 cells[face, rows[kept], cols[kept]] = 1
         return cells, origin

@@ -9,30 +9,44 @@ from slamgym.core.geometry import transform_points
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.config import PoseGraphConfig
-from slamgym.slam.graph.alignment import MOST_SUBMAPS, Chosen
+from slamgym.slam.graph.alignment import MOST_SUBMAPS, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.pose_graph import PoseGraph
-from slamgym.slam.graph.relative import Match, chi_squared, match_with, seen_from
+from slamgym.slam.graph.relative import Match, chi_squared, match_with, pose_spreads, seen_from
 from slamgym.slam.graph.submaps import Submap
 
 LOOP_METRES = 1.0
 """A loop is sought after so much driving [m]."""
 LOOP_RADIUS = 9.0
 """... among submaps this near [m]."""
-SEPARATION, MOST_PLACES = 5, 2
-"""Places are so many submaps apart, and so many are searched."""
+SEPARATION = 5
+"""Places that are searched are at least so many submaps apart."""
+MOST_PLACES = 2
+"""So many places are searched at most."""
 CONTEXT = 3
 """Submaps on either side of a place in which the surfaces of the newest one are sought."""
 FEW_SURFACES = 30
-CLOSURE_FIT, SCORE_SHORTFALL = 0.5, 0.15
-"""Share of the surfaces that must fit; a search's score is a little lower than the fit after alignment."""
-LOOP_DEVIATIONS, WINDOW_FLOOR, LARGEST_WINDOW = 5.0, (0.15, 0.05), (6.0, 0.8)
-"""Window of a search in deviations, what is added to it, and its bound [m], [rad]."""
-AMBIGUOUS_METRES, AMBIGUOUS_SCORE = 0.3, 0.08
-"""A search that leads further than this must find no other place whose score is so near [m]."""
+"""With fewer surfaces in the newest submap no loop is sought."""
+CLOSURE_FIT = 0.5
+"""Share of the newest submap's surfaces that must fit an old place."""
+SCORE_SHORTFALL = 0.15
+"""A search's score is lower than the fit after alignment by this at most."""
+LOOP_DEVIATIONS = 5.0
+"""A search's window reaches so many standard deviations, and ``WINDOW_FLOOR``, from the pose by the graph."""
+WINDOW_FLOOR = (0.15, 0.05)
+"""Window of a search where the pose is known exactly [m], [rad]."""
+LARGEST_WINDOW = (6.0, 0.8)
+"""Largest window of a search for a loop [m], [rad]."""
+AMBIGUOUS_METRES = 0.3
+"""A search that leads further than this must find no other place as good [m]."""
+AMBIGUOUS_SCORE = 0.08
+"""Another place is as good if its score falls so much short of the best one at most."""
 EXPECTED_CHI2 = 16.3
 """A closure may disagree so much with the path, its uncertainty and ``WINDOW_FLOOR``: the 0.999 quantile. In 13 drives
 through offices and schools without the compass 2 of 104 true ones had more, and 7 of 8 false ones."""
+
+TargetOf = Callable[[list[int]], AlignmentTarget]
+"""Makes submaps, given by their numbers, ready for an alignment."""
 
 
 class LoopCloser:
@@ -55,15 +69,13 @@ class LoopCloser:
         self._last_sought = float(graph.driven[-1])
         return True
 
-    def close(
-        self, graph: PoseGraph, submaps: list[Submap], choose: Callable[[list[int]], Chosen]
-    ) -> Match | None:
+    def close(self, graph: PoseGraph, submaps: list[Submap], target_of: TargetOf) -> Match | None:
         """Search the newest surfaces in old submaps.
 
         Args:
             graph: The graph.
             submaps: All submaps.
-            choose: Makes some of them ready, by number.
+            target_of: Makes some of them ready, by number.
 
         Returns:
             The first match that is accepted; None if none is.
@@ -72,18 +84,10 @@ class LoopCloser:
         if len(points) < FEW_SURFACES:
             return None
         for number in self._places(graph, submaps):
-            closure = self._find(graph, submaps, number, choose, points, sides)
+            closure = _find(graph, submaps, number, target_of, points, sides)
             if closure is None:
                 continue
-            floor = np.diag(np.square([WINDOW_FLOOR[0], *WINDOW_FLOOR]))
-            covariance = graph.relative_covariance(closure.old) + inverted(
-                closure.information + np.eye(3)
-            )
-            expected = seen_from(graph.poses[closure.old], graph.poses[closure.new])
-            if (
-                chi_squared(closure.measured, expected, inverted(covariance + floor))
-                < EXPECTED_CHI2
-            ):
+            if _is_expected(graph, closure):
                 self.closed += 1
                 return closure
             self.rejected += 1
@@ -94,63 +98,75 @@ class LoopCloser:
         firsts = np.array([submap.first for submap in submaps])
         old = firsts[graph.driven[-1] - graph.driven[firsts] > self._settings.loop_length]
         away = np.hypot(*(graph.poses[old, :2] - graph.poses[-1, :2]).T)
-        chosen: list[int] = []
-        for number in np.argsort(away, kind="stable")[
-            : np.count_nonzero(away <= LOOP_RADIUS)
-        ].tolist():
-            is_out = submaps[number].is_older_map or any(
-                abs(number - other) < SEPARATION for other in chosen
-            )
-            if len(chosen) < MOST_PLACES and not (is_out or graph.is_tied(submaps[number].first)):
-                chosen.append(number)
-        return chosen
+        count = np.count_nonzero(away <= LOOP_RADIUS)
+        nearest = np.argsort(away, kind="stable")[:count]
+        places: list[int] = []
+        for number in nearest.tolist():
+            if len(places) == MOST_PLACES:
+                break
+            submap = submaps[number]
+            is_apart = all(abs(number - other) >= SEPARATION for other in places)
+            if is_apart and not submap.is_older_map and not graph.is_tied(submap.first):
+                places.append(number)
+        return places
 
-    def _find(
-        self,
-        graph: PoseGraph,
-        submaps: list[Submap],
-        number: int,
-        choose: Callable[[list[int]], Chosen],
-        points: FloatArray,
-        sides: FloatArray,
-    ) -> Match | None:
-        """Search surfaces (n, 2) round an old submap; None if they fit nowhere, or in two places alike."""
-        here, old = graph.poses[-1], submaps[number].first
-        covariance = graph.relative_covariance(old)
-        spreads = math.sqrt(max(covariance[0, 0], covariance[1, 1])), math.sqrt(covariance[2, 2])
-        window, turn = (
-            min(LOOP_DEVIATIONS * spread + floor, most)
-            for spread, floor, most in zip(spreads, WINDOW_FLOOR, LARGEST_WINDOW, strict=True)
-        )
-        around = [
-            other
-            for other in range(
-                max(0, number - CONTEXT), min(number + CONTEXT + 1, len(submaps) - 1)
-            )
-            if not graph.is_tied(submaps[other].first)
-        ]
-        reach = float(np.hypot(points[:, 0], points[:, 1]).max())
-        space, least = (
-            SearchWindow(choose(around), here, window, turn, reach),
-            CLOSURE_FIT - SCORE_SHORTFALL,
-        )
-        start, score = space.search(points, sides, least)
-        if score <= least:
+
+def _find(
+    graph: PoseGraph,
+    submaps: list[Submap],
+    number: int,
+    target_of: TargetOf,
+    points: FloatArray,
+    sides: FloatArray,
+) -> Match | None:
+    """Search surfaces (n, 2) round an old submap; None if they fit nowhere, or in two places alike."""
+    here = graph.poses[-1]
+    old = submaps[number].first
+    window, turn = _loop_window(graph.relative_covariance(old))
+    first = max(0, number - CONTEXT)
+    end = min(number + CONTEXT + 1, len(submaps) - 1)
+    around = [other for other in range(first, end) if not graph.is_tied(submaps[other].first)]
+    reach = float(np.hypot(points[:, 0], points[:, 1]).max())
+    space = SearchWindow(target_of(around), here, window, turn, reach)
+    least = CLOSURE_FIT - SCORE_SHORTFALL
+    start, score = space.search(points, sides, least)
+    if score <= least:
+        return None
+    nearest = sorted(around, key=lambda other: abs(other - number))
+    shares = [target_of([other]).hit_shares(points, sides, start, 1)[0] for other in nearest]
+    ranking = np.argsort(-np.array(shares), kind="stable")
+    best = [nearest[index] for index in ranking[:MOST_SUBMAPS]]
+    unknown = np.zeros((3, 3))
+    placed = target_of(best).align(points, sides, start, start, unknown)
+    if placed.fit < CLOSURE_FIT:
+        return None
+    dx, dy, _ = start - here
+    if math.hypot(dx, dy) > AMBIGUOUS_METRES:
+        nearly = score - AMBIGUOUS_SCORE
+        _, other_score = space.search(points, sides, nearly, start)
+        if other_score > nearly:
             return None
-        nearest = sorted(around, key=lambda other: abs(other - number))
-        shares = [choose([other]).hits(points, sides, start, 1)[0] for other in nearest]
-        nearest = [
-            nearest[index] for index in np.argsort(-np.array(shares), kind="stable")[:MOST_SUBMAPS]
-        ]
-        pose, bound, fit = choose(nearest).align(points, sides, start, start, np.zeros((3, 3)))
-        if fit < CLOSURE_FIT:
-            return None
-        is_far, nearly = math.hypot(*(start - here)[:2]) > AMBIGUOUS_METRES, score - AMBIGUOUS_SCORE
-        if is_far and space.search(points, sides, nearly, start)[1] > nearly:
-            return None
-        return match_with(
-            graph.poses, old, len(graph) - 1, pose, bound.sums.sum(axis=0) / len(nearest), 1
-        )
+    sums = placed.equations.sums.sum(axis=0) / len(best)
+    return match_with(graph.poses, old, len(graph) - 1, placed.pose, sums, 1)
+
+
+def _loop_window(covariance: FloatArray) -> tuple[float, float]:
+    """Window of a search [m], [rad] for a pose with such a covariance (3, 3)."""
+    spread, spread_turn = pose_spreads(covariance)
+    window = LOOP_DEVIATIONS * spread + WINDOW_FLOOR[0]
+    turn = LOOP_DEVIATIONS * spread_turn + WINDOW_FLOOR[1]
+    return min(window, LARGEST_WINDOW[0]), min(turn, LARGEST_WINDOW[1])
+
+
+def _is_expected(graph: PoseGraph, closure: Match) -> bool:
+    """True if a closure agrees with the path as far as that is known."""
+    metres, radians = WINDOW_FLOOR
+    floor = np.diag(np.square([metres, metres, radians]))
+    measured = inverted(closure.information + np.eye(3))
+    covariance = graph.relative_covariance(closure.old) + measured
+    expected = seen_from(graph.poses[closure.old], graph.poses[closure.new])
+    information = inverted(covariance + floor)
+    return chi_squared(closure.measured, expected, information) < EXPECTED_CHI2
 
 
 def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, FloatArray]:

@@ -8,6 +8,7 @@ import cmath
 
 import numpy as np
 
+from slamgym.core.types import FloatArray
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.relative import Match
 from slamgym.slam.graph.submaps import Submap
@@ -28,25 +29,36 @@ class Compass:
     """Learns the two directions, and tells the graph how submaps that show them are headed."""
 
     def __init__(self) -> None:
-        # The sum of vectors of four times the walls' angles in the map, and of how many.
-        self._walls, self._count = 0j, 0
+        self._walls = 0j  # the sum of vectors of four times the walls' angles in the map
+        self._count = 0  # of submaps in it
 
     def read(self, submap: Submap, graph: PoseGraph) -> None:
         """Tie a finished submap's heading to the first node's, if its walls tell it better than the path."""
-        x, y, _ = submap.lines()[1].T
-        cos, sin = x * x - y * y, 2.0 * x * y  # of twice the angle
-        seen = complex((cos * cos - sin * sin).sum(), (2.0 * cos * sin).sum())
-        if abs(seen) <= CLEAR * len(x):
+        _, normals = submap.lines()
+        seen = _sum_of_directions(normals)
+        if abs(seen) <= CLEAR * len(normals):
             return
-        believed, variance = float(graph.poses[submap.first, 2]), float(graph.covariance[2, 2])
+        believed = float(graph.poses[submap.first, 2])
+        variance = float(graph.covariance[2, 2])
         seen *= cmath.exp(4j * believed) / abs(seen)
         if self._count < FIRST_SUBMAPS:
-            self._walls, self._count = (
-                self._walls + seen / (WALL_SPREAD**2 + variance),
-                self._count + 1,
-            )
+            self._walls += seen / (WALL_SPREAD**2 + variance)
+            self._count += 1
             return
         off = cmath.phase(self._walls / seen) / 4.0
         if variance > WALL_SPREAD**2 and abs(off) < OBLIQUE:
-            turn = np.array([0.0, 0.0, believed + off - graph.poses[0, 2]])
-            graph.tie(Match(0, submap.first, turn, np.diag([0.0, 0.0, WALL_SPREAD**-2])))
+            turn = believed + off - graph.poses[0, 2]
+            measured = np.array([0.0, 0.0, turn])
+            information = np.diag([0.0, 0.0, WALL_SPREAD**-2])
+            graph.tie(Match(0, submap.first, measured, information))
+
+
+def _sum_of_directions(normals: FloatArray) -> complex:
+    """Sum of unit vectors of four times the angles of walls, whose normals (n, 3) are given."""
+    x = normals[:, 0]
+    y = normals[:, 1]
+    cos_twice = x * x - y * y
+    sin_twice = 2.0 * x * y
+    cos = cos_twice * cos_twice - sin_twice * sin_twice
+    sin = 2.0 * cos_twice * sin_twice
+    return complex(cos.sum(), sin.sum())

@@ -8,28 +8,44 @@ where the graph itself doesn't know how it lies to where the robot was some metr
 
 import math
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
-from slamgym.core.types import Float32Array, FloatArray, LaserGeometry, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, LaserGeometry, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
 
-SIGHT, LEAST_COSINE = 8.0, 0.5
-"""Surfaces this near to the laser [m] that face it by more than the second are looked at."""
+SIGHT = 8.0
+"""Surfaces this near to the laser are looked at [m]."""
+LEAST_COSINE = 0.5
+"""Surfaces that face the laser by more than this are looked at (cosine of the angle to the normal)."""
 BEHIND = 0.3
 """A beam passes a surface that it ends so far behind [m]; it ends at one that it comes to within a cell."""
-SCANS, FEW_SEEN = 3, 450
-"""Scans of a submap that are held against earlier ones; and least number of surfaces of which what three submaps, one
-after the other, pass is a share."""
-BROKEN_SHARE, USUAL_SHARES = 0.06, 6.0
-"""A submap is broken if its share and its neighbours' is more than this and so many times the median of all: right maps
-of five public logs reach 0.93 of it, and wrong ones of two 1.7."""
-STRETCH_METRES, UNKNOWN_METRES = 10.0, 0.5
-"""A submap is doubtful if its deviation from where the robot was so much driving before is more than the second [m]."""
+SCANS = 3
+"""Scans of a submap that are held against earlier submaps."""
+FEW_SEEN = 450
+"""What scans of three submaps in a row pass is a share of at least so many surfaces."""
+BROKEN_SHARE = 0.06
+"""A submap is broken if its share and its neighbours' is more than this and ``USUAL_SHARES`` medians: right maps of
+five public logs reach 0.93 of that limit, and wrong ones of two 1.7."""
+USUAL_SHARES = 6.0
+"""A broken submap's share exceeds ``BROKEN_SHARE`` by so many times the median of the shares of all submaps."""
+STRETCH_METRES = 10.0
+"""A submap is compared with where the robot was so much driving before [m]."""
+UNKNOWN_METRES = 0.5
+"""A submap is doubtful if its standard deviation from where the robot was before is more than this [m]."""
+
+
+class Judgement(NamedTuple):
+    """What was found of a submap."""
+
+    submap: Submap
+    counts: FloatArray  # (2,) surfaces that its scans pass, and end at
+    deviation: float  # from where the robot was ``STRETCH_METRES`` before [m]
 
 
 class Consistency:
@@ -40,10 +56,8 @@ class Consistency:
     """
 
     def __init__(self, geometry: LaserGeometry) -> None:
-        self._mount = geometry.mount
-        self._beams = geometry.angle_min, geometry.angle_increment, geometry.range_max
-        # Surfaces passed and ended at, and the deviation [m].
-        self._submaps: dict[int, tuple[Submap, FloatArray, float]] = {}
+        self._geometry = geometry
+        self._judged: dict[int, Judgement] = {}  # by the submap's number
 
     def judge(
         self, number: int, submaps: list[Submap], graph: PoseGraph, ranges: Float32Array
@@ -56,24 +70,35 @@ class Consistency:
             graph: The graph.
             ranges: (N, num_beams) of all scans [m].
         """
-        own, counts = submaps[number], np.zeros(2)
+        own = submaps[number]
+        counts = np.zeros(2)
         if own.is_older_map:
             return
         last = own.first + len(own.poses) - 1
-        nodes = np.unique(np.linspace(own.first, last, SCANS + 2)[1:-1].astype(np.int64)).tolist()
-        lasers = np.array(
-            [compose(Pose2D(*graph.poses[node].tolist()), self._mount) for node in nodes]
-        )
-        older, scans = (
-            [submap for submap in submaps[:number] if not submap.is_older_map],
-            ranges[nodes],
-        )
+        spread = np.linspace(own.first, last, SCANS + 2)[1:-1]
+        nodes = np.unique(spread.astype(np.int64)).tolist()
+        poses = [Pose2D(*graph.poses[node].tolist()) for node in nodes]
+        lasers = np.array([compose(pose, self._geometry.mount) for pose in poses])
+        older = [submap for submap in submaps[:number] if not submap.is_older_map]
+        scans = ranges[nodes]
         for submap, places in near_submaps(older, graph, lasers):
-            look_through(*submap.lines(), places, scans, *self._beams, counts)
+            means, sides = submap.lines()
+            look_through(
+                means,
+                sides,
+                places,
+                scans,
+                self._geometry.angle_min,
+                self._geometry.angle_increment,
+                self._geometry.range_max,
+                counts,
+            )
         firsts = np.array([submap.first for submap in submaps[: number + 1]])
         since = graph.driven[own.first] - graph.driven[firsts]
-        old = int(firsts[since >= min(STRETCH_METRES, since[0])][-1])
-        self._submaps[number] = own, counts, graph.deviation(old, own.first)
+        is_before = since >= min(STRETCH_METRES, since[0])
+        old = int(firsts[is_before][-1])
+        deviation = graph.deviation(old, own.first)
+        self._judged[number] = Judgement(own, counts, deviation)
 
     def stamps(self, stamps: FloatArray) -> tuple[list[float], list[float]]:
         """Times of the scans that are in doubt, broken ones among them, and of these alone [s].
@@ -81,18 +106,28 @@ class Consistency:
         Args:
             stamps: (N,) of all scans [s].
         """
-        kinds = np.zeros(len(stamps), dtype=np.int64)
-        if not self._submaps:
+        if not self._judged:
             return [], []
-        submaps, counts, deviations = zip(*self._submaps.values(), strict=True)
-        padded = np.pad(np.array(counts), ((1, 1), (0, 0)))
-        stretches = padded[:-2] + padded[1:-1] + padded[2:]
-        shares = stretches[:, 0] / np.maximum(stretches.sum(axis=1), FEW_SEEN)
-        broken = shares > BROKEN_SHARE + USUAL_SHARES * float(np.median(shares))
-        for submap, is_broken, deviation in zip(submaps, broken, deviations, strict=True):
-            kind = 2 * is_broken or deviation > UNKNOWN_METRES
-            kinds[submap.first : submap.first + len(submap.poses)] = kind
-        return stamps[kinds > 0].tolist(), stamps[kinds > 1].tolist()
+        judgements = list(self._judged.values())
+        in_doubt = np.zeros(len(stamps), dtype=bool)
+        broken = np.zeros(len(stamps), dtype=bool)
+        for judgement, is_broken in zip(judgements, _are_broken(judgements), strict=True):
+            first = judgement.submap.first
+            nodes = slice(first, first + len(judgement.submap.poses))
+            broken[nodes] = is_broken
+            in_doubt[nodes] = is_broken or judgement.deviation > UNKNOWN_METRES
+        return stamps[in_doubt].tolist(), stamps[broken].tolist()
+
+
+def _are_broken(judgements: list[Judgement]) -> BoolArray:
+    """True for submaps in a row, as they were judged, where scans pass much more surfaces than is usual."""
+    counts = np.array([judgement.counts for judgement in judgements])
+    padded = np.pad(counts, ((1, 1), (0, 0)))
+    stretches = padded[:-2] + padded[1:-1] + padded[2:]
+    seen = np.maximum(stretches.sum(axis=1), FEW_SEEN)
+    shares = stretches[:, 0] / seen
+    limit = BROKEN_SHARE + USUAL_SHARES * float(np.median(shares))
+    return np.asarray(shares > limit)
 
 
 def near_submaps(
@@ -100,12 +135,16 @@ def near_submaps(
 ) -> Iterator[tuple[Submap, FloatArray]]:
     """Those of some submaps that one of the lasers (K, 3) may see, and the lasers (K, 3) in their frames."""
     count = len(submaps)
-    frames = graph.poses[[submap.first for submap in submaps]].repeat(len(lasers), axis=0)
-    places = relative_poses(frames, np.tile(lasers, (count, 1))).reshape(count, len(lasers), 3)
+    firsts = [submap.first for submap in submaps]
+    frames = graph.poses[firsts].repeat(len(lasers), axis=0)
+    places = relative_poses(frames, np.tile(lasers, (count, 1)))
+    places = places.reshape(count, len(lasers), 3)
+    points = places[..., :2]
     low = np.array([submap.corner for submap in submaps]).reshape(-1, 1, 2)
     sizes = np.array([submap.grid.shape[1::-1] for submap in submaps]).reshape(-1, 1, 2)
-    beyond = np.maximum(low - places[..., :2], places[..., :2] - low - SUBMAP_CELL * sizes)
-    for index in np.flatnonzero((beyond < SIGHT).all(axis=2).any(axis=1)).tolist():
+    beyond = np.maximum(low - points, points - low - SUBMAP_CELL * sizes)
+    is_near = (beyond < SIGHT).all(axis=2)
+    for index in np.flatnonzero(is_near.any(axis=1)).tolist():
         yield submaps[index], places[index]
 
 
@@ -133,22 +172,23 @@ def look_through(
         counts: (2,) what is counted is added to it.
     """
     for number in range(len(lasers)):
-        laser, scan = lasers[number], ranges[number]
+        laser = lasers[number]
+        scan = ranges[number]
         for i in range(len(means)):
-            dx, dy = means[i, 0] - laser[0], means[i, 1] - laser[1]
+            dx = means[i, 0] - laser[0]
+            dy = means[i, 1] - laser[1]
             distance = math.hypot(dx, dy)
             if distance < SUBMAP_CELL or distance > SIGHT:
                 continue
             cosine = -(dx * sides[i, 0] + dy * sides[i, 1]) / distance
-            turn = (
-                (math.atan2(dy, dx) - laser[2] - angle_min)
-                * math.copysign(1.0, step)
-                / (2.0 * math.pi)
-            )
-            beam = round((turn - math.floor(turn)) * 2.0 * math.pi / abs(step))
+            angle = math.atan2(dy, dx) - laser[2] - angle_min
+            turns = angle * math.copysign(1.0, step) / (2.0 * math.pi)
+            beam = round((turns - math.floor(turns)) * 2.0 * math.pi / abs(step))
             if cosine < LEAST_COSINE or beam < 1 or beam > len(scan) - 2:
                 continue
-            near, far = min(scan[beam - 1 : beam + 2]), max(scan[beam - 1 : beam + 2])
+            around = scan[beam - 1 : beam + 2]
+            near = min(around)
+            far = max(around)
             if not (near > 0.0 and far < longest):
                 continue
             if near > distance + BEHIND / cosine:

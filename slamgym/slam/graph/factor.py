@@ -26,18 +26,19 @@ class Factor(NamedTuple):
 
     def solve(self, right: FloatArray) -> FloatArray:
         """Solve for right-hand sides (M, 3, K)."""
-        x, columns = np.empty_like(right), np.arange(len(right))
+        columns = np.arange(len(right))
+        x = np.empty_like(right)
         x[self.places] = right
         substitute(self.starts, self.rows, self.lower, self.inverse, x, columns, columns)
         return x[self.places]
 
     def covariance(self, block: int, other: int) -> FloatArray:
         """Covariance (3, 3) of a block with another one; only their ancestors are looked at."""
-        of_block, of_other = (
-            ancestors(self.starts, self.rows, self.places[one]) for one in (block, other)
-        )
+        of_block = ancestors(self.starts, self.rows, self.places[block])
+        of_other = ancestors(self.starts, self.rows, self.places[other])
         x = np.empty((len(self.places), 3, 3))
-        x[of_other] = x[of_block] = 0.0
+        x[of_block] = 0.0
+        x[of_other] = 0.0
         x[of_other[0]] = np.eye(3)
         substitute(self.starts, self.rows, self.lower, self.inverse, x, of_other, of_block)
         return np.asarray(x[of_block[0]])
@@ -57,11 +58,14 @@ class BlockLayout(NamedTuple):
         entries = np.zeros((len(self.rows), 3, 3))
         add_blocks(entries, self.slots, self.is_turned, blocks)
         size = len(self.places)
-        parents, counts = np.empty(size, dtype=np.int64), np.empty(size, dtype=np.int64)
+        parents = np.empty(size, dtype=np.int64)
+        counts = np.empty(size, dtype=np.int64)
         find_pattern(self.starts, self.rows, parents, counts)
         starts = np.concatenate([[0], np.cumsum(counts)])
-        lower, inverse = np.empty((starts[-1], 3, 3)), np.empty((size, 3, 3))
-        rows = np.empty(starts[-1], dtype=np.int64)
+        nonzeros = starts[-1]
+        rows = np.empty(nonzeros, dtype=np.int64)
+        lower = np.empty((nonzeros, 3, 3))
+        inverse = np.empty((size, 3, 3))
         fill_factor(self.starts, self.rows, entries, parents, starts, rows, lower, inverse)
         return Factor(self.places, starts, rows, lower, inverse)
 
@@ -69,12 +73,15 @@ class BlockLayout(NamedTuple):
 def make_layout(places: IntArray, first: IntArray, second: IntArray) -> BlockLayout:
     """Lay out blocks off the diagonal between ``first`` (B,) and ``second`` (B,), and one on it for each place (M,)."""
     size = len(places)
-    rows, cols = np.append(places[first], places), np.append(places[second], places)
-    keys, slots = np.unique(
-        np.maximum(rows, cols) * size + np.minimum(rows, cols), return_inverse=True
-    )
+    rows = np.append(places[first], places)
+    cols = np.append(places[second], places)
+    upper_rows = np.minimum(rows, cols)
+    upper_cols = np.maximum(rows, cols)
+    keys, slots = np.unique(upper_cols * size + upper_rows, return_inverse=True)
     starts = np.searchsorted(keys // size, np.arange(size + 1))
-    return BlockLayout(places, starts, keys % size, slots, rows > cols)
+    return BlockLayout(
+        places=places, starts=starts, rows=keys % size, slots=slots, is_turned=rows > cols
+    )
 
 
 def rank_anchors(first: IntArray, second: IntArray, anchors: BoolArray) -> IntArray:
@@ -85,17 +92,24 @@ def rank_anchors(first: IntArray, second: IntArray, anchors: BoolArray) -> IntAr
         second: (E,) ... these: one of them is an anchor, or they follow each other.
         anchors: (N,) true for nodes with many edges.
     """
-    count, number = int(anchors.sum()), np.cumsum(anchors) - 1
+    count = int(anchors.sum())
+    number = np.cumsum(anchors) - 1
     anchor, other = np.where(anchors[first], (first, second), (second, first))
-    anchor, other = anchor[anchors[anchor]], other[anchors[anchor]]
+    has_anchor = anchors[anchor]
+    anchor = anchor[has_anchor]
+    other = other[has_anchor]
     # A run of nodes between two anchors is eliminated one after the other: all that they saw become neighbours.
     run: IntArray = np.cumsum(anchors) - anchors
     own = np.arange(count)
-    sees = np.concatenate([run[other], own, own + 1]), np.concatenate([number[anchor], own, own])
-    seen = csr_matrix((np.ones(len(sees[0])), sees), shape=(count + 1, count))
+    runs = np.concatenate([run[other], own, own + 1])
+    seen_anchors = np.concatenate([number[anchor], own, own])
+    size = len(runs)
+    seen = csr_matrix((np.ones(size), (runs, seen_anchors)), shape=(count + 1, count))
     # Only the order is taken, which depends on the pattern alone.
-    pattern = (seen.T * seen + count * len(sees[0]) * identity(count)).tocsc()
-    ranked = splu(pattern, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    diagonal = count * size * identity(count)
+    pattern = (seen.T * seen + diagonal).tocsc()
+    options = {"SymmetricMode": True}
+    ranked = splu(pattern, "MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
     return np.asarray(ranked.perm_c, dtype=np.int64)
 
 
@@ -106,9 +120,13 @@ def elimination_order(anchors: BoolArray, ranks: IntArray) -> IntArray:
         anchors: (N,) true for nodes that are eliminated after the others ...
         ranks: (A,) ... in this order; those without a rank come last.
     """
-    places, count = np.arange(len(anchors) + 1), int(anchors.sum())
-    places[:-1] -= np.cumsum(anchors)
-    places[:-1][anchors] = len(anchors) - count + np.append(ranks, np.arange(len(ranks), count))
+    places = np.arange(len(anchors) + 1)
+    count = int(anchors.sum())
+    first = len(anchors) - count
+    every_rank = np.append(ranks, np.arange(len(ranks), count))
+    nodes = places[:-1]
+    nodes -= np.cumsum(anchors)
+    nodes[anchors] = first + every_rank
     return places
 
 
@@ -121,7 +139,10 @@ def add_blocks(
         entry = entries[slots[i]]
         for row in range(3):
             for col in range(3):
-                entry[row, col] += blocks[i, col, row] if is_turned[i] else blocks[i, row, col]
+                if is_turned[i]:
+                    entry[row, col] += blocks[i, col, row]
+                else:
+                    entry[row, col] += blocks[i, row, col]
 
 
 @kernel
@@ -136,7 +157,9 @@ def find_pattern(starts: IntArray, rows: IntArray, parents: IntArray, counts: In
     """
     flags = np.empty(len(parents), dtype=np.int64)
     for col in range(len(parents)):
-        parents[col], flags[col], counts[col] = -1, col, 0
+        parents[col] = -1
+        flags[col] = col
+        counts[col] = 0
         for entry in range(starts[col], starts[col + 1]):
             row = rows[entry]
             while row < col and flags[row] != col:
@@ -160,8 +183,11 @@ def add_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
 def subtract_product(a: FloatArray, b: FloatArray, out: FloatArray) -> None:
     """Subtract a b from ``out`` (3, K), a (3, 3), b (3, K)."""
     for row in range(3):
+        x = a[row, 0]
+        y = a[row, 1]
+        z = a[row, 2]
         for col in range(out.shape[1]):
-            out[row, col] -= a[row, 0] * b[0, col] + a[row, 1] * b[1, col] + a[row, 2] * b[2, col]
+            out[row, col] -= x * b[0, col] + y * b[1, col] + z * b[2, col]
 
 
 @kernel
@@ -189,7 +215,8 @@ def fill_factor(
     """
     size = len(parents)
     work = np.zeros((size, 3, 3))
-    path, flags = np.empty(size, dtype=np.int64), np.full(size, -1)
+    path = np.empty(size, dtype=np.int64)
+    flags = np.full(size, -1)
     filled = np.zeros(size, dtype=np.int64)
     column = np.empty((3, 3))
     for col in range(size):
@@ -229,7 +256,8 @@ def fill_factor(
 @kernel
 def ancestors(starts: IntArray, rows: IntArray, col: int) -> IntArray:
     """A column of L and all later ones that depend on it, in order: its path in the elimination tree."""
-    path, length = np.empty(len(starts) - 1, dtype=np.int64), 1
+    path = np.empty(len(starts) - 1, dtype=np.int64)
+    length = 1
     path[0] = col
     while starts[col] < starts[col + 1]:
         col = rows[starts[col]]

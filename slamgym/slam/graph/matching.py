@@ -9,12 +9,15 @@ import numpy as np
 
 from slamgym.core.types import ByteArray, FloatArray
 from slamgym.slam.branch_and_bound import HIT, maxima, search_blocks, turned_cells
-from slamgym.slam.graph.alignment import FACES, Chosen
+from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.submaps import SUBMAP_CELL
 
 NEAR_HIT = 120
 """Score of a point in a cell next to an occupied one."""
 MOST_LEVELS = 6
+"""Grids of maxima at most: the largest blocks of a search have sides of 32 cells."""
+FAR_PERCENTILE = 80.0
+"""This percentile of the points' distances is how far the far points are."""
 SEARCH_POINTS = 120
 """The search takes about this many of a scan's points."""
 ELSEWHERE = 0.35
@@ -33,17 +36,30 @@ def score_levels(cells: ByteArray, count: int) -> ByteArray:
     import cv2
 
     # No block of maxima reaches from one face into the next.
-    gap, ring = 1 << (count - 1), np.ones((3, 3), np.uint8)
-    scores = [np.where(face > 0, HIT, NEAR_HIT * cv2.dilate(face, ring)) for face in cells]
-    beside = np.concatenate([np.pad(face, ((0, 0), (0, gap))) for face in scores], axis=1)
+    gap = 1 << (count - 1)
+    ring = np.ones((3, 3), np.uint8)
+    scores = []
+    for face in cells:
+        near = NEAR_HIT * cv2.dilate(face, ring)
+        score = np.where(face > 0, HIT, near)
+        scores.append(np.pad(score, ((0, 0), (0, gap))))
+    beside = np.concatenate(scores, axis=1)
     return maxima(beside.astype(np.uint8), count)
+
+
+def heading_step(points: FloatArray, least: float, most: float) -> float:
+    """Step in heading that turns the far ones of points (n, 2) by about a cell, within bounds [rad]."""
+    distances = np.hypot(points[:, 0], points[:, 1])
+    far = float(np.percentile(distances, FAR_PERCENTILE))
+    step = SUBMAP_CELL / max(far, SUBMAP_CELL)
+    return min(max(step, least), most)
 
 
 class SearchWindow:
     """A window in which scans are searched.
 
     Args:
-        chosen: Submaps whose surfaces are looked at.
+        target: Submaps whose surfaces are looked at.
         centre: (3,) middle of the window in the map frame.
         window: Largest offset in x and in y [m].
         turn: Largest turn [rad].
@@ -51,14 +67,15 @@ class SearchWindow:
     """
 
     def __init__(
-        self, chosen: Chosen, centre: FloatArray, window: float, turn: float, reach: float
+        self, target: AlignmentTarget, centre: FloatArray, window: float, turn: float, reach: float
     ) -> None:
-        cells, self._origin = chosen.occupied(centre, reach + window + 0.5)
+        cells, self._origin = target.occupied(centre, reach + window + 0.5)
         self._cells = max(1, math.ceil(window / SUBMAP_CELL))
-        count = min(MOST_LEVELS, max(1, math.ceil(math.log2(self._cells + 1))) + 1)
-        self._levels = score_levels(cells, count)
+        needed = max(1, math.ceil(math.log2(self._cells + 1))) + 1
+        self._levels = score_levels(cells, min(MOST_LEVELS, needed))
         self._face_width = self._levels.shape[2] // FACES
-        self._centre, self._turn = centre, turn
+        self._centre = centre
+        self._turn = turn
 
     def search(
         self,
@@ -79,24 +96,28 @@ class SearchWindow:
             The pose (3,) to the precision of a cell, and its score, ``least`` if no pose is better.
         """
         stride = max(1, len(points) // SEARCH_POINTS)
-        points, sides = points[::stride], sides[::stride]
-        # One step turns the far points by about a cell: further points would only be blurred by a finer one.
-        far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80.0))
-        step = min(max(SUBMAP_CELL / max(far, SUBMAP_CELL), ANGULAR_STEPS[0]), ANGULAR_STEPS[1])
+        points = points[::stride]
+        sides = sides[::stride]
+        # Further points would only be blurred by a finer step.
+        step = heading_step(points, *ANGULAR_STEPS)
         count = math.ceil(self._turn / step)
         angles = step * np.arange(-count, count + 1, dtype=np.float64)
-        avoided, most = (0.0, 0.0, 0.0), HIT * max(len(points), 1)
-        if away_from is not None:
-            x, y = ((away_from - self._centre)[:2] / SUBMAP_CELL).tolist()
-            avoided = x, y, ELSEWHERE / SUBMAP_CELL
+        headings = self._centre[2] + angles
         origin = self._centre[:2] - self._origin
-        cells = turned_cells(points, sides, self._centre[2] + angles, origin, self._face_width)
-        window = -self._cells, (self._cells, self._cells)
+        us, vs = turned_cells(points, sides, headings, origin, self._face_width)
+        avoided = (0.0, 0.0, 0.0)
+        if away_from is not None:
+            x, y, _ = ((away_from - self._centre) / SUBMAP_CELL).tolist()
+            avoided = (x, y, ELSEWHERE / SUBMAP_CELL)
+        most = HIT * max(len(points), 1)
+        every_floor = self._levels[:0]
+        last = (self._cells, self._cells)
+        least_score = int(least * most)
         places = search_blocks(
-            self._levels, self._levels[:0], *cells, *window, int(least * most), 0, avoided
+            self._levels, every_floor, us, vs, -self._cells, last, least_score, 0, avoided
         )
         if not len(places):
             return self._centre.copy(), least
-        col, row, turn, score = places[-1].tolist()
-        away = np.array([col * SUBMAP_CELL, row * SUBMAP_CELL, angles[int(turn)]])
+        col, row, number, score = places[-1].tolist()
+        away = np.array([col * SUBMAP_CELL, row * SUBMAP_CELL, angles[int(number)]])
         return self._centre + away, score / most

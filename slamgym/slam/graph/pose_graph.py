@@ -10,23 +10,30 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.columns import Columns
 from slamgym.slam.graph.factor import Factor, elimination_order, rank_anchors
 from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance
-from slamgym.slam.graph.solver import Edges, edge_errors, optimise
+from slamgym.slam.graph.solver import Edges, Solution, edge_errors, optimise
 from slamgym.slam.graph.wheels import WheelCalibration, WheelStep
 
 TIE_LENGTH = 0.1
 """Length of a match with an old submap in the graph [m]: the uncertainty that remains after it."""
 RECENT_NODES = 40
 """Matches with submaps that are no older, in nodes, are part of the way, not a short cut."""
-DRIFT, DRIFT_TURN = 0.006, 0.0005
-"""Systematic errors of matching, which the graph doesn't know: of position [m/m] and heading [rad/m] on the way."""
-TIED, TIED_TURN = 0.08, 0.06
-"""What an alignment finds [m], [rad]."""
+DRIFT = 0.006
+"""Systematic error of the position by matching, which the graph doesn't know [m/m]."""
+DRIFT_TURN = 0.0005
+"""Systematic error of the heading by matching, which the graph doesn't know [rad/m]."""
+TIED = 0.08
+"""Standard deviation of a position that an alignment still finds [m]."""
+TIED_TURN = 0.06
+"""Standard deviation of a heading that an alignment still finds [rad]."""
 ROBUST_WIDTH = 10.0
 """Chi-squared beyond which a match that may be false loses its pull (dynamic covariance scaling)."""
 ODOMETRY_WIDTH = 100.0
 """The same of the odometry: it may lie for a few steps."""
-UNRANKED_SHARE, MOST_UNRANKED = 0.2, 32
-"""The order of elimination is sought again when so many submaps are new: the factor's fill grows with their square."""
+UNRANKED_SHARE = 0.2
+"""The order of elimination is sought again when such a share of the submaps is new: the factor's fill grows with the
+square of their number."""
+MOST_UNRANKED = 32
+"""The order of elimination is sought again when so many submaps are new, whatever their share."""
 GRADUATION = (1000.0, 100.0, 10.0)
 """After a closure the width shrinks by these factors: a large true correction isn't taken for a false one."""
 
@@ -84,8 +91,8 @@ class PoseGraph:
             return self._added.copy()
         node = self.optimised - 1
         motion = self.poses[-1, :2] - self.poses[node, :2]
-        drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[0]
-        return step_covariance(motion, self._of_newest + np.diag(np.square(drift)), self._added)
+        before = self._of_newest + _drift_covariance(self._distances[0])
+        return step_covariance(motion, before, self._added)
 
     def append(self, pose: FloatArray, step: WheelStep, information: FloatArray) -> None:
         """Add a node.
@@ -97,7 +104,8 @@ class PoseGraph:
         """
         driven = 0.0
         if len(self):
-            driven = float(self.driven[-1] + np.hypot(*(pose - self.poses[-1])[:2]))
+            dx, dy, _ = pose - self.poses[-1]
+            driven = float(self.driven[-1] + np.hypot(dx, dy))
             self._added = self._added + inverted(information)
         self._nodes.append(
             poses=pose, moved=step.moved, design=step.design, slips=step.slips, driven=driven
@@ -106,9 +114,12 @@ class PoseGraph:
     def tie(self, match: Match, is_sure: bool = False) -> None:
         """Add what the laser measured between two nodes."""
         self._matches.append(
-            old=match.old, new=match.new, measured=match.measured, information=match.information,
+            old=match.old,
+            new=match.new,
+            measured=match.measured,
+            information=match.information,
             width=np.inf if is_sure else ROBUST_WIDTH,
-        )  # fmt: skip
+        )
 
     def optimise(self, anchors: list[int], iterations: int, is_closing: bool = False) -> None:
         """Move the nodes to where they agree best with all that was measured.
@@ -118,40 +129,63 @@ class PoseGraph:
             iterations: Most steps.
             is_closing: True if matches may disagree much with the path as it is.
         """
-        edges, is_anchor = self._edges(), np.zeros(len(self), dtype=bool)
-        is_anchor[anchors] = True
-        poses, wheels, prior = self.poses.copy(), self.wheels.systematic, self.wheels.prior
-        ranked = len(self._ranks)
-        if is_closing or len(anchors) - ranked > min(UNRANKED_SHARE * ranked, MOST_UNRANKED):
-            self._ranks = rank_anchors(edges.first, edges.second, is_anchor)
-        places = elimination_order(is_anchor, self._ranks)
-        for factor in GRADUATION if is_closing else ():
-            wide = edges._replace(width=edges.width * factor)
-            poses, wheels, _ = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
-        poses, wheels, self._factor = optimise(poses, wheels, edges, places, prior, iterations)
-        self._nodes["poses"][:] = poses
+        edges = self._edges()
+        places = self._elimination_order(edges, anchors, is_closing)
+        prior = self.wheels.prior
+        poses = self.poses.copy()
+        wheels = self.wheels.systematic
+        if is_closing:
+            for factor in GRADUATION:
+                wide = edges._replace(width=edges.width * factor)
+                poses, wheels, _ = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
+        solution = optimise(poses, wheels, edges, places, prior, iterations)
+        self._nodes["poses"][:] = solution.poses
         self.optimisations += 1
-        steps = len(self) - 1
-        covariance = self._factor.covariance(len(self), len(self))
+        self._learn_wheels(edges, solution)
+        newest = len(self) - 1
+        self._factor = solution.factor
+        self._of_newest = solution.factor.covariance(newest, newest)
+        self._distances = self._distances_from(newest)
+        self._relative = {}
+        self._added = np.zeros((3, 3))
+
+    def _elimination_order(self, edges: Edges, anchors: list[int], is_closing: bool) -> IntArray:
+        """Place of each node and of the wheels in the order of elimination; anchors are ranked anew where it pays."""
+        is_anchor = np.zeros(len(self), dtype=bool)
+        is_anchor[anchors] = True
+        ranked = len(self._ranks)
+        unranked = len(anchors) - ranked
+        if is_closing or unranked > min(UNRANKED_SHARE * ranked, MOST_UNRANKED):
+            self._ranks = rank_anchors(edges.first, edges.second, is_anchor)
+        return elimination_order(is_anchor, self._ranks)
+
+    def _learn_wheels(self, edges: Edges, solution: Solution) -> None:
+        """Take the wheels' errors from a solution."""
+        nodes = np.arange(len(self))
+        covariance = solution.factor.covariance(len(self), len(self))
         # Where the laser said nothing, nothing is left of the odometry's edge.
-        seen = np.isin(np.arange(len(self)), self._matches["new"])
-        seen = seen[1:] & (seen[:-1] | (np.arange(steps) == 0))
-        errors = np.empty((steps, 3))
-        edge_errors(poses, wheels, plain(edges), errors)
-        self.wheels.learn(wheels, covariance, errors, self._nodes["slips"][1:], seen)
-        lengths = np.hypot(*np.diff(poses[:, :2], axis=0).T)
-        self._of_newest = self._factor.covariance(len(self) - 1, len(self) - 1)
-        placed = self._matches["information"][:, 0, 0] > 0.0  # the others tell headings alone
-        old, new = self._matches["old"][placed], self._matches["new"][placed]
-        self._distances = graph_distances(lengths, old, new, len(self) - 1)
-        self._relative, self._added = {}, np.zeros((3, 3))
+        is_matched = np.isin(nodes, self._matches["new"])
+        is_placed = is_matched | (nodes == 0)
+        seen = is_matched[1:] & is_placed[:-1]
+        errors = np.empty((len(seen), 3))
+        edge_errors(solution.poses, solution.wheels, plain(edges), errors)
+        slips = self._nodes["slips"][1:]
+        self.wheels.learn(solution.wheels, covariance, errors, slips, seen)
+
+    def _distances_from(self, node: int) -> FloatArray:
+        """Length of the shortest way from a node to every node (N,) [m]."""
+        lengths = np.hypot(*np.diff(self.poses[:, :2], axis=0).T)
+        # The others tell headings alone.
+        is_placing = self._matches["information"][:, 0, 0] > 0.0
+        old = self._matches["old"][is_placing]
+        new = self._matches["new"][is_placing]
+        return graph_distances(lengths, old, new, node)
 
     def is_tied(self, old: int) -> bool:
         """True if the place of an old node, seen from the newest, is known to within what an alignment finds."""
         covariance = self.relative_covariance(old)
-        return bool(
-            max(covariance[0, 0], covariance[1, 1]) < TIED**2 and covariance[2, 2] < TIED_TURN**2
-        )
+        variance = max(covariance[0, 0], covariance[1, 1])
+        return bool(variance < TIED**2 and covariance[2, 2] < TIED_TURN**2)
 
     def relative_covariance(self, old: int) -> FloatArray:
         """Covariance (3, 3) of the newest node of the last optimisation seen from an old one, drift included."""
@@ -159,8 +193,7 @@ class PoseGraph:
             return np.zeros((3, 3))
         if old not in self._relative:
             known = self._seen_from(old, self.optimised - 1, self._of_newest)
-            drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * self._distances[old]
-            self._relative[old] = known + np.diag(np.square(drift))
+            self._relative[old] = known + _drift_covariance(self._distances[old])
         return self._relative[old]
 
     def deviation(self, old: int, new: int) -> float:
@@ -168,30 +201,41 @@ class PoseGraph:
         if self._factor is None or new >= self.optimised:
             return 0.0
         known = self._seen_from(old, new, self._factor.covariance(new, new))
-        return float(
-            np.sqrt(max(known[0, 0], known[1, 1], 0.0))
-        )  # rounding may leave it below zero
+        variance = max(known[0, 0], known[1, 1], 0.0)  # rounding may leave it below zero
+        return float(np.sqrt(variance))
 
     def _seen_from(self, old: int, new: int, of_new: FloatArray) -> FloatArray:
         """Covariance (3, 3) of a node, whose own is given, seen from an old one."""
         assert self._factor is not None, "the graph was optimised"
-        of_old, mixed = self._factor.covariance(old, old), self._factor.covariance(old, new)
+        of_old = self._factor.covariance(old, old)
+        mixed = self._factor.covariance(old, new)
         return relative_covariance(self.poses[old], self.poses[new], of_old, of_new, mixed)
 
     def _edges(self) -> Edges:
         """The odometry's edges, in the order of the path, and the laser's."""
-        steps, matches = np.arange(len(self) - 1), self._matches
-        variances = self.wheels.variances(self._nodes["slips"][1:])
+        nodes = self._nodes
+        matches = self._matches
+        steps = np.arange(len(self) - 1)
+        axes = np.arange(3)
+        variances = self.wheels.variances(nodes["slips"][1:])
         information = np.zeros((len(steps), 3, 3))
-        information[:, range(3), range(3)] = 1.0 / variances[:, [0, 0, 1]]
+        information[:, axes, axes] = 1.0 / variances[:, [0, 0, 1]]
+        no_design = np.zeros((len(matches), 3, 3))
+        width = np.full(len(steps), ODOMETRY_WIDTH)
         return Edges(
             first=np.concatenate([steps, matches["old"]]),
             second=np.concatenate([steps + 1, matches["new"]]),
-            measured=np.concatenate([self._nodes["moved"][1:], matches["measured"]]),
+            measured=np.concatenate([nodes["moved"][1:], matches["measured"]]),
             information=np.concatenate([information, matches["information"]]),
-            design=np.concatenate([self._nodes["design"][1:], np.zeros((len(matches), 3, 3))]),
-            width=np.concatenate([np.full(len(steps), ODOMETRY_WIDTH), matches["width"]]),
+            design=np.concatenate([nodes["design"][1:], no_design]),
+            width=np.concatenate([width, matches["width"]]),
         )
+
+
+def _drift_covariance(distance: float) -> FloatArray:
+    """Covariance (3, 3) that the systematic errors of matching add on a way [m]."""
+    drift = np.array([DRIFT, DRIFT, DRIFT_TURN]) * distance
+    return np.diag(np.square(drift))
 
 
 def graph_distances(
@@ -209,12 +253,13 @@ def graph_distances(
         (N,) [m].
     """
     num = len(lengths) + 1
-    far = second - first > RECENT_NODES
+    is_old = second - first > RECENT_NODES
     steps = np.arange(num - 1)
-    key = np.unique(first[far] * num + second[far])
-    rows, cols = np.concatenate([steps, key // num]), np.concatenate([steps + 1, key % num])
-    weights = np.concatenate([lengths + 1e-3, np.full(len(key), TIE_LENGTH)])
+    pairs = np.unique(first[is_old] * num + second[is_old])
+    rows = np.concatenate([steps, pairs // num])
+    cols = np.concatenate([steps + 1, pairs % num])
+    ties = np.full(len(pairs), TIE_LENGTH)
+    weights = np.concatenate([lengths + 1e-3, ties])
     graph = csr_matrix((weights, (rows, cols)), shape=(num, num))
-    return np.asarray(
-        dijkstra(graph, directed=False, indices=np.array([node]))[0], dtype=np.float64
-    )
+    ways = dijkstra(graph, directed=False, indices=np.array([node]))
+    return np.asarray(ways[0], dtype=np.float64)

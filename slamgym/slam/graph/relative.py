@@ -11,7 +11,7 @@ from slamgym.core.portable import inverted, multiply
 from slamgym.core.types import FloatArray
 
 MATCH_FLOOR = (0.01, 0.01, 0.003)
-"""Errors of a match that its points don't show [m], [m], [rad]: those of the map that it was matched with."""
+"""Standard deviations of a match that its points don't show [m], [m], [rad]: errors of the map it was matched with."""
 DAMPING = 10.0
 """Information below which a direction of a match counts as unknown [1/m^2], [1/rad^2]."""
 WEAK = 15_000.0
@@ -37,7 +37,7 @@ def match_with(
         old: The submap's node.
         node: The scan's.
         pose: (3,) of the scan.
-        sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.Binding`.
+        sums: (4, 4) what the submap binds there; see :class:`slamgym.slam.graph.alignment.NormalEquations`.
         count: Submaps that the scan was aligned with: their errors are one scan's.
     """
     shift, information = weigh_match(sums, float(poses[old, 2]), count)
@@ -52,7 +52,8 @@ def weigh_match(sums: FloatArray, heading: float, count: int) -> tuple[FloatArra
         The motion (3,) from where the submap alone would have put the scan to where all together have, in the map
         frame, and the information (3, 3) in the frame of the submap's node, which has a heading [rad].
     """
-    own, shift = np.eye(3), np.zeros(3)
+    own = np.eye(3)
+    shift = np.zeros(3)
     information = sums[:3, :3].copy()
     step = inverted(information + DAMPING * own)
     for row in range(3):
@@ -76,29 +77,32 @@ def chi_squared(pose: FloatArray, expected: FloatArray, information: FloatArray)
     """Squared Mahalanobis distance of a pose (3,) from the expected one, whose information (3, 3) is given."""
     away = pose - expected
     away[2] = wrap_angle(float(away[2]))
-    return float(((information * away).sum(axis=1) * away).sum())
+    pulled = (information * away).sum(axis=1)
+    return float((pulled * away).sum())
+
+
+def pose_spreads(covariance: FloatArray) -> tuple[float, float]:
+    """Standard deviations of a position, in the worse axis [m], and of a heading [rad] from a covariance (3, 3)."""
+    return math.sqrt(max(covariance[0, 0], covariance[1, 1])), math.sqrt(covariance[2, 2])
 
 
 def seen_from(frame: FloatArray, pose: FloatArray) -> FloatArray:
     """A pose (3,) in the frame of another."""
-    cos, sin = math.cos(frame[2]), math.sin(frame[2])
-    dx, dy = pose[0] - frame[0], pose[1] - frame[1]
-    return np.array(
-        [cos * dx + sin * dy, cos * dy - sin * dx, float(wrap_angle(pose[2] - frame[2]))]
-    )
+    cos = math.cos(frame[2])
+    sin = math.sin(frame[2])
+    dx = pose[0] - frame[0]
+    dy = pose[1] - frame[1]
+    turn = float(wrap_angle(pose[2] - frame[2]))
+    return np.array([cos * dx + sin * dy, cos * dy - sin * dx, turn])
 
 
 def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
     """A pose (3,) given in the frame of another."""
-    cos, sin = math.cos(frame[2]), math.sin(frame[2])
+    cos = math.cos(frame[2])
+    sin = math.sin(frame[2])
     x, y, turn = motion
-    return np.array(
-        [
-            frame[0] + cos * x - sin * y,
-            frame[1] + sin * x + cos * y,
-            float(wrap_angle(frame[2] + turn)),
-        ]
-    )
+    heading = float(wrap_angle(frame[2] + turn))
+    return np.array([frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y, heading])
 
 
 @kernel
@@ -114,9 +118,14 @@ def sandwich(jacobian: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
 @kernel
 def turned_matrix(matrix: FloatArray, angle: float) -> FloatArray:
     """A covariance or information (3, 3) of a pose, in axes that are turned by ``-angle``."""
-    cos, sin = math.cos(angle), math.sin(angle)
-    rotation, out = np.eye(3), np.zeros((3, 3))
-    rotation[0, 0], rotation[0, 1], rotation[1, 0], rotation[1, 1] = cos, -sin, sin, cos
+    cos = math.cos(angle)
+    sin = math.sin(angle)
+    rotation = np.eye(3)
+    out = np.zeros((3, 3))
+    rotation[0, 0] = cos
+    rotation[0, 1] = -sin
+    rotation[1, 0] = sin
+    rotation[1, 1] = cos
     sandwich(rotation, matrix, out)
     return out
 
@@ -129,8 +138,10 @@ def step_covariance(motion: FloatArray, before: FloatArray, added: FloatArray) -
         before: (3, 3) covariance at its start.
         added: (3, 3) covariance of the step itself.
     """
-    lever, out = np.eye(3), added.copy()
-    lever[:2, 2] = -motion[1], motion[0]
+    lever = np.eye(3)
+    lever[0, 2] = -motion[1]
+    lever[1, 2] = motion[0]
+    out = added.copy()
     sandwich(lever, before, out)
     return out
 
@@ -148,18 +159,24 @@ def relative_covariance(
         of_new: (3, 3) of the new one.
         mixed: (3, 3) of the old with the new.
     """
-    cos, sin = math.cos(old[2]), math.sin(old[2])
-    dx, dy = new[0] - old[0], new[1] - old[1]
+    cos = math.cos(old[2])
+    sin = math.sin(old[2])
+    dx = new[0] - old[0]
+    dy = new[1] - old[1]
     change = np.array([
         [-cos, -sin, cos * dy - sin * dx, cos, sin, 0.0],
         [sin, -cos, -cos * dx - sin * dy, -sin, cos, 0.0],
         [0.0, 0.0, -1.0, 0.0, 0.0, 1.0],
     ])  # fmt: skip
-    joint, half, out = np.empty((6, 6)), np.zeros((3, 6)), np.zeros((3, 3))
+    joint = np.empty((6, 6))
+    half = np.zeros((3, 6))
+    out = np.zeros((3, 3))
     for row in range(3):
         for col in range(3):
-            joint[row, col], joint[row, 3 + col] = of_old[row, col], mixed[row, col]
-            joint[3 + col, row], joint[3 + row, 3 + col] = mixed[row, col], of_new[row, col]
+            joint[row, col] = of_old[row, col]
+            joint[row, 3 + col] = mixed[row, col]
+            joint[3 + col, row] = mixed[row, col]
+            joint[3 + row, 3 + col] = of_new[row, col]
     multiply(change, joint, half)
     multiply(half, np.ascontiguousarray(change.T), out)
     return out

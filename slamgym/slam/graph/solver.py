@@ -14,12 +14,19 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel, plain
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.slam.graph.factor import Factor, add_product, make_layout
+from slamgym.slam.graph.factor import BlockLayout, Factor, add_product, make_layout
 from slamgym.slam.graph.relative import nearest_turn
 
 FIXED = 1e12
 """Information of the first node, which stays where it is."""
-LEAST_DAMPING, MOST_DAMPING = 1e-7, 1e3
+LEAST_DAMPING = 1e-7
+"""Damping of the first step: next to none."""
+FIRST_DAMPING = 1e-5
+"""Damping after a first step that made it worse."""
+MOST_DAMPING = 1e3
+"""With more damping than this no step makes it better."""
+DAMPING_FACTOR = 10.0
+"""The damping grows by this factor after a step that made it worse, and shrinks by it after one that made it better."""
 
 
 class Edges(NamedTuple):
@@ -61,34 +68,51 @@ def optimise(
         iterations: Most Levenberg-Marquardt steps.
         tolerance: Stop when no pose moves further than this [m, rad].
     """
-    ends, last = (edges.first, edges.second), np.full(len(edges.first), len(poses))
-    layout = make_layout(
-        places, np.concatenate([ends[0], *ends]), np.concatenate([ends[1], last, last])
-    )
-    count, size, axes = len(edges.first), len(places), np.arange(3)
-    damping, cost = LEAST_DAMPING, total_cost(poses, wheels, plain(edges), prior)
+    layout = _layout_of(edges, places, len(poses))
+    count = len(edges.first)
+    size = len(places)
+    axes = np.arange(3)
+    damping = LEAST_DAMPING
+    cost = total_cost(poses, wheels, plain(edges), prior)
     for _ in range(iterations):
-        blocks, gradient = np.zeros((3 * count + size, 3, 3)), np.zeros((size, 3))
+        blocks = np.zeros((3 * count + size, 3, 3))
+        gradient = np.zeros((size, 3))
         linearise(poses, wheels, plain(edges), prior, blocks, gradient)
-        diagonal = blocks[3 * count :, axes, axes]
+        on_diagonal = blocks[3 * count :]
+        diagonal = on_diagonal[:, axes, axes]
         undamped = layout.factorise(blocks)
         while True:
-            blocks[3 * count :, axes, axes] = diagonal * (1.0 + damping)
-            factor = layout.factorise(blocks) if damping > LEAST_DAMPING else undamped
+            on_diagonal[:, axes, axes] = diagonal * (1.0 + damping)
+            factor = undamped
+            if damping > LEAST_DAMPING:
+                factor = layout.factorise(blocks)
             step = factor.solve(gradient[..., None])[..., 0]
-            moved, changed = poses - step[:-1], wheels - step[-1]
-            moved[0], moved[:, 2] = poses[0], wrap_angle(moved[:, 2])
+            moved = poses - step[:-1]
+            headings = wrap_angle(moved[:, 2])
+            moved[0] = poses[0]
+            moved[:, 2] = headings
+            changed = wheels - step[-1]
             new = total_cost(moved, changed, plain(edges), prior)
             if new <= cost or damping > MOST_DAMPING:
                 break
-            damping = max(damping * 10.0, 1e-5)
+            damping = max(damping * DAMPING_FACTOR, FIRST_DAMPING)
         if new > cost:
             break  # no step makes it better
         damping = max(damping * 0.1, LEAST_DAMPING)
-        poses, wheels, cost = moved, changed, new
+        poses = moved
+        wheels = changed
+        cost = new
         if float(np.abs(step[:-1]).max()) < tolerance:
             break
     return Solution(poses, wheels, undamped)
+
+
+def _layout_of(edges: Edges, places: IntArray, wheels: int) -> BlockLayout:
+    """Lay out the blocks of :func:`linearise`: between the ends of each edge, and between each end and the wheels."""
+    last = np.full(len(edges.first), wheels)
+    rows = np.concatenate([edges.first, edges.first, edges.second])
+    cols = np.concatenate([edges.second, last, last])
+    return make_layout(places, rows, cols)
 
 
 @kernel
@@ -103,14 +127,16 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
     """
     edges = Edges(*edges)
     for edge in range(len(errors)):
-        a, b, error = edges.first[edge], edges.second[edge], errors[edge]
-        cos, sin = np.cos(poses[a, 2]), np.sin(poses[a, 2])
-        dx, dy = poses[b, 0] - poses[a, 0], poses[b, 1] - poses[a, 1]
-        error[0], error[1], error[2] = (
-            cos * dx + sin * dy,
-            cos * dy - sin * dx,
-            poses[b, 2] - poses[a, 2],
-        )
+        a = edges.first[edge]
+        b = edges.second[edge]
+        error = errors[edge]
+        cos = np.cos(poses[a, 2])
+        sin = np.sin(poses[a, 2])
+        dx = poses[b, 0] - poses[a, 0]
+        dy = poses[b, 1] - poses[a, 1]
+        error[0] = cos * dx + sin * dy
+        error[1] = cos * dy - sin * dx
+        error[2] = poses[b, 2] - poses[a, 2]
         for row in range(3):
             error[row] -= edges.measured[edge, row]
             for col in range(3):
@@ -125,13 +151,16 @@ def _scale(error: FloatArray, information: FloatArray, width: float) -> tuple[fl
     for row in range(3):
         for col in range(3):
             chi2 += error[row] * information[row, col] * error[col]
-    return chi2, 2.0 * width / (width + chi2) if chi2 > width else 1.0
+    if chi2 > width:
+        return chi2, 2.0 * width / (width + chi2)
+    return chi2, 1.0
 
 
 @kernel
 def total_cost(poses: FloatArray, wheels: FloatArray, edges: Edges, prior: FloatArray) -> float:
     """The objective of dynamic covariance scaling, s^2 chi2 + phi (1 - s)^2, summed, and the prior."""
-    total, errors = 0.0, np.empty((len(edges[0]), 3))
+    total = 0.0
+    errors = np.empty((len(edges[0]), 3))
     edge_errors(poses, wheels, edges, errors)
     edges = Edges(*edges)
     for edge in range(len(errors)):
@@ -167,25 +196,37 @@ def linearise(
     errors = np.empty((len(edges[0]), 3))
     edge_errors(poses, wheels, edges, errors)
     edges = Edges(*edges)
-    count, last = len(errors), len(gradient) - 1
-    jacobians, weighted = np.zeros((3, 3, 3)), np.empty((3, 3, 3))
-    jacobians[0, 2, 2], jacobians[1, 2, 2] = -1.0, 1.0
+    count = len(errors)
+    last = len(gradient) - 1
+    jacobians = np.zeros((3, 3, 3))
+    weighted = np.empty((3, 3, 3))
+    to_a = jacobians[0]
+    to_b = jacobians[1]
+    to_wheels = jacobians[2]
+    to_a[2, 2] = -1.0
+    to_b[2, 2] = 1.0
     for edge in range(count):
-        a, b, error, information = (
-            edges.first[edge],
-            edges.second[edge],
-            errors[edge],
-            edges.information[edge],
-        )
+        a = edges.first[edge]
+        b = edges.second[edge]
+        error = errors[edge]
+        information = edges.information[edge]
         _, scale = _scale(error, information, edges.width[edge])
-        cos, sin = np.cos(poses[a, 2]), np.sin(poses[a, 2])
-        dx, dy = poses[b, 0] - poses[a, 0], poses[b, 1] - poses[a, 1]
-        to_a, to_b = jacobians[0], jacobians[1]
-        to_b[0, 0], to_b[0, 1], to_b[1, 0], to_b[1, 1] = cos, sin, -sin, cos
-        to_a[0, 0], to_a[0, 1], to_a[1, 0], to_a[1, 1] = -cos, -sin, sin, -cos
-        to_a[0, 2], to_a[1, 2] = cos * dy - sin * dx, -cos * dx - sin * dy
-        jacobians[2] = -edges.design[edge]
-        ends = a, b, last
+        cos = np.cos(poses[a, 2])
+        sin = np.sin(poses[a, 2])
+        dx = poses[b, 0] - poses[a, 0]
+        dy = poses[b, 1] - poses[a, 1]
+        to_b[0, 0] = cos
+        to_b[0, 1] = sin
+        to_b[1, 0] = -sin
+        to_b[1, 1] = cos
+        to_a[0, 0] = -cos
+        to_a[0, 1] = -sin
+        to_a[0, 2] = cos * dy - sin * dx
+        to_a[1, 0] = sin
+        to_a[1, 1] = -cos
+        to_a[1, 2] = -cos * dx - sin * dy
+        to_wheels[:] = -edges.design[edge]
+        ends = (a, b, last)
         for k in range(3):
             weighted[k] = 0.0
             add_product(information, jacobians[k], weighted[k])
@@ -194,9 +235,9 @@ def linearise(
                 for i in range(3):
                     gradient[ends[k], row] += weighted[k, i, row] * error[i]
             add_product(jacobians[k], weighted[k], blocks[3 * count + ends[k]])
-        add_product(jacobians[0], weighted[1], blocks[edge])
-        add_product(jacobians[0], weighted[2], blocks[count + edge])
-        add_product(jacobians[1], weighted[2], blocks[2 * count + edge])
+        add_product(to_a, weighted[1], blocks[edge])
+        add_product(to_a, weighted[2], blocks[count + edge])
+        add_product(to_b, weighted[2], blocks[2 * count + edge])
     for axis in range(3):
         blocks[3 * count, axis, axis] += FIXED
         blocks[3 * count + last, axis, axis] += prior[axis]

@@ -22,20 +22,26 @@ from slamgym.slam.graph.relative import seen_from
 SUBMAP_CELL = 0.1
 """Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
 VACANT = -1
+"""Number of a piece that a cell of the grid doesn't have."""
 ENOUGH = 4.0
 """Points that a line needs."""
 FLATNESS = 0.35**2
 """A line's variance across is below this share of that along. Two walls that meet have 0.5^2."""
 LEAST_LENGTH = 0.02
 """A line is at least so long (standard deviation) [m]."""
-STALE, NO_LINE, LINE = -1.0, 0.0, 1.0
-PIECE = np.dtype([
-    *((name, np.float64) for name in ("count", "x", "y", "xx", "xy", "yy", "side_x", "side_y")),
-    *((name, np.float64) for name in ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance")),
-    ("state", np.float64),
-])  # fmt: skip
-"""Sums over a piece's points, in the submap's frame, and over their sides; then the piece's own mean, the mean of the
-line through it and its surroundings, the line's normal, and the mean's variance across it."""
+STALE = -1.0
+"""State of a piece whose line must be fitted again."""
+NO_LINE = 0.0
+"""State of a piece through which no line fits."""
+LINE = 1.0
+"""State of a piece with a line."""
+POINT_SUMS = ("count", "x", "y", "xx", "xy", "yy", "side_x", "side_y")
+"""Sums over a piece's points, in the submap's frame, and over their sides."""
+LINE_FIELDS = ("own_x", "own_y", "mean_x", "mean_y", "normal_x", "normal_y", "variance", "state")
+"""The piece's own mean, the mean of the line through it and its surroundings, the line's normal, the mean's variance
+across it, and what is known of the line."""
+PIECE = np.dtype([(name, np.float64) for name in (*POINT_SUMS, *LINE_FIELDS)])
+"""A piece of surface."""
 
 
 class Submap:
@@ -48,7 +54,8 @@ class Submap:
 
     def __init__(self, first: int, reach: float) -> None:
         half = math.ceil(reach / SUBMAP_CELL) + 3
-        self.first, self.size = first, 0.0
+        self.first = first
+        self.size = 0.0
         self.corner = np.array([-half * SUBMAP_CELL, -half * SUBMAP_CELL])
         self.grid = np.full((2 * half, 2 * half, 2), VACANT, dtype=np.int32)
         self.pieces = np.zeros(256, dtype=PIECE)
@@ -81,17 +88,19 @@ class Submap:
     def clear(self) -> None:
         """Forget the scans."""
         self.grid[:] = VACANT
-        self.poses, self._used = [], 0
+        self.poses = []
+        self._used = 0
 
     def close(self) -> None:
         """Free the memory round the surfaces: no more scans will be added."""
-        rows, cols = (
-            np.flatnonzero((self.grid[..., 0] != VACANT).any(axis=axis)) for axis in (1, 0)
-        )
+        is_used = self.grid[..., 0] != VACANT
+        rows = np.flatnonzero(is_used.any(axis=1))
+        cols = np.flatnonzero(is_used.any(axis=0))
         if len(rows) == 0:
             return
         # A border lets the scans move a little when the path is corrected.
-        top, left = max(rows[0] - 5, 0), max(cols[0] - 5, 0)
+        top = max(rows[0] - 5, 0)
+        left = max(cols[0] - 5, 0)
         self.grid = self.grid[top : rows[-1] + 6, left : cols[-1] + 6].copy()
         self.pieces = self.pieces[: self._used].copy()
         self.corner = self.corner + np.array([left, top]) * SUBMAP_CELL
@@ -108,13 +117,15 @@ class Submap:
     def lines(self) -> tuple[FloatArray, FloatArray]:
         """Means (n, 2) of the pieces with a line in the submap's frame [m], and their sides (n, 3)."""
         if self._lines is None:
-            kept = self.pieces[: self._used]["state"] == LINE
-            pieces, (means, sides) = self.pieces[: self._used][kept], self.means
-            normals = np.column_stack(
-                [pieces["normal_x"], pieces["normal_y"], np.ones(len(pieces))]
-            )
-            normals[(normals[:, :2] * sides[kept]).sum(axis=1) < 0.0, :2] *= -1.0
-            self._lines = means[kept], normals
+            pieces = self.pieces[: self._used]
+            has_line = pieces["state"] == LINE
+            lines = pieces[has_line]
+            means, sides = self.means
+            straight = np.ones(len(lines))
+            normals = np.column_stack([lines["normal_x"], lines["normal_y"], straight])
+            is_away = (normals[:, :2] * sides[has_line]).sum(axis=1) < 0.0
+            normals[is_away, :2] *= -1.0
+            self._lines = means[has_line], normals
         return self._lines
 
 
@@ -133,27 +144,28 @@ def add_scan(
     Returns:
         The number of pieces, ``used`` before.
     """
-    rows, cols = grid.shape[0], grid.shape[1]
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    rows = grid.shape[0]
+    cols = grid.shape[1]
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
     touched = np.empty(len(points), dtype=np.int32)
     count = 0
     for i in range(len(points)):
         x = pose[0] + cos * points[i, 0] - sin * points[i, 1]
         y = pose[1] + sin * points[i, 0] + cos * points[i, 1]
-        col, row = (
-            math.floor((x - corner[0]) / SUBMAP_CELL),
-            math.floor((y - corner[1]) / SUBMAP_CELL),
-        )
+        col = math.floor((x - corner[0]) / SUBMAP_CELL)
+        row = math.floor((y - corner[1]) / SUBMAP_CELL)
         if row < 0 or col < 0 or row >= rows or col >= cols:
             continue
         side_x = cos * sides[i, 0] - sin * sides[i, 1]
         side_y = sin * sides[i, 0] + cos * sides[i, 1]
-        face, number = 0, grid[row, col, 0]
-        if (
-            number != VACANT
-            and pieces[number].side_x * side_x + pieces[number].side_y * side_y < 0.0
-        ):
-            face, number = 1, grid[row, col, 1]
+        face = 0
+        number = grid[row, col, 0]
+        if number != VACANT:
+            p = pieces[number]
+            if p.side_x * side_x + p.side_y * side_y < 0.0:
+                face = 1
+                number = grid[row, col, 1]
         if number == VACANT:
             number = used
             used += 1
@@ -173,7 +185,8 @@ def add_scan(
         count += 1
     for is_marking in (True, False):
         for k in range(count):
-            row, col = touched[k] // cols, touched[k] % cols
+            row = touched[k] // cols
+            col = touched[k] % cols
             for near_row in range(max(row - 1, 0), min(row + 2, rows)):
                 for near_col in range(max(col - 1, 0), min(col + 2, cols)):
                     for face in range(2):
@@ -191,7 +204,8 @@ def add_scan(
 def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: int) -> None:
     """Fit a line to the points round a piece that were seen from the same side."""
     own = pieces[number]
-    own.own_x, own.own_y = own.x / own.count, own.y / own.count
+    own.own_x = own.x / own.count
+    own.own_y = own.y / own.count
     own.state = NO_LINE
     for ring in range(1, 3):
         n = sx = sy = sxx = sxy = syy = 0.0
@@ -212,52 +226,71 @@ def _fit_line(grid: np.ndarray, pieces: np.ndarray, number: int, row: int, col: 
                     syy += p.yy
         if n < ENOUGH:
             continue
-        mean_x, mean_y = sx / n, sy / n
-        var_x, var_y = sxx / n - mean_x * mean_x, syy / n - mean_y * mean_y
+        mean_x = sx / n
+        mean_y = sy / n
+        var_x = sxx / n - mean_x * mean_x
+        var_y = syy / n - mean_y * mean_y
         cov = sxy / n - mean_x * mean_y
-        middle, half = 0.5 * (var_x + var_y), 0.5 * (var_x - var_y)
+        middle = 0.5 * (var_x + var_y)
+        half = 0.5 * (var_x - var_y)
         root = math.sqrt(half * half + cov * cov)
-        wide, narrow = middle + root, max(middle - root, 0.0)
+        wide = middle + root
+        narrow = max(middle - root, 0.0)
         if wide >= LEAST_LENGTH * LEAST_LENGTH and narrow < FLATNESS * wide:
             along = 0.5 * math.atan2(2.0 * cov, var_x - var_y)
-            own.mean_x, own.mean_y = mean_x, mean_y
-            own.normal_x, own.normal_y = -math.sin(along), math.cos(along)
-            own.variance, own.state = narrow / n, LINE
+            own.mean_x = mean_x
+            own.mean_y = mean_y
+            own.normal_x = -math.sin(along)
+            own.normal_y = math.cos(along)
+            own.variance = narrow / n
+            own.state = LINE
             return
 
 
 def sides_of(points: FloatArray, mount: FloatArray) -> FloatArray:
     """Sides (n, 3) of end points (n, 2) in the order of the beams, seen from the laser (2,)."""
     sides = np.zeros((len(points), 3))
-    sides[:, :2] = mount - points
-    sides[:, :2] /= np.hypot(sides[:, 0], sides[:, 1])[:, None] + 1e-9
+    to_laser = sides[:, :2]
+    to_laser[:] = mount - points
+    distances = np.hypot(sides[:, 0], sides[:, 1])
+    to_laser /= distances[:, None] + 1e-9
     normals = np.empty((len(points), 2))
     surface_normals(np.ascontiguousarray(points), normals)
     # The side of a surface is told by its normal: past a thin wall's end both faces are seen from the same direction.
-    normals[(sides[:, :2] * normals).sum(axis=1) < 0.0] *= -1.0
+    is_away = (to_laser * normals).sum(axis=1) < 0.0
+    normals[is_away] *= -1.0
     shown = normals.any(axis=1)
-    sides[shown, :2], sides[shown, 2] = normals[shown], 1.0
+    sides[shown, :2] = normals[shown]
+    sides[shown, 2] = 1.0
     return sides
 
 
 def known_surfaces(grid: OccupancyGrid) -> tuple[FloatArray, FloatArray]:
     """Occupied cells next to free ones, (n, 2) [m], and their sides (n, 3)."""
-    cells, frame = grid.cells[::-1], grid.frame
-    occupied, free = cells == OCCUPIED, np.pad(cells == FREE, 1)
-    points, sides = [], []
+    cells = grid.cells[::-1]
+    frame = grid.frame
+    origin = (frame.origin_x, frame.origin_y)
+    occupied = cells == OCCUPIED
+    free = np.pad(cells == FREE, 1)
+    rows, cols = occupied.shape
+    points = []
+    sides = []
     for row, col in ((0, 1), (1, 0), (0, -1), (-1, 0)):
-        height, width = occupied.shape
-        beside = free[1 + row : 1 + row + height, 1 + col : 1 + col + width]
+        top = 1 + row
+        left = 1 + col
+        beside = free[top : top + rows, left : left + cols]
         indices = np.argwhere(occupied & beside)[:, ::-1]
-        points.append((indices + 0.5) * frame.resolution + (frame.origin_x, frame.origin_y))
-        sides.append(np.tile(np.array([col, row, 1.0]), (len(indices), 1)))
+        points.append((indices + 0.5) * frame.resolution + origin)
+        side = np.array([col, row, 1.0])
+        sides.append(np.tile(side, (len(indices), 1)))
     return np.concatenate(points), np.concatenate(sides)
 
 
 def known_submap(surfaces: tuple[FloatArray, FloatArray], start: FloatArray) -> Submap:
     """A submap of an older map's surfaces, in the frame of the first node, whose pose (3,) in that map is given."""
     points, sides = surfaces
-    reach = float(np.hypot(points[:, 0] - start[0], points[:, 1] - start[1]).max(initial=0.0)) + 1.0
+    distances = np.hypot(points[:, 0] - start[0], points[:, 1] - start[1])
+    reach = float(distances.max(initial=0.0)) + 1.0
     submap = Submap(0, reach)
     submap.add(seen_from(start, np.zeros(3)), points, sides)
     submap.close()

@@ -18,16 +18,28 @@ from slamgym.slam.graph.relative import sandwich
 SPREADS = (0.03, 0.015, 0.04)
 """Before anything is learned: spread of the distance's scale, of the heading's drift [rad/m], of the turn's scale;
 about twice those of :func:`slamgym.sim.odometry_level` ``high``."""
-SLIP_DISTANCE, SLIP_DRIFT, SLIP_TURN = 0.01, 0.01, 0.02
-"""Random errors before anything is learned: of the position [m/sqrt(m)], of the heading by distance [rad/sqrt(m)] and
-by turn [rad/sqrt(rad)] (Chong and Kleeman, ICRA 1997)."""
+SLIP_DISTANCE = 0.01
+"""Random error of the position first assumed [m/sqrt(m)] (Chong and Kleeman, ICRA 1997)."""
+SLIP_DRIFT = 0.01
+"""Random error of the heading by distance first assumed [rad/sqrt(m)] (Chong and Kleeman, ICRA 1997)."""
+SLIP_TURN = 0.02
+"""Random error of the heading by turn first assumed [rad/sqrt(rad)] (Chong and Kleeman, ICRA 1997)."""
 FLOORS = (0.0005, 0.0003)
 """Odometry is never trusted further than this [m], [rad]: its clock isn't the laser's."""
-STRETCH, MATCHED = (4e-4, 9e-4), (2e-4, 3e-5)
-PRIOR, FIRST_NOISE = 0.25, 16.0
-"""Weight of the random errors' sizes before anything is learned, in stretches, and that size."""
-OUTLYING, LEAST_NOISE, MOST_NOISE = 6.0, 0.01, 400.0
-"""A squared residual counts as at most so many expected ones, and bounds of the noise."""
+STRETCH = (4e-4, 9e-4)
+"""Random errors are summed up over stretches of such a variance first assumed [m^2], [rad^2]."""
+MATCHED = (2e-4, 3e-5)
+"""Variance of the matches at both ends of a stretch [m^2], [rad^2]: so much of what is left isn't the wheels'."""
+PRIOR = 0.25
+"""Weight of ``FIRST_NOISE`` among what is learned of the noise [stretches]."""
+FIRST_NOISE = 16.0
+"""Variance of the random errors before anything is learned, in those first assumed."""
+OUTLYING = 6.0
+"""A squared residual counts as at most so many expected ones."""
+LEAST_NOISE = 0.01
+"""Least variance of the random errors that is learned, in those first assumed."""
+MOST_NOISE = 400.0
+"""Largest variance of the random errors that is learned, in those first assumed."""
 
 
 class WheelStep(NamedTuple):
@@ -50,23 +62,26 @@ class WheelCalibration:
 
     def step(self, increments: FloatArray) -> WheelStep:
         """Add up odometry increments (steps, 3) in the robot frame."""
-        moved, distance, turn = Pose2D(0.0, 0.0, 0.0), 0.0, 0.0
+        moved = Pose2D(0.0, 0.0, 0.0)
+        distance = 0.0
+        turn = 0.0
         for x, y, theta in increments.tolist():
             moved = compose(moved, Pose2D(x, y, theta))
-            distance, turn = distance + math.hypot(x, y), turn + abs(theta)
+            distance += math.hypot(x, y)
+            turn += abs(theta)
         design = np.zeros((3, 3))
-        design[0, 0], design[1, 0] = moved.x, moved.y
-        design[2, 1], design[2, 2] = increments[:, 0].sum(), increments[:, 2].sum()
-        slips = np.array(
-            [SLIP_DISTANCE**2 * distance, SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn]
-        )
-        return WheelStep(np.array(moved), design, slips)
+        design[0, 0] = moved.x
+        design[1, 0] = moved.y
+        design[2, 1] = increments[:, 0].sum()
+        design[2, 2] = increments[:, 2].sum()
+        position = SLIP_DISTANCE**2 * distance
+        heading = SLIP_DRIFT**2 * distance + SLIP_TURN**2 * turn
+        return WheelStep(np.array(moved), design, np.array([position, heading]))
 
     def expected(self, step: WheelStep) -> FloatArray:
         """The motion (3,) without the systematic errors."""
-        return np.asarray(
-            step.moved + (step.design * self.systematic).sum(axis=1), dtype=np.float64
-        )
+        change = (step.design * self.systematic).sum(axis=1)
+        return np.asarray(step.moved + change, dtype=np.float64)
 
     def variances(self, slips: FloatArray) -> FloatArray:
         """Variances (..., 2) of position and heading by random errors."""
@@ -95,15 +110,19 @@ class WheelCalibration:
             slips: (N, 2) of those steps.
             seen: (N,) true where the laser saw both ends of a step.
         """
-        self.systematic, self.covariance = systematic, covariance
+        self.systematic = systematic
+        self.covariance = covariance
         for kind, axes in enumerate(((0, 1), (2,))):
             # Over a stretch the errors of wheels grow, those of matches don't.
-            stretch = (np.cumsum(slips[:, kind] * seen) / STRETCH[kind]).astype(np.int64)
-            slip = np.bincount(stretch, weights=slips[:, kind] * seen)
-            squared = sum(
-                np.bincount(stretch, weights=errors[:, axis] * seen) ** 2 for axis in axes
-            ) / len(axes)
+            seen_slips = slips[:, kind] * seen
+            stretch = (np.cumsum(seen_slips) / STRETCH[kind]).astype(np.int64)
+            slip = np.bincount(stretch, weights=seen_slips)
+            squared = np.zeros(len(slip))
+            for axis in axes:
+                squared += np.bincount(stretch, weights=errors[:, axis] * seen) ** 2
+            squared /= len(axes)
             excess = np.minimum(squared, OUTLYING * self.noise[kind] * slip) - MATCHED[kind]
             weight = PRIOR * STRETCH[kind]
-            noise = (float(excess.sum()) + FIRST_NOISE * weight) / (float(slip.sum()) + weight)
+            learned = float(excess.sum()) + FIRST_NOISE * weight
+            noise = learned / (float(slip.sum()) + weight)
             self.noise[kind] = min(max(noise, LEAST_NOISE), MOST_NOISE)

@@ -11,6 +11,7 @@ import numpy as np
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray
 from slamgym.slam.branch_and_bound import HIT, search_blocks, turned_cells
+from slamgym.slam.graph.matching import heading_step
 from slamgym.slam.graph.submaps import SUBMAP_CELL
 from slamgym.slam.localization.known_map import KnownMap
 
@@ -20,34 +21,47 @@ MOST_HYPOTHESES = 60
 """So many of the best places that differ are returned."""
 SCORE_MARGIN = 0.12
 """A place is kept if its score falls so much behind the best one's at most (1: every point lies on a wall)."""
-SAME, SAME_TURN = 0.3, 0.25
-"""Places nearer to each other than this are one [m], [rad]."""
+SAME = 0.3
+"""Places nearer to each other than this are one, if their headings are alike, too [m]."""
+SAME_TURN = 0.25
+"""Headings are alike if they differ by less than this [rad]."""
 
 
 def is_same(poses: FloatArray, pose: FloatArray) -> np.ndarray:
     """True (n,) for those of some poses (n, 3 or more) that are the same place as another (3,)."""
-    near = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1]) < SAME
-    return np.asarray(near & (np.abs(wrap_angle(poses[:, 2] - pose[2])) < SAME_TURN))
+    distances = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1])
+    turns = np.abs(wrap_angle(poses[:, 2] - pose[2]))
+    return np.asarray((distances < SAME) & (turns < SAME_TURN))
 
 
 def find_places(known: KnownMap, points: FloatArray) -> list[FloatArray]:
     """The best poses (3,) of points (n, 2) in the robot frame [m], the best first."""
-    far = float(np.percentile(np.hypot(points[:, 0], points[:, 1]), 80.0))
-    step = min(max(SUBMAP_CELL / max(far, SUBMAP_CELL), HEADING_STEPS[0]), HEADING_STEPS[1])
-    headings = np.linspace(-math.pi, math.pi, math.ceil(2.0 * math.pi / step), endpoint=False)
+    step = heading_step(points, *HEADING_STEPS)
+    count = math.ceil(2.0 * math.pi / step)
+    headings = np.linspace(-math.pi, math.pi, count, endpoint=False)
     # The robot stands in the middle of a cell.
-    cells = turned_cells(points, np.empty((0, 3)), headings, np.full(2, 0.5 * SUBMAP_CELL), 0)
+    origin = np.full(2, 0.5 * SUBMAP_CELL)
+    no_sides = np.empty((0, 3))
+    us, vs = turned_cells(points, no_sides, headings, origin, 0)
     margin = round(SCORE_MARGIN * HIT * len(points))
-    last = known.levels.shape[2] - 1, known.levels.shape[1] - 1
-    places = search_blocks(
-        known.levels, known.floors, *cells, 0, last, 0, margin + 1, (0.0, 0.0, 0.0)
-    )
-    places[:, :2] = known.field.corner + (places[:, :2] + 0.5) * SUBMAP_CELL
-    places[:, 2] = headings[places[:, 2].astype(np.int64)]
-    places = places[places[:, 3] >= places[:, 3].max(initial=0.0) - margin]
-    places = places[np.argsort(-places[:, 3], kind="stable")]
+    _, rows, cols = known.levels.shape
+    last = (cols - 1, rows - 1)
+    nowhere = (0.0, 0.0, 0.0)
+    found = search_blocks(known.levels, known.floors, us, vs, 0, last, 0, margin + 1, nowhere)
+    cells = found[:, :2] + 0.5
+    scores = found[:, 3]
+    places = np.empty((len(found), 3))
+    places[:, :2] = known.field.corner + cells * SUBMAP_CELL
+    places[:, 2] = headings[found[:, 2].astype(np.int64)]
+    ranking = np.argsort(-scores, kind="stable")
+    is_good = scores >= scores.max(initial=0.0) - margin
+    return _different(places[ranking[is_good[ranking]]])
+
+
+def _different(places: FloatArray) -> list[FloatArray]:
+    """Those of some poses (n, 3) that aren't the same place as one before."""
     kept: list[FloatArray] = []
     while len(places) and len(kept) < MOST_HYPOTHESES:
-        kept.append(places[0, :3])
+        kept.append(places[0])
         places = places[~is_same(places, places[0])]
     return kept

@@ -15,7 +15,7 @@ from slamgym.core.geometry import wrap_angle
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, Pose2D
 from slamgym.slam.config import LocalizationConfig
-from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.relative import match_with, moved_by
 from slamgym.slam.graph.wheels import SPREADS, WheelStep
 
@@ -62,14 +62,17 @@ class Hypothesis:
 
     def inherit(self, other: "Hypothesis") -> None:
         """Take over what is known of a place that turns out to be this one."""
-        self.led, self.explained = other.led, other.explained
-        self.proof, self.was_sure = other.proof, other.was_sure
+        self.led = other.led
+        self.explained = other.explained
+        self.proof = other.proof
+        self.was_sure = other.was_sure
 
     def move(self, step: WheelStep, variances: FloatArray) -> None:
         """Predict: follow the odometry, whose random errors have variances (2,) of position and heading."""
         before = self.pose
         self.pose = moved_by(before, step.moved + step.design @ self.systematic)
-        cos, sin = math.cos(before[2]), math.sin(before[2])
+        cos = math.cos(before[2])
+        sin = math.sin(before[2])
         jacobian = np.eye(6)
         jacobian[:2, 2] = before[1] - self.pose[1], self.pose[0] - before[0]
         jacobian[:3, 3:] = (
@@ -78,20 +81,18 @@ class Hypothesis:
         self.covariance = jacobian @ self.covariance @ jacobian.T
         self.covariance[:3, :3] += np.diag(variances[[0, 0, 1]])
 
-    def align(self, surfaces: Chosen, points: FloatArray, sides: FloatArray) -> None:
+    def align(self, surfaces: AlignmentTarget, points: FloatArray, sides: FloatArray) -> None:
         """Correct: align a scan's end points (n, 2) with sides (n, 3), in the robot frame, to the map."""
         own = self.covariance[:3, :3]
         placed = surfaces.align(points, sides, self.pose, self.pose, inverted(own))
         if placed.fit < ALIGNED_FIT:
             return
-        match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, placed.bound.sums[0], 1)
+        match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, placed.equations.sums[0], 1)
         gain = self.covariance[:, :3] @ inverted(own + inverted(match.information + np.eye(3)))
         error = match.measured - self.pose
         error[2] = wrap_angle(error[2])
-        self.pose, self.systematic = (
-            self.pose + gain[:3] @ error,
-            self.systematic + gain[3:] @ error,
-        )
+        self.pose = self.pose + gain[:3] @ error
+        self.systematic = self.systematic + gain[3:] @ error
         self.pose[2] = wrap_angle(self.pose[2])
         covariance = self.covariance - gain @ self.covariance[:3]
         self.covariance = 0.5 * (covariance + covariance.T)  # rounding would add up
@@ -132,7 +133,8 @@ def believe(
         [hypothesis.log_weight - hypotheses[0].log_weight for hypothesis in hypotheses]
     )
     weights /= weights.sum()
-    best, is_alone = hypotheses[0], weights[0] >= CERTAIN_WEIGHT
+    best = hypotheses[0]
+    is_alone = weights[0] >= CERTAIN_WEIGHT
     for hypothesis in hypotheses[1 if is_alone else 0 :]:
         hypothesis.led = hypothesis.explained = 0.0
     best.led += driven if is_alone else 0.0
@@ -146,7 +148,8 @@ def believe(
     elif best.led >= best.proof * config.confirm_distance and (
         best.was_sure or min(best.explained, best.fit * best.led) >= CERTAIN_FIT * best.led
     ):
-        state, best.was_sure = "localised", True
+        state = "localised"
+        best.was_sure = True
     poses = [Pose2D(*hypothesis.pose.tolist()) for hypothesis in hypotheses]
     listed = tuple(zip(poses, weights.tolist(), strict=True))
     return Belief(stamp, state, poses[0], covariance, best.fit, listed)

@@ -12,7 +12,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.jit import kernel
 from slamgym.core.types import FREE, UNKNOWN, BoolArray, Float32Array, FloatArray, OccupancyGrid
 from slamgym.slam.branch_and_bound import HIT, maxima
-from slamgym.slam.graph.alignment import Chosen
+from slamgym.slam.graph.alignment import AlignmentTarget
 from slamgym.slam.graph.submaps import SUBMAP_CELL, known_submap, known_surfaces
 from slamgym.slam.hit_count_kernels import BeamTable
 
@@ -52,15 +52,17 @@ class KnownMap:
     def __init__(self, grid: OccupancyGrid) -> None:
         from scipy.ndimage import distance_transform_edt
 
-        frame, cells = grid.frame, grid.cells[::-1]
-        is_free, corner = cells == FREE, np.array([frame.origin_x, frame.origin_y])
+        frame = grid.frame
+        cells = grid.cells[::-1]
+        is_free = cells == FREE
+        corner = np.array([frame.origin_x, frame.origin_y])
         points, sides = known_surfaces(grid)
         if len(points) == 0:
             raise SlamgymError(
                 "the map has no wall beside free floor: nothing can be localised on it; check its thresholds"
             )
         middle = np.array([*points.mean(axis=0), 0.0])
-        self.surfaces = Chosen([known_submap((points, sides), middle)], middle[None])
+        self.surfaces = AlignmentTarget([known_submap((points, sides), middle)], middle[None])
         """What scans are aligned with."""
         cols, rows = ((points - corner) / frame.resolution).astype(np.int64).T
         is_surface = np.zeros(cells.shape, dtype=bool)
@@ -127,11 +129,16 @@ def explain_scan(
         Evidence against the pose in nats. And the share of the beams that end near a surface with none in between, of
         those that return, or should, where the map is known; negative if too few of them end there.
     """
-    field, beams = SurfaceField(*field), BeamTable(*beams)
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
+    field = SurfaceField(*field)
+    beams = BeamTable(*beams)
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
     x0 = pose[0] + cos * beams.mount[0] - sin * beams.mount[1]
     y0 = pose[1] + sin * beams.mount[0] + cos * beams.mount[1]
-    explained, missed, unknown, near = 0, 0, 0, 0.0
+    explained = 0
+    missed = 0
+    unknown = 0
+    near = 0.0
     for i in range(0, len(ranges), step):
         r = ranges[i]
         across = cos * beams.directions[i, 0] - sin * beams.directions[i, 1]

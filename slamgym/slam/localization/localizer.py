@@ -107,7 +107,8 @@ class MapLocalizer(Mapper):
 
     def _move_unsure(self, shift: Pose2D) -> None:
         """Put the scans since the robot was sure of its place at another one."""
-        poses, unsure = self._path["poses"], slice(self._sure, self._drawn)
+        poses = self._path["poses"]
+        unsure = slice(self._sure, self._drawn)
         self._map.draw(poses[unsure], self._path["ranges"][unsure], sign=-1)
         self._drawn = min(self._drawn, self._sure)
         poses[self._sure :] = transform_poses(shift, poses[self._sure :])
@@ -122,7 +123,8 @@ class MapLocalizer(Mapper):
         driven = float(
             np.hypot(*increments[:, :2].T).sum() + TURN_METRES * np.abs(increments[:, 2]).sum()
         )
-        cloud, was_localised = self._cloud(scan), self.belief.state == "localised"
+        cloud = self._cloud(scan)
+        was_localised = self.belief.state == "localised"
         for hypothesis in self._hypotheses:
             hypothesis.move(step, self._wheels.variances(step.slips))
         self._seeker.append(step.moved, driven, scan.ranges, cloud)

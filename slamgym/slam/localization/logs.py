@@ -61,7 +61,8 @@ def localize_log(
         if localizer.belief.state == "localised":
             path.append([record.stamp, *compose(placement, localizer.pose)])
     stamps, poses = np.hsplit(np.array(path).reshape(-1, 4), [1])
-    searches, cpu_seconds = localizer.report()["searches"], localizer.stats.cpu_seconds
+    searches = localizer.report()["searches"]
+    cpu_seconds = localizer.stats.cpu_seconds
     return LocalizationResult(
         beliefs, processed, Trajectory(stamps[:, 0], poses), searches, cpu_seconds
     )
@@ -126,7 +127,8 @@ def continue_map(
 
 def _moved(grid: OccupancyGrid, by: FloatArray) -> OccupancyGrid:
     frame = grid.frame
-    origin_x, origin_y = frame.origin_x + float(by[0]), frame.origin_y + float(by[1])
+    origin_x = frame.origin_x + float(by[0])
+    origin_y = frame.origin_y + float(by[1])
     return OccupancyGrid(grid.cells, frame._replace(origin_x=origin_x, origin_y=origin_y))
 
 

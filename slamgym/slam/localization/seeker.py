@@ -43,7 +43,8 @@ class Seeker:
     """
 
     def __init__(self, known: KnownMap, beams: BeamTable, max_beams: int) -> None:
-        self._known, self._beams = known, plain(beams)
+        self._known = known
+        self._beams = plain(beams)
         self._step = max(1, len(beams.directions) // max_beams)
         self._pose = np.zeros(3)  # by odometry
         self._way = 0.0  # driven in all
@@ -72,7 +73,8 @@ class Seeker:
 
     def forget(self) -> None:
         """Search anew from here on: where the robot was carried off, older scans show another place."""
-        self._scans, self._searched = [], -math.inf
+        self._scans = []
+        self._searched = -math.inf
 
     def evidence(
         self, pose: FloatArray, ranges: Float32Array, excuses: bool

@@ -1,0 +1,126 @@
+"""Recovery from wrong alignments: searches round the predicted pose for a place that explains a scan better.
+
+The evidence for another place is a log-likelihood: what its better fit gains must make up for the odometry, and for
+what the best of so many places fits by chance.
+"""
+
+import numpy as np
+
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.portable import inverted
+from slamgym.core.types import FloatArray
+from slamgym.slam.graph.alignment import ALIGN_WIDTH, POINT_SHARE, Alignment, AlignmentTarget
+from slamgym.slam.graph.matching import SearchWindow
+from slamgym.slam.graph.relative import chi_squared, pose_spreads
+
+GOOD_FIT = 0.8
+"""An alignment of a smaller share of fitting points is compared with a search where the odometry may err."""
+POOR_FIT = 0.5
+"""An alignment of a smaller share of fitting points is compared with a search where the odometry may lie, too."""
+POINT_NATS = 0.5 * POINT_SHARE * ALIGN_WIDTH**2
+"""Log-likelihood of a point that fits over one that doesn't [nats]."""
+LIE_NATS = 9.2
+"""Evidence that another place needs against odometry that may lie [nats]: it does once in 10,000 scans."""
+SUSPICION_NATS = 60.0
+"""Evidence that scans in a row need together against the odometry, where a place near the predicted one fits better
+[nats]: one scan alone may see a new wall next to an old one."""
+NARROW_SEARCH_NATS = 2.0
+"""Evidence for a place that a search in a narrow window finds by chance, as it looks at so many [nats]."""
+WIDE_SEARCH_NATS = 9.0
+"""Evidence for a place that a search in the largest window finds by chance, as it looks at so many [nats]."""
+LEAST_SCORE = 0.3
+"""Score of a search below which nothing was found."""
+WINDOW_DEVIATIONS = 6.0
+"""A narrow window reaches so many standard deviations of the predicted pose from it."""
+LEAST_WINDOW = (0.1, 0.05)
+"""Smallest window of a search [m], [rad]: what lies within it, an alignment finds by itself."""
+LARGEST_WINDOW = (1.0, 0.6)
+"""Largest window of a search about the predicted pose [m], [rad]."""
+
+
+class Recovery:
+    """Judges alignments, and looks elsewhere where they are poor."""
+
+    def __init__(self) -> None:
+        self.recovered = 0
+        """How often another place was taken."""
+        self._suspicion = 0.0  # against the odometry, of the scans since one fitted well
+
+    def check(
+        self,
+        target: AlignmentTarget,
+        points: FloatArray,
+        sides: FloatArray,
+        predicted: FloatArray,
+        known: FloatArray,
+        placed: Alignment,
+        last: FloatArray,
+    ) -> Alignment:
+        """Search round the predicted pose for a place that explains a scan better than where it was aligned.
+
+        Args:
+            target: The submaps that it was aligned with.
+            points: (n, 2) end points in the robot frame [m].
+            sides: (n, 3) their sides in the robot frame.
+            predicted: (3,) pose by odometry.
+            known: (3, 3) information of that.
+            placed: Where the scan was aligned.
+            last: (3,) pose of the scan before: where the robot still is if its wheels turn in vain.
+
+        Returns:
+            The better place, or what was given.
+        """
+        if placed.fit >= GOOD_FIT:
+            self._suspicion = 0.0
+        narrow = _narrow_window(inverted(known))
+        for centre, is_wide in ((predicted, False), (predicted, True), (last, True)):
+            if placed.fit >= (POOR_FIT if is_wide else GOOD_FIT):
+                break
+            window = LARGEST_WINDOW if is_wide else narrow
+            start = _search(target, points, sides, centre, window)
+            if start is None:
+                continue
+            other = target.align(points, sides, start, predicted, 0.0 * known)
+            gain = (other.fit - placed.fit) * len(points) * POINT_NATS
+            gain -= WIDE_SEARCH_NATS if is_wide else NARROW_SEARCH_NATS
+            self._suspicion += max(gain, 0.0)
+            needed = LIE_NATS
+            if not is_wide:
+                needed = max(LIE_NATS, SUSPICION_NATS - self._suspicion)
+            needed = min(0.5 * chi_squared(other.pose, predicted, known), needed)
+            if gain > needed and _lies_within(other.pose, centre, window):
+                placed = other
+                self.recovered += 1
+        return placed
+
+
+def _narrow_window(covariance: FloatArray) -> tuple[float, float]:
+    """Window of a search [m], [rad] about a pose of such a covariance (3, 3)."""
+    spread, spread_turn = pose_spreads(covariance)
+    window = max(WINDOW_DEVIATIONS * spread, LEAST_WINDOW[0])
+    turn = max(WINDOW_DEVIATIONS * spread_turn, LEAST_WINDOW[1])
+    return min(window, LARGEST_WINDOW[0]), min(turn, LARGEST_WINDOW[1])
+
+
+def _search(
+    target: AlignmentTarget,
+    points: FloatArray,
+    sides: FloatArray,
+    centre: FloatArray,
+    window: tuple[float, float],
+) -> FloatArray | None:
+    """Search a window [m], [rad] about a pose for a place to align a scan from; None if there is none."""
+    if window == LEAST_WINDOW:
+        return centre
+    reach = float(np.hypot(points[:, 0], points[:, 1]).max())
+    place, score = SearchWindow(target, centre, *window, reach).search(points, sides, LEAST_SCORE)
+    return place if score > LEAST_SCORE else None
+
+
+def _lies_within(pose: FloatArray, centre: FloatArray, window: tuple[float, float]) -> bool:
+    """True if a pose lies in a window [m], [rad] about another, or less than the smallest window beside it."""
+    x, y, turn = np.abs(pose - centre)
+    return bool(
+        max(x, y) <= window[0] + LEAST_WINDOW[0]
+        and abs(wrap_angle(turn)) <= window[1] + LEAST_WINDOW[1]
+    )
