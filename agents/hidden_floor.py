@@ -28,7 +28,7 @@ from slamgym.planning.costmap import FARTHEST_WALL, LETHAL_COST, NO_INFORMATION,
 from slamgym.planning.exploration_loop import ExplorationLoop
 from slamgym.planning.frontier_candidates import unknown_regions
 from slamgym.planning.frontiers import Frontier, expected_gain
-from slamgym.planning.looks import Looks
+from slamgym.planning.view_history import ViewHistory
 
 HIDDEN_FLOOR = Path(__file__).parent / "pretrained" / "hidden_floor.safetensors"
 """The network that comes with the package."""
@@ -64,7 +64,7 @@ _RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-
 
 
 def describe_frontiers(
-    loop: ExplorationLoop, looks: Looks, frontiers: Sequence[Frontier]
+    loop: ExplorationLoop, views: ViewHistory, frontiers: Sequence[Frontier]
 ) -> Float32Array:
     """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
     costmap = loop.navigator.costmap
@@ -72,7 +72,7 @@ def describe_frontiers(
     _, cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
     places = [costmap.frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
     outward = np.array([outward_of(costmap, one) for one in frontiers])
-    beams = looks.figures(places, outward).tolist()
+    beams = views.figures(places, outward).tolist()
     max_range = loop.context.geometry.range_max
     shared = {
         "known_area": min(loop.known_area, _LARGEST_AREA) / AREA_SCALE,

@@ -27,8 +27,8 @@ from slamgym.core.config import config_hash
 from slamgym.core.types import BoolArray, FloatArray, Observation, Pose2D, Twist2D
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
-from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise, is_kept
+from slamgym.planning.view_history import ViewHistory
 
 CALIBRATED = Promise()
 """What is promised by those who stop so."""
@@ -53,19 +53,19 @@ class SelectivePilot(FrontierPilot):
     ) -> None:
         super().__init__(context, config, self._scores)
         self._network = network
-        self._looks = Looks(context)
+        self._views = ViewHistory(context)
         self._promise = config.promise or CALIBRATED
         self._may_stop = config.promise == CALIBRATED
 
     def act(self, observation: Observation) -> Twist2D:
         """Velocity for the next control step; see :meth:`Pilot.act`."""
-        self._looks.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
+        self._views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
         return super().act(observation)
 
     def _scores(self, loop: ExplorationLoop) -> FloatArray:
         """Ranks in the tour through what is worth a visit, negative, shape (N,); all -inf at the end."""
         left = self._left(loop)
-        figures = describe_frontiers(loop, self._looks, loop.wanted)
+        figures = describe_frontiers(loop, self._views, loop.wanted)
         chances = self._network.chances(figures)
         hidden = moments(chances, left)
         worth = self._worth_a_visit(hidden, left)

@@ -48,8 +48,8 @@ from slamgym.envs.config import resolve_config
 from slamgym.envs.coverage import CELL
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
 from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise
+from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 
 REACH = 0.25
@@ -173,19 +173,19 @@ def log_exploration(plan: FloorPlan, rng: np.random.Generator) -> dict[str, Any]
     observation, _ = env.reset(seed=exploration_seed(7, plan.id, 0))
     context = env.explorer_context()
     loop = ExplorationLoop(context)
-    looks = Looks(context)
+    views = ViewHistory(context)
     least = rng.choice(DROPPED_BELOW)
     at_random = rng.choice(AT_RANDOM) * min(1.0, 100.0 / plan.area)
     found: list[tuple[Any, ...]] = []
     truncated = False
     while not (truncated or loop.finished or loop.time > LONGEST):
         is_due = loop.observe(observation)
-        looks.note(loop.pose, observation["scan"])
+        views.note(loop.pose, observation["scan"])
         while is_due:
             areas = hidden_areas(env, loop)
             if loop.wanted and rng.random() < (0.8 if env.coverage.share > 0.9 else 0.35):
                 found.append(
-                    (describe_frontiers(loop, looks, loop.wanted), areas.astype(np.float32))
+                    (describe_frontiers(loop, views, loop.wanted), areas.astype(np.float32))
                 )
             # Frontiers share no cell, so the middle of each is its own.
             hides = {one.middle: area for one, area in zip(loop.wanted, areas, strict=True)}

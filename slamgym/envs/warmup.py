@@ -40,8 +40,8 @@ from slamgym.envs.far_look import write_far
 from slamgym.planning import ExplorerContext, Goal, Navigator, find_frontiers
 from slamgym.planning.costmap import unmapped_points
 from slamgym.planning.frontier_feature_kernels import cut_frontier_crop
-from slamgym.planning.looks import Looks
 from slamgym.planning.open_tour import lengths_by_first, open_tour, short_paths
+from slamgym.planning.view_history import ViewHistory
 from slamgym.sim import ClutterConfig
 from slamgym.sim.motion import settle
 from slamgym.sim.passages import next_clear
@@ -52,8 +52,10 @@ from slamgym.slam.tiles import copy_maps
 
 BATCHED = "batch"
 """The part that only many environments at once call."""
-_MOST_WORKERS = 3  # more would compile what they have in common at the same time
+_MOST_WORKERS = 3
+"""More processes would compile what they have in common at the same time."""
 _LASER = LaserGeometry(180, 0.01 - math.pi, math.radians(2.0), 0.1, 8.0)
+"""A scanner that sees all round."""
 
 
 def warm_up() -> None:
@@ -70,11 +72,15 @@ def compile_for(env: ExploreConfig, execution: Execution, is_varied: bool = Fals
         execution: Where they run.
         is_varied: Whether other settings may be drawn.
     """
-    furnished = {"furnish"} if env.clutter != ClutterConfig() else set()
-    names = {"drive", "navigate", "decide", env.slam.mode} | furnished
+    if execution.engine == "in_process":
+        return
+    names = {"drive", "navigate", "decide", env.slam.mode}
+    if env.clutter != ClutterConfig():
+        names.add("furnish")
+    if is_varied:
+        names = KERNEL_PARTS.keys() - {BATCHED}
     workers = execution.workers if execution.engine == "local" else available_cores()
-    if execution.engine != "in_process":
-        compile_kernels(KERNEL_PARTS.keys() - {BATCHED} if is_varied else names, workers)
+    compile_kernels(names, workers)
 
 
 def compile_kernels(names: Collection[str], workers: int) -> None:
@@ -84,16 +90,15 @@ def compile_kernels(names: Collection[str], workers: int) -> None:
         names: Of :data:`KERNEL_PARTS`.
         workers: Most processes.
     """
-    fresh = [
-        name for name, (_, last) in KERNEL_PARTS.items() if name in names and not is_compiled(last)
-    ]
+    fresh = []
+    for name, (_, last_kernel) in KERNEL_PARTS.items():
+        if name in names and not is_compiled(last_kernel):
+            fresh.append(name)
     if not fresh:
         return
     say("slamgym: compiling the numeric kernels, once after installation")
-    with (
-        show_progress("groups of kernels", 0, len(fresh)) as advance,
-        Execution(min(workers, _MOST_WORKERS, len(fresh)), task_timeout=None).open() as engine,
-    ):
+    execution = Execution(min(workers, _MOST_WORKERS, len(fresh)), task_timeout=None)
+    with show_progress("groups of kernels", 0, len(fresh)) as advance, execution.open() as engine:
         for _ in engine.run(_compile, fresh):
             advance()
 
@@ -114,10 +119,12 @@ def _drive() -> None:
         localization="ground_truth",
         reward={"map_error": 1.0},
     )
-    for start, action in (None, (1.0, 0.5)), ((0.24, 1.0, 3.14), (1.0, 0.0)):
-        env.reset(seed=0, options={"start": start} if start else None)
-        for _ in range(12):
-            env.step(action)
+    env.reset(seed=0)
+    for _ in range(12):
+        env.step((1.0, 0.5))
+    env.reset(seed=0, options={"start": (0.24, 1.0, 3.14)})
+    for _ in range(12):
+        env.step((1.0, 0.0))
 
 
 def _match(mode: Any) -> None:
@@ -128,9 +135,8 @@ def _match(mode: Any) -> None:
     for step in range(24):
         turn = 0.6 * step
         pose = Pose2D(0.8 * math.sin(turn), 0.8 - 0.8 * math.cos(turn), turn)
-        mapper.update(
-            pose, LaserScan(2.0 * step, _seen_from(pose, 1.5 if step < 23 else 1.1), _LASER)
-        )
+        ranges = _seen_from(pose, 1.5 if step < 23 else 1.1)
+        mapper.update(pose, LaserScan(2.0 * step, ranges, _LASER))
     mapper.finish()
     mapper.render(GridFrame(0.1, -4.0, -4.0, 80, 80))
 
@@ -139,22 +145,23 @@ def _navigate() -> None:
     """Drive to a goal on a map of a room."""
     frame = GridFrame(0.05, -4.0, -4.0, 160, 160)
     cells = np.full(frame.shape, UNKNOWN, np.uint8)
-    cells[50:111, 50:111], cells[50:110, 51:110] = OCCUPIED, FREE
-    navigator, pose = (
-        Navigator(ExplorerContext(frame=frame, geometry=_LASER)),
-        Pose2D(0.0, 0.0, 0.0),
-    )
+    cells[50:111, 50:111] = OCCUPIED
+    cells[50:110, 51:110] = FREE
+    navigator = Navigator(ExplorerContext(frame=frame, geometry=_LASER))
+    pose = Pose2D(0.0, 0.0, 0.0)
     navigator.update_map(OccupancyGrid(cells, frame), pose, 0.0)
     if navigator.costmap is not None:
         find_frontiers(navigator.costmap, pose)
     navigator.set_goal(Goal(0.8, 0.0), pose, 0.0)
     for step in range(12):
         # Something stands in the way that the map doesn't hold.
-        command = navigator.step(pose, _seen_from(pose, 1.5 if step == 0 else 0.23), 0.2 * step)
+        ranges = _seen_from(pose, 1.5 if step == 0 else 0.23)
+        command = navigator.step(pose, ranges, 0.2 * step)
         pose = Pose2D(pose.x, pose.y, pose.theta + 0.2 * command.angular)
     for count in (4, 14):
-        open_tour(np.ones((count, count)))
-        lengths_by_first(np.ones((count, count)))
+        lengths = np.ones((count, count))
+        open_tour(lengths)
+        lengths_by_first(lengths)
 
 
 def _decide() -> None:
@@ -166,9 +173,9 @@ def _decide() -> None:
     # As the networks of explorers do.
     product(np.ones((1, 1), np.float32), np.ones((1, 1)))
     unmapped_points(env.loop.known_map(), np.zeros((1, 2)), 0.1)
-    looks = Looks(env.loop.context)
-    looks.note(Pose2D(0.0, 0.0, 0.0), np.ones(_LASER.num_beams, np.float32))
-    looks.figures([np.ones((1, 2))], np.ones((1, 2)))
+    views = ViewHistory(env.loop.context)
+    views.note(Pose2D(0.0, 0.0, 0.0), np.ones(_LASER.num_beams, np.float32))
+    views.figures([np.ones((1, 2))], np.ones((1, 2)))
     env.step(0)
 
 
@@ -205,10 +212,11 @@ KERNEL_PARTS: dict[str, tuple[Callable[[], None], Callable[..., Any]]] = {
 def _seen_from(pose: Pose2D, half: float) -> Float32Array:
     """Ranges of a scan in a square room about the origin, whose side is twice ``half`` [m]."""
     angles = pose.theta + _LASER.angles
-    x, y = np.cos(angles), np.sin(angles)
-    return np.minimum((half * np.sign(x) - pose.x) / x, (half * np.sign(y) - pose.y) / y).astype(
-        np.float32
-    )
+    x = np.cos(angles)
+    y = np.sin(angles)
+    to_side = (half * np.sign(x) - pose.x) / x
+    to_front = (half * np.sign(y) - pose.y) / y
+    return np.minimum(to_side, to_front).astype(np.float32)
 
 
 def _two_rooms() -> FloorPlan:

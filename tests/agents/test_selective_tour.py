@@ -24,8 +24,8 @@ from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
-from slamgym.planning.looks import Looks
 from slamgym.planning.promise import Promise
+from slamgym.planning.view_history import ViewHistory
 
 
 @pytest.fixture
@@ -120,12 +120,12 @@ def test_the_network_of_the_package_is_done_sooner_than_the_rule(env):
     ],
 )
 def test_beams_are_counted_by_what_became_of_them(env, read, expected):
-    looks = Looks(env.explorer_context())
+    views = ViewHistory(env.explorer_context())
     beams = env.explorer_context().geometry.num_beams
-    looks.note(Pose2D(0.0, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))
-    looks.note(Pose2D(0.01, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))  # the same place
+    views.note(Pose2D(0.0, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))
+    views.note(Pose2D(0.01, 0.0, 0.5 * math.pi), np.full(beams, read, np.float32))  # the same place
     behind = np.array([[0.0, -1.0]])  # out of the scanner's field
-    found = looks.figures([np.array([[0.0, 1.0]]), behind], np.array([[0.0, 1.0], [0.0, -1.0]]))
+    found = views.figures([np.array([[0.0, 1.0]]), behind], np.array([[0.0, 1.0], [0.0, -1.0]]))
     names = [name for name in FRONTIER_FIGURES[16:] if name != "unseen_share"]
     for name, scale in {
         "looks": 3.0,
@@ -150,15 +150,15 @@ def test_moments_of_what_a_frontier_hides_follow_from_the_chances(env, network, 
     observation, _ = env.reset(seed=5)
     explorer.predict(observation)
     loop = explorer.loops[0]
-    looks = Looks(env.explorer_context())
-    looks.note(loop.pose, observation["scan"])
+    views = ViewHistory(env.explorer_context())
+    views.note(loop.pose, observation["scan"])
     for most, mean, square in (
         (0.05, 0.05, 0.0025),
         (1.0, 1.0, 1.0),
         (2.0, 1.5, 2.5),
         (100.0, 2.0, 5.0),
     ):
-        found = moments(read.chances(describe_frontiers(loop, looks, loop.wanted)), most)
+        found = moments(read.chances(describe_frontiers(loop, views, loop.wanted)), most)
         assert found.shape == (2, len(loop.wanted))
         np.testing.assert_allclose(found.T, [(mean, square)] * len(loop.wanted), rtol=1e-12)
     for path, reason in (

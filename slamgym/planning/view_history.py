@@ -15,7 +15,7 @@ _BESIDE = 0.2  # what a beam meets so near to a frontier is there [m]
 _NEAR_BY = 1.2  # [m]
 
 
-class Looks:
+class ViewHistory:
     """Scans of one exploration, and where they were taken.
 
     Args:
