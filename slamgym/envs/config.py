@@ -79,9 +79,8 @@ class ObservationConfig(Settings, section="observation"):
 
     def holding(self, extent: float) -> "ObservationConfig":
         """The same with a canvas that holds a plan of some extent [m], wherever the robot starts."""
-        return dataclasses.replace(
-            self, map_size=max(self.map_size, float(math.ceil(2.0 * extent)))
-        )
+        needed = float(math.ceil(2.0 * extent))
+        return dataclasses.replace(self, map_size=max(self.map_size, needed))
 
     def frame(self) -> GridFrame:
         """The global canvas in the map frame: centred on the start, the origin being a corner of cells."""
@@ -174,11 +173,12 @@ class ExploreConfig(
         The whole map is observed (and shared between steps), every scan is recorded, and the explorer alone
         decides when it is done.
         """
+        whole_map = dataclasses.replace(
+            self.observation, preset="dict", map="global", shared_map=True
+        )
         return dataclasses.replace(
             self,
-            observation=dataclasses.replace(
-                self.observation, preset="dict", map="global", shared_map=True
-            ),
+            observation=whole_map,
             actions="physical" if self.actions == "discrete" else self.actions,
             coverage_goal=None,
             terminate_when_explored=False,
@@ -220,18 +220,17 @@ def resolve_config(config: ExploreConfig | None, settings: Mapping[str, Any]) ->
 
 def resolve_part(name: str, current: Any, value: Any) -> Any:
     """A field's new value: as given, or with what a mapping or the name of an error level changes."""
-    if (
-        not dataclasses.is_dataclass(current)
-        or isinstance(current, type)
-        or isinstance(value, type(current))
-    ):
+    is_part = dataclasses.is_dataclass(current) and not isinstance(current, type)
+    if not is_part or isinstance(value, type(current)):
         return value
     if isinstance(value, str) and name in ERROR_LEVELS:
         return ERROR_LEVELS[name](value)
     if isinstance(value, Mapping):
         values = {entry.name: getattr(current, entry.name) for entry in dataclasses.fields(current)}
         return from_dict(type(current), {**values, **value}, name)
-    levels = ", or the name of an error level" if name in ERROR_LEVELS else ""
-    raise ConfigError(
-        f"{name} must be a {type(current).__name__} or a mapping of its fields{levels}, not {value!r}"
-    )
+    kind = type(current).__name__
+    if name in ERROR_LEVELS:
+        raise ConfigError(
+            f"{name} must be a {kind} or a mapping of its fields, or the name of an error level, not {value!r}"
+        )
+    raise ConfigError(f"{name} must be a {kind} or a mapping of its fields, not {value!r}")

@@ -182,16 +182,17 @@ class ExploreEnv(gym.Env[Any, Any]):
         """
         super().reset(seed=seed)
         announce_compilation(cast_sweep)
-        config, wanted = self.config, ResetOptions.read(options)
+        config = self.config
+        wanted = ResetOptions.read(options)
         streams = Streams.spawn(self.np_random)
-        self._prepared, start = self._plan_cache.choose_site(wanted, streams, config.clutter)
-        self._refuse_too_large(self._prepared.plan, start)
+        prepared, start = self._plan_cache.choose_site(wanted, streams, config.clutter)
+        self._prepared = prepared
+        self._refuse_too_large(prepared.plan, start)
 
-        self._simulation = simulation = Simulation(
-            self._prepared, start, config, self._lidar, streams
-        )
+        simulation = Simulation(prepared, start, config, self._lidar, streams)
+        self._simulation = simulation
         self.assessment = Assessment(
-            self._prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
+            prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
         )
         self._view = make_view(config)
         self._frontiers = CompletionDetector.of(config)
@@ -199,11 +200,15 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._record()
         observation = self._observe(is_publication_due=True)
         self._show()
-        return observation, {**self.assessment.info(), "plan": self.plan.id}
+        info = self.assessment.info()
+        info["plan"] = self.plan.id
+        return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Drive for one control step; see :class:`gymnasium.Env`."""
-        config, simulation, assessment = self.config, self.simulation, self.assessment
+        config = self.config
+        simulation = self.simulation
+        assessment = self.assessment
         motion = simulation.step(self._actions.to_command(action))
         assessment.look()
         self._record()
@@ -211,12 +216,15 @@ class ExploreEnv(gym.Env[Any, Any]):
         is_publication_due = simulation.steps % config.publication_steps == 0
         terminated = self._is_complete(is_publication_due)
         truncated = config.max_steps is not None and simulation.steps >= config.max_steps
-        reward, terms = self._reward(assessment.assess(motion, config.control_step, terminated))
+        record = assessment.assess(motion, config.control_step, terminated)
+        reward, terms = self._reward(record)
 
         observation = self._observe(is_publication_due)
-        info = {**assessment.info(), "reward_terms": terms}
+        info = assessment.info()
+        info["reward_terms"] = terms
         if terminated or truncated:
-            info |= {"is_success": terminated, "map_error": assessment.map_error.measure()}
+            info["is_success"] = terminated
+            info["map_error"] = assessment.map_error.measure()
         self._show()
         return observation, reward, terminated, truncated, info
 
@@ -293,10 +301,8 @@ class ExploreEnv(gym.Env[Any, Any]):
         """
         config = self.config
         observation = config.observation
-        if (observation.preset, observation.map) != (
-            "dict",
-            "global",
-        ) or config.actions == "discrete":
+        shows_whole_map = observation.preset == "dict" and observation.map == "global"
+        if not shows_whole_map or config.actions == "discrete":
             raise ConfigError(
                 'explorers need observation={"preset": "dict", "map": "global"} and velocities as actions; '
                 "ExploreConfig.for_explorer() sets both"
@@ -322,29 +328,29 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def _is_complete(self, is_publication_due: bool) -> bool:
         """True if the exploration is complete by one of the rules in force."""
-        config, simulation = self.config, self.simulation
+        config = self.config
         if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
             return True
         if not (config.terminate_when_explored and is_publication_due):
             return False
-        return self._frontiers.is_explored(
-            simulation.mapper.occupancy_grid(), simulation.believed_pose
-        )
+        grid = self.simulation.mapper.occupancy_grid()
+        return self._frontiers.is_explored(grid, self.simulation.believed_pose)
 
     def _observe(self, is_publication_due: bool) -> Any:
         simulation = self.simulation
-        ranges, pose, velocity = (
-            simulation.scan.ranges,
-            simulation.believed_pose,
-            simulation.velocity,
+        now = SensedStep(
+            mapper=simulation.mapper,
+            ranges=simulation.scan.ranges,
+            pose=simulation.believed_pose,
+            velocity=simulation.velocity,
+            is_new=simulation.is_new_scan_processed,
+            is_published=is_publication_due,
         )
-        is_new = simulation.is_new_scan_processed
-        seen = self._view.look(
-            SensedStep(simulation.mapper, ranges, pose, velocity, is_new, is_publication_due)
-        )
+        seen = self._view.look(now)
         if self.config.observation.preset != "dict":
             return seen
-        return self._measurements.observe(seen, ranges, pose, velocity, (simulation.scan.stamp,))
+        stamps = (simulation.scan.stamp,)
+        return self._measurements.observe(seen, now.ranges, now.pose, now.velocity, stamps)
 
     def _record(self) -> None:
         if self.log is not None:
@@ -365,9 +371,13 @@ class ExploreEnv(gym.Env[Any, Any]):
 
 def explorer_context(config: ExploreConfig) -> ExplorerContext:
     """What an explorer may know in advance of an environment with these settings."""
-    robot = config.robot
     return ExplorerContext(
-        config.observation.frame(), Lidar(config.lidar).geometry,
-        robot.radius, robot.max_linear, robot.max_angular,
-        config.control_step, MAP_UPDATE_INTERVAL, config.actions == "normalized",
-    )  # fmt: skip
+        frame=config.observation.frame(),
+        geometry=Lidar(config.lidar).geometry,
+        robot_radius=config.robot.radius,
+        max_linear=config.robot.max_linear,
+        max_angular=config.robot.max_angular,
+        control_step=config.control_step,
+        map_update_interval=MAP_UPDATE_INTERVAL,
+        normalized_actions=config.actions == "normalized",
+    )

@@ -105,21 +105,18 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             "loop", ExplorationLoopConfig(), loop or {}
         )
         self.discount = discount
-        self.inner = ExploreEnv(
-            plans,
-            dataclasses.replace(
-                asked.for_explorer(),
-                coverage_goal=asked.coverage_goal,
-                record=asked.record or render_mode is not None,
-            ),
-            render_mode=render_mode,
-            reward_terms=reward_terms,
+        self.config = dataclasses.replace(
+            asked.for_explorer(),
+            coverage_goal=asked.coverage_goal,
+            record=asked.record or render_mode is not None,
         )
-        self.config = self.inner.config
+        self.inner = ExploreEnv(
+            plans, self.config, render_mode=render_mode, reward_terms=reward_terms
+        )
         self.render_mode = render_mode
-        k = self.loop_config.max_candidates
-        self.observation_space = FrontierFeatures(k).space
-        self.action_space = spaces.Discrete(k)
+        num_rows = self.loop_config.max_candidates
+        self.observation_space = FrontierFeatures(num_rows).space
+        self.action_space = spaces.Discrete(num_rows)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
 
@@ -139,21 +136,24 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode, up to the first decision; see :meth:`ExploreEnv.reset`."""
         super().reset(seed=seed)
-        inner, info = self.inner.reset(seed=seed, options=options)
+        observation, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
         self._features = FrontierFeatures(self.loop_config.max_candidates)
-        is_due = self._loop.observe(inner)
+        is_due = self._loop.observe(observation)
         _, self._truncated, info = self._drive(is_due, info)
         return self._observe(info, duration=0.0)
 
     def step(self, action: Any) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive to a frontier until the next decision; see :class:`gymnasium.Env`."""
-        loop, reward = self.loop, 0.0
-        begin, info = loop.time, {**self._info, "reward_terms": {}}
+        loop = self.loop
+        begin = loop.time
+        reward = 0.0
+        info = {**self._info, "reward_terms": {}}
         if loop.candidates and not (self._truncated or self._is_complete(info)):
             index = self._row(action)
-            chosen = loop.choose(index if index < len(loop.candidates) else 0)
-            reward, self._truncated, info = self._drive(not chosen and bool(loop.candidates), info)
+            is_chosen = loop.choose(index if index < len(loop.candidates) else 0)
+            is_due = bool(loop.candidates) and not is_chosen
+            reward, self._truncated, info = self._drive(is_due, info)
         terminated = self._is_complete(info)
         if terminated or self._truncated:
             info |= {"is_success": terminated, "map_error": self.inner.map_error()}
@@ -193,28 +193,33 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def _drive(self, is_due: bool, info: dict[str, Any]) -> tuple[float, bool, dict[str, Any]]:
         """Drive until the next decision or the end: (discounted reward, truncated, info)."""
-        loop, begin = self.loop, self.loop.time
-        total, weight = 0.0, 1.0
+        loop = self.loop
+        begin = loop.time
+        weight = 1.0
+        total = 0.0
         terms: dict[str, float] = {}
-
-        def add(reward: float, parts: Mapping[str, float]) -> None:
-            nonlocal total
-            total += weight * reward
-            for name, value in parts.items():
-                terms[name] = terms.get(name, 0.0) + weight * value
-
-        terminated = truncated = False
+        terminated = False
+        truncated = False
         while not (is_due or loop.finished or terminated or truncated):
             weight = self.discount ** (loop.time - begin)
-            command = self._context.to_action(loop.command())
-            observation, reward, terminated, truncated, info = self.inner.step(command)
-            add(reward, info["reward_terms"])
+            action = self._context.to_action(loop.command())
+            observation, reward, terminated, truncated, info = self.inner.step(action)
+            total += weight * reward
+            _add(terms, info["reward_terms"], weight)
             is_due = loop.observe(observation)
         if loop.finished and not terminated:
-            add(*self.inner.assessment.conclude())
+            reward, last_terms = self.inner.assessment.conclude()
+            total += weight * reward
+            _add(terms, last_terms, weight)
         return total, truncated and not terminated, {**info, "reward_terms": terms}
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         observation = self._features.observe(self.loop)
         self._info = {**info, "duration": duration, "time": self.loop.time}
         return observation, self._info
+
+
+def _add(sums: dict[str, float], terms: Mapping[str, float], weight: float) -> None:
+    """Add weighted terms to sums."""
+    for name, value in terms.items():
+        sums[name] = sums.get(name, 0.0) + weight * value

@@ -28,8 +28,11 @@ PlansArgument = str | Path | FloorPlan | Sequence[FloorPlan] | PlanSource
 KEPT_SITES = 64
 """Sites kept ready. One takes some hundred kilobytes; a run on more plans rebuilds them, at some milliseconds each."""
 
-# Plans tried in a row before a source counts as useless.
 _TRIES = 100
+"""Plans tried in a row before a source counts as useless."""
+
+_MOST_SEARCHED = 1000
+"""An id that isn't there is compared with so many others at most."""
 
 
 class Streams(NamedTuple):
@@ -127,8 +130,10 @@ class PlanCache:
         surfaces: SurfaceConfig | None = None,
         kept: int = KEPT_SITES,
     ) -> None:
-        self._source, self._kept = _open(plans), kept
-        self._robot, self._surfaces = robot, surfaces
+        self._source = _open(plans)
+        self._kept = kept
+        self._robot = robot
+        self._surfaces = surfaces
         self._plan_cache: OrderedDict[str, PreparedPlan] = OrderedDict()
         self._refused: dict[str, PlanError] = {}
 
@@ -173,13 +178,15 @@ class PlanCache:
         plan = wanted.plan
         if plan is None:
             prepared = self.draw(streams.plan)
+        elif isinstance(plan, FloorPlan):
+            prepared = self.of(plan)
         else:
-            prepared = self.of(plan) if isinstance(plan, FloorPlan) else self.named(plan)
+            prepared = self.named(plan)
         if not clutter.is_empty:
-            prepared = prepared.furnished(
-                make_clutter(prepared.plan, streams.clutter, clutter, self._robot)
-            )
-        return prepared, wanted.start or prepared.sample_start(streams.start)
+            drawn = make_clutter(prepared.plan, streams.clutter, clutter, self._robot)
+            prepared = prepared.furnished(drawn)
+        start = wanted.start or prepared.sample_start(streams.start)
+        return prepared, start
 
     def named(self, plan_id: str) -> PreparedPlan:
         """A plan by its id.
@@ -194,13 +201,12 @@ class PlanCache:
         try:
             plan = self._source.load(plan_id)
         except KeyError:
-            ids = self._source.ids  # searched and shown where they are few enough
-            hint = (
-                suggest(plan_id, ids)
-                if len(ids) <= 1000
-                else f"the source has {len(ids)} plans, as {ids[0]!r}"
-            )
-            raise ConfigError(f"there is no plan {plan_id!r}; {hint}") from None
+            ids = self._source.ids
+            if len(ids) > _MOST_SEARCHED:
+                raise ConfigError(
+                    f"there is no plan {plan_id!r}; the source has {len(ids)} plans, as {ids[0]!r}"
+                ) from None
+            raise ConfigError(f"there is no plan {plan_id!r}; {suggest(plan_id, ids)}") from None
         return self._keep(plan_id, plan)
 
     def of(self, plan: FloorPlan) -> PreparedPlan:
@@ -210,11 +216,9 @@ class PlanCache:
             PlanError: If it can't be explored.
         """
         prepared = self._plan_cache.get(plan.id)
-        return (
-            prepared
-            if prepared is not None and prepared.plan is plan
-            else self._keep(plan.id, plan)
-        )
+        if prepared is not None and prepared.plan is plan:
+            return prepared
+        return self._keep(plan.id, plan)
 
     def _keep(self, key: str, plan: FloorPlan) -> PreparedPlan:
         check_plan(plan, self._robot.radius)
@@ -265,9 +269,10 @@ class ResetOptions(NamedTuple):
         for name in options:
             if name not in cls._fields:
                 raise ConfigError(f"unknown reset option {name!r}; {suggest(name, cls._fields)}")
-        plan, start = options.get("plan"), options.get("start")
+        plan = options.get("plan")
         if plan is not None and not isinstance(plan, str | FloorPlan):
             raise ConfigError(f"the reset option 'plan' must be an id or a FloorPlan, not {plan!r}")
+        start = options.get("start")
         if start is None:
             return cls(plan)
         try:

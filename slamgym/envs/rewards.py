@@ -191,7 +191,7 @@ class Reward:
             weight = getattr(config, name)
             if weight != 0.0:
                 self.terms[name] = weight, function
-        own_terms = extra or {}
+        own_terms: Any = extra or {}
         if not isinstance(own_terms, Mapping):
             raise ConfigError(
                 f"reward_terms must be a mapping of names to (weight, function), not {extra!r}"

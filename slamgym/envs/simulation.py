@@ -41,20 +41,22 @@ class Actions:
     """
 
     def __init__(self, config: ExploreConfig) -> None:
-        linear, angular = config.robot.max_linear, config.robot.max_angular
+        linear = config.robot.max_linear
+        angular = config.robot.max_angular
         self._kind = config.actions
         self._scale = (linear, angular) if config.actions == "normalized" else (1.0, 1.0)
         self._commands: dict[int, Twist2D] = {}
         self.space: spaces.Space[Any]
         if config.actions == "discrete":
-            turns = Twist2D(0.0, angular), Twist2D(0.0, -angular)
-            self._commands = dict(enumerate((Twist2D(linear, 0.0), *turns)))
+            self._commands = {
+                0: Twist2D(linear, 0.0),
+                1: Twist2D(0.0, angular),
+                2: Twist2D(0.0, -angular),
+            }
             self.space = spaces.Discrete(len(self._commands))
         else:
-            high = np.array([linear, angular]) / self._scale
-            self.space = spaces.Box(
-                -high.astype(np.float32), high.astype(np.float32), dtype=np.float32
-            )
+            high = (np.array([linear, angular]) / self._scale).astype(np.float32)
+            self.space = spaces.Box(-high, high, dtype=np.float32)
 
     def to_command(self, action: Any) -> Twist2D:
         """The velocity that an action asks for; the world cuts off what exceeds the robot's limits.
@@ -132,13 +134,16 @@ class SimulatedRobot:
         self._odometry_rng = streams.odometry
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._dt = config.control_step
-        self.radius, self.steps, self._in_contact = config.robot.radius, 0, False
+        self.radius = config.robot.radius
+        self.steps = 0
         self.start = start
         self.world_from_map = Pose2D(start.x, start.y, 0.0)
         self.odometry_pose = Pose2D(0.0, 0.0, start.theta)
         self._odometry.reset(self.odometry_pose)
         self.velocity = Twist2D(0.0, 0.0)
-        self.path_length, self.collisions = 0.0, 0
+        self.path_length = 0.0
+        self.collisions = 0
+        self._in_contact = False
         self._sense()
 
     @property
@@ -159,16 +164,18 @@ class SimulatedRobot:
 
     def step(self, command: Twist2D) -> Motion:
         """Drive for one control step towards a velocity, then scan."""
-        motion = self.world.step(command, self._dt)
+        dt = self._dt
+        motion = self.world.step(command, dt)
         before = self.odometry_pose
         self.odometry_pose = self._odometry.update(motion, self._odometry_rng)
         moved = between(before, self.odometry_pose)
-        self.velocity = Twist2D(moved.x / self._dt, moved.theta / self._dt)
+        self.velocity = Twist2D(moved.x / dt, moved.theta / dt)
         self.steps += 1
         self.path_length += motion.distance
         self.collisions += motion.contact and not self._in_contact
         self._in_contact = motion.contact
-        self._sense(Twist2D(motion.increment.x / self._dt, motion.increment.theta / self._dt))
+        driven = motion.increment
+        self._sense(Twist2D(driven.x / dt, driven.theta / dt))
         return motion
 
     def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
@@ -200,10 +207,8 @@ class Simulation(SimulatedRobot):
         lidar: Lidar,
         streams: Streams,
     ) -> None:
-        initial, finished = (
-            Pose2D(0.0, 0.0, start.theta),
-            finished_map(prepared.plan, start, config),
-        )
+        initial = Pose2D(0.0, 0.0, start.theta)
+        finished = finished_map(prepared.plan, start, config)
         self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
         self._believes_truth = config.slam.mode == "ground_truth"
         super().__init__(prepared, start, config, lidar, streams)

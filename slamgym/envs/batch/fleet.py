@@ -290,8 +290,12 @@ class Fleet:
             return
         assert self.target is not None, "the observer sets it"
         sense_all(
-            (self.robots, scenes, self.scans, self.maps),
-            (self._scanner, self.map_model),
+            self.robots,
+            scenes,
+            self.scans,
+            self.maps,
+            self._scanner,
+            self.map_model,
             ids,
             self.times,
             is_published,

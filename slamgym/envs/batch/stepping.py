@@ -295,8 +295,12 @@ def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
 
 @kernel
 def sense_all(
-    world: tuple[Robots, Scenes, Scans, Maps],
-    models: tuple[ScanModel, MapModel],
+    robots: Robots,
+    scenes: Scenes,
+    scans: Scans,
+    maps: Maps,
+    scanner: ScanModel,
+    model: MapModel,
     ids: IntArray,
     times: FloatArray,
     is_published: BoolArray,
@@ -306,8 +310,12 @@ def sense_all(
     """Scan, map, publish and observe, one robot after the other, so that each map is in the cache.
 
     Args:
-        world: Robots, scenes, scans and maps.
-        models: Of the scanner and of the map.
+        robots: Where they stand, or believe to.
+        scenes: What they see; the floor is changed in place.
+        scans: Draws; receives the ranges.
+        maps: Changed in place.
+        scanner: The scanner.
+        model: How maps are drawn.
         ids: Environments.
         times: Robot time, shape (N,) [s].
         is_published: Whose map is published now, shape (N,).
@@ -315,8 +323,6 @@ def sense_all(
             :func:`slamgym.envs.observations.crop_points` says.
         out: Receives observations of the preset ``compact``, shape (N, n), or crops, shape (N, 1, h, w).
     """
-    robots, scenes, scans, maps = world
-    scanner, model = models
     for k in range(len(ids)):
         i = ids[k]
         one = ids[k : k + 1]
