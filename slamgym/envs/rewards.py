@@ -234,14 +234,15 @@ def _own_term(
         raise ConfigError(
             f"reward_terms[{name!r}] must be (weight, function), not {entry!r}"
         ) from None
-    if not callable(function) or not math.isfinite(weight):
-        hint = "give a function of a StepRecord"
-        if isinstance(function, str):
-            hint = suggest(function, taken)
+    if callable(function) and math.isfinite(weight):
+        return weight, function
+    if isinstance(function, str):
         raise ConfigError(
-            f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {hint}"
+            f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; {suggest(function, taken)}"
         )
-    return weight, function
+    raise ConfigError(
+        f"reward_terms[{name!r}] must be (weight, function), not {entry!r}; give a function of a StepRecord"
+    )
 
 
 def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:

@@ -176,16 +176,31 @@ def look_all(
             normal = scans.normal[i]
             measure_beams(sensors, walls, true, hits, materials, law[:], normal, measured)  # type: ignore[arg-type]
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
-            begin = scans.burst[i, 0]
-            for k in range(scans.burst[i, 1]):
-                measured[begin + k] = min(measured[begin + k], scans.pulses[i, k])
+            _add_burst(scans, i, measured)
         write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
-        rows, cols = scenes.floor_shape[i]
-        unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
-        left, bottom = scenes.floor_corner[i]
-        scenes.seen[i] += sweep(
-            unseen, left, bottom, CELL, x, y, theta, scanner.directions, true, scanner.usable
-        )
+        _see_floor(scenes, scanner, i, sensor, true)
+
+
+@kernel
+def _add_burst(scans: Scans, i: int, measured: FloatArray) -> None:
+    """Let a burst of cross-talk shorten the ranges that it hits."""
+    first, count = scans.burst[i]
+    for k in range(count):
+        measured[first + k] = min(measured[first + k], scans.pulses[i, k])
+
+
+@kernel
+def _see_floor(
+    scenes: Scenes, scanner: ScanModel, i: int, sensor: Pose2D, true: FloatArray
+) -> None:
+    """Account for the floor that the beams of a scan have passed."""
+    rows, cols = scenes.floor_shape[i]
+    unseen = scenes.unseen[i, : rows * cols].reshape(rows, cols)
+    left, bottom = scenes.floor_corner[i]
+    x, y, theta = sensor
+    scenes.seen[i] += sweep(
+        unseen, left, bottom, CELL, x, y, theta, scanner.directions, true, scanner.usable
+    )
 
 
 @kernel
@@ -251,7 +266,7 @@ def _is_processed(maps: Maps, model: MapModel, i: int, odometry: Pose2D, time: f
 def _draw(maps: Maps, model: MapModel, i: int, ranges: Float32Array) -> None:
     """Draw a scan from the last processed pose."""
     rows, cols = maps.shape[i]
-    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
+    counts = _counts(maps, i)
     corner = _corner(maps, i)
     resolution = model.resolution
     poses = maps.anchor[i : i + 1]
@@ -276,21 +291,32 @@ def _corner(maps: Maps, i: int) -> Place:
 
 
 @kernel
+def _counts(maps: Maps, i: int) -> Any:
+    """Hits and visits of one map's cells, shape (H, W, 2)."""
+    rows, cols = maps.shape[i]
+    return maps.counts[i, : rows * cols].reshape(rows, cols, 2)
+
+
+@kernel
+def _cells(maps: Maps, i: int) -> Any:
+    """One map as it is shown, shape (H, W)."""
+    rows, cols = maps.shape[i]
+    return maps.cells[i, : rows * cols].reshape(rows, cols)
+
+
+@kernel
 def _classify(maps: Maps, model: MapModel, i: int, box: CellBox) -> None:
     """Bring shown cells up to date."""
-    rows, cols = maps.shape[i]
-    counts = maps.counts[i, : rows * cols].reshape(rows, cols, 2)
-    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
+    counts = _counts(maps, i)
+    cells = _cells(maps, i)
     classify_counts(counts, box, model.threshold, (0.0, 0.0), model.min_passes, cells)
 
 
 @kernel
 def _tiles(maps: Maps, i: int, resolution: float) -> Tiles:
     """One robot's map."""
-    rows, cols = maps.shape[i]
-    cells = maps.cells[i, : rows * cols].reshape(rows, cols)
     top, left, bottom, right = maps.known[i]
-    return cells, _corner(maps, i), resolution, (top, left, bottom, right)
+    return _cells(maps, i), _corner(maps, i), resolution, (top, left, bottom, right)
 
 
 @kernel
