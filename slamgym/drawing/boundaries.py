@@ -5,20 +5,25 @@ lines to what stands opposite, as far as :data:`WIDEST` goes. The translator's l
 space on both sides, then say how likely each line is.
 """
 
+import itertools
 import math
 from collections import defaultdict
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from shapely import MultiPolygon
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame
+from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
 from slamgym.drawing.evidence import values_at
 from slamgym.drawing.free_space import FreeSpace, cross
 from slamgym.metrics.layers import MapLayers
 
-WIDEST, NARROWEST = 2.6, 0.35
-"""Widths between which candidates lie [m]."""
+WIDEST = 2.6
+"""Candidates are narrower [m]."""
+NARROWEST = 0.35
+"""Candidates are wider [m]."""
 MOST_OPPOSITE = 4
 """Lines from a corner to what stands opposite."""
 APART = math.cos(math.radians(25.0))
@@ -28,10 +33,12 @@ DOOR_REACH = 0.1
 JAMB_STEPS = 0.1 * np.arange(0.5, 13.0)
 """Places beyond the ends of a boundary at which the wall is looked for [m]."""
 
-CONSTANT, WEIGHTS = 1.04, np.array([1.12, 0.65, 0.76, 1.32, 1.01])
-"""Coefficients of a logistic function of :func:`boundary_signs`, by ``benchmarks/drawing/boundaries.py``.
+CONSTANT = 1.04
+"""Constant of a logistic function of :func:`boundary_signs`, by ``benchmarks/drawing/boundaries.py``.
 
-The constant is larger by 1 than the fitted one: a boundary that is missed spoils two rooms, one too many splits one."""
+It is larger by 1 than the fitted one: a boundary that is missed spoils two rooms, one too many splits one."""
+WEIGHTS = np.array([1.12, 0.65, 0.76, 1.32, 1.01])
+"""Coefficients of the signs in the same function, one each."""
 
 
 def candidates(
@@ -56,36 +63,83 @@ def candidates(
 
 def candidate_lines(space: FreeSpace) -> FloatArray:
     """The shortest lines from corners of walls to what stands opposite, (N, 2, 2) [m], some of them twice."""
+    lines = _lines_from_corners(space)
+    nearest = _shortest_of_each(lines.corner, lines.width, 3 * MOST_OPPOSITE)
+    lines = lines.take(nearest)
+    usable = np.flatnonzero(_runs_inside(lines, space) & _is_unobstructed(lines, space))
+    chosen = _spread(lines, usable.tolist())
+    chosen = chosen[np.argsort(lines.width[chosen], kind="stable")]
+    return np.stack([lines.start[chosen], lines.end[chosen]], axis=1)
+
+
+class _Lines(NamedTuple):
+    """Lines from corners of walls to what stands opposite."""
+
+    corner: IntArray  # (N,) numbers of the edges that start where they begin
+    start: FloatArray  # (N, 2) [m]
+    end: FloatArray  # (N, 2) [m]
+    width: FloatArray  # (N,) [m]
+
+    @property
+    def direction(self) -> FloatArray:
+        """From the corner, (N, 2)."""
+        return (self.end - self.start) / self.width[:, None]
+
+    def take(self, chosen: IntArray) -> "_Lines":
+        """Some of them, by their numbers."""
+        return _Lines(self.corner[chosen], self.start[chosen], self.end[chosen], self.width[chosen])
+
+
+def _lines_from_corners(space: FreeSpace) -> _Lines:
+    """Lines from all corners to the nearest points of the edges around, of the widths that boundaries have."""
     corners = np.flatnonzero(space.is_wall_corner)
-    of, edge = space.edges_near(space.start[corners], WIDEST)
-    corner = corners[of]
-    place, along = space.start[corner], space.along[edge]
-    share = ((place - space.start[edge]) * along).sum(axis=1) / np.maximum(
-        space.length[edge] ** 2, 1e-12
-    )
+    number, edge = space.edges_near(space.start[corners], WIDEST)
+    corner = corners[number]
+    start = space.start[corner]
+    along = space.along[edge]
+    share = ((start - space.start[edge]) * along).sum(axis=1)
+    share /= np.maximum(space.length[edge] ** 2, 1e-12)
     share = np.clip(share, 0.0, 1.0)
     end = space.start[edge] + share[:, None] * along
-    width = np.hypot(*(end - place).T)
+    width = np.hypot(*(end - start).T)
     is_end = (share < 1e-6) | (share > 1.0 - 1e-6)
-    opposite_corner = space.is_wall_corner[np.where(share < 0.5, edge, space.after[edge])]
-    good = np.flatnonzero((width > NARROWEST) & (width < WIDEST) & (opposite_corner | ~is_end))
-    good = good[np.lexsort((width[good], of[good]))]
-    rank = np.arange(len(good)) - np.searchsorted(of[good], of[good])
-    good = good[rank < 3 * MOST_OPPOSITE]
-    place, corner, width = place[good], corner[good], width[good]
-    ways = (end[good] - place) / width[:, None]
-    inside = np.maximum(
-        cross(space.direction[space.before[corner]], ways), cross(space.direction[corner], ways)
-    )
-    seen = space.reach(place + 1e-4 * ways, ways, 1.1 * WIDEST) > width - 0.02
+    nearer_end = np.where(share < 0.5, edge, space.after[edge])
+    may_end_there = space.is_wall_corner[nearer_end] | ~is_end
+    good = np.flatnonzero((width > NARROWEST) & (width < WIDEST) & may_end_there)
+    return _Lines(corner, start, end, width).take(good)
+
+
+def _shortest_of_each(corner: IntArray, width: FloatArray, most: int) -> IntArray:
+    """Numbers of at most so many lines of each corner, by corners and widths."""
+    order = np.lexsort((width, corner))
+    firsts = np.searchsorted(corner[order], corner[order])
+    rank = np.arange(len(order)) - firsts
+    return order[rank < most]
+
+
+def _runs_inside(lines: _Lines, space: FreeSpace) -> BoolArray:
+    """True for lines that leave their corner to the floor's side of one of its edges at least."""
+    before = cross(space.direction[space.before[lines.corner]], lines.direction)
+    behind = cross(space.direction[lines.corner], lines.direction)
+    return np.maximum(before, behind) > -1e-3
+
+
+def _is_unobstructed(lines: _Lines, space: FreeSpace) -> BoolArray:
+    """True for lines that meet no edge before their end."""
+    start = lines.start + 1e-4 * lines.direction
+    return space.reach(start, lines.direction, 1.1 * WIDEST) > lines.width - 0.02
+
+
+def _spread(lines: _Lines, usable: Sequence[int]) -> IntArray:
+    """Numbers of the first usable lines of each corner that differ in direction, corner by corner."""
+    direction = lines.direction
     kept: dict[int, list[int]] = defaultdict(list)
-    for index in np.flatnonzero(seen & (inside > -1e-3)).tolist():
-        some = kept[int(corner[index])]
-        if len(some) < MOST_OPPOSITE and (ways[some] @ ways[index] < APART).all():
-            some.append(index)
-    chosen = np.array([index for some in kept.values() for index in some], np.int64)
-    chosen = chosen[np.argsort(width[chosen], kind="stable")]
-    return np.stack([place[chosen], end[good][chosen]], axis=1)
+    for index in usable:
+        own = kept[int(lines.corner[index])]
+        differs = (direction[own] @ direction[index] < APART).all()
+        if len(own) < MOST_OPPOSITE and differs:
+            own.append(index)
+    return np.array(list(itertools.chain(*kept.values())), np.int64)
 
 
 def line_widths(lines: FloatArray) -> FloatArray:
@@ -113,20 +167,45 @@ def boundary_signs(
     width = line_widths(lines)
     along = (lines[:, 1] - lines[:, 0]) / width[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    middle = lines.mean(axis=1)
-    size = 2 * round(DOOR_REACH / frame.resolution) + 1
-    share = np.linspace(0.05, 0.95, 13)[None, :, None]
-    across = lines[:, :1] + share * (lines[:, 1:] - lines[:, :1])
-    on_line = values_at(cv2.dilate(door, np.ones((size, size), np.uint8)), frame, across, 0.0)
-    depths = [space.reach(middle + 1e-3 * way, way, 5.0) for way in (aside, -aside)]
-    solids = []
-    for end, way in ((lines[:, 0], -along), (lines[:, 1], along)):
-        beyond = end[:, None] + JAMB_STEPS[None, :, None] * way[:, None]
-        solids.append(0.1 * (values_at(free, frame, beyond, 0) == 0).cumprod(axis=1).sum(axis=1))
-    least, mean = _log_odds(on_line.min(axis=1)), _log_odds(on_line.mean(axis=1))
+    on_line = _doors_along(lines, door, frame)
+    depth = _depth(lines, aside, space)
+    other_depth = _depth(lines, -aside, space)
+    wall_before = _wall_beyond(lines[:, 0], -along, free, frame)
+    wall_after = _wall_beyond(lines[:, 1], along, free, frame)
     return np.column_stack(
-        [least, mean, np.log(width), np.log1p(np.minimum(*depths)), np.maximum(*solids)]
+        [
+            _log_odds(on_line.min(axis=1)),
+            _log_odds(on_line.mean(axis=1)),
+            np.log(width),
+            np.log1p(np.minimum(depth, other_depth)),
+            np.maximum(wall_before, wall_after),
+        ]
     )
+
+
+def _doors_along(lines: FloatArray, door: Float32Array, frame: GridFrame) -> FloatArray:
+    """Largest probabilities of a door around places along lines, (N, places)."""
+    size = 2 * round(DOOR_REACH / frame.resolution) + 1
+    around = cv2.dilate(door, np.ones((size, size), np.uint8))
+    share = np.linspace(0.05, 0.95, 13)[None, :, None]
+    places = lines[:, :1] + share * (lines[:, 1:] - lines[:, :1])
+    return values_at(around, frame, places, 0.0)
+
+
+def _depth(lines: FloatArray, aside: FloatArray, space: FreeSpace) -> FloatArray:
+    """How far the floor goes on from the middles of lines in directions (N, 2), (N,) [m]."""
+    middle = lines.mean(axis=1)
+    return space.reach(middle + 1e-3 * aside, aside, 5.0)
+
+
+def _wall_beyond(
+    end: FloatArray, away: FloatArray, free: BoolArray, frame: GridFrame
+) -> FloatArray:
+    """How far the wall goes on beyond ends (N, 2) of lines in directions (N, 2), (N,) [m]."""
+    places = end[:, None] + JAMB_STEPS[None, :, None] * away[:, None]
+    is_solid = values_at(free, frame, places, 0) == 0
+    steps = is_solid.cumprod(axis=1).sum(axis=1)
+    return np.asarray(0.1 * steps)
 
 
 def _log_odds(share: FloatArray) -> FloatArray:

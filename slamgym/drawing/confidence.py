@@ -23,32 +23,48 @@ SHORTEST_CHANGE = 0.4
 """A wall is split into seen and inferred pieces of at least this length [m]."""
 NEAR_WALL = 0.5
 """Distance around a wall within which pieces of wall are counted [m]."""
-CONSTANT, WEIGHTS = 2.15, np.array([1.55, -1.4, -1.44])
-"""Coefficients of a logistic function of :func:`wall_signs`: the probability that a true wall lies within 20 cm.
+CONSTANT = 2.15
+"""Constant of a logistic function of :func:`wall_signs`: the probability that a true wall lies within 20 cm.
 
-Fitted on simulated homes (``benchmarks/drawing/wall_confidence.py``, docs/drawing/quality.md). The length of a wall,
-the model's certainty and the thickness said nothing more."""
+Fitted on simulated homes (``benchmarks/drawing/wall_confidence.py``, docs/drawing/quality.md)."""
+WEIGHTS = np.array([1.55, -1.4, -1.44])
+"""Coefficients of the signs in the same function, one each.
+
+The length of a wall, the model's certainty and the thickness said nothing more."""
 
 
 def confidences(signs: FloatArray) -> FloatArray:
     """Probabilities that a true wall lies within 20 cm of drawn ones, from :func:`wall_signs`."""
-    return 1.0 / (1.0 + np.exp(-(CONSTANT + signs @ WEIGHTS)))
+    log_odds = CONSTANT + signs @ WEIGHTS
+    return 1.0 / (1.0 + np.exp(-log_odds))
 
 
 def judged_walls(pieces: list[WallPiece], evidence: Evidence) -> list[DrawnWall]:
     """Split walls where the evidence begins and ends, and say how sure each piece is."""
-    parts = [part for piece in pieces for part in _split(piece, evidence.seen_along(piece))]
+    parts = []
+    for piece in pieces:
+        parts += _split(piece, evidence.seen_along(piece))
     signs = wall_signs(parts, evidence)
-    walls = []
-    for part, seen, sure in zip(
-        parts, signs[:, 0].tolist(), confidences(signs).tolist(), strict=True
-    ):
-        layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
-        start, end = map(tuple, part.centre_line.tolist())
-        walls.append(
-            DrawnWall(start, end, part.body, part.thickness, part.known, sure, seen, layer)
-        )
-    return walls
+    shares_seen = signs[:, 0].tolist()
+    sure = confidences(signs).tolist()
+    judged = zip(parts, shares_seen, sure, strict=True)
+    return [_drawn(part, share_seen, confidence) for part, share_seen, confidence in judged]
+
+
+def _drawn(piece: WallPiece, share_seen: float, confidence: float) -> DrawnWall:
+    """A piece of wall as drawings have it."""
+    start, end = map(tuple, piece.centre_line.tolist())
+    layer: Layer = "SEEN" if share_seen >= SEEN_SHARE else "INFERRED"
+    return DrawnWall(
+        start=start,
+        end=end,
+        polygon=piece.body,
+        thickness=piece.thickness,
+        thickness_known=piece.known,
+        confidence=confidence,
+        share_seen=share_seen,
+        layer=layer,
+    )
 
 
 def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
@@ -59,27 +75,45 @@ def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
     """
     seen = [float(evidence.seen_along(wall).mean()) for wall in walls]
     hidden = [evidence.hidden_behind(wall) for wall in walls]
-    lines: Any = shapely.linestrings(
-        np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
-    )
-    one, other = shapely.STRtree(lines).query(lines, predicate="dwithin", distance=NEAR_WALL)
-    metres = np.bincount(one, shapely.length(lines)[other], minlength=len(walls))
-    return np.column_stack([seen, hidden, np.log(np.bincount(one, minlength=len(walls)) / metres)])
+    ends = np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
+    lines: Any = shapely.linestrings(ends)
+    tree = shapely.STRtree(lines)
+    one, other = tree.query(lines, predicate="dwithin", distance=NEAR_WALL)
+    metres_around = np.bincount(one, shapely.length(lines)[other], minlength=len(walls))
+    pieces_around = np.bincount(one, minlength=len(walls))
+    return np.column_stack([seen, hidden, np.log(pieces_around / metres_around)])
 
 
 def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
     """Split a wall into pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
-    least = math.ceil(SHORTEST_CHANGE / (piece.length / len(seen)))
-    runs = list(itertools.pairwise([0, *(np.flatnonzero(np.diff(seen)) + 1).tolist(), len(seen)]))
-    while len(runs) > 1 and min(high - low for low, high in runs) < least:
-        shortest = min(range(len(runs)), key=lambda k: runs[k][1] - runs[k][0])
-        low, high = max(shortest - 1, 0), min(shortest + 1, len(runs) - 1)
-        runs[low : high + 1] = [(runs[low][0], runs[high][1])]
-    parts = []
-    for low, high in runs:
-        start, end = (
-            piece.start + place / len(seen) * (piece.end - piece.start) for place in (low, high)
-        )
-        before, after = piece.before if low == 0 else 0.0, piece.after if high == len(seen) else 0.0
-        parts.append(replace(piece, start=start, end=end, before=before, after=after))
-    return parts
+    step = piece.length / len(seen)
+    runs = _long_runs(seen, math.ceil(SHORTEST_CHANGE / step))
+    return [_part(piece, low, high, len(seen)) for low, high in runs]
+
+
+def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
+    """Where runs of the seen and of the unseen begin and end; shorter ones are joined with their neighbours."""
+    changes = np.flatnonzero(np.diff(seen)) + 1
+    runs = list(itertools.pairwise([0, *changes.tolist(), len(seen)]))
+    while len(runs) > 1:
+        lengths = [high - low for low, high in runs]
+        if min(lengths) >= least:
+            break
+        shortest = lengths.index(min(lengths))
+        first = max(shortest - 1, 0)
+        last = min(shortest + 1, len(runs) - 1)
+        joined = (runs[first][0], runs[last][1])
+        runs[first : last + 1] = [joined]
+    return runs
+
+
+def _part(piece: WallPiece, low: int, high: int, count: int) -> WallPiece:
+    """The piece of a wall from one of ``count`` places along it to another."""
+    along = piece.end - piece.start
+    return replace(
+        piece,
+        start=piece.start + low / count * along,
+        end=piece.start + high / count * along,
+        before=piece.before if low == 0 else 0.0,
+        after=piece.after if high == count else 0.0,
+    )

@@ -12,9 +12,23 @@ from slamgym.cad.polygons import oriented_rings
 from slamgym.core.types import Float32Array, FloatArray, GridFrame, IntArray
 
 _LINKS: tuple[tuple[tuple[int, int], ...], ...] = (
-    (), ((2, 3),), ((1, 2),), ((1, 3),), ((0, 1),), ((0, 1), (2, 3)), ((0, 2),), ((0, 3),),
-    ((3, 0),), ((2, 0),), ((3, 0), (1, 2)), ((1, 0),), ((3, 1),), ((2, 1),), ((3, 2),), (),
-)  # fmt: skip
+    (),
+    ((2, 3),),
+    ((1, 2),),
+    ((1, 3),),
+    ((0, 1),),
+    ((0, 1), (2, 3)),
+    ((0, 2),),
+    ((0, 3),),
+    ((3, 0),),
+    ((2, 0),),
+    ((3, 0), (1, 2)),
+    ((1, 0),),
+    ((3, 1),),
+    ((2, 1),),
+    ((3, 2),),
+    (),
+)
 """For each of the 16 kinds of squares (bits: top left 8, top right 4, bottom right 2, bottom left 1) from which of its
 sides (0 top, 1 right, 2 bottom, 3 left) to which an outline runs."""
 LEVEL = 0.5
@@ -33,8 +47,28 @@ def trace_outlines(
         smallest_hole: Least area of a hole [m2].
     """
     padded = np.pad(np.asarray(image, dtype=np.float64), 1)
+    lines = _lines(padded)
+    left, _, _, top = frame.bounds
+    # The padding moved all by one cell; a cell's centre lies half a cell from its border.
+    on_grid = lines + np.array([-0.5, 0.5])
+    on_map = on_grid * frame.resolution + np.array([left, top])
+    floor = shapely.build_area(shapely.multilinestrings(shapely.linestrings(on_map)))
+    kept = []
+    for ring in oriented_rings(floor):
+        least = smallest if ring.is_ccw else smallest_hole
+        if Polygon(ring).area >= least:
+            kept.append(ring)
+    return kept
+
+
+def _lines(padded: FloatArray) -> FloatArray:
+    """The straight pieces of all outlines, (N, 2, 2) in cells: column and minus row."""
     above = padded >= LEVEL
-    kind = 8 * above[:-1, :-1] + 4 * above[:-1, 1:] + 2 * above[1:, 1:] + above[1:, :-1]
+    top_left = above[:-1, :-1]
+    top_right = above[:-1, 1:]
+    bottom_right = above[1:, 1:]
+    bottom_left = above[1:, :-1]
+    kind = 8 * top_left + 4 * top_right + 2 * bottom_right + bottom_left
     rows, cols = np.nonzero((kind > 0) & (kind < 15))
     sides = [
         _crossings(padded, rows, cols, 0, 1),
@@ -44,24 +78,24 @@ def trace_outlines(
     ]
     pieces = [np.empty((0, 2, 2))]
     for which, links in enumerate(_LINKS):
-        at = kind[rows, cols] == which
-        pieces += [
-            np.stack([sides[first][at], sides[second][at]], axis=1) for first, second in links
-        ]
+        is_this = kind[rows, cols] == which
+        for first, second in links:
+            start = sides[first][is_this]
+            end = sides[second][is_this]
+            pieces.append(np.stack([start, end], axis=1))
     lines = np.concatenate(pieces)
-    lines = lines[(lines[:, 0] != lines[:, 1]).any(axis=1)]
-    left, _, _, top = frame.bounds
-    # The padding moved all by one cell; a cell's centre lies half a cell from its border.
-    lines = (lines + np.array([-0.5, 0.5])) * frame.resolution + np.array([left, top])
-    floor = shapely.build_area(shapely.multilinestrings(shapely.linestrings(lines)))
-    least = {True: smallest, False: smallest_hole}
-    return [ring for ring in oriented_rings(floor) if Polygon(ring).area >= least[ring.is_ccw]]
+    has_length = (lines[:, 0] != lines[:, 1]).any(axis=1)
+    return lines[has_length]
 
 
 def _crossings(
     padded: FloatArray, rows: IntArray, cols: IntArray, down: int, right: int
 ) -> FloatArray:
     """Where outlines cross the sides from cells to their neighbours, (N, 2) in cells: column and minus row."""
-    first, second = padded[rows, cols], padded[rows + down, cols + right]
-    share = (LEVEL - first) / np.where(first == second, 1.0, second - first)
-    return np.column_stack([cols + share * right, -(rows + share * down)])
+    first = padded[rows, cols]
+    second = padded[rows + down, cols + right]
+    difference = np.where(first == second, 1.0, second - first)
+    share = (LEVEL - first) / difference
+    x = cols + share * right
+    y = -(rows + share * down)
+    return np.column_stack([x, y])

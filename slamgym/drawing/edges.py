@@ -65,16 +65,21 @@ def fit_edges(points: FloatArray, axis: complex, tolerance: float) -> list[Edge]
     corners = cv2.approxPolyDP(rounded[:, None, :], tolerance, True)[:, 0, :]
     if len(corners) < 3:
         return []
-    at = np.unique(KDTree(rounded).query(corners)[1]).tolist()
+    _, nearest = KDTree(rounded).query(corners)
+    starts = np.unique(nearest).tolist()
     line = points[:, 0] + 1j * points[:, 1]
     ring = np.concatenate([line, line])
-    ends = [*at[1:], at[0] + len(line)]
-    return [_fitted(ring[a : b + 1], axis) for a, b in zip(at, ends, strict=True)]
+    ends = [*starts[1:], starts[0] + len(line)]
+    edges = []
+    for start, end in zip(starts, ends, strict=True):
+        edges.append(_fitted(ring[start : end + 1], axis))
+    return edges
 
 
 def _fitted(run: np.ndarray, axis: complex) -> Edge:
     """The line that fits a stretch of an outline best, turned to an axis if it lies along it."""
-    start, end = complex(run[0]), complex(run[-1])
+    start = complex(run[0])
+    end = complex(run[-1])
     chord = end - start
     middle = complex(run.mean())
     direction = chord / max(abs(chord), 1e-12)
@@ -82,7 +87,8 @@ def _fitted(run: np.ndarray, axis: complex) -> Edge:
         spread = complex(((run - middle) ** 2).sum())
         if abs(spread) > 0.0:
             fitted = cmath.exp(0.5j * cmath.phase(spread))
-            direction = fitted if (fitted * direction.conjugate()).real > 0.0 else -fitted
+            runs_forward = (fitted * direction.conjugate()).real > 0.0
+            direction = fitted if runs_forward else -fitted
     along, turned = _snapped(direction, abs(chord), axis)
     if len(run) <= FEW_FACE_POINTS:
         # Rounded corners keep only the middle of a short face, such as the end of a thin wall.
@@ -96,20 +102,23 @@ def _snapped(direction: complex, length: float, axis: complex) -> tuple[int, com
     turn = cmath.phase(direction * axis.conjugate()) / (0.5 * math.pi)
     quarters = round(turn)
     angle = 0.5 * math.pi * abs(turn - quarters)
-    if angle < math.radians(40.0) and 0.5 * length * math.tan(angle) <= SNAP:
+    is_near = angle < math.radians(40.0)
+    if is_near and 0.5 * length * math.tan(angle) <= SNAP:
         return quarters % 2, axis * 1j**quarters
     return FREE_AXIS, direction
 
 
 def offset_of(direction: complex, point: complex) -> float:
     """Offset of the line with a direction through a point."""
-    return ((1j * direction).conjugate() * point).real
+    normal = 1j * direction
+    return (normal.conjugate() * point).real
 
 
 def projected(edge: Edge, point: complex) -> complex:
     """The nearest point on an edge's line."""
     normal = 1j * edge.direction
-    return point + normal * (edge.offset - offset_of(edge.direction, point))
+    missing = edge.offset - offset_of(edge.direction, point)
+    return point + normal * missing
 
 
 def crossing(first: Edge, second: Edge) -> complex | None:
@@ -131,23 +140,32 @@ def joined(first: Edge, second: Edge) -> Edge:
 
 def simplified(edges: list[Edge]) -> list[Edge]:
     """Join edges that continue each other, and drop rounded corners and steps that are the map's."""
-    ring, index, in_vain = list(edges), 0, 0
+    ring = list(edges)
+    index = 0
+    in_vain = 0
     while in_vain < len(ring) and len(ring) > 4:
         if _simplify_at(ring, index):
-            index, in_vain = max(0, index - 2), 0
+            index = max(0, index - 2)
+            in_vain = 0
         else:
-            index, in_vain = (index + 1) % len(ring), in_vain + 1
+            index = (index + 1) % len(ring)
+            in_vain += 1
     return ring
 
 
 def _simplify_at(ring: list[Edge], index: int) -> bool:
     """Try one step of simplification on the edge at this place and the two behind it."""
-    second, third = (index + 1) % len(ring), (index + 2) % len(ring)
-    a, b, c = ring[index], ring[second], ring[third]
+    second = (index + 1) % len(ring)
+    third = (index + 2) % len(ring)
+    a = ring[index]
+    b = ring[second]
+    c = ring[third]
     if _continues(a, b):
-        ring[index], gone = joined(a, b), {second}
+        ring[index] = joined(a, b)
+        gone = {second}
     elif b.length <= MERGE + TOLERANCE and _continues(a, c):
-        ring[index], gone = joined(a, c), {second, third}
+        ring[index] = joined(a, c)
+        gone = {second, third}
     elif b.length <= CHAMFER and b.axis == FREE_AXIS and {a.axis, c.axis} == {0, 1}:
         gone = {second}
     else:
@@ -159,9 +177,7 @@ def _simplify_at(ring: list[Edge], index: int) -> bool:
 
 def _continues(a: Edge, b: Edge) -> bool:
     """Return True if an edge continues along the line of another."""
-    same = (
-        a.axis != FREE_AXIS
-        and a.axis == b.axis
-        and (a.direction * b.direction.conjugate()).real > 0.0
-    )
-    return same and abs(a.offset - b.offset) <= MERGE
+    if a.axis == FREE_AXIS or a.axis != b.axis:
+        return False
+    is_alike = (a.direction * b.direction.conjugate()).real > 0.0
+    return is_alike and abs(a.offset - b.offset) <= MERGE

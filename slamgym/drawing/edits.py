@@ -45,14 +45,12 @@ class Correction:
     name: Label = ""
 
     def __post_init__(self) -> None:
-        is_place = self.kind in ("join", "name_room")
-        if len(self.at if is_place else self.line) != 2 or (
-            self.kind == "name_room" and not self.name
-        ):
-            needed = "'at': [x, y]" if is_place else "'line': [[x, y], [x, y]]"
-            raise ConfigError(
-                f"{self.kind} needs {needed}{' and a name' if self.kind == 'name_room' else ''}"
-            )
+        if self.kind == "join" and len(self.at) != 2:
+            raise ConfigError("join needs 'at': [x, y]")
+        if self.kind == "name_room" and (len(self.at) != 2 or not self.name):
+            raise ConfigError("name_room needs 'at': [x, y] and a name")
+        if self.kind not in ("join", "name_room") and len(self.line) != 2:
+            raise ConfigError(f"{self.kind} needs 'line': [[x, y], [x, y]]")
         if self.line and LineString(self.line).length < NARROWEST_CUT:
             raise ConfigError(f"the line of {self.kind} must be at least {NARROWEST_CUT:g} m long")
 
@@ -86,13 +84,19 @@ class Corrections:
         Raises:
             InputFileError: If they are of another map, or name none.
         """
-        if self.corrections and self.map.get("sha256") != (needed := map_digest(grid)):
-            reason = f"is of another map, {self.map.get('name')!r}; for this one, map.sha256 must be {needed}"
-            raise InputFileError(self.where, reason)
+        if not self.corrections:
+            return
+        digest = map_digest(grid)
+        if self.map.get("sha256") != digest:
+            raise InputFileError(
+                self.where,
+                f"is of another map, {self.map.get('name')!r}; for this one, map.sha256 must be {digest}",
+            )
 
     def of(self, *kinds: str) -> Iterator[Correction]:
         """The corrections of some kinds, in an order of their own."""
-        return iter(sorted((entry for entry in self.corrections if entry.kind in kinds), key=repr))
+        wanted = [entry for entry in self.corrections if entry.kind in kinds]
+        return iter(sorted(wanted, key=repr))
 
     def error(self, entry: Correction, reason: str) -> InputFileError:
         """The error of a correction that the drawing doesn't allow."""
@@ -106,10 +110,11 @@ def read_corrections(path: Path | str) -> Corrections:
     Raises:
         InputFileError: If it isn't one.
     """
-    remedy = "save it with the report of a drawing, NAME.html"
-    document = read_json(path, remedy)
+    document = read_json(path, "save it with the report of a drawing, NAME.html")
     if not isinstance(document, dict):
-        raise InputFileError(path, f"is no file of corrections; {remedy}")
+        raise InputFileError(
+            path, "is no file of corrections; save it with the report of a drawing, NAME.html"
+        )
     return replace(known_fields(Corrections, document, path), where=str(path))
 
 

@@ -45,23 +45,23 @@ class Evidence:
 
     def seen_along(self, piece: WallPiece) -> BoolArray:
         """True for places along a wall with an occupied cell within :data:`SEEN_WITHIN` of either face."""
-        places = _places(piece, [0.0, piece.thickness] if piece.known else [0.0])
-        return (
-            values_at(self._to_wall, self.grid.frame, places, math.inf).min(axis=0) <= SEEN_WITHIN
-        )
+        depths = [0.0, piece.thickness] if piece.known else [0.0]
+        places = _places(piece, depths)
+        distances = values_at(self._to_wall, self.grid.frame, places, math.inf)
+        return distances.min(axis=0) <= SEEN_WITHIN
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
         places = _places(piece, [piece.thickness + depth for depth in HIDDEN_DEPTHS])
-        return float(
-            (values_at(self.grid.cells, self.grid.frame, places, UNKNOWN) == UNKNOWN).mean()
-        )
+        cells = values_at(self.grid.cells, self.grid.frame, places, UNKNOWN)
+        return float((cells == UNKNOWN).mean())
 
 
 def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
     """Where a wall is looked at: N places along it, :data:`STEP` apart, at depths D behind its face, (D, N, 2) [m]."""
     count = max(2, math.ceil(piece.length / STEP))
-    return np.stack([piece.places((np.arange(count) + 0.5) / count, depth) for depth in depths])
+    shares = (np.arange(count) + 0.5) / count
+    return np.stack([piece.places(shares, depth) for depth in depths])
 
 
 def values_at(
@@ -69,49 +69,59 @@ def values_at(
 ) -> np.ndarray:
     """Values of the cells under points (..., 2) [m]; ``beyond`` outside of the picture."""
     rows, cols = frame.to_cell(points[..., 0], points[..., 1])
-    inside = (rows >= 0) & (rows < frame.height_px) & (cols >= 0) & (cols < frame.width_px)
-    return np.where(inside, picture[np.where(inside, rows, 0), np.where(inside, cols, 0)], beyond)
+    in_rows = (rows >= 0) & (rows < frame.height_px)
+    in_cols = (cols >= 0) & (cols < frame.width_px)
+    inside = in_rows & in_cols
+    any_row = np.where(inside, rows, 0)
+    any_col = np.where(inside, cols, 0)
+    return np.where(inside, picture[any_row, any_col], beyond)
 
 
 def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     """The cells of a frame whose centres lie in polygons."""
-    return fill_segments(ring_segments(shapely.get_rings(polygon_parts(shape))), frame)
+    rings = shapely.get_rings(polygon_parts(shape))
+    return fill_segments(ring_segments(rings), frame)
 
 
 def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     """Patches of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
-    closed = (
-        cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
-        & inside
-    )
+    three = np.ones((3, 3), np.uint8)
+    closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, three) & inside
     # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
-    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
+    two = np.ones((2, 2), np.uint8)
+    wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, two) > 0
     return cell_polygons(wide, grid.frame, SMALLEST_HOLE)
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
     """Patches of cells as smooth polygons of at least an area [m2]."""
     rings = trace_outlines(cells.astype(np.float32), frame, smallest, smallest)
-    shape = shapely.make_valid(MultiPolygon([Polygon(ring) for ring in rings]))
-    simple = shapely.make_valid(shape.simplify(0.5 * frame.resolution))
+    polygons = [Polygon(ring) for ring in rings]
+    valid = shapely.make_valid(MultiPolygon(polygons))
+    simple = shapely.make_valid(valid.simplify(0.5 * frame.resolution))
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 
 def echo_outlines(grid: OccupancyGrid) -> list[Polygon]:
     """What a map has of walls and things: its patches of occupied cells, down to a single one."""
-    return cell_polygons(grid.cells == OCCUPIED, grid.frame, 0.25 * grid.frame.resolution**2)
+    smallest = 0.25 * grid.frame.resolution**2
+    return cell_polygons(grid.cells == OCCUPIED, grid.frame, smallest)
 
 
 def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
     """Share of a polygon of which the map says something."""
     inside = filled(shape, grid.frame)
-    return float((grid.cells[inside] != UNKNOWN).mean()) if inside.any() else 0.0
+    if not inside.any():
+        return 0.0
+    is_known = grid.cells[inside] != UNKNOWN
+    return float(is_known.mean())
 
 
 def share_seen_open(line: FloatArray, grid: OccupancyGrid) -> float:
     """Share of a line (2, 2) [m] that the map shows as free."""
     share = np.linspace(0.1, 0.9, 17)[:, None]
     points = line[0] + share * (line[1] - line[0])
-    return float((values_at(grid.cells, grid.frame, points, UNKNOWN) == FREE).mean())
+    cells = values_at(grid.cells, grid.frame, points, UNKNOWN)
+    return float((cells == FREE).mean())

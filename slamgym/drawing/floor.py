@@ -25,15 +25,19 @@ FACE_DEPTH = 0.5
 """Mean depth of a wall's face in the wall's first cell [cells]: a cell is occupied from its first echo on."""
 THIN_DEPTH = 0.25
 """The same for walls of one or two cells, so that they don't vanish: with 0.5 room F1 of real maps falls by 0.08."""
-CLOSED_SEEN, CLOSED_UNSEEN = 0.8, 0.95
-"""Share of a patch's border near echoes or floor from which on it is closed in: a patch that was seen, and one that
-wasn't. On 30 maps of real robots 1.0 % of the seen floor is lost without the former, 0.4 % with it. Without the latter
-vertices are 11 % more, and wall F1 of furnished homes is 0.016 less."""
+CLOSED_SEEN = 0.8
+"""Share of the border of a patch that was seen near echoes or floor from which on it is closed in. On 30 maps of real
+robots 1.0 % of the seen floor is lost without it, 0.4 % with it."""
+CLOSED_UNSEEN = 0.95
+"""The same of a patch that wasn't seen. Without it vertices are 11 % more, and wall F1 of furnished homes is 0.016
+less."""
 SURE_OF_UNSEEN = 0.9
 """Least probability of floor that was never seen and isn't closed in. With 0.8, 0.9 and 0.95 it is 3.2, 2.0 and
 1.3 % of the floor of real maps; wall F1 of furnished homes is 0.03 less with 0.95 than with 0.9."""
 BESIDE_SEEN = 0.1
 """Cells so near to the free space hold echoes and the faces of walls: the model is right about them [m]."""
+_AROUND = np.ones((3, 3), np.uint8)
+"""A cell and its eight neighbours."""
 
 
 FloorModel = Callable[[OccupancyGrid, float], MapLayers]
@@ -56,7 +60,11 @@ def load_floor_model(name: str) -> FloorModel:
     from slamgym.gan.translation.translate import load_translator
 
     translator = load_translator(name, "slam2cad")
-    return lambda grid, angle_deg: translator.layers(grid.cells, grid.frame.resolution, angle_deg)
+
+    def layers(grid: OccupancyGrid, angle_deg: float) -> MapLayers:
+        return translator.layers(grid.cells, grid.frame.resolution, angle_deg)
+
+    return layers
 
 
 def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG001 - as any model
@@ -64,24 +72,31 @@ def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: 
 
     All that isn't floor is wall.
     """
-    clean = clean_map(grid.cells, grid.frame.resolution)
-    return MapLayers.of_floor(faces_within_cells(clean), door_cells(clean, grid.frame.resolution))
+    cell = grid.frame.resolution
+    clean = clean_map(grid.cells, cell)
+    doors = door_cells(clean, cell)
+    return MapLayers.of_floor(faces_within_cells(clean), doors)
 
 
 def faces_within_cells(free: BoolArray) -> Float32Array:
     """A picture of a map's free cells whose level 0.5 runs through the first cells of walls, where their faces lie."""
     walls = np.pad((~free).astype(np.uint8), 2, constant_values=1)
-    thick = cv2.morphologyEx(walls, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))[2:-2, 2:-2] > 0
+    opened = cv2.morphologyEx(walls, cv2.MORPH_OPEN, _AROUND)
+    thick = opened[2:-2, 2:-2] > 0
     depth = np.where(thick, FACE_DEPTH, THIN_DEPTH)
-    inside, outside = (distance_to(mask) - 0.5 for mask in (~free, free))
+    inside = distance_to(~free) - 0.5
+    outside = distance_to(free) - 0.5
     signed = np.where(free, inside, depth - outside)
-    return (0.5 + 0.5 * np.clip(signed, -1.0, 1.0)).astype(np.float32)
+    values = 0.5 + 0.5 * np.clip(signed, -1.0, 1.0)
+    return values.astype(np.float32)
 
 
 def seen_space(grid: OccupancyGrid) -> BoolArray:
     """The space that the robot saw free, without rays and patches too small for a room."""
-    cell, free = grid.frame.resolution, grid.cells == FREE
-    return without_small(free & without_rays(free, cell), SMALLEST_ROOM / cell**2)
+    cell = grid.frame.resolution
+    free = grid.cells == FREE
+    wide = free & without_rays(free, cell)
+    return without_small(wide, SMALLEST_ROOM / cell**2)
 
 
 def seen_floor(grid: OccupancyGrid, angle_deg: float) -> tuple[BoolArray, MultiPolygon]:
@@ -109,15 +124,20 @@ def floor_of_rooms(
         Probability of being floor, (H, W).
     """
     known = distance_to(echoes | (seen & (free >= 0.5))) <= SEEN_WITHIN / cell
-    rejected, closed = _patches(without_rays(seen & (free < 0.5), cell), known)
-    opened = (
-        cv2.dilate((closed >= CLOSED_SEEN)[rejected].astype(np.uint8), np.ones((3, 3), np.uint8))
-        > 0
-    )
+    opened = _rejected_rooms(free, seen, known, cell)
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
     floor &= ~_doubted(free, floor, seen, known, rooms, cell)
     return without(free, (free >= 0.5) & ~floor)
+
+
+def _rejected_rooms(
+    free: Float32Array, seen: BoolArray, known: BoolArray, cell: float
+) -> BoolArray:
+    """What the model rejects although it was seen and is closed in, with the cells around it."""
+    rejected, closed = _patches(without_rays(seen & (free < 0.5), cell), known)
+    kept = (closed >= CLOSED_SEEN)[rejected]
+    return cv2.dilate(kept.astype(np.uint8), _AROUND) > 0
 
 
 def _patches(cells: BoolArray, known: BoolArray) -> tuple[IntArray, FloatArray]:
@@ -125,15 +145,18 @@ def _patches(cells: BoolArray, known: BoolArray) -> tuple[IntArray, FloatArray]:
     count, labels = cv2.connectedComponents(cells.astype(np.uint8), connectivity=4)
     around = np.where(cells, 0, _widened(labels, 1))
     sizes = np.bincount(around.ravel(), minlength=count)
-    shares = np.bincount(around.ravel(), known.ravel(), count) / np.maximum(sizes, 1)
+    known_around = np.bincount(around.ravel(), known.ravel(), count)
+    shares = known_around / np.maximum(sizes, 1)
     shares[0] = 0.0
     return labels, shares
 
 
 def _widened(labels: IntArray, reach: int) -> IntArray:
     """Numbers of patches, and so many cells around them."""
-    square = np.ones((2 * reach + 1, 2 * reach + 1), np.uint8)
-    return cv2.dilate(labels.astype(np.float32), square).astype(np.int64)
+    side = 2 * reach + 1
+    square = np.ones((side, side), np.uint8)
+    widened = cv2.dilate(labels.astype(np.float32), square)
+    return widened.astype(np.int64)
 
 
 def _rooms_beside(labels: IntArray, rooms: IntArray, count: int) -> IntArray:
@@ -150,9 +173,11 @@ def _thin_walls(seen: BoolArray, rooms: IntArray, cell: float) -> BoolArray:
     Without them room F1 of 30 maps of real robots is 0.88, with them 0.92.
     """
     half = 0.5 * THICKEST_WALL / cell
-    thin = (distance_to(distance_to(seen) > half) > half) & ~seen
+    away = distance_to(seen) > half
+    thin = (distance_to(away) > half) & ~seen
     count, labels = cv2.connectedComponents(thin.astype(np.uint8), connectivity=8)
-    is_wall = _rooms_beside(_widened(labels, 2), rooms, count) > 1
+    rooms_beside = _rooms_beside(_widened(labels, 2), rooms, count)
+    is_wall = rooms_beside > 1
     is_wall[0] = False
     return is_wall[labels]
 
@@ -166,15 +191,16 @@ def _doubted(
     cell: float,
 ) -> BoolArray:
     """Patches of floor that was never seen and isn't closed in or sure, or that would join two rooms."""
-    labels, closed = _patches(floor & (distance_to(seen) > BESIDE_SEEN / cell), known)
-    mean = np.bincount(labels.ravel(), free.ravel(), len(closed)) / np.maximum(
-        np.bincount(labels.ravel()), 1
-    )
-    doubted = (mean < SURE_OF_UNSEEN) & (closed < CLOSED_UNSEEN)
-    doubted |= (
-        _rooms_beside(_widened(labels, math.ceil(2.0 * BESIDE_SEEN / cell)), rooms, len(closed))
-        != 1
-    )
+    away = distance_to(seen) > BESIDE_SEEN / cell
+    labels, closed = _patches(floor & away, known)
+    count = len(closed)
+    sizes = np.bincount(labels.ravel())
+    mean = np.bincount(labels.ravel(), free.ravel(), count) / np.maximum(sizes, 1)
+    reach = math.ceil(2.0 * BESIDE_SEEN / cell)
+    rooms_beside = _rooms_beside(_widened(labels, reach), rooms, count)
+    is_unsure = mean < SURE_OF_UNSEEN
+    is_open = closed < CLOSED_UNSEEN
+    doubted = (is_unsure & is_open) | (rooms_beside != 1)
     doubted[0] = False
     return doubted[labels]
 
@@ -183,6 +209,6 @@ def without(probability: Float32Array, taken: BoolArray) -> Float32Array:
     """A picture without some of its floor: what becomes a wall there has its faces in its first cells."""
     floor = (probability >= 0.5) & ~taken
     faces = faces_within_cells(floor)
-    near = cv2.dilate(taken.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
+    near = cv2.dilate(taken.astype(np.uint8), _AROUND) > 0
     changed = np.where(floor, faces, np.minimum(faces, probability))
     return np.where(near, changed, probability).astype(np.float32)

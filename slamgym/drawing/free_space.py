@@ -15,19 +15,15 @@ class FreeSpace:
     def __init__(self, floor: shapely.Geometry) -> None:
         """Take the edges of polygons apart."""
         rings = [shapely.get_coordinates(ring)[:-1] for ring in oriented_rings(floor)]
+        following = [np.roll(ring, -1, axis=0) for ring in rings]
         self.start = np.concatenate(rings)
-        self.along = np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
+        self.along = np.concatenate(following) - self.start
         self.length = np.hypot(*self.along.T)
         self.direction = self.along / np.maximum(self.length, 1e-12)[:, None]
-        firsts = np.cumsum([0, *(len(ring) for ring in rings[:-1])])
-        self.before = np.concatenate(
-            [
-                first + np.roll(np.arange(len(ring)), 1)
-                for first, ring in zip(firsts, rings, strict=True)
-            ]
-        )
+        self.before = _numbers_before([len(ring) for ring in rings])
         self.after: IntArray = np.argsort(self.before)
-        edges = shapely.linestrings(np.stack([self.start, self.start + self.along], axis=1))
+        ends = np.stack([self.start, self.start + self.along], axis=1)
+        edges = shapely.linestrings(ends)
         self._edges = shapely.STRtree(np.asarray(edges))
         self.turn = cross(self.direction[self.before], self.direction)
         """Sine of the angle by which the outline turns to the left where each edge starts."""
@@ -35,36 +31,50 @@ class FreeSpace:
 
     def edges_near(self, places: FloatArray, distance: float) -> tuple[IntArray, IntArray]:
         """Pairs of places (N, 2) and edges that lie so near [m]: the numbers of both."""
-        place, edge = self._edges.query(
-            shapely.points(places), predicate="dwithin", distance=distance
-        )
+        points = shapely.points(places)
+        place, edge = self._edges.query(points, predicate="dwithin", distance=distance)
         return place, edge
 
     def edges_near_edges(self, distance: float) -> list[IntArray]:
         """Numbers of the edges that lie so near [m] to each edge, itself included."""
-        edge, other = self._edges.query(
-            self._edges.geometries, predicate="dwithin", distance=distance
-        )
+        edges = self._edges.geometries
+        edge, other = self._edges.query(edges, predicate="dwithin", distance=distance)
         order = np.lexsort((other, edge))
-        return np.split(other[order], np.searchsorted(edge[order], np.arange(1, len(self.start))))
+        firsts = np.searchsorted(edge[order], np.arange(1, len(self.start)))
+        return np.split(other[order], firsts)
 
     def reach(self, places: FloatArray, directions: FloatArray, most: float) -> FloatArray:
         """How far one can go from places (N, 2) in directions (N, 2) until an edge is met, ``most`` at most [m]."""
-        rays = shapely.linestrings(np.stack([places, places + most * directions], axis=1))
-        ray, edge = self._edges.query(rays)
-        way, along = directions[ray], self.along[edge]
+        ends = np.stack([places, places + most * directions], axis=1)
+        ray, edge = self._edges.query(shapely.linestrings(ends))
+        way = directions[ray]
+        along = self.along[edge]
         offset = self.start[edge] - places[ray]
         with np.errstate(divide="ignore", invalid="ignore"):
             product = cross(way, along)
             distance = cross(offset, along) / product
             share = cross(offset, way) / product
-        is_hit = (distance > 1e-6) & (share >= -1e-9) & (share <= 1.0 + 1e-9)
+        is_on_edge = (share >= -1e-9) & (share <= 1.0 + 1e-9)
+        is_hit = (distance > 1e-6) & is_on_edge
         found = np.full(len(places), most)
         np.minimum.at(found, ray[is_hit], distance[is_hit])
         return found
 
 
+def _numbers_before(sizes: list[int]) -> IntArray:
+    """For each edge of rings of these sizes the number of the edge before it in its ring."""
+    numbers = []
+    first = 0
+    for size in sizes:
+        own = first + np.arange(size)
+        numbers.append(np.roll(own, 1))
+        first += size
+    return np.concatenate(numbers)
+
+
 def cross(a: FloatArray, b: FloatArray) -> FloatArray:
     """The cross products of vectors (..., 2)."""
-    product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
+    forward = a[..., 0] * b[..., 1]
+    backward = a[..., 1] * b[..., 0]
+    product: FloatArray = forward - backward
     return product

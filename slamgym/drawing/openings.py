@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, line_widths
-from slamgym.drawing.drawing import Segment
+from slamgym.drawing.drawing import DrawnPoint, Segment
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
 from slamgym.metrics.layers import MapLayers
 
@@ -65,8 +65,11 @@ class Division:
 def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
     """A straight line made longer at its ends [m]."""
     (x0, y0), (x1, y1) = line.coords
-    dx, dy = (x1 - x0) / line.length, (y1 - y0) / line.length
-    return LineString([(x0 - before * dx, y0 - before * dy), (x1 + after * dx, y1 + after * dy)])
+    dx = (x1 - x0) / line.length
+    dy = (y1 - y0) / line.length
+    start = (x0 - before * dx, y0 - before * dy)
+    end = (x1 + after * dx, y1 + after * dy)
+    return LineString([start, end])
 
 
 def likely_gaps(
@@ -77,26 +80,29 @@ def likely_gaps(
     odds = boundary_log_odds(signs)
     order = np.argsort(-odds, kind="stable")
     order = order[odds[order] >= LEAST_LOG_ODDS]
-    lines, odds = lines[order], odds[order]
+    lines = lines[order]
+    odds = odds[order]
     stays = np.ones(len(lines), np.bool_)
     for likelier, other in sorted(_rivals(lines).T.tolist()):
         stays[other] &= not stays[likelier]
-    return [
-        Gap((x0, y0), (x1, y1), value)
-        for ((x0, y0), (x1, y1)), value in zip(
-            lines[stays].tolist(), odds[stays].tolist(), strict=True
-        )
-    ]
+    gaps = []
+    for line, value in zip(lines[stays].tolist(), odds[stays].tolist(), strict=True):
+        (x0, y0), (x1, y1) = line
+        gaps.append(Gap((x0, y0), (x1, y1), value))
+    return gaps
 
 
 def _rivals(lines: FloatArray) -> IntArray:
     """Pairs of lines that lie across one passage, or cross: the numbers of both, (2, P), the lower first."""
-    width, middle = line_widths(lines), np.asarray(shapely.points(lines.mean(axis=1)))
-    near = shapely.STRtree(middle).query(middle, predicate="dwithin", distance=ONE_PASSAGE * WIDEST)
+    width = line_widths(lines)
+    middle = np.asarray(shapely.points(lines.mean(axis=1)))
+    farthest = ONE_PASSAGE * WIDEST
+    near = shapely.STRtree(middle).query(middle, predicate="dwithin", distance=farthest)
     narrow = np.maximum(DRAWN_DOORS[0], width[near].min(axis=0))
-    near = near[:, shapely.distance(*middle[near]) < ONE_PASSAGE * narrow]
+    is_one_passage = shapely.distance(*middle[near]) < ONE_PASSAGE * narrow
     shapes = np.asarray(shapely.linestrings(lines))
-    both = np.hstack([near, shapely.STRtree(shapes).query(shapes, predicate="crosses")])
+    crossing = shapely.STRtree(shapes).query(shapes, predicate="crosses")
+    both = np.hstack([near[:, is_one_passage], crossing])
     return both[:, both[0] < both[1]]
 
 
@@ -109,22 +115,22 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
     """
     parts = _cut(floor, gaps)
     sides = joined_rooms(parts, gaps)
-    room = _joined(
-        np.array([part.area for part in parts]), sides, np.array([gap.log_odds for gap in gaps])
-    )
-    kept = [
-        gap
-        for gap, (a, b) in zip(gaps, sides, strict=True)
-        if min(a, b) >= 0 and room[a] != room[b]
-    ]
+    areas = np.array([part.area for part in parts])
+    odds = np.array([gap.log_odds for gap in gaps])
+    room = _joined(areas, sides, odds)
+    kept = []
+    for gap, (a, b) in zip(gaps, sides, strict=True):
+        if min(a, b) >= 0 and room[a] != room[b]:
+            kept.append(gap)
     rooms = _cut(floor, kept)
     rooms.sort(key=lambda part: (-round(part.centroid.y, 3), part.centroid.x))
-    doors = [
-        (gap, (a, b))
-        for gap, (a, b) in zip(kept, joined_rooms(rooms, kept).tolist(), strict=True)
-        if min(a, b) >= 0 and a != b
-    ]
-    return Division(tuple(rooms), tuple(gap for gap, _ in doors), tuple(pair for _, pair in doors))
+    doors = []
+    joins = []
+    for gap, (a, b) in zip(kept, joined_rooms(rooms, kept).tolist(), strict=True):
+        if min(a, b) >= 0 and a != b:
+            doors.append(gap)
+            joins.append((a, b))
+    return Division(tuple(rooms), tuple(doors), tuple(joins))
 
 
 def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
@@ -135,9 +141,11 @@ def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
         pairs: The parts on both sides of each boundary, (G, 2); -1 for none.
         odds: Log odds of the boundaries, (G,).
     """
-    room, count = np.arange(len(area)), len(area)
+    count = len(area)
+    room = np.arange(count)
     is_inside = pairs.min(axis=1) >= 0
-    pairs, odds = pairs[is_inside], odds[is_inside]
+    pairs = pairs[is_inside]
+    odds = odds[is_inside]
     while True:
         pairs = np.sort(room[pairs], axis=1)
         is_apart = pairs[:, 0] != pairs[:, 1]
@@ -147,7 +155,8 @@ def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
         # What is too small for a room is a niche, whatever stands before it.
         is_room = area[pairs].min(axis=1) >= SMALLEST_ROOM
         next_one = np.lexsort((odds, is_room))[:1]
-        if not (~is_room | (odds < 0.0))[next_one].any():
+        should_join = ~is_room | (odds < 0.0)
+        if not should_join[next_one].any():
             return room
         first, second = pairs[next_one[0]]
         area[first] += area[second]
@@ -159,35 +168,39 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     if not gaps:
         return polygon_parts(floor)
     shapely.prepare(floor)
-    lines = shapely.union_all([floor.boundary, *(gap.cut for gap in gaps)], grid_size=1e-5)
-    return [
-        part
-        for part in shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
-        if part.area > 1e-4 and floor.contains(part.representative_point())
-    ]
+    cuts = [gap.cut for gap in gaps]
+    lines = shapely.union_all([floor.boundary, *cuts], grid_size=1e-5)
+    polygons = shapely.get_parts(shapely.polygonize(shapely.get_parts(lines)))
+    parts = [part for part in polygons if part.area > 1e-4]
+    return [part for part in parts if floor.contains(part.representative_point())]
 
 
 def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> IntArray:
     """Which part of a floor lies on either side of each gap, (G, 2); -1 for none."""
     ends = np.array([(gap.start, gap.end) for gap in gaps]).reshape(-1, 2, 2)
-    aside = (
-        (ends[:, 1] - ends[:, 0])[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
-    )
-    places = shapely.points(ends.mean(axis=1)[None] + np.stack([aside, -aside]))
+    along = ends[:, 1] - ends[:, 0]
+    aside = along[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
+    middles = ends.mean(axis=1)
+    places = shapely.points(middles[None] + np.stack([aside, -aside]))
+    tree = shapely.STRtree(list(parts))
     sides = np.full(places.shape, -1)
     for side, row in zip(places, sides, strict=True):
-        place, part = shapely.STRtree(list(parts)).query(side, predicate="intersects")
+        place, part = tree.query(side, predicate="intersects")
         row[place] = part
     return sides.T
 
 
 def onto_faces(gap: Gap, floor: MultiPolygon) -> Gap:
     """A boundary whose ends lie on the faces that were drawn, at corners if there are some."""
-    ends, corners = [], shapely.extract_unique_points(floor)
-    for point in (gap.start, gap.end):
-        line = shapely.shortest_line(corners, Point(point))
-        if line.length > AT_JAMB:
-            line = shapely.shortest_line(floor.boundary, Point(point))
-        x, y = line.coords[0] if line.length <= FITTED else point
-        ends.append((float(x), float(y)))
-    return replace(gap, start=ends[0], end=ends[1]) if ends[0] != ends[1] else gap
+    start = _onto_face(gap.start, floor)
+    end = _onto_face(gap.end, floor)
+    return replace(gap, start=start, end=end) if start != end else gap
+
+
+def _onto_face(point: DrawnPoint, floor: MultiPolygon) -> DrawnPoint:
+    """The corner at a point, or else the nearest place on a face; the point itself if that is far."""
+    line = shapely.shortest_line(shapely.extract_unique_points(floor), Point(point))
+    if line.length > AT_JAMB:
+        line = shapely.shortest_line(floor.boundary, Point(point))
+    x, y = line.coords[0] if line.length <= FITTED else point
+    return float(x), float(y)

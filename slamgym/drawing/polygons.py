@@ -39,8 +39,10 @@ def straightened(picture: Float32Array, frame: GridFrame, angle_deg: float) -> M
     tolerance = max(TOLERANCE, 0.9 * frame.resolution)
     rings = list[Polygon]()
     for outline in trace_outlines(picture, frame, SMALLEST_ROOM, SMALLEST_HOLE):
-        edges = simplified(fit_edges(shapely.get_coordinates(outline)[:-1], axis, tolerance))
-        rings.append(Polygon(ring_corners(edges, 4.0 * tolerance)) if edges else Polygon(outline))
+        points = shapely.get_coordinates(outline)[:-1]
+        edges = simplified(fit_edges(points, axis, tolerance))
+        ring = ring_corners(edges, 4.0 * tolerance) if edges else outline
+        rings.append(Polygon(ring))
     # What lies within an odd number of rings is floor: holes are none, and what stands in them is. Where an edge runs
     # backwards, because its neighbours have eaten it up, nothing is left.
     return without_necks(shapely.make_valid(MultiPolygon(rings)))
@@ -58,13 +60,14 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
     """
     ends = []
     for edge, following in zip(edges, [*edges[1:], *edges[:1]], strict=True):
+        gap = edge.end - following.start
         place = 0.5 * (edge.end + following.start)
         corner = crossing(edge, following)
-        if corner is not None and abs(corner - place) <= max(most, abs(edge.end - following.start)):
-            ends.append((corner, corner))
+        if corner is not None and abs(corner - place) <= max(most, abs(gap)):
+            ends += [corner, corner]
         else:
-            ends.append((projected(edge, place), projected(following, place)))
-    points = np.array(ends).ravel()
+            ends += [projected(edge, place), projected(following, place)]
+    points = np.array(ends)
     return np.column_stack([points.real, points.imag])
 
 
@@ -75,4 +78,5 @@ def without_necks(floor: BaseGeometry) -> MultiPolygon:
     # Mitred buffers may come out crossing themselves, which set_precision doesn't take.
     floor = shapely.make_valid(floor)
     floor = shapely.set_precision(floor, CORNER_GRID)
-    return MultiPolygon([part for part in polygon_parts(floor) if part.area >= 0.5 * SMALLEST_ROOM])
+    smallest = 0.5 * SMALLEST_ROOM
+    return MultiPolygon([part for part in polygon_parts(floor) if part.area >= smallest])

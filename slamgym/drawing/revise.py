@@ -3,6 +3,7 @@
 import itertools
 import math
 from collections.abc import Iterator, Sequence
+from typing import Literal
 
 import shapely
 from shapely import MultiPolygon, Point, Polygon
@@ -26,20 +27,15 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
     """
     changed: BaseGeometry = floor
     for entry in corrections.of("remove_wall"):
-        # A little thicker, so that nothing is left between a wall and its rounded line.
-        body = entry.shape.buffer(0.5 * entry.thickness + INTO_WALLS, cap_style="flat")
+        body = _removed(entry)
         if body.difference(floor).area < 0.1 * body.area or not body.intersects(floor):
             raise corrections.error(entry, "no wall stands there")
         changed = changed.union(body)
     for entry in corrections.of("add_wall"):
         if _share_within(entry.shape, changed) < 0.5:
             raise corrections.error(entry, "no floor lies there")
-        # A slit between its end and another wall is wall.
-        beyond = [
-            0.0 if floor.covers(Point(p).buffer(2.0 * NECK)) else 2.0 * NECK for p in entry.line
-        ]
-        body = lengthened(entry.shape, *beyond).buffer(0.5 * entry.thickness, cap_style="flat")
-        changed = changed.difference(_parts_at(entry.shape, body.intersection(changed)))
+        added = _added(entry, floor).intersection(changed)
+        changed = changed.difference(_parts_at(entry.shape, added))
     for entry in corrections.of("add_door"):
         solid = entry.shape.buffer(THICKEST_WALL, cap_style="flat").difference(changed)
         passage = _parts_at(entry.shape, solid)
@@ -47,11 +43,32 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
         beside = changed.intersection(passage.buffer(1e-3)).area / 1e-3
         if _share_within(entry.shape, changed) < 0.5 and beside > 1.5 * entry.shape.length:
             changed = changed.union(passage)
-    if changed is floor:
-        return floor
-    closed = (
-        changed.buffer(SLIT, join_style="mitre").buffer(-SLIT, join_style="mitre").simplify(2e-3)
-    )
+    return floor if changed is floor else _without_slits(changed)
+
+
+def _removed(entry: Correction) -> BaseGeometry:
+    """The body of a wall that is taken away."""
+    # A little thicker, so that nothing is left between a wall and its rounded line.
+    half = 0.5 * entry.thickness + INTO_WALLS
+    return entry.shape.buffer(half, cap_style="flat")
+
+
+def _added(entry: Correction, floor: MultiPolygon) -> BaseGeometry:
+    """The body of a new wall."""
+    beyond = []
+    for point in entry.line:
+        # A slit between its end and another wall is wall.
+        is_free = floor.covers(Point(point).buffer(2.0 * NECK))
+        beyond.append(0.0 if is_free else 2.0 * NECK)
+    before, after = beyond
+    line = lengthened(entry.shape, before, after)
+    return line.buffer(0.5 * entry.thickness, cap_style="flat")
+
+
+def _without_slits(floor: BaseGeometry) -> MultiPolygon:
+    """A floor without slits and patches that nobody draws."""
+    wider = floor.buffer(SLIT, join_style="mitre")
+    closed = wider.buffer(-SLIT, join_style="mitre").simplify(2e-3)
     return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_CUT**2])
 
 
@@ -75,16 +92,20 @@ def revised_division(
             raise corrections.error(entry, "no door and no boundary between two rooms lies there")
         joined.append(gaps[away.index(min(away))])
     gaps = [gap for gap in gaps if gap not in joined]
-    added = {
-        entry: list(_crossings(entry, floor, gaps)) for entry in corrections.of("split", "add_door")
-    }
+    added = {}
+    for entry in corrections.of("split", "add_door"):
+        added[entry] = list(_crossings(entry, floor, gaps))
     for gap in itertools.chain(*added.values()):
-        gaps = [*(old for old in gaps if not _is_same(old, gap)), gap]
+        others = [old for old in gaps if not _is_same(old, gap)]
+        gaps = [*others, gap]
     division = divide(floor, gaps)
     for entry, lines in added.items():
-        if not any(_is_same(door, line) for line in lines for door in division.doors):
-            reason = f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall"
-            raise corrections.error(entry, reason)
+        pairs = itertools.product(lines, division.doors)
+        if not any(_is_same(door, line) for line, door in pairs):
+            raise corrections.error(
+                entry,
+                f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall",
+            )
     return division
 
 
@@ -96,15 +117,16 @@ def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, 
     """
     names = {}
     for entry in corrections.of("name_room"):
-        number = next((k for k, room in enumerate(rooms) if room.intersects(entry.shape)), None)
-        if number is None:
+        here = [number for number, room in enumerate(rooms) if room.intersects(entry.shape)]
+        if not here:
             raise corrections.error(entry, "no room lies there")
-        names[number] = entry.name
+        names[here[0]] = entry.name
     return names
 
 
 def _parts_at(line: BaseGeometry, geometry: BaseGeometry) -> BaseGeometry:
-    return shapely.union_all([part for part in polygon_parts(geometry) if part.intersects(line)])
+    parts = [part for part in polygon_parts(geometry) if part.intersects(line)]
+    return shapely.union_all(parts)
 
 
 def _share_within(line: BaseGeometry, floor: BaseGeometry) -> float:
@@ -118,13 +140,16 @@ def _is_same(gap: Gap, other: Gap) -> bool:
 def _crossings(entry: Correction, floor: MultiPolygon, gaps: Sequence[Gap]) -> Iterator[Gap]:
     """Where a line, led on to the next walls, leads through rooms; it covers at least half of the way."""
     others = [gap.cut for gap in gaps if gap.line.hausdorff_distance(entry.shape) > SAME_DOOR]
-    space = MultiPolygon(polygon_parts(floor.difference(shapely.union_all(others).buffer(1e-3))))
+    cut = floor.difference(shapely.union_all(others).buffer(1e-3))
+    space = MultiPolygon(polygon_parts(cut))
     # So it ends at corners, too, and doesn't run along walls.
     inside = space.buffer(-INTO_WALLS, join_style="mitre")
-    for piece in shapely.get_parts(lengthened(entry.shape, 1e3, 1e3).intersection(inside)):
-        covered = piece.intersection(entry.shape.buffer(1e-3)).length
+    line = lengthened(entry.shape, 1e3, 1e3)
+    near = entry.shape.buffer(1e-3)
+    kind: Literal["door", "opening"] = "opening" if entry.kind == "split" else "door"
+    for piece in shapely.get_parts(line.intersection(inside)):
+        covered = piece.intersection(near).length
         if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
-            (x0, y0), (x1, y1) = piece.coords[0], piece.coords[-1]
-            yield onto_faces(
-                Gap((x0, y0), (x1, y1), kind="opening" if entry.kind == "split" else "door"), space
-            )
+            start = piece.coords[0]
+            end = piece.coords[-1]
+            yield onto_faces(Gap(start, end, kind=kind), space)

@@ -66,7 +66,8 @@ def make_drawing(
     Raises:
         InputFileError: If the map holds no floor or no walls, or the corrections don't fit it.
     """
-    corrections, provenance = corrections or Corrections(()), provenance or {}
+    corrections = corrections or Corrections(())
+    provenance = provenance or {}
     where = provenance.get("source", name)
     if not (grid.cells == FREE).any():
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
@@ -88,17 +89,6 @@ def make_drawing(
     walls = judged_walls(find_walls(floor), evidence)
     rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
     doors = _doors(division, rooms, walls, grid)
-    kept = {
-        "model": model
-        if isinstance(model, str)
-        else getattr(model, "__name__", type(model).__name__),
-        "corrections": [entry.as_dict() for entry in corrections.corrections],
-        "slamgym": slamgym.__version__,
-        **{
-            key: printable(value) if isinstance(value, str) else value
-            for key, value in provenance.items()
-        },
-    }
     drawing = Drawing(
         name=printable(name),
         grid=grid,
@@ -109,11 +99,26 @@ def make_drawing(
         rooms=rooms,
         inferred_floor=tuple(unseen_floor(floor, grid)),
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
-        provenance=kept,
+        provenance=_provenance(model, corrections, provenance),
     )
-    return replace(
-        drawing, doubts=tuple(find_doubts(drawing, direction if angle_deg is None else None))
-    )
+    doubts = find_doubts(drawing, direction if angle_deg is None else None)
+    return replace(drawing, doubts=tuple(doubts))
+
+
+def _provenance(
+    model: str | FloorModel, corrections: Corrections, given: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Model, corrections and version, and what the caller keeps with the drawing."""
+    if not isinstance(model, str):
+        model = getattr(model, "__name__", type(model).__name__)
+    kept = {
+        "model": model,
+        "corrections": [entry.as_dict() for entry in corrections.corrections],
+        "slamgym": slamgym.__version__,
+    }
+    for key, value in given.items():
+        kept[key] = printable(value) if isinstance(value, str) else value
+    return kept
 
 
 def _find_floor(
@@ -129,26 +134,31 @@ def _find_floor(
     rooms = np.zeros(seen.shape, np.int64)
     for number, room in enumerate(division.rooms, 1):
         rooms[filled(room, grid.frame)] = number
-    picture = floor_of_rooms(
-        layers.free, seen, grid.cells == OCCUPIED, rooms, grid.frame.resolution
-    )
+    echoes = grid.cells == OCCUPIED
+    picture = floor_of_rooms(layers.free, seen, echoes, rooms, grid.frame.resolution)
     floor = straightened(picture, grid.frame, angle_deg)
-    return floor, [] if floor.is_empty else [onto_faces(gap, floor) for gap in division.doors]
+    if floor.is_empty:
+        return floor, []
+    return floor, [onto_faces(gap, floor) for gap in division.doors]
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:
     """The part of a map that is known, with a margin, in the same coordinates: many maps are mostly empty."""
     known = grid.cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    frame, cell = grid.frame, grid.frame.resolution
+    rows = np.flatnonzero(known.any(axis=1))
+    cols = np.flatnonzero(known.any(axis=0))
+    frame = grid.frame
+    cell = frame.resolution
     margin = int(np.ceil(KNOWN_MARGIN / cell))
-    top, left = max(int(rows[0]) - margin, 0), max(int(cols[0]) - margin, 0)
-    cells = grid.cells[top : rows[-1] + margin + 1, left : cols[-1] + margin + 1]
-    x, y = (
-        frame.origin_x + left * cell,
-        frame.origin_y + (frame.height_px - top - len(cells)) * cell,
-    )
-    return OccupancyGrid(np.ascontiguousarray(cells), GridFrame(cell, x, y, *cells.shape))
+    top = max(int(rows[0]) - margin, 0)
+    left = max(int(cols[0]) - margin, 0)
+    bottom = rows[-1] + margin + 1
+    right = cols[-1] + margin + 1
+    cells = np.ascontiguousarray(grid.cells[top:bottom, left:right])
+    rows_below = frame.height_px - top - len(cells)
+    x = frame.origin_x + left * cell
+    y = frame.origin_y + rows_below * cell
+    return OccupancyGrid(cells, GridFrame(cell, x, y, *cells.shape))
 
 
 def _rooms(
@@ -156,7 +166,8 @@ def _rooms(
 ) -> tuple[DrawnRoom, ...]:
     rooms = []
     for number, polygon in enumerate(polygons):
-        name, seen = f"R{number + 1:02d}", share_known(polygon, grid)
+        name = f"R{number + 1:02d}"
+        seen = share_known(polygon, grid)
         layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
         rooms.append(DrawnRoom(name, polygon, seen, layer, names.get(number, name)))
     return tuple(rooms)
@@ -168,19 +179,31 @@ def _doors(
     bodies = shapely.STRtree([wall.polygon for wall in walls])
     doors = []
     for gap, pair in zip(division.doors, division.joins, strict=True):
-        ends = [shapely.Point(point).buffer(0.05) for point in (gap.start, gap.end)]
-        beside = sorted({int(k) for end in ends for k in bodies.query(end, predicate="intersects")})
-        is_seen = share_seen_open(np.array([gap.start, gap.end]), grid) >= SEEN_SHARE
-        sure = 1.0 / (1.0 + math.exp(-gap.log_odds))
-        layer: Layer = "SEEN" if is_seen else "INFERRED"
-        names = tuple(rooms[k].id for k in sorted(pair))
-        kind = gap.kind or ("door" if gap.length <= DRAWN_DOORS[1] else "opening")
-        depth = max(
-            [walls[k].thickness for k in beside if walls[k].thickness_known],
-            default=OUTER_THICKNESS,
+        beside = _walls_beside(gap, bodies)
+        share_open = share_seen_open(np.array([gap.start, gap.end]), grid)
+        layer: Layer = "SEEN" if share_open >= SEEN_SHARE else "INFERRED"
+        thicknesses = [walls[k].thickness for k in beside if walls[k].thickness_known]
+        door = DrawnDoor(
+            start=gap.start,
+            end=gap.end,
+            depth=max(thicknesses, default=OUTER_THICKNESS),
+            rooms=tuple(rooms[k].id for k in sorted(pair)),
+            walls=tuple(beside),
+            confidence=1.0 / (1.0 + math.exp(-gap.log_odds)),
+            layer=layer,
+            kind=gap.kind or ("door" if gap.length <= DRAWN_DOORS[1] else "opening"),
         )
-        doors.append(DrawnDoor(gap.start, gap.end, depth, names, tuple(beside), sure, layer, kind))
+        doors.append(door)
     return tuple(doors)
+
+
+def _walls_beside(gap: Gap, bodies: shapely.STRtree) -> list[int]:
+    """Numbers of the walls at the ends of a gap."""
+    found = set[int]()
+    for point in (gap.start, gap.end):
+        end = shapely.Point(point).buffer(0.05)
+        found.update(bodies.query(end, predicate="intersects").tolist())
+    return sorted(found)
 
 
 def _dimensions(
@@ -196,23 +219,23 @@ def _dimensions(
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:
             continue
-        circle = shapely.get_coordinates(
-            shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05)
-        )
+        radius = shapely.maximum_inscribed_circle(room.polygon, tolerance=0.05)
+        middle = shapely.get_coordinates(radius)[0]
         for axis in axes:
-            line = _clear_line(room.polygon, circle[0], axis, shut)
+            line = _clear_line(room.polygon, middle, axis, shut)
             if line is not None:
                 found.append((line, room.id))
     spans = [shapely.get_coordinates(floor) @ axis for axis in axes]
     for k, axis in enumerate(axes):
-        aside = (spans[1 - k].min() - 0.8) * axes[1 - k]
+        beside = 1 - k
+        aside = (spans[beside].min() - 0.8) * axes[beside]
         ends = [place * axis + aside for place in (spans[k].min(), spans[k].max())]
         found.append((LineString(ends), "building"))
-    return [
-        Dimension((x0, y0), (x1, y1), of)
-        for line, of in found
-        for (x0, y0), (x1, y1) in [line.coords]
-    ]
+    dimensions = []
+    for line, of in found:
+        (x0, y0), (x1, y1) = line.coords
+        dimensions.append(Dimension((x0, y0), (x1, y1), of))
+    return dimensions
 
 
 def _clear_line(

@@ -13,7 +13,7 @@ import numpy as np
 from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.types import FloatArray, IntArray
+from slamgym.core.types import FloatArray
 from slamgym.drawing.free_space import FreeSpace
 from slamgym.drawing.settings import OUTER_THICKNESS, THICKEST_WALL
 
@@ -59,7 +59,8 @@ class WallPiece:
     def body(self) -> Polygon:
         """A rectangle, corners included."""
         shares = np.array([-self.before, self.length + self.after]) / self.length
-        face, other = self.places(shares, 0.0), self.places(shares, self.thickness)
+        face = self.places(shares, 0.0)
+        other = self.places(shares, self.thickness)
         return Polygon([face[0], *other, face[1]])
 
 
@@ -87,90 +88,126 @@ def find_walls(floor: BaseGeometry, whole: bool = True) -> list[WallPiece]:
         Every stretch of every face belongs to one wall; the longest faces come first. Jambs of doors belong to the
         walls that end there.
     """
-    space = FreeSpace(floor)
-    start, direction = space.start @ (1.0, 1j), space.direction @ (1.0, 1j)
-    lengths, is_convex = space.length.tolist(), space.turn > 0.0
-    taken: list[list[tuple[float, float]]] = [[] for _ in lengths]
-    near = space.edges_near_edges(THICKEST_WALL)
+    faces = _Faces(FreeSpace(floor))
+    taken: list[list[tuple[float, float]]] = [[] for _ in faces.lengths]
     found = []
-    for face in sorted(range(len(lengths)), key=lambda index: (-round(lengths[index], 4), index)):
-        length, convex = lengths[face], (is_convex[face], is_convex[space.after[face]])
+    for face in faces.longest_first():
+        length = faces.lengths[face]
         if length < SHORTEST:
             continue
-        behind = list(_behind(face, near[face], start, direction, space.length))
-        for part in _stretches(length, [stretch for _, stretch in behind], taken[face], whole):
-            at_ends = part.low < 1e-6, part.high > length - 1e-6
-            # A short face between two corners that reach into the floor is the end of a wall.
-            is_jamb = (
-                whole
-                and all(at_ends)
-                and length <= THICKEST_WALL
-                and not (any(convex) or part.known)
-            )
+        behind = list(faces.behind(face))
+        stretches = [stretch for _, stretch in behind]
+        for part in _stretches(length, stretches, taken[face], whole):
+            is_jamb = whole and not part.known and faces.is_end_of_wall(face, part)
             if part.high - part.low < SHORTEST or is_jamb:
                 continue
-            first, last = (
-                complex(start[face] + place * direction[face]) for place in (part.low, part.high)
-            )
-            # Longer at the corners of its room, so that bodies meet.
-            corner = max(part.thickness, OUTER_THICKNESS)
-            before, after = (corner if at_ends[k] and convex[k] else 0.0 for k in (0, 1))
-            found.append(WallPiece(first, last, part.thickness, part.known, before, after))
+            piece = faces.wall(face, part)
+            found.append(piece)
             for other, _ in behind:
-                places = (np.array([last, first]) - start[other]) * direction[other].conjugate()
-                low, high = np.clip(places.real, 0.0, lengths[other]).tolist()
+                low, high = faces.covered(other, piece)
                 if high - low > 1e-6:
                     taken[other].append((low, high))
     return found
 
 
-def _behind(
-    face: int, near: IntArray, start: np.ndarray, direction: np.ndarray, length: FloatArray
-) -> Iterator[tuple[int, _Stretch]]:
-    """Faces that stand back to back with one, the nearest first.
+class _Faces:
+    """The faces of all walls of a floor."""
 
-    Args:
-        face: Its number.
-        near: Numbers of the faces that are near enough.
-        start: Start points of all faces, (N,).
-        direction: Their directions, (N,).
-        length: (N,) [m].
-    """
-    ends = np.stack([start[near], start[near] + length[near] * direction[near]])
-    places = (ends - start[face]) * direction[face].conjugate()
-    low, high = (
-        np.maximum(places.real.min(axis=0), 0.0),
-        np.minimum(places.real.max(axis=0), length[face]),
-    )
-    depth = -places.imag.mean(axis=0)
-    good = (direction[near] * direction[face].conjugate()).real < -ANTIPARALLEL
-    good &= (high - low > SHORTEST) & (depth > 0.005) & (depth <= THICKEST_WALL)
-    for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):
-        yield int(near[k]), _Stretch(float(low[k]), float(high[k]), float(depth[k]), True)
+    def __init__(self, space: FreeSpace) -> None:
+        self.lengths: list[float] = space.length.tolist()
+        self._length = space.length
+        self._start = space.start @ (1.0, 1j)
+        self._direction = space.direction @ (1.0, 1j)
+        self._is_convex = space.turn > 0.0
+        self._after = space.after
+        self._near = space.edges_near_edges(THICKEST_WALL)
+
+    def longest_first(self) -> list[int]:
+        """The numbers of all faces."""
+        numbers = range(len(self.lengths))
+        return sorted(numbers, key=lambda number: (-round(self.lengths[number], 4), number))
+
+    def behind(self, face: int) -> Iterator[tuple[int, _Stretch]]:
+        """Faces that stand back to back with one, the nearest first."""
+        near = self._near[face]
+        start = self._start[near]
+        ends = np.stack([start, start + self._length[near] * self._direction[near]])
+        turn = self._direction[face].conjugate()
+        places = (ends - self._start[face]) * turn
+        low = np.maximum(places.real.min(axis=0), 0.0)
+        high = np.minimum(places.real.max(axis=0), self._length[face])
+        depth = -places.imag.mean(axis=0)
+        is_opposite = (self._direction[near] * turn).real < -ANTIPARALLEL
+        is_wall = (depth > 0.005) & (depth <= THICKEST_WALL)
+        good = is_opposite & is_wall & (high - low > SHORTEST)
+        for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):
+            stretch = _Stretch(float(low[k]), float(high[k]), float(depth[k]), known=True)
+            yield int(near[k]), stretch
+
+    def is_end_of_wall(self, face: int, part: _Stretch) -> bool:
+        """True if a stretch is a short face between two corners that reach into the floor."""
+        length = self.lengths[face]
+        is_all_of_it = part.low < 1e-6 and part.high > length - 1e-6
+        any_convex = self._is_convex[face] or self._is_convex[self._after[face]]
+        return is_all_of_it and length <= THICKEST_WALL and not any_convex
+
+    def wall(self, face: int, part: _Stretch) -> WallPiece:
+        """A stretch of a face as a wall."""
+        start = self._start[face]
+        direction = self._direction[face]
+        first = complex(start + part.low * direction)
+        last = complex(start + part.high * direction)
+        # Longer at the corners of its room, so that bodies meet.
+        corner = max(part.thickness, OUTER_THICKNESS)
+        from_corner = part.low < 1e-6 and self._is_convex[face]
+        to_corner = part.high > self.lengths[face] - 1e-6 and self._is_convex[self._after[face]]
+        before = corner if from_corner else 0.0
+        after = corner if to_corner else 0.0
+        return WallPiece(first, last, part.thickness, part.known, before, after)
+
+    def covered(self, face: int, piece: WallPiece) -> tuple[float, float]:
+        """From where to where a wall lies along a face behind it [m]."""
+        ends = np.array([piece.end, piece.start])
+        places = (ends - self._start[face]) * self._direction[face].conjugate()
+        low, high = np.clip(places.real, 0.0, self.lengths[face]).tolist()
+        return low, high
 
 
 def _stretches(
     length: float, behind: Sequence[_Stretch], taken: Sequence[tuple[float, float]], whole: bool
 ) -> list[_Stretch]:
     """Parts of a face that aren't part of a wall yet, cut where the face behind changes."""
-    marks = {0.0, length, *(mark for part in behind for mark in part[:2]), *itertools.chain(*taken)}
+    marks = {0.0, length, *itertools.chain(*taken)}
+    for part in behind:
+        marks |= {part.low, part.high}
     cells = []
     for low, high in itertools.pairwise(sorted(marks)):
         middle = 0.5 * (low + high)
-        if high - low >= 1e-6 and not any(a <= middle <= b for a, b in taken):
-            over = (
-                part._replace(low=low, high=high)
-                for part in behind
-                if part.low <= middle <= part.high
-            )
-            cells.append(next(over, _Stretch(low, high, OUTER_THICKNESS, known=False)))
+        is_taken = any(first <= middle <= last for first, last in taken)
+        if high - low >= 1e-6 and not is_taken:
+            cells.append(_nearest_behind(behind, low, high))
     merged: list[_Stretch] = []
     for cell, following in itertools.zip_longest(cells, cells[1:]):
-        last = merged[-1] if merged and abs(merged[-1].high - cell.low) < 1e-6 else None
-        # Where a wall meets from behind, the two walls next to it continue as one.
-        is_bridge = whole and not cell.known and cell.high - cell.low <= THICKEST_WALL and following
-        if last and (last.continues(cell) or (is_bridge and last.continues(following))):
+        last = merged[-1] if merged else None
+        if last and abs(last.high - cell.low) < 1e-6 and _is_one_wall(last, cell, following, whole):
             merged[-1] = last._replace(high=cell.high)
         else:
             merged.append(cell)
     return merged
+
+
+def _nearest_behind(behind: Sequence[_Stretch], low: float, high: float) -> _Stretch:
+    """The first stretch that lies behind a part of a face, cut to it; one of no known thickness if there is none."""
+    middle = 0.5 * (low + high)
+    for part in behind:
+        if part.low <= middle <= part.high:
+            return part._replace(low=low, high=high)
+    return _Stretch(low, high, OUTER_THICKNESS, known=False)
+
+
+def _is_one_wall(last: _Stretch, cell: _Stretch, following: _Stretch | None, whole: bool) -> bool:
+    """True if a stretch continues the one before it, or only bridges the place where a wall meets from behind."""
+    if last.continues(cell):
+        return True
+    may_bridge = whole and not cell.known and cell.high - cell.low <= THICKEST_WALL
+    return may_bridge and following is not None and last.continues(following)

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import shapely
 
-from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
@@ -24,10 +24,13 @@ EXPLORED = 0.3
 BEYOND_JAMBS = 1.3
 """The wall is looked at this far beyond both jambs [m]."""
 _STEP = 0.025
+"""Between two places along a wall that are looked at [m]."""
 NARROWEST_DOOR = 0.45
 """A gap that is narrower is no door [m]."""
-MOVED, OTHER_WIDTH = 0.2, 0.15
-"""A door has moved, or is wider or narrower, if it differs by more [m]."""
+MOVED = 0.2
+"""A door has moved if its middle is farther from its place [m]."""
+OTHER_WIDTH = 0.15
+"""A door is of another width if it differs by more [m]."""
 
 
 def compare_with_plan(
@@ -60,11 +63,10 @@ def compare_with_plan(
     measured = measure_walls(walls, evidence)
     judged = [judge_wall(measured, wall, config) for wall in range(len(walls.lengths))]
     rooms = [_judge_room(room, plan, evidence) for room in plan.rooms]
-    long_walls = (wall for wall in judged if wall.length >= SHORTEST_CHANGED)
+    long_walls = [wall for wall in judged if wall.length >= SHORTEST_CHANGED]
+    changed_walls = [wall for wall in long_walls if wall.kind in CHANGED]
     changes = [
-        *sorted(
-            (wall for wall in long_walls if wall.kind in CHANGED), key=lambda wall: -wall.length
-        ),
+        *sorted(changed_walls, key=lambda wall: -wall.length),
         *_new_openings(plan, measured, judged),
         *_extra_walls(plan, evidence, measured, judged),
         *_door_changes(plan, measured, evidence),
@@ -91,16 +93,17 @@ def _new_openings(
             continue
         for ends in open_runs(measured, number, SHORTEST_CHANGED):
             line = shapely.LineString(_along(wall.line, np.array(ends)))
-            if (
-                not line.distance(doors) < 1.5
-            ):  # else that door has moved, or is wider; nan without any
+            is_of_door = line.distance(doors) < 1.5  # it has moved, or is wider; nan without any
+            if not is_of_door:
                 yield _straight("opening_new", "opening", line)
 
 
 def _along(line: Line, places: FloatArray) -> FloatArray:
     """Points (N, 2) at places (N,) along a line from its first end [m]."""
-    start, end = np.array(line[:2]), np.array(line[2:])
-    return start + places[:, None] * (end - start) / max(float(np.hypot(*(end - start))), 1e-6)
+    start = np.array(line[:2])
+    along = np.array(line[2:]) - start
+    length = max(float(np.hypot(*along)), 1e-6)
+    return start + places[:, None] * along / length
 
 
 def _extra_walls(
@@ -109,10 +112,12 @@ def _extra_walls(
     """Straight structures that the plan doesn't have."""
     walls = measured.plan
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
-    jambs = np.array([end for door in plan.doors for end in (door.start, door.end)]).reshape(-1, 2)
-    shifts = measured.drift, measured.drift + [wall.offset or 0.0 for wall in judged]
-    places = [walls.points + (shift[:, None] * walls.normals)[walls.wall] for shift in shifts]
-    for line in extra_walls(plan.free_space, evidence, np.vstack([*places, jambs])):
+    moved_by = measured.drift + [wall.offset or 0.0 for wall in judged]
+    left = walls.points + (measured.drift[:, None] * walls.normals)[walls.wall]
+    now = walls.points + (moved_by[:, None] * walls.normals)[walls.wall]
+    jambs = np.array([(door.start, door.end) for door in plan.doors]).reshape(-1, 2)
+    explained_by = np.vstack([left, now, jambs])
+    for line in extra_walls(plan.free_space, evidence, explained_by):
         yield _straight("wall_extra", "wall", line)
 
 
@@ -121,38 +126,62 @@ def _door_changes(
 ) -> Iterator[PlanFinding]:
     """The doors that are not as planned: moved along their wall, of another width, or blocked."""
     for number, door in enumerate(plan.doors, start=1):
-        line: Line = (*door.start, *door.end)
         along = np.arange(-BEYOND_JAMBS + 0.5 * _STEP, door.width + BEYOND_JAMBS, _STEP)
-        places = _along(line, along)
-        normal = np.array([line[1] - line[3], line[2] - line[0]]) / max(door.width, 1e-6)
-        shift = measured.drift_at(0.5 * np.add(door.start, door.end))
-        states = evidence.across(places + shift, normal)
-        # Beyond the ends of the wall lie other rooms.
-        is_floor = shapely.contains_xy(plan.free_space, places)
-        states[is_floor & ((along < -_STEP) | (along > door.width + _STEP))] = 0
+        states = _states_along(door, along, plan, measured, evidence)
         inside = states[(along > 0.1) & (along < door.width - 0.1)]
         if (inside == 0).mean() > 0.5:
             continue
-        gap = _best_gap(states, along, door.width)
+        line: Line = (*door.start, *door.end)
         name = f"door {number}, {door.width:.2f} m"
-        if gap is None:
-            if (inside < 0).mean() > 0.6:
-                yield PlanFinding("door_blocked", name, line)
-            continue
-        if gap[0] <= along[0] or gap[1] >= along[-1]:
-            continue  # the wall itself is gone there, which is another change
-        offset, wider = 0.5 * (gap[0] + gap[1] - door.width), gap[1] - gap[0] - door.width
-        if abs(offset) > MOVED and min(abs(gap[0]), abs(gap[1] - door.width)) > 0.5 * MOVED:
-            yield PlanFinding("door_moved", name, line, offset, 2 * _STEP, offset)
-        elif abs(wider) > OTHER_WIDTH:
-            yield PlanFinding("door_width", name, line, wider, 2 * _STEP, wider)
+        gap = _best_gap(states, along, door.width)
+        if gap is not None:
+            yield from _changed_gap(name, line, door.width, gap, along)
+        elif (inside < 0).mean() > 0.6:
+            yield PlanFinding("door_blocked", name, line)
+
+
+def _states_along(
+    door: Door, along: FloatArray, plan: FloorPlan, measured: Survey, evidence: MapEvidence
+) -> IntArray:
+    """At places along a door's wall (N,) [m]: 1 open, -1 closed, 0 unknown, or beyond the ends of the wall."""
+    line: Line = (*door.start, *door.end)
+    places = _along(line, along)
+    normal = np.array([line[1] - line[3], line[2] - line[0]]) / max(door.width, 1e-6)
+    shift = measured.drift_at(0.5 * np.add(door.start, door.end))
+    states = evidence.across(places + shift, normal)
+    # Beyond the ends of the wall lie other rooms.
+    is_floor = shapely.contains_xy(plan.free_space, places)
+    is_beside = (along < -_STEP) | (along > door.width + _STEP)
+    states[is_floor & is_beside] = 0
+    return states
+
+
+def _changed_gap(
+    name: str, line: Line, width: float, gap: tuple[float, float], along: FloatArray
+) -> Iterator[PlanFinding]:
+    """What is not as planned about the gap of a door."""
+    low, high = gap
+    if low <= along[0] or high >= along[-1]:
+        return  # the wall itself is gone there, which is another change
+    offset = 0.5 * (low + high - width)
+    wider = high - low - width
+    nearer_jamb = min(abs(low), abs(high - width))
+    if abs(offset) > MOVED and nearer_jamb > 0.5 * MOVED:
+        yield PlanFinding("door_moved", name, line, offset, 2 * _STEP, offset)
+    elif abs(wider) > OTHER_WIDTH:
+        yield PlanFinding("door_width", name, line, wider, 2 * _STEP, wider)
 
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
     """The gap that overlaps the door most, or else is nearest to it: its ends along the wall [m]."""
     ends = along[0] + _STEP * (runs_of(states == 1) - 0.5)
     runs = [(start, stop) for start, stop in ends.tolist() if stop - start >= NARROWEST_DOOR]
-    return max(runs, key=lambda run: min(run[1], width) - max(run[0], 0.0), default=None)
+
+    def overlap(run: tuple[float, float]) -> float:
+        start, stop = run
+        return min(stop, width) - max(start, 0.0)
+
+    return max(runs, key=overlap, default=None)
 
 
 def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> PlanFinding:
@@ -161,7 +190,9 @@ def _judge_room(room: Room, plan: FloorPlan, evidence: MapEvidence) -> PlanFindi
     shape = shapely.transform(room.polygon.intersection(plan.free_space), evidence.on_map)
     free = (evidence.grid.cells == FREE) & filled(shape, frame)
     cell = frame.resolution**2
-    seen = min(float(free.sum() * cell / shape.area), 1.0) if shape.area > cell else 1.0
+    seen = 1.0
+    if shape.area > cell:
+        seen = min(float(free.sum() * cell / shape.area), 1.0)
     x, y = room.polygon.representative_point().coords[0]
     kind: FindingKind = "room_unexplored" if seen < EXPLORED else "room_explored"
     return PlanFinding(kind, room.category, (x, y, x, y), seen=seen)

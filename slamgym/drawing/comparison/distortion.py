@@ -35,15 +35,22 @@ class Drift:
             values: Their offsets along the normals, (M,) [m].
             noise: Standard errors of the offsets, (M,) [m].
         """
-        self._places, self._normals = places, normals
-        self._size = max(LEAST_DRIFT, 1.4826 * float(np.median(np.abs(values))))
-        field, variance, weight = self._covariance(places, normals), noise**2, np.ones(len(noise))
+        self._places = places
+        self._normals = normals
+        typical = 1.4826 * float(np.median(np.abs(values)))
+        self._size = max(LEAST_DRIFT, typical)
+        field = self._covariance(places, normals)
+        variance = noise**2
+        weight = np.ones(len(noise))
         for _ in range(ROUNDS):
-            self._inverse = np.linalg.inv(field + np.diag(variance / weight))
+            weighted = variance / weight
+            self._inverse = np.linalg.inv(field + np.diag(weighted))
             self._pulled = self._inverse @ values
             own = 1.0 / np.diag(self._inverse)  # each predicted from all others (equation 5.12)
-            residual, spread = own * self._pulled, np.maximum(own - variance / weight, 1e-6)
-            weight = 1.0 / np.square(1.0 + residual**2 / (_OUTLIER**2 * (spread + variance)))
+            residual = own * self._pulled
+            spread = np.maximum(own - weighted, 1e-6)
+            expected = _OUTLIER**2 * (spread + variance)
+            weight = 1.0 / np.square(1.0 + residual**2 / expected)
         self.expected = values - residual
         """At each wall, from the others, (M,) [m]."""
         self.deviation = np.sqrt(spread)
@@ -52,10 +59,12 @@ class Drift:
     def predict(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Its parts along normals (Q, 2) at places (Q, 2), and their standard errors, (Q,) [m]."""
         cross = self._covariance(places, normals)
-        variance = self._size**2 - ((cross @ self._inverse) * cross).sum(axis=1)
-        return cross @ self._pulled, np.sqrt(np.maximum(variance, 1e-6))
+        explained = ((cross @ self._inverse) * cross).sum(axis=1)
+        variance = np.maximum(self._size**2 - explained, 1e-6)
+        return cross @ self._pulled, np.sqrt(variance)
 
     def _covariance(self, places: FloatArray, normals: FloatArray) -> FloatArray:
         """Covariance with the offsets, (Q, M); smooth at short distances (Matern 3/2)."""
         away = cdist(places, self._places) * np.sqrt(3.0) / DRIFT_REACH
-        return self._size**2 * (1.0 + away) * np.exp(-away) * (normals @ self._normals.T)
+        in_common = normals @ self._normals.T
+        return self._size**2 * (1.0 + away) * np.exp(-away) * in_common

@@ -41,34 +41,64 @@ def extra_walls(
         evidence: The map over it.
         explained_by: (N, 2) points of its walls where the map is expected to show them [m].
     """
-    inside = shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), evidence.points)
-    inside &= KDTree(explained_by).query(evidence.points)[0] > EXPLAINED
-    frame = evidence.grid.frame
-    image = np.zeros(frame.shape, np.uint8)
-    image[frame.to_cell(*evidence.on_map(evidence.points[inside]).T)] = 255
-    shortest, gap = SHORTEST_EXTRA / frame.resolution, GAP / frame.resolution
-    rows = cv2.HoughLinesP(image, 1.0, np.pi / TURNS, VOTES, minLineLength=shortest, maxLineGap=gap)
-    cols, at_rows = (rows if rows is not None else np.empty(0)).reshape(-1, 2).T
-    places = transform_points(evidence.plan_from_map, frame.to_points(at_rows, cols))
-    lines = map(LineString, places.reshape(-1, 2, 2))
+    unexplained = _unexplained(floor, evidence, explained_by)
+    lines = map(LineString, _straight_pieces(unexplained, evidence))
     kept: list[LineString] = []
     for line in sorted(lines, key=lambda line: -line.length):
-        # The two faces of one wall count once.
-        is_double = any(
-            line.intersection(other.buffer(THICKEST)).length > 0.7 * line.length for other in kept
-        )
-        if not is_double and _is_seen_from_both_sides(line, evidence):
+        if not _is_along_any(line, kept) and _is_seen_from_both_sides(line, evidence):
             kept.append(line)
     return kept
+
+
+def _unexplained(
+    floor: BaseGeometry, evidence: MapEvidence, explained_by: FloatArray
+) -> FloatArray:
+    """Points on the faces of a map's walls that lie on the floor and far from what explains them, (N, 2) [m]."""
+    points = evidence.points
+    inside = shapely.contains_xy(floor.buffer(-0.5 * EXPLAINED), points)
+    away, _ = KDTree(explained_by).query(points)
+    return points[inside & (away > EXPLAINED)]
+
+
+def _straight_pieces(points: FloatArray, evidence: MapEvidence) -> FloatArray:
+    """Ends of straight lines through points (N, 2), (L, 2, 2) [m]."""
+    frame = evidence.grid.frame
+    image = np.zeros(frame.shape, np.uint8)
+    image[frame.to_cell(*evidence.on_map(points).T)] = 255
+    shortest = SHORTEST_EXTRA / frame.resolution
+    gap = GAP / frame.resolution
+    turn = np.pi / TURNS
+    rows = cv2.HoughLinesP(image, 1.0, turn, VOTES, minLineLength=shortest, maxLineGap=gap)
+    if rows is None:
+        return np.empty((0, 2, 2))
+    cols, at_rows = rows.reshape(-1, 2).T
+    ends = transform_points(evidence.plan_from_map, frame.to_points(at_rows, cols))
+    return ends.reshape(-1, 2, 2)
+
+
+def _is_along_any(line: LineString, others: list[LineString]) -> bool:
+    """True if most of a line lies near another one: the two faces of one wall count once."""
+    for other in others:
+        near = other.buffer(THICKEST)
+        if line.intersection(near).length > 0.7 * line.length:
+            return True
+    return False
 
 
 def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     """True if there is free space within the thickness of a wall on either side of most of it."""
     start, end = np.array(line.coords)
+    along = end - start
     normal = np.array([start[1] - end[1], end[0] - start[0]]) / line.length
-    points = start + np.linspace(0.05, 0.95, max(5, round(line.length / 0.05)))[:, None] * (
-        end - start
-    )
+    count = max(5, round(line.length / 0.05))
+    points = start + np.linspace(0.05, 0.95, count)[:, None] * along
     depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal
-    sides = (points[:, None] + depths, points[:, None] - depths)
-    return all((evidence.values(side) == FREE).any(axis=1).mean() >= SEEN_ALONG for side in sides)
+    on_left = _share_seen(points[:, None] + depths, evidence)
+    on_right = _share_seen(points[:, None] - depths, evidence)
+    return min(on_left, on_right) >= SEEN_ALONG
+
+
+def _share_seen(places: FloatArray, evidence: MapEvidence) -> float:
+    """Share of the rows of places (N, D, 2) with a free cell."""
+    is_free = evidence.values(places) == FREE
+    return float(is_free.any(axis=1).mean())

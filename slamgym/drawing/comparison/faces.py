@@ -60,20 +60,33 @@ class PlanWalls:
 def plan_walls(plan: FloorPlan) -> PlanWalls:
     """All walls of a plan."""
     walls = find_walls(plan.free_space.simplify(_SIMPLIFY), whole=False)
-    lines, points, wall, side = [], [], [], []
+    lines = []
+    points = []
+    wall = []
+    side = []
     for number, piece in enumerate(walls):
         depth = piece.thickness if piece.known else 0.0
         count = max(round(piece.length / FACE_STEP), 1)
+        shares = (np.arange(count) + 0.5) / count
         lines.append(piece.places(np.array([0.0, 1.0]), 0.5 * depth).ravel())
-        for face, behind in ((1.0, 0.0), (-1.0, depth))[: 1 + piece.known]:
-            points.append(piece.places((np.arange(count) + 0.5) / count, behind))
-            wall.extend([number] * count)
-            side.extend([face] * count)
+        points.append(piece.places(shares, 0.0))
+        wall += [number] * count
+        side += [1.0] * count
+        if piece.known:
+            points.append(piece.places(shares, depth))
+            wall += [number] * count
+            side += [-1.0] * count
     ends = np.array(lines)
     x, y = (ends[:, 2:] - ends[:, :2]).T
     lengths = np.hypot(x, y)
-    normals = np.column_stack([-y, x]) / lengths[:, None]
-    return PlanWalls(ends, normals, lengths, np.vstack(points), np.array(wall), np.array(side))
+    return PlanWalls(
+        lines=ends,
+        normals=np.column_stack([-y, x]) / lengths[:, None],
+        lengths=lengths,
+        points=np.vstack(points),
+        wall=np.array(wall),
+        side=np.array(side),
+    )
 
 
 @dataclass(frozen=True)
@@ -87,9 +100,13 @@ class MapEvidence:
 
     def moved(self, by: Pose2D) -> "MapEvidence":
         """The same map, moved over the plan."""
-        normals = transform_points(Pose2D(0.0, 0.0, by.theta), self.normals)
-        points, pose = transform_points(by, self.points), compose(by, self.plan_from_map)
-        return MapEvidence(self.grid, points, normals, pose)
+        turn = Pose2D(0.0, 0.0, by.theta)
+        return MapEvidence(
+            grid=self.grid,
+            points=transform_points(by, self.points),
+            normals=transform_points(turn, self.normals),
+            plan_from_map=compose(by, self.plan_from_map),
+        )
 
     def on_map(self, points: FloatArray) -> FloatArray:
         """Points of the plan's frame in the map's own, any shape (..., 2) [m]."""
@@ -101,15 +118,17 @@ class MapEvidence:
 
     def is_free_before(self, points: FloatArray, normals: FloatArray) -> np.ndarray:
         """True for points (N, 2) [m] of faces with normals (N, 2) that the robot could see."""
-        return (self.values(points[:, None] + BEFORE[:, None] * normals[:, None]) == FREE).any(
-            axis=1
-        )
+        places = points[:, None] + BEFORE[:, None] * normals[:, None]
+        is_free = self.values(places) == FREE
+        return is_free.any(axis=1)
 
     def across(self, points: FloatArray, normals: FloatArray) -> IntArray:
         """At points (N, 2) [m] of walls with normals (N, 2) or (2,): 1 open, -1 closed, 0 unknown."""
-        cells = self.values(points[:, None] + ACROSS[:, None] * np.atleast_2d(normals)[:, None])
-        closed, free = (cells == OCCUPIED).any(axis=1), (cells == FREE).mean(axis=1)
-        return np.where(closed, -1, np.where(free > 0.8, 1, 0))
+        steps = ACROSS[:, None] * np.atleast_2d(normals)[:, None]
+        cells = self.values(points[:, None] + steps)
+        is_closed = (cells == OCCUPIED).any(axis=1)
+        is_open = (cells == FREE).mean(axis=1) > 0.8
+        return np.where(is_closed, -1, np.where(is_open, 1, 0))
 
 
 def map_evidence(grid: OccupancyGrid) -> MapEvidence:
@@ -118,17 +137,21 @@ def map_evidence(grid: OccupancyGrid) -> MapEvidence:
     A cell of a thin wall is a point for each side from which it was seen.
     """
     free = grid.cells == FREE
-    down, right = np.gradient(cv2.GaussianBlur(free.astype(np.float32), (0, 0), NORMAL_BLUR))
-    padded, found = np.pad(free, 1), []
+    blurred = cv2.GaussianBlur(free.astype(np.float32), (0, 0), NORMAL_BLUR)
+    down, right = np.gradient(blurred)
+    padded = np.pad(free, 1)
+    points = []
+    normals = []
     for row_step, col_step in ((0, 1), (0, -1), (1, 0), (-1, 0)):
         beside = np.roll(padded, (-row_step, -col_step), (0, 1))[1:-1, 1:-1]
         row, col = np.nonzero((grid.cells == OCCUPIED) & beside)
-        at = row + row_step, col + col_step
-        normal = np.column_stack([right[at], -down[at]])
+        free_cell = (row + row_step, col + col_step)
+        normal = np.column_stack([right[free_cell], -down[free_cell]])
         # Pointing away from the free cell: the blur of a thin wall's other side.
-        wrong = normal @ [col_step, -row_step] <= 0.0
-        normal[wrong] = [col_step, -row_step]
+        to_free_cell = [col_step, -row_step]
+        wrong = normal @ to_free_cell <= 0.0
+        normal[wrong] = to_free_cell
         normal /= np.maximum(np.hypot(*normal.T), 1e-6)[:, None]
-        found.append(np.hstack([grid.frame.to_points(row, col), normal]))
-    points = np.vstack(found)
-    return MapEvidence(grid, points[:, :2], points[:, 2:])
+        points.append(grid.frame.to_points(row, col))
+        normals.append(normal.astype(np.float64))
+    return MapEvidence(grid, np.vstack(points), np.vstack(normals))

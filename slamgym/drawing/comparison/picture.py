@@ -51,18 +51,13 @@ COLOURS: dict[str, tuple[Colour, str]] = {
 
 def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: OccupancyGrid) -> ByteArray:
     """Draw the map and the plan's walls by what has become of them: RGB, shape (rows, cols, 3)."""
-    min_x, min_y, max_x, max_y = plan.bounds
-    size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
-    frame = GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
-    tints = np.full((256, 3), OUTLINE, np.uint8)
-    tints[FREE], tints[OCCUPIED] = WHITE, FAINT
-    to_map = inverse(comparison.registration.plan_from_map)
-    points = transform_points(to_map, frame.to_points(*np.indices(frame.shape)))
-    picture: ByteArray = tints[values_at(grid.cells, grid.frame, points, UNKNOWN)]
+    frame = _frame(plan)
+    picture = _map_below(comparison, grid, frame)
     if comparison.is_confident:
         for wall in comparison.walls:
             if wall.kind != "wall_moved":
-                _line(picture, np.array(wall.line), frame, COLOURS[wall.kind][0], 2)
+                colour, _ = COLOURS[wall.kind]
+                _line(picture, np.array(wall.line), frame, colour, 2)
         for change in comparison.changes:
             _draw_change(picture, change, frame)
     else:
@@ -73,26 +68,57 @@ def draw_comparison(comparison: PlanComparison, plan: FloorPlan, grid: Occupancy
     return picture
 
 
+def _frame(plan: FloorPlan) -> GridFrame:
+    """A frame round a plan whose cells are the picture's pixels."""
+    min_x, min_y, max_x, max_y = plan.bounds
+    size = max(max_x - min_x, max_y - min_y) + 2.0 * MARGIN
+    return GridFrame.covering(plan.bounds, size / SIZE, MARGIN)
+
+
+def _map_below(comparison: PlanComparison, grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
+    """The map as it lies on the plan, in grey."""
+    tints = np.full((256, 3), OUTLINE, np.uint8)
+    tints[FREE] = WHITE
+    tints[OCCUPIED] = FAINT
+    to_map = inverse(comparison.registration.plan_from_map)
+    places = frame.to_points(*np.indices(frame.shape))
+    points = transform_points(to_map, places)
+    cells = values_at(grid.cells, grid.frame, points, UNKNOWN)
+    picture: ByteArray = tints[cells]
+    return picture
+
+
 def _draw_change(picture: ByteArray, change: PlanFinding, frame: GridFrame) -> None:
-    colour, line = COLOURS[change.kind][0], np.array(change.line)
+    colour, _ = COLOURS[change.kind]
     if change.kind == "room_unexplored":
-        x, y = frame_pixels(line[None, :2], frame, 1.0)[0].astype(int)
+        x, y = frame_pixels(np.array([change.line[:2]]), frame, 1.0)[0].astype(int)
         draw_text(picture, f"{change.what}: not explored", int(x) - 60, int(y), 0.5, colour)
         return
-    unit = (line[2:] - line[:2]) / max(float(np.hypot(*(line[2:] - line[:2]))), 1e-9)
-    # What was built as the map shows it: with the map's own distortion.
-    offset, aside = change.raw_offset or 0.0, np.array([-unit[1], unit[0]])
-    shift = {"wall_moved": offset * aside, "door_moved": offset * unit}
-    moved = line + np.tile(shift.get(change.kind, 0.0 * unit), 2)
+    line = np.array(change.line).reshape(2, 2)
+    built = line + _shift(change)
     _line(picture, line, frame, colour, 1)
-    _line(picture, moved, frame, colour, 5)
+    _line(picture, built, frame, colour, 5)
     text = "" if change.offset is None else f"{100.0 * change.offset:+.0f} cm"
-    middle = frame_pixels((0.5 * (moved[:2] + moved[2:]))[None], frame, 1.0)[0]
-    draw_text(picture, text, int(middle[0]) + 8, int(middle[1]) - 16, 0.55, colour)
+    middle = 0.5 * (built[0] + built[1])
+    x, y = frame_pixels(middle[None], frame, 1.0)[0].tolist()
+    draw_text(picture, text, int(x) + 8, int(y) - 16, 0.55, colour)
+
+
+def _shift(change: PlanFinding) -> FloatArray:
+    """By how much what was built lies beside what was planned, with the map's own distortion, (2,) [m]."""
+    offset = change.raw_offset or 0.0
+    start, end = np.array(change.line).reshape(2, 2)
+    unit = (end - start) / max(float(np.hypot(*(end - start))), 1e-9)
+    if change.kind == "wall_moved":
+        return offset * np.array([-unit[1], unit[0]])
+    if change.kind == "door_moved":
+        return np.asarray(offset * unit)
+    return np.zeros(2)
 
 
 def _line(
     picture: ByteArray, line: FloatArray, frame: GridFrame, colour: Colour, thickness: int
 ) -> None:
-    pixels = fixed_point(frame_pixels(line.reshape(2, 2), frame, 1.0))
+    ends = frame_pixels(line.reshape(2, 2), frame, 1.0)
+    pixels = fixed_point(ends)
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)

@@ -22,12 +22,17 @@ from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
 from slamgym.metrics.maps import distance_to
 
 ANGLES = 120
-COARSE_CELL, COARSE_CELLS = 0.15, 160
-"""Smallest cell of the coarse search [m], and how many of them the plan is long at most."""
+"""Directions of the coarse search."""
+COARSE_CELL = 0.15
+"""Smallest cell of the coarse search [m]."""
+COARSE_CELLS = 160
+"""Most cells of the coarse search along the plan's longer side."""
 REFINED = 8
 """Poses that are refined."""
-DISTINCT = (0.6, 0.12)
-"""Poses that differ by less are the same [m], [rad]."""
+DISTINCT_PLACE = 0.6
+"""Poses are distinct if their places differ by more [m]."""
+DISTINCT_TURN = 0.12
+"""Poses are distinct if they are turned by more against each other [rad]."""
 GATES = (1.0, 0.7, 0.5, 0.35, 0.25, 0.25, 0.2)
 """Points farther from their wall than this are left out, iteration by iteration [m]."""
 NORMAL_WEIGHT = 0.5
@@ -102,8 +107,10 @@ def register(plan: FloorPlan, walls: PlanWalls, evidence: MapEvidence) -> Regist
     fits = [fitter.rate(*fitter.refine(start)) for start in starts]
     highest = max(fit.score for fit in fits)
     # Of poses that are nearly as good, the one whose unexplained walls are nearest to others: moved, not missing.
-    best = max((fit for fit in fits if highest - fit.score < _RIVAL), key=lambda fit: fit.nearness)
-    pose, middle = best.plan_from_map, fitter.free.mean(axis=0)
+    nearly_as_good = [fit for fit in fits if highest - fit.score < _RIVAL]
+    best = max(nearly_as_good, key=lambda fit: fit.nearness)
+    pose = best.plan_from_map
+    middle = fitter.free.mean(axis=0)
     rivals = [fit.score for fit in fits if _are_distinct(fit.plan_from_map, pose, middle)]
     return replace(best, rival_score=max(rivals, default=0.0))
 
@@ -120,7 +127,8 @@ class _Fitter:
         row, col = np.nonzero(evidence.grid.cells == FREE)
         chosen = rng.permutation(len(row))[:MAX_POINTS]
         self.free = evidence.grid.frame.to_points(row[chosen], col[chosen])
-        self._walls, self._evidence = walls, evidence
+        self._walls = walls
+        self._evidence = evidence
         self._features = _features(walls.points, walls.point_normals)
         self._tree = KDTree(self._features)
         self._floor = plan.free_space.buffer(0.15)
@@ -134,42 +142,68 @@ class _Fitter:
             good = (np.abs(residual) < gate) & (nearest < gate + 0.1)
             if good.sum() < 20:
                 break
-            moved, normal, residual = moved[good], normal[good], residual[good]
-            centre = moved.mean(axis=0)
-            arm = moved - centre
-            turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
-            # Faces that all stand a little before or behind their place are no scale.
-            left = np.column_stack([normal, turning, (normal * arm).sum(axis=1), np.ones(len(arm))])
-            weight = np.sqrt(1.0 / (1.0 + (residual / (0.4 * gate)) ** 2))
-            fit = np.linalg.lstsq(left * weight[:, None], -residual * weight, rcond=1e-6)[0]
-            x, y, angle, larger, _ = fit.tolist()
-            scale = 1.0 + larger
-            step = Pose2D(centre[0] + x, centre[1] + y, angle)
-            pose = compose(step, Pose2D(pose.x - centre[0], pose.y - centre[1], pose.theta))
+            step, scale = _best_step(moved[good], normal[good], residual[good], gate)
+            # About the middle of the points, not about the origin.
+            centre = moved[good].mean(axis=0)
+            about = Pose2D(pose.x - centre[0], pose.y - centre[1], pose.theta)
+            pose = compose(Pose2D(centre[0] + step.x, centre[1] + step.y, step.theta), about)
         return pose, scale
 
     def rate(self, pose: Pose2D, scale: float) -> Registration:
         """Compare plan and map at a pose."""
-        evidence = self._evidence.moved(pose)
         _, nearest, residual, _ = self._nearest(pose)
-        supported = float(((np.abs(residual) < CLOSE) & (nearest < 2.0 * CLOSE)).mean())
-        inside = float(shapely.contains_xy(self._floor, transform_points(pose, self.free)).mean())
+        is_supported = (np.abs(residual) < CLOSE) & (nearest < 2.0 * CLOSE)
+        is_inside = shapely.contains_xy(self._floor, transform_points(pose, self.free))
+        away = self._distances_from_map(pose)
+        return Registration(
+            plan_from_map=pose,
+            scale=scale,
+            explained=float((away < 2.0 * CLOSE).mean()) if len(away) else 0.0,
+            inside=float(is_inside.mean()),
+            supported=float(is_supported.mean()),
+            nearness=1.0 - float(away.mean()) / MISSED if len(away) else 0.0,
+        )
+
+    def _distances_from_map(self, pose: Pose2D) -> FloatArray:
+        """For points of the plan's walls in view the distance to the nearest of the map's, :data:`MISSED` at most."""
+        evidence = self._evidence.moved(pose)
+        walls = self._walls
+        in_view = evidence.is_free_before(walls.points, walls.point_normals)
         tree = KDTree(_features(evidence.points, evidence.normals))
-        asked = self._features[
-            evidence.is_free_before(self._walls.points, self._walls.point_normals)
-        ]
-        away = np.minimum(tree.query(asked, distance_upper_bound=MISSED)[0], MISSED)
-        explained = float((away < 2.0 * CLOSE).mean()) if len(away) else 0.0
-        nearness = 1.0 - float(away.mean()) / MISSED if len(away) else 0.0
-        return Registration(pose, scale, explained, inside, supported, nearness)
+        away, _ = tree.query(self._features[in_view], distance_upper_bound=MISSED)
+        return np.minimum(away, MISSED)
 
     def _nearest(self, pose: Pose2D) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Points of the map, distances to the nearest face that looks alike, the same along its normal, the normal."""
         moved = self.some.moved(pose)
         distance, index = self._tree.query(_features(moved.points, moved.normals))
         normal = self._walls.point_normals[index]
-        residual = ((moved.points - self._walls.points[index]) * normal).sum(axis=1)
+        difference = moved.points - self._walls.points[index]
+        residual = (difference * normal).sum(axis=1)
         return moved.points, np.asarray(distance, np.float64), residual, normal
+
+
+def _best_step(
+    moved: FloatArray, normal: FloatArray, residual: FloatArray, gate: float
+) -> tuple[Pose2D, float]:
+    """The small motion about their middle that brings points to their faces, and the scale that would fit better.
+
+    Args:
+        moved: The points, (N, 2) [m].
+        normal: Of their faces, (N, 2).
+        residual: Their distances from their faces, (N,) [m].
+        gate: The largest of these [m].
+    """
+    arm = moved - moved.mean(axis=0)
+    turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    scaling = (normal * arm).sum(axis=1)
+    # Faces that all stand a little before or behind their place are no scale.
+    before = np.ones(len(arm))
+    left = np.column_stack([normal, turning, scaling, before])
+    weight = np.sqrt(1.0 / (1.0 + (residual / (0.4 * gate)) ** 2))
+    solution = np.linalg.lstsq(left * weight[:, None], -residual * weight, rcond=1e-6)[0]
+    x, y, angle, larger, _ = solution.tolist()
+    return Pose2D(x, y, angle), 1.0 + larger
 
 
 def _features(points: FloatArray, normals: FloatArray) -> FloatArray:
@@ -184,7 +218,8 @@ def _coarse_poses(
     cell = max(COARSE_CELL, plan.extent / COARSE_CELLS)
     everything = np.vstack([points, free])
     middle = 0.5 * (everything.min(axis=0) + everything.max(axis=0))
-    half = math.ceil(float(np.hypot(*(everything - middle).T).max()) / cell) + 1
+    radius = float(np.hypot(*(everything - middle).T).max())
+    half = math.ceil(radius / cell) + 1
     # The map's middle is tried at all cells of the plan's.
     frame = GridFrame.covering(plan.bounds, cell, margin=(half + 2) * cell)
     image = _plan_image(walls, plan, frame)
@@ -192,18 +227,30 @@ def _coarse_poses(
     turns = [Pose2D(0.0, 0.0, angle) for angle in angles]
     scores = []
     for turn in turns:
-        clouds = [
-            _shares(transform_points(turn, cloud - middle) / cell, half) for cloud in (points, free)
-        ]
-        scores.append(cv2.matchTemplate(image, np.dstack(clouds), cv2.TM_CCORR))
-    far, wide = math.ceil(DISTINCT[0] / cell), math.ceil(DISTINCT[1] * ANGLES / (2.0 * np.pi))
-    size = 2 * wide + 1, 2 * far + 1, 2 * far + 1
-    peaks = scores >= maximum_filter(scores, size, mode=("wrap", "nearest", "nearest"))
-    best = np.argsort(np.where(peaks, scores, -np.inf), axis=None)[-REFINED:]
-    angle, row, col = np.unravel_index(best, peaks.shape)
-    shifts = [transform_points(turns[k], -middle[None])[0] for k in angle]
-    places = frame.to_points(row + half, col + half) + shifts
-    return [turns[k]._replace(x=x, y=y) for k, (x, y) in zip(angle, places.tolist(), strict=True)]
+        of_walls = _shares(transform_points(turn, points - middle) / cell, half)
+        of_free = _shares(transform_points(turn, free - middle) / cell, half)
+        turned = np.dstack([of_walls, of_free])
+        scores.append(cv2.matchTemplate(image, turned, cv2.TM_CCORR))
+    poses = []
+    for number, row, col in _highest_peaks(np.stack(scores), cell):
+        turn = turns[number]
+        shift = transform_points(turn, -middle[None])[0]
+        x, y = frame.to_points(row + half, col + half) + shift
+        poses.append(turn._replace(x=float(x), y=float(y)))
+    return poses
+
+
+def _highest_peaks(scores: Float32Array, cell: float) -> list[tuple[int, int, int]]:
+    """Turn, row and column of the highest distinct peaks of scores (turns, rows, cols), the highest last."""
+    rows_apart = math.ceil(DISTINCT_PLACE / cell)
+    turns_apart = math.ceil(DISTINCT_TURN * ANGLES / (2.0 * np.pi))
+    side = 2 * rows_apart + 1
+    size = (2 * turns_apart + 1, side, side)
+    highest_around = maximum_filter(scores, size, mode=("wrap", "nearest", "nearest"))
+    is_peak = scores >= highest_around
+    best = np.argsort(np.where(is_peak, scores, -np.inf), axis=None)[-REFINED:]
+    turn, row, col = np.unravel_index(best, scores.shape)
+    return list(zip(turn.tolist(), row.tolist(), col.tolist(), strict=True))
 
 
 def _plan_image(walls: PlanWalls, plan: FloorPlan, frame: GridFrame) -> Float32Array:
@@ -211,8 +258,9 @@ def _plan_image(walls: PlanWalls, plan: FloorPlan, frame: GridFrame) -> Float32A
     is_wall = np.zeros(frame.shape, np.bool_)
     is_wall[frame.to_cell(*walls.points.T)] = True
     away = distance_to(is_wall)
+    nearness = np.exp(-0.5 * (away / 1.2) ** 2)
     floor = fill_segments(plan.segments(), frame)
-    return np.dstack([np.exp(-0.5 * (away / 1.2) ** 2), floor - 0.5]).astype(np.float32)
+    return np.dstack([nearness, floor - 0.5]).astype(np.float32)
 
 
 def _shares(places: FloatArray, half: int) -> Float32Array:
@@ -224,6 +272,7 @@ def _shares(places: FloatArray, half: int) -> Float32Array:
 
 def _are_distinct(first: Pose2D, second: Pose2D, middle: FloatArray) -> bool:
     """True if two poses put the middle of a map at different places, or turn it differently."""
-    places = [transform_points(pose, middle[None])[0] for pose in (first, second)]
-    apart = math.dist(*places)
-    return apart > DISTINCT[0] or abs(float(wrap_angle(first.theta - second.theta))) > DISTINCT[1]
+    place = transform_points(first, middle[None])[0]
+    other = transform_points(second, middle[None])[0]
+    turn = abs(float(wrap_angle(first.theta - second.theta)))
+    return math.dist(place, other) > DISTINCT_PLACE or turn > DISTINCT_TURN

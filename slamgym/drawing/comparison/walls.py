@@ -27,8 +27,10 @@ LEAST_SEEN = 0.3
 """A wall of which less is seen, from either side, is not judged."""
 CELL_ROUNDING = 0.05 / np.sqrt(12.0)
 """A straight wall lies anywhere within its row of cells [m]."""
-MOST, SOME = 0.5, 0.25
-"""Shares of what is in view."""
+MOST = 0.5
+"""Share of what is in view that decides alone."""
+SOME = 0.25
+"""Share of what is in view below which it says nothing."""
 CORRELATED = 0.25
 """Offsets of points nearer to each other than this say the same [m]."""
 FURNITURE = (0.15, 0.8)
@@ -40,9 +42,8 @@ class Survey:
     """Everything that was measured at the walls W and their points S."""
 
     plan: PlanWalls
-    offsets: (
-        FloatArray  # (S,) along the walls' normals [m]; nan where the map has no such face nearby
-    )
+    offsets: FloatArray
+    """(S,) along the walls' normals [m]; nan where the map has no such face nearby."""
     drift: FloatArray  # (W,) offset by the map's distortion [m]
     deviation: FloatArray  # (W,) standard error of that [m]
     field: Drift
@@ -51,18 +52,21 @@ class Survey:
 
     def drift_at(self, place: FloatArray) -> FloatArray:
         """The map's shift at a place (2,), (2,) [m]."""
-        return self.field.predict(np.tile(place, (2, 1)), np.eye(2))[0]
+        along_axes, _ = self.field.predict(np.tile(place, (2, 1)), np.eye(2))
+        return along_axes
 
 
 def measure_walls(plan: PlanWalls, evidence: MapEvidence) -> Survey:
     """Measure all walls: once as the map shows them, for its distortion, and then without that."""
     pairs = _pairs(plan, evidence)
-    drift, deviation, field = _distortion(plan, _nearest_offsets(pairs, np.zeros(len(plan.points))))
-    offsets = _nearest_offsets(pairs, drift[plan.wall])
+    raw_offsets = _nearest_offsets(pairs, np.zeros(len(plan.points)))
+    drift, deviation, field = _distortion(plan, raw_offsets)
+    drift_of_points = drift[plan.wall]
+    offsets = _nearest_offsets(pairs, drift_of_points)
     normals = plan.point_normals
-    places = plan.points + (plan.side * drift[plan.wall])[:, None] * normals
+    places = plan.points + (plan.side * drift_of_points)[:, None] * normals
     is_open = evidence.across(places, normals) > 0
-    is_near = np.abs(offsets - drift[plan.wall]) < NEAR  # false for nan
+    is_near = np.abs(offsets - drift_of_points) < NEAR  # false for nan
     in_view = evidence.is_free_before(places, normals) | is_open | is_near
     return Survey(plan, offsets, drift, deviation, field, in_view, is_open)
 
@@ -71,66 +75,86 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
     """Report on a wall, from all points of its faces."""
     plan = found.plan
     line: Line = tuple(plan.lines[wall].tolist())
-    what, drift = f"wall of {plan.lengths[wall]:.1f} m", float(found.drift[wall])
+    what = f"wall of {plan.lengths[wall]:.1f} m"
+    drift = float(found.drift[wall])
     own = np.flatnonzero(plan.wall == wall)
     view = own[found.in_view[own]]
-    share = max(
-        found.in_view[own[plan.side[own] == side]].mean() for side in np.unique(plan.side[own])
-    )
-    seen = float(share)
+    seen = _share_seen(found, own)
     if seen < LEAST_SEEN or len(view) < 3:
         return PlanFinding("wall_not_seen", what, line, seen=seen)
-    values, sides = found.offsets[view] - drift, plan.side[view]
+    values = found.offsets[view] - drift
+    sides = plan.side[view]
     near = np.abs(values) <= NEAR
     centre = _commonest(values)
     place = _around(values, sides, centre)
-    if place.support < MOST and near.mean() < SOME and found.is_open[view].mean() >= MOST:
+    is_open = found.is_open[view].mean() >= MOST
+    if place.support < MOST and near.mean() < SOME and is_open:
         return PlanFinding("wall_missing", what, line, seen=seen)
     if near.mean() >= SOME and abs(centre) > NEAR:
         # Part of it stands at its place: what is before the rest is furniture.
         place = _around(values, sides, float(np.median(values[near])))
     if place.support < SOME:
         return PlanFinding("wall_unclear", what, line, seen=seen)
-    offset, error = place.offset, float(np.hypot(place.error, found.deviation[wall]))
-    if place.support < MOST or abs(offset) <= max(config.moved, config.sure * error):
-        return PlanFinding("wall_present", what, line, offset, error, offset + drift, seen)
-    may_be_furniture = (
-        len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * offset < FURNITURE[1]
-    )
-    kind: FindingKind = "wall_unclear" if may_be_furniture else "wall_moved"
-    return PlanFinding(kind, what, line, offset, error, offset + drift, seen)
+    error = float(np.hypot(place.error, found.deviation[wall]))
+    kind = _kind_at(place, error, config)
+    raw_offset = place.offset + drift
+    return PlanFinding(kind, what, line, place.offset, error, raw_offset, seen)
+
+
+def _share_seen(found: Survey, own: IntArray) -> float:
+    """Share of the points of a wall that are in view, on the side that shows more."""
+    sides = found.plan.side[own]
+    shares = [found.in_view[own[sides == side]].mean() for side in np.unique(sides)]
+    return float(max(shares))
+
+
+def _kind_at(place: "_Place", error: float, config: ComparisonConfig) -> FindingKind:
+    """What a wall is that stands at a place so far from its own, with a standard error [m]."""
+    if place.support < MOST or abs(place.offset) <= max(config.moved, config.sure * error):
+        return "wall_present"
+    if len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * place.offset < FURNITURE[1]:
+        return "wall_unclear"
+    return "wall_moved"
 
 
 def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, float]]:
     """Gaps in a wall through which the map is free: first and last place along it [m]."""
-    own = np.flatnonzero((found.plan.wall == wall) & (found.plan.side > 0.0))
-    runs = found.plan.lengths[wall] / len(own) * runs_of(found.is_open[own])
+    plan = found.plan
+    own = np.flatnonzero((plan.wall == wall) & (plan.side > 0.0))
+    step = plan.lengths[wall] / len(own)
+    runs = step * runs_of(found.is_open[own])
     return [(start, stop) for start, stop in runs.tolist() if stop - start >= shortest]
 
 
 def runs_of(mask: BoolArray) -> IntArray:
     """Where each run of a mask (N,) begins, and where the next place behind it is, (R, 2)."""
-    return np.flatnonzero(np.diff(mask, prepend=False, append=False)).reshape(-1, 2)
+    changes = np.diff(mask, prepend=False, append=False)
+    return np.flatnonzero(changes).reshape(-1, 2)
 
 
 def _pairs(plan: PlanWalls, evidence: MapEvidence) -> tuple[IntArray, FloatArray]:
     """Points of walls and of the map before or behind them: numbers of the first, offsets along walls' normals [m]."""
     tree = KDTree(evidence.points)
     near = KDTree(plan.points).sparse_distance_matrix(tree, MISSED, output_type="ndarray")
-    index, other = near["i"], near["j"]
+    index = near["i"]
+    other = near["j"]
     normal = plan.point_normals[index]
     difference = evidence.points[other] - plan.points[index]
     sideways = np.abs(difference[:, 0] * normal[:, 1] - difference[:, 1] * normal[:, 0])
+    forward = (difference * normal).sum(axis=1)
     alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
     keep = alike & (sideways < LATERAL)
-    return index[keep], (plan.side[index] * (difference * normal).sum(axis=1))[keep]
+    offset = plan.side[index] * forward
+    return index[keep], offset[keep]
 
 
 def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -> FloatArray:
     """For each point the offset that is nearest to what is expected, (S,); nan where there is none."""
     index, offset = pairs
-    order = np.lexsort((np.abs(offset - expected[index]), index))
-    first = order[np.unique(index[order], return_index=True)[1]]
+    away = np.abs(offset - expected[index])
+    order = np.lexsort((away, index))
+    _, firsts = np.unique(index[order], return_index=True)
+    first = order[firsts]
     found = np.full(len(expected), np.nan)
     found[index[first]] = offset[first]
     return found
@@ -139,15 +163,19 @@ def _nearest_offsets(pairs: tuple[IntArray, FloatArray], expected: FloatArray) -
 def _distortion(plan: PlanWalls, offsets: FloatArray) -> tuple[FloatArray, FloatArray, Drift]:
     """The distortion along the normals of all walls, from the other walls around, its standard error, and its field."""
     count = len(plan.lengths)
-    values, noise = np.zeros(count), np.full(count, np.inf)
+    values = np.zeros(count)
+    noise = np.full(count, np.inf)
     for wall in range(count):
-        own = plan.wall == wall
-        place = _around(offsets[own], plan.side[own], _commonest(offsets[own]))
-        values[wall], noise[wall] = place.offset, place.error
+        is_own = plan.wall == wall
+        own = offsets[is_own]
+        place = _around(own, plan.side[is_own], _commonest(own))
+        values[wall] = place.offset
+        noise[wall] = place.error
     seen = np.flatnonzero(np.isfinite(noise))
     field = Drift(plan.middles[seen], plan.normals[seen], values[seen], noise[seen])
     drift, deviation = field.predict(plan.middles, plan.normals)
-    drift[seen], deviation[seen] = field.expected, field.deviation
+    drift[seen] = field.expected
+    deviation[seen] = field.deviation
     return drift, deviation, field
 
 
@@ -156,8 +184,10 @@ def _commonest(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     if not len(known):
         return 0.0
-    agree = (np.abs(known[:, None] - known) <= NEAR).sum(axis=1) - 0.05 * np.abs(known)
-    return float(known[agree.argmax()])
+    apart = np.abs(known[:, None] - known)
+    agree = (apart <= NEAR).sum(axis=1)
+    rating = agree - 0.05 * np.abs(known)
+    return float(known[rating.argmax()])
 
 
 class _Place(NamedTuple):
@@ -174,8 +204,14 @@ def _around(values: FloatArray, sides: FloatArray, centre: float) -> _Place:
     close = np.abs(values - centre) <= NEAR  # false for nan
     if not close.any():
         return _Place(centre, np.inf, 0.0, [])
-    seen = [side for side in (1.0, -1.0) if (sides[close] == side).any()]
-    offset = float(np.mean([np.median(values[close & (sides == side)]) for side in seen]))
+    seen = []
+    middles = []
+    for side in (1.0, -1.0):
+        of_side = values[close & (sides == side)]
+        if len(of_side):
+            seen.append(side)
+            middles.append(np.median(of_side))
+    offset = float(np.mean(middles))
     scatter = 1.4826 * np.median(np.abs(values[close] - offset))
     independent = max(1.0, close.sum() * FACE_STEP / CORRELATED)
     error = np.hypot(np.sqrt(1.57 / independent) * scatter, CELL_ROUNDING)

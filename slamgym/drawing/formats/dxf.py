@@ -8,24 +8,32 @@ rooms; A-AREA-IDEN, their names and areas), A-FLOR-INFR (floor never observed), 
 
 import io
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import polygon_parts
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint
+from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, Layer
 from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
 from slamgym.drawing.polygons import CORNER_GRID
 
 LAYER_LOOKS = {
-    "V-SURV": (30, 9), "A-AREA": (8, 9), "A-AREA-IDEN": (7, 18), "A-FLOR-INFR": (151, 9),
-    "A-WALL": (7, 35), "A-WALL-INFR": (8, 25), "A-WALL-PATT": (9, 9), "A-DOOR": (5, 25), "A-DOOR-OPNG": (150, 18),
-    "A-ANNO-DIMS": (1, 13), "A-ANNO-TTLB": (7, 25),
-}  # fmt: skip
+    "V-SURV": (30, 9),
+    "A-AREA": (8, 9),
+    "A-AREA-IDEN": (7, 18),
+    "A-FLOR-INFR": (151, 9),
+    "A-WALL": (7, 35),
+    "A-WALL-INFR": (8, 25),
+    "A-WALL-PATT": (9, 9),
+    "A-DOOR": (5, 25),
+    "A-DOOR-OPNG": (150, 18),
+    "A-ANNO-DIMS": (1, 13),
+    "A-ANNO-TTLB": (7, 25),
+}
 """AutoCAD's number of the colour, and the width of lines [0.01 mm]."""
 
 
@@ -37,15 +45,17 @@ def format_dxf(drawing: Drawing) -> str:
     document = ezdxf.new("R2018", units=units.M)
     document.header["$PSLTSCALE"] = 0  # dashes are in metres, on paper too
     low, high = np.reshape(drawing.bounds, (2, 2))
-    paper = fitting_paper(*(high - low).tolist())
+    middle = 0.5 * (low + high)
+    width, height = (high - low).tolist()
+    paper = fitting_paper(width, height)
     _add_tables(document, paper.letters)
     space = document.modelspace()
     space.units = units.M
     _draw(space, drawing, paper.letters)
     space.reset_extents((*low, 0.0), (*high, 0.0))
     space.reset_limits(low, high)
-    document.set_modelspace_vport(high[1] - low[1], 0.5 * (low + high))
-    add_sheet(document, drawing, paper, 0.5 * (low + high))
+    document.set_modelspace_vport(high[1] - low[1], middle)
+    add_sheet(document, drawing, paper, middle)
     stream = io.StringIO()
     document.write(stream)
     return stream.getvalue()
@@ -58,24 +68,44 @@ def _add_tables(document: Any, letters: float) -> None:
         linetype = "DASHED" if name.endswith(("-INFR", "-OPNG")) else "CONTINUOUS"
         document.layers.add(name, color=colour, lineweight=weight, linetype=linetype)
     document.styles.add("PLAN", font="arial.ttf")
-    look = {
-        "dimtxt": letters, "dimtsz": 0.4 * letters, "dimasz": 0.4 * letters, "dimgap": 0.3 * letters, "dimexe": 0.0,
-        "dimlunit": 2, "dimdec": 2, "dimzin": 0, "dimlfac": 1.0, "dimscale": 1.0, "dimpost": "<> m", "dimtxsty": "PLAN",
-        "dimtad": 1, "dimjust": 1, "dimtih": 0, "dimtoh": 0, "dimexo": 0.0, "dimdsep": 46, "dimclrd": 1, "dimclre": 1,
-    }  # fmt: skip
-    document.dimstyles.new("METRES", dxfattribs=look).copy_to_header(document)
+    _add_dimension_style(document, letters)
     document.blocks.new("OPENING").add_line((0.0, 0.0), (1.0, 0.0))
     door = document.blocks.new("DOOR")
     door.add_line((0.0, 0.0), (0.0, 1.0))
     door.add_arc((0.0, 0.0), 1.0, 0.0, 90.0)
 
 
+def _add_dimension_style(document: Any, letters: float) -> None:
+    """The style of lines that measure themselves, in metres with two places."""
+    entry = document.dimstyles.new("METRES")
+    style = entry.dxf
+    style.dimtxt = letters
+    style.dimtsz = 0.4 * letters
+    style.dimasz = 0.4 * letters
+    style.dimgap = 0.3 * letters
+    style.dimexe = 0.0
+    style.dimlunit = 2
+    style.dimdec = 2
+    style.dimzin = 0
+    style.dimlfac = 1.0
+    style.dimscale = 1.0
+    style.dimpost = "<> m"
+    style.dimtxsty = "PLAN"
+    style.dimtad = 1
+    style.dimjust = 1
+    style.dimtih = 0
+    style.dimtoh = 0
+    style.dimexo = 0.0
+    style.dimdsep = 46
+    style.dimclrd = 1
+    style.dimclre = 1
+    entry.copy_to_header(document)
+
+
 def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     """Everything in metres, what lies on top last."""
-    bodies = [
-        [w.polygon for w in drawing.walls if w.layer == layer] for layer in ("SEEN", "INFERRED")
-    ]
-    seen, inferred = (shapely.union_all(some, grid_size=CORNER_GRID) for some in bodies)
+    seen = _union_of_walls(drawing, "SEEN")
+    inferred = _union_of_walls(drawing, "INFERRED")
     inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
     _add_hatch(space, drawing.inferred_floor, "A-FLOR-INFR", "ANSI31")
     _add_hatch(space, polygon_parts(seen), "A-WALL-PATT", "SOLID")
@@ -86,25 +116,35 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     for door in drawing.doors:
         _add_door(space, door, drawing.floor)
     for line in drawing.dimensions:
-        look = {"dimstyle": "METRES", "dxfattribs": {"layer": "A-ANNO-DIMS"}}
-        space.add_aligned_dim(line.start, line.end, 0.0, **look).render()
+        dimension = space.add_aligned_dim(
+            line.start, line.end, 0.0, dimstyle="METRES", dxfattribs={"layer": "A-ANNO-DIMS"}
+        )
+        dimension.render()
     for label in place_labels(drawing, letters)[0]:
         if label.kind == "name":
             add_text(space, label.words, label.at, letters, "A-AREA-IDEN", "MIDDLE_CENTER")
 
 
+def _union_of_walls(drawing: Drawing, layer: Layer) -> Any:
+    """The bodies of all walls in a layer as one shape."""
+    bodies = [wall.polygon for wall in drawing.walls if wall.layer == layer]
+    return shapely.union_all(bodies, grid_size=CORNER_GRID)
+
+
 def _rings(shape: Polygon) -> list[list[list[float]]]:
     """Outline and holes, the first point not repeated [m]."""
-    return [
-        np.round(shapely.get_coordinates(ring)[:-1], 4).tolist()
-        for ring in shapely.get_rings(shape)
-    ]
+    rings = []
+    for ring in shapely.get_rings(shape):
+        points = shapely.get_coordinates(ring)[:-1]
+        rings.append(np.round(points, 4).tolist())
+    return rings
 
 
 def _add_outlines(space: Any, shapes: Iterable[Polygon], layer: str) -> None:
     """Closed LWPOLYLINEs."""
-    for points in (ring for shape in shapes for ring in _rings(shape)):
-        space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer})
+    for shape in shapes:
+        for points in _rings(shape):
+            space.add_lwpolyline(points, close=True, dxfattribs={"layer": layer})
 
 
 def _add_hatch(space: Any, shapes: Iterable[Polygon], layer: str, pattern: str) -> None:
@@ -119,21 +159,44 @@ def _add_hatch(space: Any, shapes: Iterable[Polygon], layer: str, pattern: str) 
 
 def _add_door(space: Any, door: DrawnDoor, floor: MultiPolygon) -> None:
     """A door's block. A map doesn't say how it is hung: the leaf swings over as much floor as it can."""
-    hinge, jamb, side = max(
-        (
-            (a, b, side)
-            for a, b in ((door.start, door.end), (door.end, door.start))
-            for side in (1.0, -1.0)
-        ),
-        key=lambda hung: round(_swept(*hung).intersection(floor).area, 2),
-    )
-    scale = {"xscale": door.width, "yscale": side * door.width, "zscale": door.width}
-    turn = float(np.degrees(np.arctan2(jamb[1] - hinge[1], jamb[0] - hinge[0])))
-    layer = "A-DOOR" if door.kind == "door" else "A-DOOR-OPNG"
-    space.add_blockref(door.kind.upper(), hinge, {**scale, "rotation": turn, "layer": layer})
+    shut_from_either_end = [(door.start, door.end), (door.end, door.start)]
+    hung = [
+        _Hung(hinge, jamb, side) for hinge, jamb in shut_from_either_end for side in (1.0, -1.0)
+    ]
+    best = max(hung, key=lambda way: round(way.swept.intersection(floor).area, 2))
+    attributes = {
+        "xscale": door.width,
+        "yscale": best.side * door.width,
+        "zscale": door.width,
+        "rotation": best.turn_deg,
+        "layer": "A-DOOR" if door.kind == "door" else "A-DOOR-OPNG",
+    }
+    space.add_blockref(door.kind.upper(), best.hinge, attributes)
 
 
-def _swept(hinge: DrawnPoint, jamb: DrawnPoint, side: float) -> Polygon:
-    """The triangle between a door that is shut and one that is open."""
-    across = side * (hinge[1] - jamb[1]), side * (jamb[0] - hinge[0])
-    return Polygon([hinge, jamb, (hinge[0] + across[0], hinge[1] + across[1])])
+class _Hung(NamedTuple):
+    """A way in which a door may be hung."""
+
+    hinge: DrawnPoint
+    jamb: DrawnPoint
+    """The other end of its gap."""
+    side: float
+    """1 if it opens to the left, seen from the hinge, else -1."""
+
+    @property
+    def turn_deg(self) -> float:
+        """Direction from the hinge to the jamb [deg]."""
+        hinge_x, hinge_y = self.hinge
+        jamb_x, jamb_y = self.jamb
+        turn = np.arctan2(jamb_y - hinge_y, jamb_x - hinge_x)
+        return float(np.degrees(turn))
+
+    @property
+    def swept(self) -> Polygon:
+        """The triangle between the door when it is shut and when it is open."""
+        hinge_x, hinge_y = self.hinge
+        jamb_x, jamb_y = self.jamb
+        across_x = self.side * (hinge_y - jamb_y)
+        across_y = self.side * (jamb_x - hinge_x)
+        opened = (hinge_x + across_x, hinge_y + across_y)
+        return Polygon([self.hinge, self.jamb, opened])

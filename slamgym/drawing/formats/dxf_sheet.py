@@ -10,8 +10,12 @@ from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.formats.svg import LETTERS
 from slamgym.viz.canvas import round_length
 
-BORDER, TITLE = 10.0, 22.0
-"""Margin of the paper, and height of the strip with the title [mm]."""
+BORDER = 10.0
+"""Margin of the paper [mm]."""
+TITLE = 22.0
+"""Height of the strip with the title [mm]."""
+SHEET_LAYER = "A-ANNO-TTLB"
+"""Layer of all that is drawn on the sheet."""
 
 
 class Paper(NamedTuple):
@@ -30,7 +34,8 @@ class Paper(NamedTuple):
     @property
     def view(self) -> tuple[float, float]:
         """Width and height of the building that there is room for [m]."""
-        width, height = self.width - 2.0 * BORDER, self.height - 2.0 * BORDER - TITLE
+        width = self.width - 2.0 * BORDER
+        height = self.height - 2.0 * BORDER - TITLE
         return 1e-3 * width * self.scale, 1e-3 * height * self.scale
 
 
@@ -39,10 +44,8 @@ def fitting_paper(width: float, height: float) -> Paper:
     from ezdxf.addons.drawing.layout import PAGE_SIZES
 
     choices = [(size, scale) for size in ("A4", "A3", "A2", "A1", "A0") for scale in (50, 100)]
-    for size, scale in [
-        *choices,
-        *(("A0", scale) for scale in (200, 500, 1000, 2000, 5000, 10_000)),
-    ]:
+    choices += [("A0", scale) for scale in (200, 500, 1000, 2000, 5000, 10_000)]
+    for size, scale in choices:
         longer, shorter, _ = PAGE_SIZES[f"ISO {size}"]
         across, up = (longer, shorter) if width > height else (shorter, longer)
         paper = Paper(size, across, up, scale)
@@ -58,37 +61,78 @@ def add_sheet(document: Any, drawing: Drawing, paper: Paper, middle: FloatArray)
     """
     name = f"{paper.name} 1-{paper.scale}"
     document.layouts.rename("Layout1", name)
-    layout, metre = document.layout(name), 1000.0 / paper.scale
-    frame = np.array([paper.width, paper.height]) - 2.0 * BORDER
-    corner = middle - 0.5 * (frame + np.array([0.0, TITLE])) / metre
-    margins, offset = (BORDER,) * 4, tuple(-metre * corner)
-    layout.page_setup((paper.width, paper.height), margins, offset=offset, scale=(metre, 1.0))
-    layout.reset_limits(corner - BORDER / metre, corner + (frame + BORDER) / metre)
-    layout.reset_main_viewport(corner + 0.5 * frame / metre, (frame + 2.0 * BORDER) / metre)
-    layout.add_viewport(
-        middle, paper.view, middle, paper.view[1], dxfattribs={"layer": "A-ANNO-TTLB"}
-    )
-    (width, height), bar = frame.tolist(), round_length(0.2 * paper.view[0])
-    right, end = width - 10.0, width - 24.0
-    start = end - bar * metre
-    for points in (
-        [(0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0)],
-        [(0.0, TITLE), (width, TITLE)],
-        [(start, 11.0), (start, 9.0), (end, 9.0), (end, 11.0)],
-        [(right, 5.0), (right, 17.0), (right - 1.5, 13.0), (right + 1.5, 13.0), (right, 17.0)],
-    ):
-        layout.add_lwpolyline(
-            corner + np.array(points) / metre, dxfattribs={"layer": "A-ANNO-TTLB"}
+    sheet = _Sheet(document.layout(name), paper, middle)
+    sheet.set_up()
+    sheet.add_viewport()
+    sheet.add_title(drawing)
+
+
+class _Sheet:
+    """A layout whose paper lies round a middle (2,) of the building [m]."""
+
+    def __init__(self, layout: Any, paper: Paper, middle: FloatArray) -> None:
+        self._layout = layout
+        self._paper = paper
+        self._middle = middle
+        self._metre = 1000.0 / paper.scale
+        """Length of a metre of the building on paper [mm]."""
+        self._frame = np.array([paper.width, paper.height]) - 2.0 * BORDER
+        """Width and height within the margins [mm]."""
+        self._corner = middle - 0.5 * (self._frame + np.array([0.0, TITLE])) / self._metre
+        """The lower left corner within the margins, in the building's coordinates [m]."""
+
+    def set_up(self) -> None:
+        """Set size and scale of the paper, and what is shown of it."""
+        paper = self._paper
+        metre = self._metre
+        corner = self._corner
+        margins = (BORDER, BORDER, BORDER, BORDER)
+        self._layout.page_setup(
+            (paper.width, paper.height), margins, offset=tuple(-metre * corner), scale=(metre, 1.0)
         )
-    facts = f"{drawing.area:.1f} m² of floor, {counted(len(drawing.rooms), 'room')}; 1:{paper.scale} on {paper.name}"
-    origin = f"Lengths in metres, drawn from a robot's map by slamgym {drawing.provenance.get('slamgym', '')}"
-    texts = [(4.0, 14.0, 5.0, drawing.name[:40]), (4.0, 8.5, 2.5, facts), (4.0, 3.5, 2.5, origin)]
-    for x, y, letters, words in [
-        *texts,
-        (start, 4.0, 2.5, f"{bar:g} m"),
-        (right + 2.0, 5.0, 2.5, "y"),
-    ]:
-        add_text(layout, words, corner + np.array([x, y]) / metre, letters / metre, "A-ANNO-TTLB")
+        end = corner + (self._frame + BORDER) / metre
+        self._layout.reset_limits(corner - BORDER / metre, end)
+        middle = corner + 0.5 * self._frame / metre
+        self._layout.reset_main_viewport(middle, (self._frame + 2.0 * BORDER) / metre)
+
+    def add_viewport(self) -> None:
+        """Show the building."""
+        view = self._paper.view
+        attributes = {"layer": SHEET_LAYER}
+        self._layout.add_viewport(self._middle, view, self._middle, view[1], dxfattribs=attributes)
+
+    def add_title(self, drawing: Drawing) -> None:
+        """Draw frame and title, a scale bar and the map's y axis."""
+        width, height = self._frame.tolist()
+        bar = round_length(0.2 * self._paper.view[0])
+        right = width - 10.0
+        end = width - 24.0
+        start = end - bar * self._metre
+        self._add_line([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0)])
+        self._add_line([(0.0, TITLE), (width, TITLE)])
+        self._add_line([(start, 11.0), (start, 9.0), (end, 9.0), (end, 11.0)])
+        self._add_line(
+            [(right, 5.0), (right, 17.0), (right - 1.5, 13.0), (right + 1.5, 13.0), (right, 17.0)]
+        )
+        area = f"{drawing.area:.1f} m² of floor"
+        rooms = counted(len(drawing.rooms), "room")
+        scale = f"1:{self._paper.scale} on {self._paper.name}"
+        made_by = f"slamgym {drawing.provenance.get('slamgym', '')}"
+        self._add_text(4.0, 14.0, drawing.name[:40], letters=5.0)
+        self._add_text(4.0, 8.5, f"{area}, {rooms}; {scale}")
+        self._add_text(4.0, 3.5, f"Lengths in metres, drawn from a robot's map by {made_by}")
+        self._add_text(start, 4.0, f"{bar:g} m")
+        self._add_text(right + 2.0, 5.0, "y")
+
+    def _add_line(self, points: list[tuple[float, float]]) -> None:
+        """A line through points from the corner [mm]."""
+        places = self._corner + np.array(points) / self._metre
+        self._layout.add_lwpolyline(places, dxfattribs={"layer": SHEET_LAYER})
+
+    def _add_text(self, x: float, y: float, words: str, letters: float = 2.5) -> None:
+        """Words at a place from the corner, with letters of a height [mm]."""
+        place = self._corner + np.array([x, y]) / self._metre
+        add_text(self._layout, words, place, letters / self._metre, SHEET_LAYER)
 
 
 def add_text(

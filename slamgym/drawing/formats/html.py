@@ -35,22 +35,22 @@ def format_html(drawing: Drawing) -> str:
     """The text of the file."""
     # In a script element only "<" could end the element early.
     facts = json.dumps(drawing_facts(drawing), separators=(",", ":")).replace("<", "\\u003c")
-    body = format_part(
-        "report.html",
-        name=markup(drawing.name),
-        source=markup(str(drawing.provenance.get("source", drawing.name))),
-        cell=f"{100 * drawing.grid.frame.resolution:g}",
-        angle=f"{drawing.angle_deg:.1f}",
-        doubts=doubts_part(checks(drawing)),
-        figures=figures_part(key_figures(drawing)),
-        dimensioned=_svg(drawing, "the drawing with dimensions"),
-        over=_svg(drawing, "the drawing over its map", with_map=True),
-        data=facts,
-        script=format_part("report.js"),
-        rooms=_rooms_table(drawing),
-        doors=_doors_table(drawing),
-        provenance="".join(provenance_part(drawing.provenance)),
-    )
+    values = {
+        "name": markup(drawing.name),
+        "source": markup(str(drawing.provenance.get("source", drawing.name))),
+        "cell": f"{100 * drawing.grid.frame.resolution:g}",
+        "angle": f"{drawing.angle_deg:.1f}",
+        "doubts": doubts_part(checks(drawing)),
+        "figures": figures_part(key_figures(drawing)),
+        "dimensioned": _svg(drawing, "the drawing with dimensions"),
+        "over": _svg(drawing, "the drawing over its map", with_map=True),
+        "data": facts,
+        "script": format_part("report.js"),
+        "rooms": _rooms_table(drawing),
+        "doors": _doors_table(drawing),
+        "provenance": "".join(provenance_part(drawing.provenance)),
+    }
+    body = format_part("report.html", values)
     title = f"{drawing.name}: a drawing of a robot's map"
     return make_page(title, [body], DRAWING_STYLE + REPORT_STYLE, scripted=True)
 
@@ -62,9 +62,8 @@ def checks(drawing: Drawing) -> list[str]:
     if unseen:
         names = ", ".join(f"{room.name} ({room.share_seen:.0%})" for room in unseen)
         found.append(f"Rooms of which the robot saw less than half: {names}.")
-    closed = [
-        f"D{number}" for number, door in enumerate(drawing.doors, 1) if door.layer == "INFERRED"
-    ]
+    numbered = enumerate(drawing.doors, 1)
+    closed = [f"D{number}" for number, door in numbered if door.layer == "INFERRED"]
     if closed:
         found.append(f"Doors that were hardly seen open: {', '.join(closed)}.")
     return found
@@ -116,24 +115,29 @@ def sentence(text: str) -> str:
 def _svg(drawing: Drawing, label: str, with_map: bool = False) -> str:
     """A figure of what is drawn, or of the whole map too, to the largest round scale that fits on a page."""
     left, bottom, right, top = drawing.grid.frame.bounds
-    shown = [drawing.bounds, (left, bottom, right, top)][: 1 + with_map]
-    box = shapely.total_bounds([shapely.box(*bounds) for bounds in shown]).tolist()
+    shown = [shapely.box(*drawing.bounds)]
+    if with_map:
+        shown.append(shapely.box(left, bottom, right, top))
+    box = shapely.total_bounds(shown).tolist()
     for scale in PAPER_SCALES:
         sheet = Sheet.of(box, 1e-3 * LETTERS * scale)
         if sheet.width <= PAGE[0] * scale and sheet.height <= PAGE[1] * scale:
             break
-    x, y = svg_point((left, top), sheet).split(",")
-    picture = (
-        f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
-        f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'
-    )
-    ground = [picture, '<g class="over">'] if with_map else ["<g>"]
-    layers = drawn_layers(*drawn_scene(drawing, sheet, f" · 1:{scale} on A4"), sheet).values()
     head = (
         f'<svg role="img" aria-label="{label}" style="--paper: {1000 * sheet.width / scale:.1f}mm" '
         f'viewBox="0 0 {1000 * sheet.width:.0f} {1000 * sheet.height:.0f}" '
         f'data-left="{sheet.left}" data-top="{sheet.top}">'
     )
+    ground = ["<g>"]
+    if with_map:
+        x, y = svg_point((left, top), sheet).split(",")
+        picture = (
+            f'<image x="{x}" y="{y}" width="{1000 * (right - left):.0f}" height="{1000 * (top - bottom):.0f}" '
+            f'preserveAspectRatio="none" href="{inline_picture(drawing.grid.cells)}"/>'
+        )
+        ground = [picture, '<g class="over">']
+    shapes, labels = drawn_scene(drawing, sheet, f" · 1:{scale} on A4")
+    layers = drawn_layers(shapes, labels, sheet).values()
     return "\n".join([head, *ground, *itertools.chain(*layers), "</g></svg>"])
 
 
@@ -145,9 +149,9 @@ def _rooms_table(drawing: Drawing) -> str:
             f"D{k}" for k, door in enumerate(drawing.doors, 1) if room.id in door.rooms
         )
         width, depth = (*sizes, "", "")[:2]
-        rows.append(
-            (room.name, f"{room.area:.2f} m²", width, depth, f"{room.share_seen:.0%}", doors)
-        )
+        area = f"{room.area:.2f} m²"
+        seen = f"{room.share_seen:.0%}"
+        rows.append((room.name, area, width, depth, seen, doors))
     headings = ["room", "area", "width", "depth", "seen", "doors"]
     return make_table(headings, rows, [room.layer for room in drawing.rooms])
 
@@ -155,11 +159,13 @@ def _rooms_table(drawing: Drawing) -> str:
 def _doors_table(drawing: Drawing) -> str:
     if not drawing.doors:
         return paragraph("No door was found.")
-    names, rows = {room.id: room.name for room in drawing.rooms}, []
+    names = {room.id: room.name for room in drawing.rooms}
+    rows = []
     for number, door in enumerate(drawing.doors, 1):
         joins = " and ".join(names[room] for room in door.rooms)
-        sizes = f"{door.width:.2f} m", f"{100 * door.depth:.0f} cm"
-        rows.append((f"D{number}", door.kind, *sizes, joins, f"{door.confidence:.0%}"))
+        width = f"{door.width:.2f} m"
+        depth = f"{100 * door.depth:.0f} cm"
+        rows.append((f"D{number}", door.kind, width, depth, joins, f"{door.confidence:.0%}"))
     headings = ["door", "kind", "clear width", "in a wall of", "joins", "seen open"]
     return make_table(headings, rows, [door.layer for door in drawing.doors])
 

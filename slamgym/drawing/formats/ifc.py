@@ -17,8 +17,12 @@ from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnRoom, DrawnWall
 from slamgym.drawing.formats.straight_walls import straight_walls
 
-WALL_HEIGHT, DOOR_HEIGHT, SLAB = 2.5, 2.1, 0.2
-"""Usual in homes [m]; a map has no heights."""
+WALL_HEIGHT = 2.5
+"""Height of walls and rooms, usual in homes [m]; a map has no heights."""
+DOOR_HEIGHT = 2.1
+"""Height of doors and openings, usual in homes [m]."""
+SLAB = 0.2
+"""Thickness of a slab, usual in homes [m]."""
 
 
 def format_ifc(drawing: Drawing) -> str:
@@ -31,11 +35,11 @@ def format_ifc(drawing: Drawing) -> str:
     pairs = list(zip(walls, bodies, strict=True))
     doors = []
     for number, door in enumerate(drawing.doors, 1):
-        doors += builder.add_door(number, door, [pairs[k] for k in wall_of[list(door.walls)]])
-    footprint = shapely.union_all([drawing.floor, *(wall.polygon for wall in drawing.walls)])
-    slabs = [
-        builder.add_slab(number, part) for number, part in enumerate(polygon_parts(footprint), 1)
-    ]
+        at_jambs = [pairs[k] for k in wall_of[list(door.walls)]]
+        doors += builder.add_door(number, door, at_jambs)
+    of_walls = [wall.polygon for wall in drawing.walls]
+    footprint = polygon_parts(shapely.union_all([drawing.floor, *of_walls]))
+    slabs = [builder.add_slab(number, part) for number, part in enumerate(footprint, 1)]
     for room in drawing.rooms:
         builder.add_space(room)
     # All at once, as each call copies the list of what is in the storey.
@@ -59,32 +63,24 @@ class _Builder:
         self.shapes = ShapeBuilder(self.file)
         whole = self._create("IfcProject", name)
         kinds = ("LENGTHUNIT", "AREAUNIT", "VOLUMEUNIT")
-        self.run(
-            "unit.assign_unit",
-            units=[self.run("unit.add_si_unit", unit_type=kind) for kind in kinds],
+        units = [self.run("unit.add_si_unit", unit_type=kind) for kind in kinds]
+        self.run("unit.assign_unit", units=units)
+        self.body = self.run(
+            "context.add_context",
+            context_type="Model",
+            parent=self.run("context.add_context", context_type="Model"),
+            context_identifier="Body",
+            target_view="MODEL_VIEW",
         )
-        model = {
-            "context_type": "Model",
-            "parent": self.run("context.add_context", context_type="Model"),
-        }
-        view = {"context_identifier": "Body", "target_view": "MODEL_VIEW"}
-        self.body = self.run("context.add_context", **model, **view)
-        for kind, title in (
-            ("IfcSite", "Site"),
-            ("IfcBuilding", name),
-            ("IfcBuildingStorey", "Storey"),
-        ):
-            part = self._create(kind, title)
-            self.run("aggregate.assign_object", products=[part], relating_object=whole)
-            self.run("geometry.edit_object_placement", product=part, matrix=np.eye(4))
-            whole = part
+        site = self._add_part("IfcSite", "Site", whole)
+        building = self._add_part("IfcBuilding", name, site)
+        self.storey = self._add_part("IfcBuildingStorey", "Storey", building)
         self.styles = {
             "IfcWall": self._style("wall", (0.93, 0.9, 0.85), 0.0),
             "IfcDoor": self._style("door", (0.55, 0.35, 0.2), 0.0),
             "IfcSlab": self._style("slab", (0.7, 0.7, 0.7), 0.0),
             "IfcSpace": self._style("space", (0.6, 0.8, 1.0), 0.7),
         }
-        self.storey = whole
         self.storey.Elevation = 0.0
         heights = f"heights ({WALL_HEIGHT} m, doors {DOOR_HEIGHT} m)"
         self.storey.Description = f"drawn from a two-dimensional map: {heights} are assumed"
@@ -97,40 +93,49 @@ class _Builder:
 
     def add_walls(self, walls: Sequence[DrawnWall]) -> list[Any]:
         """An IfcWall each, its origin at the beginning of its centre line, and a type for each thickness in cm."""
-        bodies, types = [], dict[int, list[Any]]()
+        bodies = []
+        types: dict[int, list[Any]] = {}
         for number, wall in enumerate(walls, 1):
             matrix = _placement(wall.start, wall.end)
-            evidence = {"Thickness": wall.thickness, "Length": wall.length, "Layer": wall.layer}
-            evidence |= {"Confidence": wall.confidence, "ShareSeen": wall.share_seen}
-            body = _local(wall.polygon, matrix)
-            bodies.append(
-                self._solid("IfcWall", f"W{number:03d}", matrix, body, WALL_HEIGHT, **evidence)
-            )
-            types.setdefault(max(round(100.0 * wall.thickness), 1), []).append(bodies[-1])
+            evidence = {
+                "Thickness": wall.thickness,
+                "Length": wall.length,
+                "Layer": wall.layer,
+                "Confidence": wall.confidence,
+                "ShareSeen": wall.share_seen,
+            }
+            base = _local(wall.polygon, matrix)
+            name = f"W{number:03d}"
+            body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence)
+            bodies.append(body)
+            centimetres = max(round(100.0 * wall.thickness), 1)
+            types.setdefault(centimetres, []).append(body)
         material = self.run("material.add_material", name="unknown")
-        for thickness, alike in sorted(types.items()):
-            kind = self._create("IfcWallType", f"Wall {thickness} cm", predefined_type="SOLIDWALL")
-            layers = self.run(
-                "material.add_material_set", name=kind.Name, set_type="IfcMaterialLayerSet"
-            )
-            layer = self.run("material.add_layer", layer_set=layers, material=material)
-            layer.LayerThickness = thickness / 100
-            self.run(
-                "material.assign_material",
-                products=[kind],
-                type="IfcMaterialLayerSet",
-                material=layers,
-            )
+        for centimetres, alike in sorted(types.items()):
+            kind = self._add_wall_type(centimetres, material)
             self.run("type.assign_type", related_objects=alike, relating_type=kind)
         return bodies
+
+    def _add_wall_type(self, centimetres: int, material: Any) -> Any:
+        """An IfcWallType of a thickness and of one layer."""
+        kind = self._create("IfcWallType", f"Wall {centimetres} cm", predefined_type="SOLIDWALL")
+        layers = self.run(
+            "material.add_material_set", name=kind.Name, set_type="IfcMaterialLayerSet"
+        )
+        layer = self.run("material.add_layer", layer_set=layers, material=material)
+        layer.LayerThickness = centimetres / 100
+        self.run(
+            "material.assign_material", products=[kind], type="IfcMaterialLayerSet", material=layers
+        )
+        return kind
 
     def add_door(
         self, number: int, door: DrawnDoor, walls: list[tuple[DrawnWall, Any]]
     ) -> list[Any]:
         """An opening in the wall at a jamb, and the IfcDoor that fills it, if it is a door."""
-        doors = (
-            [self._in_gap("IfcDoor", f"D{number:02d}", door, 0.04)] if door.kind == "door" else []
-        )
+        doors = []
+        if door.kind == "door":
+            doors.append(self._in_gap("IfcDoor", f"D{number:02d}", door, 0.04))
         if walls:
             wall, body = max(walls, key=lambda both: _runs_through(both[0], door))
             depth = max(door.depth, wall.thickness) + 0.1  # through walls that are oblique, too
@@ -139,32 +144,47 @@ class _Builder:
             for entity in doors:
                 self.run("feature.add_filling", opening=opening, element=entity)
         for entity in doors:
-            entity.OverallWidth, entity.OverallHeight = door.width, DOOR_HEIGHT
+            entity.OverallWidth = door.width
+            entity.OverallHeight = DOOR_HEIGHT
         return doors
 
     def add_slab(self, number: int, part: Polygon) -> Any:
         """An IfcSlab below a part of the floor and its walls."""
         matrix = np.eye(4)
         matrix[2, 3] = -SLAB
-        return self._solid(
-            "IfcSlab", f"F{number:02d}", matrix, Polygon(part.exterior), SLAB, Layer="INFERRED"
-        )
+        base = Polygon(part.exterior)
+        evidence = {"Layer": "INFERRED"}
+        return self._solid("IfcSlab", f"F{number:02d}", matrix, base, SLAB, evidence)
 
     def add_space(self, room: DrawnRoom) -> None:
         """An IfcSpace with its area."""
-        seen = {"ShareSeen": room.share_seen, "Layer": room.layer}
-        entity = self._solid("IfcSpace", room.name, np.eye(4), room.polygon, WALL_HEIGHT, **seen)
+        at_origin = np.eye(4)
+        evidence = {"ShareSeen": room.share_seen, "Layer": room.layer}
+        entity = self._solid("IfcSpace", room.name, at_origin, room.polygon, WALL_HEIGHT, evidence)
         self.run("aggregate.assign_object", products=[entity], relating_object=self.storey)
-        self.run("geometry.edit_object_placement", product=entity, matrix=np.eye(4))
+        self.run("geometry.edit_object_placement", product=entity, matrix=at_origin)
         quantities = self.run("pset.add_qto", product=entity, name="Qto_SpaceBaseQuantities")
-        self.run("pset.edit_qto", qto=quantities, properties={"NetFloorArea": float(room.area)})
+        area = {"NetFloorArea": float(room.area)}
+        self.run("pset.edit_qto", qto=quantities, properties=area)
 
-    def _create(self, kind: str, name: str, **more: Any) -> Any:
-        return self.run("root.create_entity", ifc_class=kind, name=name, **more)
+    def _create(self, kind: str, name: str, predefined_type: str | None = None) -> Any:
+        return self.run(
+            "root.create_entity", ifc_class=kind, name=name, predefined_type=predefined_type
+        )
+
+    def _add_part(self, kind: str, name: str, whole: Any) -> Any:
+        """A part of the site or the building, where its whole is."""
+        part = self._create(kind, name)
+        self.run("aggregate.assign_object", products=[part], relating_object=whole)
+        self.run("geometry.edit_object_placement", product=part, matrix=np.eye(4))
+        return part
 
     def _style(self, name: str, colour: tuple[float, float, float], transparency: float) -> Any:
-        rgb = {"Name": None, **dict(zip(("Red", "Green", "Blue"), colour, strict=True))}
-        look = {"SurfaceColour": rgb, "Transparency": transparency}
+        red, green, blue = colour
+        look = {
+            "SurfaceColour": {"Name": None, "Red": red, "Green": green, "Blue": blue},
+            "Transparency": transparency,
+        }
         style = self.run("style.add_style", name=name)
         self.run(
             "style.add_surface_style",
@@ -178,9 +198,8 @@ class _Builder:
         """A solid that fills a door's gap to a depth [m]."""
         evidence = {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer}
         box = shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)
-        return self._solid(
-            kind, name, _placement(door.start, door.end), box, DOOR_HEIGHT, **evidence
-        )
+        matrix = _placement(door.start, door.end)
+        return self._solid(kind, name, matrix, box, DOOR_HEIGHT, evidence)
 
     def _solid(
         self,
@@ -189,20 +208,22 @@ class _Builder:
         matrix: FloatArray,
         base: Polygon,
         height: float,
-        **evidence: Any,
+        evidence: dict[str, Any],
     ) -> Any:
         """A named thing with a body, its style and its evidence."""
         entity = self._create(kind, name)
         self.run("geometry.edit_object_placement", product=entity, matrix=matrix)
         rings = [shapely.get_coordinates(ring)[:-1].tolist() for ring in shapely.get_rings(base)]
         outline, *voids = [self.shapes.polyline(ring, closed=True) for ring in rings]
-        solid = self.shapes.extrude(self.shapes.profile(outline, inner_curves=voids), height)
+        profile = self.shapes.profile(outline, inner_curves=voids)
+        solid = self.shapes.extrude(profile, height)
         shape = self.shapes.get_representation(self.body, [solid])
         self.run("geometry.assign_representation", product=entity, representation=shape)
         if kind in self.styles:
-            styles = [self.styles[kind]]
             self.run(
-                "style.assign_representation_styles", shape_representation=shape, styles=styles
+                "style.assign_representation_styles",
+                shape_representation=shape,
+                styles=[self.styles[kind]],
             )
         described = self.run("pset.add_pset", product=entity, name="Slamgym_Evidence")
         self.run("pset.edit_pset", pset=described, properties=evidence)
@@ -211,21 +232,25 @@ class _Builder:
 
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
     """Agreement of a wall at a jamb with a door in direction, and then in place."""
-    of_wall, of_door = (_placement(part.start, part.end)[:2, 0] for part in (wall, door))
-    return round(abs(float(of_wall @ of_door)), 1), float(
-        wall.polygon.intersection(door.line).length
-    )
+    of_wall = _placement(wall.start, wall.end)[:2, 0]
+    of_door = _placement(door.start, door.end)[:2, 0]
+    in_direction = abs(float(of_wall @ of_door))
+    in_place = wall.polygon.intersection(door.line).length
+    return round(in_direction, 1), float(in_place)
 
 
 def _placement(start: DrawnPoint, end: DrawnPoint) -> FloatArray:
     """The matrix (4, 4) of a frame at the start whose x axis points to the end."""
     from ifcopenshell.util.placement import a2p
 
-    return np.asarray(
-        a2p((*start, 0.0), (0.0, 0.0, 1.0), (end[0] - start[0], end[1] - start[1], 0.0))
-    )
+    origin = (*start, 0.0)
+    up = (0.0, 0.0, 1.0)
+    along = (end[0] - start[0], end[1] - start[1], 0.0)
+    return np.asarray(a2p(origin, up, along))
 
 
 def _local(polygon: Polygon, matrix: FloatArray) -> Polygon:
     """A polygon in the frame of a placement."""
-    return shapely.transform(polygon, lambda points: (points - matrix[:2, 3]) @ matrix[:2, :2])
+    origin = matrix[:2, 3]
+    axes = matrix[:2, :2]
+    return shapely.transform(polygon, lambda points: (points - origin) @ axes)

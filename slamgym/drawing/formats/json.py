@@ -22,17 +22,6 @@ from slamgym.cad.polygons import largest_part
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from slamgym.drawing.edits import map_digest
 
-_FACTS = {
-    DrawnWall: "start end thickness_known length thickness confidence share_seen layer",
-    DrawnDoor: "start end depth walls kind width rooms confidence layer",
-    DrawnRoom: "id name area share_seen layer",
-    Dimension: "start end length of",
-}
-"""What is written of each kind."""
-_UNITS = {name: f"{name}_m" for name in ("length", "thickness", "depth", "width")} | {
-    "area": "area_m2"
-}
-
 
 def format_json(drawing: Drawing) -> str:
     """The text of the file."""
@@ -51,11 +40,11 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "bounds": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
         "area_m2": round(drawing.area, 3),
-        "walls": [{**_facts(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
-        "doors": [_facts(door) for door in drawing.doors],
-        "rooms": [{**_facts(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
+        "walls": [{**_wall(wall), "polygon": _rings(wall.polygon)} for wall in drawing.walls],
+        "doors": [_door(door) for door in drawing.doors],
+        "rooms": [{**_room(room), "polygon": _rings(room.polygon)} for room in drawing.rooms],
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
-        "dimensions": [_facts(line) for line in drawing.dimensions],
+        "dimensions": [_dimension(line) for line in drawing.dimensions],
         "doubts": list(drawing.doubts),
         "provenance": drawing.provenance,
     }
@@ -78,11 +67,11 @@ def format_geojson(drawing: Drawing) -> str:
 
 def _features(drawing: Drawing) -> Iterator[dict[str, Any]]:
     for room in drawing.rooms:
-        yield _feature(room.polygon, {"kind": "room", **_facts(room)})
+        yield _feature(room.polygon, {"kind": "room", **_room(room)})
     for wall in drawing.walls:
-        yield _feature(wall.polygon, {"kind": "wall", **_facts(wall)})
+        yield _feature(wall.polygon, {"kind": "wall", **_wall(wall)})
     for door in drawing.doors:
-        yield _feature(door.line, _facts(door))
+        yield _feature(door.line, _door(door))
     for part in drawing.inferred_floor:
         yield _feature(part, {"kind": "unseen_floor", "layer": "INFERRED"})
 
@@ -92,10 +81,53 @@ def _feature(shape: BaseGeometry, properties: dict[str, Any]) -> dict[str, Any]:
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _facts(part: DrawnWall | DrawnDoor | DrawnRoom | Dimension) -> dict[str, Any]:
-    """What is known of a part of the drawing, with units in the names."""
+def _wall(wall: DrawnWall) -> dict[str, Any]:
+    """What is known of a wall."""
     return {
-        _UNITS.get(name, name): _plain(getattr(part, name)) for name in _FACTS[type(part)].split()
+        "start": _plain(wall.start),
+        "end": _plain(wall.end),
+        "thickness_known": wall.thickness_known,
+        "length_m": _plain(wall.length),
+        "thickness_m": _plain(wall.thickness),
+        "confidence": _plain(wall.confidence),
+        "share_seen": _plain(wall.share_seen),
+        "layer": wall.layer,
+    }
+
+
+def _door(door: DrawnDoor) -> dict[str, Any]:
+    """What is known of a door or an opening."""
+    return {
+        "start": _plain(door.start),
+        "end": _plain(door.end),
+        "depth_m": _plain(door.depth),
+        "walls": _plain(door.walls),
+        "kind": door.kind,
+        "width_m": _plain(door.width),
+        "rooms": _plain(door.rooms),
+        "confidence": _plain(door.confidence),
+        "layer": door.layer,
+    }
+
+
+def _room(room: DrawnRoom) -> dict[str, Any]:
+    """What is known of a room."""
+    return {
+        "id": room.id,
+        "name": room.name,
+        "area_m2": _plain(room.area),
+        "share_seen": _plain(room.share_seen),
+        "layer": room.layer,
+    }
+
+
+def _dimension(line: Dimension) -> dict[str, Any]:
+    """What is known of a dimension line."""
+    return {
+        "start": _plain(line.start),
+        "end": _plain(line.end),
+        "length_m": _plain(line.length),
+        "of": line.of,
     }
 
 

@@ -1,6 +1,6 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
 from typing import NamedTuple
@@ -33,34 +33,50 @@ DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
 LINES = ("door", "opening", "dimension")
 """What is drawn as lines; the rest are areas."""
 LEGEND_ROWS = (len(DRAWN_COLOURS) + 1) // 2
-LETTER_WIDTH, KEY_HEIGHT = 0.56, 6.0 + 1.6 * LEGEND_ROWS
-"""Width of a letter, and height of the strip with the key, in heights of letters."""
+"""Of the key, which has two columns."""
+LETTER_WIDTH = 0.56
+"""Width of a letter [heights of letters]."""
+KEY_HEIGHT = 6.0 + 1.6 * LEGEND_ROWS
+"""Height of the strip with the key [heights of letters]."""
 SHEET_MARGIN = 1.0
 """Round the drawing [m]."""
 
 
-def format_part(name: str, /, **values: str) -> str:
+def format_part(name: str, values: Mapping[str, str] | None = None) -> str:
     """A file beside this one, with values in the places of their names."""
     text = (Path(__file__).parent / name).read_text(encoding="utf-8")
     return Template(text).substitute(values) if values else text
 
 
 DRAWING_STYLE = format_part(
-    "drawing.css", **{name: f"rgb{colour}" for name, (colour, _) in DRAWN_COLOURS.items()}
+    "drawing.css", {name: f"rgb{colour}" for name, (colour, _) in DRAWN_COLOURS.items()}
 )
 """CSS of a drawing's shapes."""
+
+
+class _Step(NamedTuple):
+    """A place of a label from the middle of its line."""
+
+    share: float
+    """Along the line, in its lengths."""
+    along: float
+    """Along the line too, in the label's lengths."""
+    left: float
+    """To the left of the line, in heights of letters."""
+
+
 _STEPS = {
     "name": [
-        (0.0, along, left)
+        _Step(0.0, along, left)
         for left in (1.0, -1.0, 2.3, -2.3, 3.6, -3.6)
         for along in (-0.5, 0.5, 0.0)
     ],
-    "size": [(share, 0.0, 0.0) for share in (-0.25, 0.25, 0.0, 0.4, -0.4)],
+    "size": [_Step(share, 0.0, 0.0) for share in (-0.25, 0.25, 0.0, 0.4, -0.4)],
     "number": [
-        (share, 0.0, left) for left in (1.0, -1.0, 1.7, -1.7) for share in (0.0, 0.25, -0.25)
+        _Step(share, 0.0, left) for left in (1.0, -1.0, 1.7, -1.7) for share in (0.0, 0.25, -0.25)
     ],
 }
-"""Places of labels from the middle of their lines: along it in its lengths and in the label's, then to its left."""
+"""Places of labels by their kind, the best first."""
 
 
 class DrawnShape(NamedTuple):
@@ -103,10 +119,11 @@ class DrawnLabel(NamedTuple):
 
     def box(self, letters: float) -> BaseGeometry:
         """The rectangle that it takes, with letters of a height [m]."""
-        x, y = 0.5 * LETTER_WIDTH * letters * len(self.words), 0.65 * letters
-        return affinity.translate(
-            affinity.rotate(shapely.box(-x, -y, x, y), self.turn, (0, 0)), *self.at
-        )
+        half_width = 0.5 * LETTER_WIDTH * letters * len(self.words)
+        half_height = 0.65 * letters
+        box = shapely.box(-half_width, -half_height, half_width, half_height)
+        turned = affinity.rotate(box, self.turn, (0, 0))
+        return affinity.translate(turned, *self.at)
 
 
 class Sheet(NamedTuple):
@@ -123,37 +140,40 @@ class Sheet(NamedTuple):
     def of(cls, bounds: Sequence[float], letters: float) -> "Sheet":
         """A sheet for (min x, min y, max x, max y) [m] with a margin, and a strip for its key."""
         min_x, min_y, max_x, max_y = bounds
-        width, height = max_x - min_x + 2 * SHEET_MARGIN, max_y - min_y + 2 * SHEET_MARGIN
+        height = max_y - min_y + 2 * SHEET_MARGIN
         return cls(
-            min_x - SHEET_MARGIN,
-            max_y + SHEET_MARGIN,
-            width,
-            height + KEY_HEIGHT * letters,
-            letters,
+            left=min_x - SHEET_MARGIN,
+            top=max_y + SHEET_MARGIN,
+            width=max_x - min_x + 2 * SHEET_MARGIN,
+            height=height + KEY_HEIGHT * letters,
+            letters=letters,
         )
 
     def key(
         self, words: str, doubts: Sequence[str] = ()
     ) -> tuple[list[DrawnShape], list[DrawnLabel]]:
         """What the colours mean, a bar of a round length with words behind it, and the doubts: shapes and labels."""
-        size, bottom = self.letters, self.top - self.height
-        shapes, labels = [], []
+        size = self.letters
+        bottom = self.top - self.height
+        shapes = []
+        labels = []
         for number, (kind, (_, meaning)) in enumerate(DRAWN_COLOURS.items()):
             column, row = divmod(number, LEGEND_ROWS)
-            x, y = (
-                self.left + size * (1.0 + 17.0 * column),
-                bottom + size * (4.1 + 1.6 * (LEGEND_ROWS - row)),
-            )
+            x = self.left + size * (1.0 + 17.0 * column)
+            y = bottom + size * (4.1 + 1.6 * (LEGEND_ROWS - row))
             line = LineString([(x, y), (x + 1.2 * size, y)])
             shape = line if kind in LINES else line.buffer(0.45 * size, cap_style="flat")
             shapes.append(DrawnShape("KEY", kind, shape))
             labels.append(DrawnLabel(meaning, "start", (x + 1.6 * size, y)))
-        x, y, bar = self.left + size, bottom + 2.5 * size, round_length(0.25 * self.width)
-        ticks = LineString([(x, y + 0.5 * size), (x, y), (x + bar, y), (x + bar, y + 0.5 * size)])
+        x = self.left + size
+        y = bottom + 2.5 * size
+        bar = round_length(0.25 * self.width)
+        end = x + bar
+        tick = y + 0.5 * size
+        ticks = LineString([(x, tick), (x, y), (end, y), (end, tick)])
         shapes.append(DrawnShape("SCALE", "bar", ticks))
-        labels.append(
-            DrawnLabel(f"{bar:g} m{words}", "start", (x + bar + 0.5 * size, y + 0.35 * size))
-        )
+        beside = (end + 0.5 * size, y + 0.35 * size)
+        labels.append(DrawnLabel(f"{bar:g} m{words}", "start", beside))
         if doubts:
             labels.append(DrawnLabel("; ".join(doubts), "doubts", (x, bottom + size)))
         return shapes, labels
@@ -172,15 +192,21 @@ def drawn_scene(
         turned: If figures lie along their lines.
     """
     labels, lines = place_labels(drawing, sheet.letters, turned)
-    shapes = list(drawn_shapes(drawing))
-    for line in lines:
-        start, end = np.array(line.start), np.array(line.end)
-        unit = (end - start) / line.length
-        slant = 0.35 * sheet.letters * np.array([unit[0] - unit[1], unit[0] + unit[1]])
-        strokes = [(start, end), (start - slant, start + slant), (end - slant, end + slant)]
-        shapes.append(DrawnShape("DIMENSIONS", "dimension", MultiLineString(strokes)))
+    with_ticks = [_with_ticks(line, sheet.letters) for line in lines]
+    dimensions = [DrawnShape("DIMENSIONS", "dimension", shape) for shape in with_ticks]
     key, texts = sheet.key(words, doubts)
-    return [*shapes, *key], [*labels, *texts]
+    return [*drawn_shapes(drawing), *dimensions, *key], [*labels, *texts]
+
+
+def _with_ticks(line: Dimension, letters: float) -> MultiLineString:
+    """A dimension line with a slanted stroke at each end."""
+    start = np.array(line.start)
+    end = np.array(line.end)
+    x, y = (end - start) / line.length
+    slant = 0.35 * letters * np.array([x - y, x + y])
+    first_tick = (start - slant, start + slant)
+    last_tick = (end - slant, end + slant)
+    return MultiLineString([(start, end), first_tick, last_tick])
 
 
 def place_labels(
@@ -200,57 +226,75 @@ def place_labels(
         The labels, and the dimension lines that are shown.
     """
     width = LETTER_WIDTH * letters
-    lines = [
-        line
-        for line in drawing.dimensions
-        if width * len(f"{line.length:.2f}") <= 0.8 * line.length
-    ]
+    lines = [line for line in drawing.dimensions if width * len(_figure(line)) <= 0.8 * line.length]
     strokes = shapely.union_all([line.line for line in lines])
-    floor, inside = drawing.floor, drawing.floor.difference(strokes.buffer(0.1 * letters))
-    doors = [
-        Dimension(door.start, door.end, f"D{number}")
-        for number, door in enumerate(drawing.doors, 1)
-    ]
-    labels, shown, taken = list[DrawnLabel](), list[Dimension](), list[BaseGeometry]()
-    for words, kind, line in [
-        *(_name(room, width) for room in drawing.rooms),
-        *((f"{line.length:.2f}", "size", line) for line in lines),
-        *((line.of, "number", line) for line in doors),
-    ]:
-        tried = [
-            (label, label.box(letters)) for label in _tries(words, kind, line, letters, turned)
-        ]
-        free = [place for place in tried if not shapely.intersects(taken, place[1]).any()]
-        if free:
-            # At best it covers neither lines nor walls, at second best no walls.
-            label, box = min(
-                free, key=lambda place: (not inside.covers(place[1]), not floor.covers(place[1]))
-            )
-            labels.append(label)
-            taken.append(box)
-            shown += [line] * (kind == "size")
+    floor = drawing.floor
+    inside = floor.difference(strokes.buffer(0.1 * letters))
+    wanted = [_name(room, width) for room in drawing.rooms]
+    wanted += [_Wanted(_figure(line), "size", line) for line in lines]
+    for number, door in enumerate(drawing.doors, 1):
+        name = f"D{number}"
+        wanted.append(_Wanted(name, "number", Dimension(door.start, door.end, name)))
+
+    def covers(place: tuple[DrawnLabel, BaseGeometry]) -> tuple[bool, bool]:
+        """At best it covers neither lines nor walls, at second best no walls."""
+        _, box = place
+        return not inside.covers(box), not floor.covers(box)
+
+    labels = list[DrawnLabel]()
+    shown = list[Dimension]()
+    taken = list[BaseGeometry]()
+    for one in wanted:
+        places = [(label, label.box(letters)) for label in _tries(one, letters, turned)]
+        free = [place for place in places if not shapely.intersects(taken, place[1]).any()]
+        if not free:
+            continue
+        label, box = min(free, key=covers)
+        labels.append(label)
+        taken.append(box)
+        if label.kind == "size":
+            shown.append(one.line)
     return labels, shown
 
 
-def _tries(
-    words: str, kind: str, line: Dimension, letters: float, turned: bool
-) -> Iterator[DrawnLabel]:
+class _Wanted(NamedTuple):
+    """Words that belong to a line."""
+
+    words: str
+    kind: str
+    """As that of :class:`DrawnLabel`."""
+    line: Dimension
+
+
+def _figure(line: Dimension) -> str:
+    """What stands at a dimension line."""
+    return f"{line.length:.2f}"
+
+
+def _tries(wanted: _Wanted, letters: float, turned: bool) -> Iterator[DrawnLabel]:
     """A label of a line at its places, best first."""
-    (x0, y0), (x1, y1) = line.start, line.end
-    cos, sin = (x1 - x0) / line.length, (y1 - y0) / line.length
-    turn = (float(np.degrees(np.arctan2(sin, cos))) + 89.9) % 180.0 - 89.9
-    for share, along, left in _STEPS[kind]:
-        far = share * line.length + along * (len(words) + 0.5) * LETTER_WIDTH * letters
-        up = left * letters
-        at = 0.5 * (x0 + x1) + far * cos - up * sin, 0.5 * (y0 + y1) + far * sin + up * cos
-        yield DrawnLabel(words, kind, at, turn if turned and kind == "size" else 0.0)
+    line = wanted.line
+    x0, y0 = line.start
+    x1, y1 = line.end
+    cos = (x1 - x0) / line.length
+    sin = (y1 - y0) / line.length
+    turn = 0.0
+    if turned and wanted.kind == "size":
+        turn = (float(np.degrees(np.arctan2(sin, cos))) + 89.9) % 180.0 - 89.9
+    for step in _STEPS[wanted.kind]:
+        in_letters = step.along * (len(wanted.words) + 0.5)
+        far = step.share * line.length + in_letters * LETTER_WIDTH * letters
+        up = step.left * letters
+        x = 0.5 * (x0 + x1) + far * cos - up * sin
+        y = 0.5 * (y0 + y1) + far * sin + up * cos
+        yield DrawnLabel(wanted.words, wanted.kind, (x, y), turn)
 
 
-def _name(room: DrawnRoom, width: float) -> tuple[str, str, Dimension]:
+def _name(room: DrawnRoom, width: float) -> _Wanted:
     """Name and area of a room, around the middle in which its dimension lines cross; the name alone in a small room."""
-    (x, y), (x1, y1) = shapely.get_coordinates(
-        shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1)
-    )
+    radius = shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1)
+    (x, y), (x1, y1) = shapely.get_coordinates(radius)
     words = f"{room.name} {room.area:.1f} m²"
     fits = width * len(words) <= 2.0 * float(np.hypot(x1 - x, y1 - y))
-    return words if fits else room.name, "name", Dimension((x - 0.5, y), (x + 0.5, y), room.id)
+    line = Dimension((x - 0.5, y), (x + 0.5, y), room.id)
+    return _Wanted(words if fits else room.name, "name", line)

@@ -1,6 +1,7 @@
 """A picture of the drawing over the map that it was made from."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -11,7 +12,14 @@ from slamgym.core.progress import counted
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, FloatArray, GridFrame
 from slamgym.drawing.drawing import Drawing
 from slamgym.drawing.evidence import values_at
-from slamgym.drawing.formats.look import DRAWN_COLOURS, KEY_HEIGHT, DrawnLabel, Sheet, drawn_scene
+from slamgym.drawing.formats.look import (
+    DRAWN_COLOURS,
+    KEY_HEIGHT,
+    DrawnLabel,
+    DrawnShape,
+    Sheet,
+    drawn_scene,
+)
 from slamgym.viz.canvas import (
     BELIEVED_COLOUR,
     INK,
@@ -19,6 +27,7 @@ from slamgym.viz.canvas import (
     SHIFT,
     UNKNOWN_TINT,
     WHITE,
+    Colour,
     blank,
     draw_text,
     fitting_size,
@@ -29,10 +38,20 @@ from slamgym.viz.canvas import (
 
 SIDE_PX = 1600
 """Longer side of the drawing."""
-_TEXT_SIZE, _LETTER_PX = 0.4, 11.0
-"""OpenCV's size of the text, and how high its letters are."""
+_TEXT_SIZE = 0.4
+"""OpenCV's size of the text."""
+_LETTER_PX = 11.0
+"""Height of letters of that size [px]."""
 _WIDTHS = {"dimension": 1, "bar": 2}
 """Of lines [px]; others are three wide."""
+_TINTS = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
+"""Colours of shapes by their kind; areas of other kinds are white, lines dark."""
+_LABEL_COLOURS = {
+    "number": DRAWN_COLOURS["door"][0],
+    "size": DRAWN_COLOURS["dimension"][0],
+    "doubts": BELIEVED_COLOUR,
+}
+"""Colours of labels by their kind; others are dark."""
 
 
 def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
@@ -40,60 +59,96 @@ def draw_picture(drawing: Drawing, side_px: int = SIDE_PX) -> ByteArray:
 
     Its longer side has so many pixels, without the legend.
     """
-    metres_per_px = max(Sheet.of(drawing.bounds, 0.0)[2:4]) / side_px
+    unlabelled = Sheet.of(drawing.bounds, 0.0)
+    metres_per_px = max(unlabelled.width, unlabelled.height) / side_px
     sheet = Sheet.of(drawing.bounds, _LETTER_PX * metres_per_px)
-    bottom, right = sheet.top - sheet.height, sheet.left + sheet.width
-    frame = GridFrame.covering((sheet.left, bottom, right, sheet.top), metres_per_px)
-    places = frame.to_points(*np.indices(frame.shape))
-    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
-    cells[-round(KEY_HEIGHT * _LETTER_PX) :] = FREE
-    page = blank(frame.shape, UNKNOWN_TINT)
-    page[cells == FREE] = PAPER
-
-    def to_page(points: FloatArray) -> np.ndarray:
-        return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
-
-    tints = {name: colour for name, (colour, _) in DRAWN_COLOURS.items()}
+    frame = _frame(sheet, metres_per_px)
+    cells = _cells_below(drawing, frame)
     words = f" - {drawing.name} - {counted(len(drawing.rooms), 'room')} - {drawing.area:.1f} m2"
     shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts, turned=False)
-    for _, kind, shape, _ in shapes:
-        if isinstance(shape, Polygon):
-            rings = [to_page(shapely.get_coordinates(ring)) for ring in shapely.get_rings(shape)]
-            cv2.fillPoly(page, rings, tints.get(kind, WHITE), cv2.LINE_AA, SHIFT)
+    page = blank(frame.shape, UNKNOWN_TINT)
+    page[cells == FREE] = PAPER
+    _fill_areas(page, shapes, frame)
     echoes = cells == OCCUPIED
-    page[echoes] = (0.45 * page[echoes] + 0.55 * np.array(tints["echo"])).astype(np.uint8)
-    for _, kind, shape, _ in shapes:
-        if not isinstance(shape, Polygon):
-            lines = [to_page(shapely.get_coordinates(line)) for line in shapely.get_parts(shape)]
-            cv2.polylines(
-                page, lines, False, tints.get(kind, INK), _WIDTHS.get(kind, 3), cv2.LINE_AA, SHIFT
-            )
-    return _written(
-        page, [(label, *(to_page(np.array([label.at]))[0] >> SHIFT).tolist()) for label in labels]
-    )
+    echo_tint = np.array(_TINTS["echo"])
+    page[echoes] = (0.45 * page[echoes] + 0.55 * echo_tint).astype(np.uint8)
+    _draw_lines(page, shapes, frame)
+    return _written(page, labels, frame)
 
 
-def _written(page: ByteArray, labels: Sequence[tuple[DrawnLabel, int, int]]) -> ByteArray:
-    """A page with labels at columns and rows, each with a halo."""
-    colours = {
-        "number": DRAWN_COLOURS["door"][0],
-        "size": DRAWN_COLOURS["dimension"][0],
-        "doubts": BELIEVED_COLOUR,
-    }
+def _frame(sheet: Sheet, metres_per_px: float) -> GridFrame:
+    """A frame whose cells are the pixels of a sheet."""
+    bottom = sheet.top - sheet.height
+    right = sheet.left + sheet.width
+    return GridFrame.covering((sheet.left, bottom, right, sheet.top), metres_per_px)
+
+
+def _cells_below(drawing: Drawing, frame: GridFrame) -> ByteArray:
+    """The map's cells under the pixels of a picture; free below the legend."""
+    places = frame.to_points(*np.indices(frame.shape))
+    cells = values_at(drawing.grid.cells, drawing.grid.frame, places, UNKNOWN)
+    legend_px = round(KEY_HEIGHT * _LETTER_PX)
+    cells[-legend_px:] = FREE
+    return cells
+
+
+def _to_page(points: FloatArray, frame: GridFrame) -> np.ndarray:
+    """Points of the map [m] as fixed-point pixels."""
+    return fixed_point(frame_pixels(points, frame, 1.0) - 0.5)
+
+
+def _fill_areas(page: ByteArray, shapes: Sequence[DrawnShape], frame: GridFrame) -> None:
+    """Fill the areas among shapes."""
+    for drawn in shapes:
+        if isinstance(drawn.shape, Polygon):
+            rings = shapely.get_rings(drawn.shape)
+            outlines = [_to_page(shapely.get_coordinates(ring), frame) for ring in rings]
+            cv2.fillPoly(page, outlines, _TINTS.get(drawn.kind, WHITE), cv2.LINE_AA, SHIFT)
+
+
+def _draw_lines(page: ByteArray, shapes: Sequence[DrawnShape], frame: GridFrame) -> None:
+    """Draw the lines among shapes."""
+    for drawn in shapes:
+        if not isinstance(drawn.shape, Polygon):
+            parts = shapely.get_parts(drawn.shape)
+            lines = [_to_page(shapely.get_coordinates(part), frame) for part in parts]
+            tint = _TINTS.get(drawn.kind, INK)
+            width = _WIDTHS.get(drawn.kind, 3)
+            cv2.polylines(page, lines, False, tint, width, cv2.LINE_AA, SHIFT)
+
+
+class _Text(NamedTuple):
+    """A line of text in pixels."""
+
+    words: str
+    left: int
+    baseline: int
+    size: float
+    colour: Colour
+
+
+def _written(page: ByteArray, labels: Sequence[DrawnLabel], frame: GridFrame) -> ByteArray:
+    """A page with labels, each with a halo."""
     texts = []
-    for label, col, row in labels:
-        words, size = label.words.replace("²", "2"), _TEXT_SIZE  # which fonts of OpenCV 4 lack
-        if label.kind in ("start", "doubts"):
-            size = fitting_size(words, size, page.shape[1] - col)
-        else:
-            col -= text_width(words, size) // 2
-        texts.append(
-            (words, col, row + round(0.4 * _LETTER_PX), size, colours.get(label.kind, INK))
-        )
+    for label in labels:
+        col, row = (_to_page(np.array([label.at]), frame)[0] >> SHIFT).tolist()
+        texts.append(_text(label, col, row, page.shape[1]))
     halo = np.zeros_like(page)
     for text in texts:
-        draw_text(halo, *text[:4], WHITE)
+        draw_text(halo, text.words, text.left, text.baseline, text.size, WHITE)
     page = np.maximum(page, cv2.dilate(halo, np.ones((3, 3), np.uint8)))
     for text in texts:
-        draw_text(page, *text)
+        draw_text(page, text.words, text.left, text.baseline, text.size, text.colour)
     return page
+
+
+def _text(label: DrawnLabel, col: int, row: int, page_width: int) -> _Text:
+    """A label at a column and row of a page so many pixels wide."""
+    words = label.words.replace("²", "2")  # which fonts of OpenCV 4 lack
+    baseline = row + round(0.4 * _LETTER_PX)
+    colour = _LABEL_COLOURS.get(label.kind, INK)
+    if label.kind in ("start", "doubts"):
+        size = fitting_size(words, _TEXT_SIZE, page_width - col)
+        return _Text(words, col, baseline, size, colour)
+    left = col - text_width(words, _TEXT_SIZE) // 2
+    return _Text(words, left, baseline, _TEXT_SIZE, colour)

@@ -9,7 +9,7 @@ import shapely
 from shapely import LineString
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.types import IntArray
+from slamgym.core.types import BoolArray, IntArray
 from slamgym.drawing.drawing import DrawnDoor, DrawnPoint, DrawnWall, Layer
 from slamgym.drawing.settings import SEEN_SHARE
 from slamgym.drawing.walls import SAME_THICKNESS
@@ -30,34 +30,52 @@ def straight_walls(
     Returns:
         The walls, as thick and as sure as their longest piece, and for each piece the number of its wall.
     """
-    bodies = [piece.polygon for piece in pieces]
     ends = np.array([(piece.start, piece.end) for piece in pieces]).reshape(-1, 2, 2)
-    thickness, length = (
-        np.array([(piece.thickness, piece.length) for piece in pieces]).reshape(-1, 2).T
-    )
-    touching = (
-        shapely.STRtree(bodies).query(bodies, predicate="dwithin", distance=TOUCHING).T.tolist()
-    )
-    beside: list[list[int]] = [[] for _ in pieces]
-    for one, other in [
-        *touching,
-        *(pair for door in doors for pair in itertools.permutations(door.walls, 2)),
-    ]:
-        beside[one].append(other)
-    wall_of, walls = np.full(len(pieces), -1), list[DrawnWall]()
+    thickness = np.array([piece.thickness for piece in pieces])
+    length = np.array([piece.length for piece in pieces])
+    beside = _pieces_beside(pieces, doors)
+    wall_of = np.full(len(pieces), -1)
+    walls = list[DrawnWall]()
     for first in np.argsort(-length, kind="stable").tolist():
         if wall_of[first] >= 0:
             continue
-        along = (ends[first, 1] - ends[first, 0]) / length[first]
-        astray = np.abs((ends - ends[first, 0]) @ [-along[1], along[0]]).max(axis=1)
-        agrees = np.maximum(astray, np.abs(thickness - thickness[first])) <= SAME_THICKNESS
-        members = [first]
-        for member in members:  # which grow in number
-            joined = [k for k in dict.fromkeys(beside[member]) if agrees[k] and wall_of[k] < 0]
-            members += [k for k in joined if k not in members]
+        start, end = ends[first]
+        along = (end - start) / length[first]
+        normal = [-along[1], along[0]]
+        astray = np.abs((ends - start) @ normal).max(axis=1)
+        thicker = np.abs(thickness - thickness[first])
+        agrees = np.maximum(astray, thicker) <= SAME_THICKNESS
+        members = _connected(first, beside, agrees & (wall_of < 0))
         wall_of[members] = len(walls)
-        walls.append(_joined([pieces[k] for k in members]) if len(members) > 1 else pieces[first])
+        wall = pieces[first]
+        if len(members) > 1:
+            wall = _joined([pieces[k] for k in members])
+        walls.append(wall)
     return walls, wall_of
+
+
+def _connected(first: int, beside: list[list[int]], may_join: BoolArray) -> list[int]:
+    """A piece, and those that may join it and are beside it or beside another that does."""
+    members = [first]
+    for member in members:  # which grow in number
+        for other in beside[member]:
+            if may_join[other] and other not in members:
+                members.append(other)
+    return members
+
+
+def _pieces_beside(pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]) -> list[list[int]]:
+    """For each piece the numbers of those that touch it, or stand at another jamb of one of its doors."""
+    bodies = [piece.polygon for piece in pieces]
+    tree = shapely.STRtree(bodies)
+    touching = tree.query(bodies, predicate="dwithin", distance=TOUCHING)
+    beside: list[list[int]] = [[] for _ in pieces]
+    for one, other in touching.T.tolist():
+        beside[one].append(other)
+    for door in doors:
+        for one, other in itertools.permutations(door.walls, 2):
+            beside[one].append(other)
+    return beside
 
 
 def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
@@ -68,15 +86,13 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
 
     def stretch(shapes: list[BaseGeometry]) -> list[DrawnPoint]:
         places = (shapely.get_coordinates(shapes) - start) @ along
-        return [
-            (float(x), float(y)) for x, y in start + np.outer([places.min(), places.max()], along)
-        ]
+        ends = start + np.outer([places.min(), places.max()], along)
+        return [(float(x), float(y)) for x, y in ends]
 
     low, high = stretch([piece.line for piece in pieces])
     axis = LineString(stretch([piece.polygon for piece in pieces]))
     body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
-    seen = np.average(
-        [piece.share_seen for piece in pieces], weights=[piece.length for piece in pieces]
-    )
+    lengths = [piece.length for piece in pieces]
+    seen = float(np.average([piece.share_seen for piece in pieces], weights=lengths))
     layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
-    return replace(longest, polygon=body, start=low, end=high, share_seen=float(seen), layer=layer)
+    return replace(longest, polygon=body, start=low, end=high, share_seen=seen, layer=layer)

@@ -33,16 +33,18 @@ def format_svg(drawing: Drawing) -> str:
     shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts)
     shapes += [DrawnShape("RAW", "echo", part) for part in echo_outlines(drawing.grid)]
     layers = drawn_layers(shapes, labels, sheet)
-    width, height = 1000 * sheet.width, 1000 * sheet.height
-    return format_part(
-        "drawing.svg",
-        paper=f'width="{width / PRINTED:.2f}mm" height="{height / PRINTED:.2f}mm"',
-        view=f"0 0 {width:.1f} {height:.1f}",
-        name=markup(drawing.name),
-        frame=f"x of the map = {sheet.left:.4f} m + x / 1000; y of the map = {sheet.top:.4f} m - y / 1000",
-        style=DRAWING_STYLE,
-        layers="\n".join(f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()),
-    )
+    groups = [f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()]
+    width = 1000 * sheet.width
+    height = 1000 * sheet.height
+    values = {
+        "paper": f'width="{width / PRINTED:.2f}mm" height="{height / PRINTED:.2f}mm"',
+        "view": f"0 0 {width:.1f} {height:.1f}",
+        "name": markup(drawing.name),
+        "frame": f"x of the map = {sheet.left:.4f} m + x / 1000; y of the map = {sheet.top:.4f} m - y / 1000",
+        "style": DRAWING_STYLE,
+        "layers": "\n".join(groups),
+    }
+    return format_part("drawing.svg", values)
 
 
 def drawn_layers(
@@ -73,13 +75,16 @@ def _text(label: DrawnLabel, sheet: Sheet) -> str:
 
 def _path(drawn: DrawnShape, sheet: Sheet) -> str:
     """A shape, with its holes, as one path of a class, with a title that shows where the pointer rests."""
-    is_area = isinstance(drawn.shape, Polygon)
-    lines = (shapely.get_rings if is_area else shapely.get_parts)(drawn.shape).tolist()
-    data = " ".join(
-        "M"
-        + " ".join(svg_point(point, sheet) for point in line.coords[: -1 if is_area else None])
-        + "z" * is_area
-        for line in lines
-    )
+    if isinstance(drawn.shape, Polygon):
+        rings = shapely.get_rings(drawn.shape).tolist()
+        pieces = [_polyline(ring.coords[:-1], sheet) + "z" for ring in rings]
+    else:
+        pieces = [_polyline(line.coords, sheet) for line in shapely.get_parts(drawn.shape).tolist()]
+    data = " ".join(pieces)
     name = f"<title>{markup(drawn.title)}</title>" if drawn.title else ""
     return f'<path class="{markup(drawn.kind)}" fill-rule="evenodd" d="{data}">{name}</path>'
+
+
+def _polyline(points: Iterable[DrawnPoint], sheet: Sheet) -> str:
+    """Points of a path, from the first to the last."""
+    return "M" + " ".join(svg_point(point, sheet) for point in points)

@@ -1,7 +1,6 @@
 """Drawings as files."""
 
 from collections.abc import Sequence
-from importlib import import_module
 from pathlib import Path
 
 from slamgym.cad.floorplan import map_values
@@ -35,7 +34,8 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
         raise SlamgymError(
             f"unknown format {unknown[0]!r}; choose from {', '.join(DRAWING_FORMATS)}"
         )
-    stem, paths = Path(stem), []
+    stem = Path(stem)
+    paths = []
     for name in dict.fromkeys(formats):
         path = stem.with_name(f"{stem.name}.{name}")
         if name == "png":
@@ -47,17 +47,43 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
             from slamgym.interop.ros_map import write_ros_map
 
             if stem.is_dir():
-                reason = "is a folder, into which the ROS map would be written; name another --out"
-                raise InputFileError(stem, reason)
+                raise InputFileError(
+                    stem, "is a folder, into which the ROS map would be written; name another --out"
+                )
             write_ros_map(stem, drawing_map(drawing))
         else:
-            # What a format needs is imported for it alone.
-            module = import_module(
-                f"slamgym.drawing.formats.{'json' if name == 'geojson' else name}"
-            )
-            write_text(path, getattr(module, f"format_{name}")(drawing))
+            write_text(path, _text(drawing, name))
         paths.append(path)
     return paths
+
+
+def _text(drawing: Drawing, name: str) -> str:
+    """A drawing in one of the formats that are text; what a format needs is imported for it alone."""
+    match name:
+        case "dxf":
+            from slamgym.drawing.formats.dxf import format_dxf
+
+            return format_dxf(drawing)
+        case "svg":
+            from slamgym.drawing.formats.svg import format_svg
+
+            return format_svg(drawing)
+        case "ifc":
+            from slamgym.drawing.formats.ifc import format_ifc
+
+            return format_ifc(drawing)
+        case "geojson":
+            from slamgym.drawing.formats.json import format_geojson
+
+            return format_geojson(drawing)
+        case "json":
+            from slamgym.drawing.formats.json import format_json
+
+            return format_json(drawing)
+        case _:
+            from slamgym.drawing.formats.html import format_html
+
+            return format_html(drawing)
 
 
 def drawing_map(drawing: Drawing) -> OccupancyGrid:
@@ -67,4 +93,5 @@ def drawing_map(drawing: Drawing) -> OccupancyGrid:
     """
     cell = drawing.grid.frame.resolution
     frame = GridFrame.covering(drawing.floor.bounds, cell, margin=WALL)
-    return OccupancyGrid(map_values(filled(drawing.floor, frame), cell, UNKNOWN, WALL), frame)
+    floor = filled(drawing.floor, frame)
+    return OccupancyGrid(map_values(floor, cell, UNKNOWN, WALL), frame)
