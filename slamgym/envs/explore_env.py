@@ -355,8 +355,13 @@ class ExploreEnv(gym.Env[Any, Any]):
     def _record(self) -> None:
         if self.log is not None:
             now = self.simulation
-            row = now.scan.stamp, *now.true_pose, *now.odometry_pose, *now.believed_pose
-            self.log.append(rows=row, ranges=now.scan.ranges)
+            self.log.append(
+                stamps=now.scan.stamp,
+                true_poses=now.true_pose,
+                odometry=now.odometry_pose,
+                estimates=now.believed_pose,
+                ranges=now.scan.ranges,
+            )
 
     def _show(self) -> None:
         if self.render_mode == "human":

@@ -254,8 +254,14 @@ class EpisodeLog(Columns):
     """
 
     def __init__(self, num_beams: int) -> None:
-        # Stamp, true world-frame pose, odometry pose, estimated map-frame pose.
-        super().__init__({"ranges": np.float32}, rows=(10,), ranges=(num_beams,))
+        super().__init__(
+            {"ranges": np.float32},
+            stamps=(),
+            true_poses=(3,),
+            odometry=(3,),
+            estimates=(3,),
+            ranges=(num_beams,),
+        )
 
     def __getitem__(self, name: str) -> Any:
         """An array's rows."""
@@ -266,17 +272,17 @@ class EpisodeLog(Columns):
     @property
     def stamps(self) -> FloatArray:
         """Times since the start of the episode, shape (N,) [s]."""
-        return np.asarray(self["rows"][:, 0])
+        return np.asarray(self["stamps"])
 
     @property
     def true_poses(self) -> FloatArray:
         """True poses in the world frame, shape (N, 3) [m, m, rad]."""
-        return np.asarray(self["rows"][:, 1:4])
+        return np.asarray(self["true_poses"])
 
     @property
     def odometry(self) -> FloatArray:
         """Poses by wheel odometry alone, shape (N, 3) [m, m, rad]; they begin in the map frame."""
-        return np.asarray(self["rows"][:, 4:7])
+        return np.asarray(self["odometry"])
 
     @property
     def estimates(self) -> FloatArray:
@@ -285,7 +291,7 @@ class EpisodeLog(Columns):
         They are those of the observations: later corrections of the path, which ``mapper.trajectory()`` has,
         are not in it.
         """
-        return np.asarray(self["rows"][:, 7:])
+        return np.asarray(self["estimates"])
 
     @property
     def ranges(self) -> Float32Array:

@@ -9,7 +9,13 @@ from slamgym.envs import EpisodeLog
 
 def fill(log: EpisodeLog, count: int) -> None:
     for i in range(len(log), len(log) + count):
-        log.append(rows=(0.2 * i, i, 1.0, 0.1, i, 2.0, 0.2, i, 3.0, 0.3), ranges=np.full(4, i))
+        log.append(
+            stamps=0.2 * i,
+            true_poses=(i, 1.0, 0.1),
+            odometry=(i, 2.0, 0.2),
+            estimates=(i, 3.0, 0.3),
+            ranges=np.full(4, i),
+        )
 
 
 @pytest.mark.parametrize("count", [0, 1, 63, 64, 65, 300])
