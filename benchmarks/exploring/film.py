@@ -32,7 +32,8 @@ def pictures(
     config = fitted_env(plan, ExploreConfig().for_explorer(), "auto")
     env = ExploreEnv(plan, config, render_mode="rgb_array")
     chosen = make_explorer(explorer, env.explorer_context(), seed)
-    info, steps = {"coverage": 0.0}, episode_steps(env, chosen, env.reset(seed=seed))
+    info = {"coverage": 0.0}
+    steps = episode_steps(env, chosen, env.reset(seed=seed))
     for number, info in enumerate(steps):
         if number % stride == 0:
             yield captioned(env, explorer, info["coverage"], height)

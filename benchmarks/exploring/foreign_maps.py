@@ -64,7 +64,8 @@ class Grey:
 
     def __call__(self, grid: OccupancyGrid) -> Message:
         """The next map."""
-        values, frame = values_of(grid), grid.frame
+        values = values_of(grid)
+        frame = grid.frame
         belief = np.full(values.shape, 50.0)
         before = self._belief["at"]
         row, col = (
@@ -80,7 +81,8 @@ class Grey:
         place = (x + round(frame.origin_x / frame.resolution)) * 7 + (
             y + round(frame.origin_y / frame.resolution)
         ) * 13
-        low, high = 2.0 + place % 23, 75.0 + place % 25
+        low = 2.0 + place % 23
+        high = 75.0 + place % 25
         belief += np.where(values < 0, 0.0, 0.15 * (np.where(values == 100, high, low) - belief))
         self._belief = {"at": belief, "low": (frame.origin_y, frame.origin_x)}
         return message(np.where(values < 0, -1, np.rint(belief)).astype(np.int8), *frame[:3])
@@ -88,9 +90,11 @@ class Grey:
 
 def overlap(shape: tuple[int, ...], other: tuple[int, ...], row: int, col: int) -> tuple[Any, Any]:
     """Slices of two arrays for what both hold, the second beginning at (row, col) of the first."""
-    own, theirs = [], []
+    own = []
+    theirs = []
     for size, there, begin in zip(shape, other, (row, col), strict=True):
-        first, end = max(0, begin), max(0, min(size, begin + there))
+        first = max(0, begin)
+        end = max(0, min(size, begin + there))
         own.append(slice(first, max(first, end)))
         theirs.append(slice(first - begin, max(first, end) - begin))
     return tuple(own), tuple(theirs)
@@ -98,7 +102,8 @@ def overlap(shape: tuple[int, ...], other: tuple[int, ...], row: int, col: int) 
 
 def cropped(grid: OccupancyGrid) -> Message:
     """The known part alone."""
-    values, (size, x, y, _, _) = values_of(grid), grid.frame
+    values = values_of(grid)
+    size, x, y, _, _ = grid.frame
     rows, cols = (np.flatnonzero((values >= 0).any(axis=axis)) for axis in (1, 0))
     values = values[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     return message(values, size, x + cols[0] * size, y + rows[0] * size)
@@ -161,7 +166,8 @@ def explore_ours(plan: FloorPlan, explorer: str, mode: str) -> dict[str, Any]:
     """An exploration as environments run it."""
     env = environment_of(plan, mode, 0.05)
     observation, info = env.reset(seed=exploration_seed(0, plan.id, 0), options={"plan": plan})
-    chosen, ends = make_explorer(explorer, env.explorer_context()), False
+    chosen = make_explorer(explorer, env.explorer_context())
+    ends = False
     while not (ends or chosen.finished):
         observation, _, _, ends, info = env.step(chosen.predict(observation)[0])
     return {"seen": info["coverage"], "time": env.simulation.time, "done": chosen.finished}
@@ -170,14 +176,14 @@ def explore_ours(plan: FloorPlan, explorer: str, mode: str) -> dict[str, Any]:
 def explore_form(plan: FloorPlan, explorer: str, form: str, mode: str) -> dict[str, Any]:
     """An exploration on maps of another form."""
     resolution, make = FORMS[form]
-    env, rewrite, maps = environment_of(plan, mode, resolution), make(), ForeignMap("/map")
+    env = environment_of(plan, mode, resolution)
+    rewrite = make()
+    maps = ForeignMap("/map")
     _, info = env.reset(seed=exploration_seed(0, plan.id, 0), options={"plan": plan})
     settings = ExploreParameters(explorer=explorer, robot_radius=env.config.robot.radius)
-    exploration, context, limit = (
-        Exploration(settings),
-        env.explorer_context(),
-        time_limit(plan, "auto"),
-    )
+    exploration = Exploration(settings)
+    context = env.explorer_context()
+    limit = time_limit(plan, "auto")
     simulation = env.simulation
     texts: list[str] = []
     while exploration.state is not ExplorationState.DONE and simulation.time < limit:
@@ -243,7 +249,8 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--out", type=Path, default=Path("out/foreign_maps.jsonl"))
     arguments = parser.parse_args()
-    explorers, forms = arguments.explorers.split(","), arguments.forms.split(",")
+    explorers = arguments.explorers.split(",")
+    forms = arguments.forms.split(",")
     ids = open_plans(PLANS).ids[: arguments.homes]
     tasks = [
         (one, explorer, form, arguments.mode)

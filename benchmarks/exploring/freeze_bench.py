@@ -45,11 +45,22 @@ from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import fitted_env
 from slamgym.sim import ClutterConfig, RobotConfig
 
-HOMES, VARIANTS, OFFICES = 200, 50, 50
-SMALL_REAL, LARGE_REAL = 20, 40
-LARGEST = 4500.0  # [m2]; an exploration takes some minutes of CPU
+HOMES = 200
+"""Explorations of the track ``homes``."""
+VARIANTS = 50
+"""Explorations of furnished homes, and of homes with people."""
+OFFICES = 50
+"""Explorations of the track ``loops``, and of ``large``."""
+SMALL_REAL = 20
+"""Schools and offices that were really built on the track ``loops``; the others are generated."""
+LARGE_REAL = 40
+"""And on the track ``large``, at most."""
+LARGEST = 4500.0
+"""Larger plans are left out [m2]; an exploration takes some minutes of CPU."""
 SEED = 2026
+"""Of all draws."""
 PEOPLED = dataclasses.replace(FURNISHED, people=2)
+"""Clutter of the track ``people``."""
 
 
 @dataclass(frozen=True)
@@ -198,7 +209,8 @@ def freeze(track: Track, plans: Sequence[FloorPlan]) -> Track:
     by_id = {plan.id: plan for plan in plans}
     buildings = []
     for plan_id in shuffled(list(by_id), SEED):
-        plan, seed = by_id[plan_id], exploration_seed(SEED, f"{track.name}/{plan_id}", 0)
+        plan = by_id[plan_id]
+        seed = exploration_seed(SEED, f"{track.name}/{plan_id}", 0)
         env = ExploreEnv(plan, fitted_env(plan, track.trial.env, "auto"))
         env.reset(seed=seed, options={"plan": plan})
         x, y, theta = env.start

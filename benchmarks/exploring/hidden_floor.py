@@ -124,7 +124,8 @@ def save(path: Path, weights: dict[str, Any], about: dict[str, Any]) -> None:
 
 def logged(arguments: Arguments) -> Iterator[dict[str, Any]]:
     """Log explorations, or read them."""
-    count, seed = arguments.explorations, arguments.seed
+    count = arguments.explorations
+    seed = arguments.seed
     plans = draw_plans((arguments.plans,), "train", round(0.75 * count), seed)
     plans += draw_plans(("procedural:home:loops",), "train", round(0.2 * count), seed)
     plans += draw_plans(
@@ -257,7 +258,8 @@ def spread(passable: BoolArray, labels: IntArray, queue: IntArray, tail: int) ->
     height, width = passable.shape
     head = 0
     while head < tail:
-        row, col = queue[head] // width, queue[head] % width
+        row = queue[head] // width
+        col = queue[head] % width
         head += 1
         for r in range(max(0, row - 1), min(height, row + 2)):
             for c in range(max(0, col - 1), min(width, col + 2)):

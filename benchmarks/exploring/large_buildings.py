@@ -45,9 +45,11 @@ class Watch:
 
     def predict(self, observation: Observation) -> Any:
         """The explorer's action."""
-        before, begin = self.explorer.decisions, time.thread_time()
+        before = self.explorer.decisions
+        begin = time.thread_time()
         answer = self.explorer.predict(observation)
-        spent, (loop,) = time.thread_time() - begin, self.explorer.loops
+        spent = time.thread_time() - begin
+        (loop,) = self.explorer.loops
         self.steps.append((loop.known_area, spent, self.explorer.decisions - before))
         return answer
 
@@ -58,7 +60,9 @@ def explore(task: Task, mode: Any) -> tuple[list[Any], np.ndarray]:
     env = ExploreEnv(task.plan, fitted_env(task.plan, config.env, config.minutes))
     reset = env.reset(seed=task.seed, options={"plan": task.plan, "start": task.start})
     watch: Any = Watch(explorer_in(env, task.explorer, config, task.seed))
-    began, enough, errors = time.process_time(), None, []
+    began = time.process_time()
+    enough = None
+    errors = []
     for info in episode_steps(env, watch, reset):
         errors.append(info["pose_error"])
         if enough is None and info["coverage"] >= ENOUGH:
@@ -81,7 +85,8 @@ def explore(task: Task, mode: Any) -> tuple[list[Any], np.ndarray]:
 
 def costs(steps: np.ndarray) -> list[list[Any]]:
     """CPU time of decisions and of all the explorer's steps by the known area, and relative to the second row."""
-    rows, first = [], None
+    rows = []
+    first = None
     for low, high in zip(KNOWN, (*KNOWN[1:], np.inf), strict=True):
         part = steps[(steps[:, 0] >= low) & (steps[:, 0] < high)]
         choosing = part[part[:, 2] > 0, 1]
@@ -113,7 +118,8 @@ def main() -> None:
         if not arguments.plans or one.plan in arguments.plans.split(",")
     ]
     track = dataclasses.replace(track, buildings=tuple(chosen))
-    rows, steps = [], []
+    rows = []
+    steps = []
     for task in bench_tasks(track, open_bench_plans(track, ""), arguments.explorer):
         row, taken = explore(task, arguments.mode)
         rows.append(row)

@@ -100,7 +100,8 @@ def main() -> None:
 
 def explore_group(arguments: Arguments, name: str) -> list[Exploration]:
     """Explore plans of a group by several explorers in turn."""
-    clutter, plans = GROUPS[name].clutter, plans_of(arguments.plans, name, arguments.split)
+    clutter = GROUPS[name].clutter
+    plans = plans_of(arguments.plans, name, arguments.split)
     return [
         explore(plan, clutter[number % len(clutter)], EXPLORERS[number % len(EXPLORERS)])
         for number, plan in zip(range(arguments.count), plans, strict=False)
@@ -143,11 +144,12 @@ def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:
         is_over = stops or loop.finished
         if is_over or loop.known_area < SMALLEST_CALIBRATED or loop.ways_on() != []:
             return
+        state = loop.state
         with mock.patch.object(loop._blacklist, "clear"):
             loop.finish()
         if loop.finished:
             stops.append((loop.time, env.coverage.share))
-        loop.finished = False
+            loop.state = state
 
     with mock.patch.object(loop, "_offer", recorded):
         for _ in episode_steps(env, explorer, reset):

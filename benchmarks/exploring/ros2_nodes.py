@@ -130,7 +130,8 @@ def run_timed(arguments: Arguments) -> None:
 
         return call
 
-    subscribe, create_timer = Node.create_subscription, Node.create_timer
+    subscribe = Node.create_subscription
+    create_timer = Node.create_timer
     Node.create_subscription = lambda node, kind, topic, callback, *others, **named: subscribe(
         node, kind, topic, timed(lambda message: callback(message)), *others, **named
     )
@@ -164,7 +165,10 @@ def watch(
 
     rclpy.init(signal_handler_options=rclpy.signals.SignalHandlerOptions.NO)
     node = rclpy.create_node("ros2_nodes_benchmark")
-    before, now, explored, is_done = 0.0, 0.0, 0, threading.Event()
+    before = 0.0
+    now = 0.0
+    explored = 0
+    is_done = threading.Event()
 
     def tick(message: Any) -> None:
         nonlocal before, now

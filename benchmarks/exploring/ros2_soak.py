@@ -61,7 +61,10 @@ class Watch(Node):
 
     def __init__(self) -> None:
         super().__init__("slamgym_soak")
-        self.stamp, self.coverage, self.status, self.error = 0.0, 0.0, "", math.nan
+        self.stamp = 0.0
+        self.coverage = 0.0
+        self.status = ""
+        self.error = math.nan
         self._truth = PoseHistory()
         self.create_subscription(Float32, "ground_truth/coverage", self._take_coverage, 10)
         self.create_subscription(PoseStamped, "ground_truth/pose", self._take_truth, 10)
@@ -81,10 +84,8 @@ class Watch(Node):
         self._truth.add(self.stamp, pose_of(message.pose, "pose"))
 
     def _take_pose(self, message: Any) -> None:
-        truth, pose = (
-            self._truth.at(stamp_of(message.header, 0.0)),
-            pose_of(message.pose.pose, "pose"),
-        )
+        truth = self._truth.at(stamp_of(message.header, 0.0))
+        pose = pose_of(message.pose.pose, "pose")
         if truth is not None:
             self.error = math.dist(truth[:2], pose[:2])
 
@@ -130,7 +131,8 @@ def main() -> None:
                     node.wait(30.0)
     hours = sum(row[1] for row in rows) / 60.0
     done = sum(row[3] == "done" for row in rows)
-    coverage, error = np.array([row[2] for row in rows]), np.array([row[4] for row in rows])
+    coverage = np.array([row[2] for row in rows])
+    error = np.array([row[4] for row in rows])
     columns = ["seed", "robot minutes", "coverage [%]", "ended", "error [m]", "wall s"]
     print_and_save(
         "exploring/ros2_soak",
@@ -147,7 +149,8 @@ def soak(
     """Explore until the hours are over: a row for each exploration, and the memory of the nodes after it [MB]."""
     rows: list[list[Any]] = []
     memory: list[list[float]] = []
-    seed, driven = arguments.seed, 0.0
+    seed = arguments.seed
+    driven = 0.0
     while driven < 3600.0 * arguments.hours:
         begun = time.monotonic()
         while not watch.status.startswith("done") and watch.stamp < arguments.limit:

@@ -28,7 +28,8 @@ def main() -> None:
     parser.add_argument("run", type=Path, help="folder of the training")
     parser.add_argument("png", type=Path, help="picture to write")
     arguments = parser.parse_args()
-    folder, target = arguments.run, arguments.png
+    folder = arguments.run
+    target = arguments.png
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.6), layout="constrained")
     curve = read_curve(folder)
     left.plot([steps for steps, _ in curve], [seconds for _, seconds in curve], color="#1971c2")

@@ -53,7 +53,8 @@ def main() -> None:
         draw_curve(arguments.curve)
         return
     plans = draw_plans(arguments.plans, "test", arguments.count)
-    rows, times = [], []
+    rows = []
+    times = []
     for name in arguments.explorers:
         row, spent = measure(name, plans, arguments)
         times.append(spent)
@@ -102,7 +103,8 @@ def explore(
     explorer = make_explorer(name, env.explorer_context(), seed)
     steps = episode_steps(env, explorer, env.reset(seed=seed))
     for info in itertools.islice(steps, round(seconds / config.control_step) + 1):
-        outcome, spent = info, env.simulation.time
+        outcome = info
+        spent = env.simulation.time
         if info["coverage"] >= arguments.until:
             break
     else:
