@@ -54,7 +54,14 @@ class TwoPhaseConfig(Settings, section="two_phase"):
 
     def times(self, severity: float) -> "TwoPhaseConfig":
         """The same robot with all errors multiplied."""
-        return TwoPhaseConfig(**{name: severity * value for name, value in vars(self).items()})
+        return TwoPhaseConfig(
+            k_l=severity * self.k_l,
+            k_lt=severity * self.k_lt,
+            k_t=severity * self.k_t,
+            s_l=severity * self.s_l,
+            s_lt=severity * self.s_lt,
+            s_t=severity * self.s_t,
+        )
 
 
 class EkfConfig(Settings, section="ekf"):

@@ -13,8 +13,10 @@ from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import Increments, increments_of
 from slamgym.parametric.visibility import Visibility
 
-_DISTANCE_FLOOR, _HEADING_FLOOR_DEG = 0.002, 0.1
-"""Least standard deviations of an increment [m, deg]; the systematic parts on top are the paper's."""
+_DISTANCE_FLOOR = 0.002
+"""Least standard deviation of an increment's distance [m]; the systematic part on top is the paper's."""
+_HEADING_FLOOR_DEG = 0.1
+"""Least standard deviation of an increment's turn [deg]; the systematic part on top is the paper's."""
 _LATERAL_SLIP = 0.0005
 """Standard deviation of the slip sideways [m]; small, it only keeps the increments' covariance regular."""
 
@@ -70,56 +72,59 @@ def landmark_problem(
         rng: Source of randomness.
         noise: Noise that the measurements really have, as a share of what is assumed.
     """
-    scan, cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, rng)
-    unique, first_use, landmark = np.unique(cells, return_index=True, return_inverse=True)
-    order = np.argsort(first_use, kind="stable")
-    landmark, unique = np.argsort(order)[landmark], unique[order]
-    points = visibility.cell_points(unique)
+    scan, seen_cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, rng)
+    cells, landmark = _numbered_by_first_use(seen_cells)
+    points = visibility.cell_points(cells)
     sensors = visibility.sensors[scan]
-    delta = points[landmark] - sensors[:, :2]
-    distance = np.hypot(delta[:, 0], delta[:, 1])
-    bearing = np.asarray(wrap_angle(np.arctan2(delta[:, 1], delta[:, 0]) - sensors[:, 2]))
+    dx, dy = (points[landmark] - sensors[:, :2]).T
+    distance = np.hypot(dx, dy)
+    bearing = np.asarray(wrap_angle(np.arctan2(dy, dx) - sensors[:, 2]))
     sigma_range = max(config.sigma_range, visibility.frame.resolution / math.sqrt(12.0))
     sigma_bearing = math.radians(config.sigma_bearing_deg)
-    draws = noise * rng.standard_normal((2, len(scan)))
+    range_noise, bearing_noise = noise * rng.standard_normal((2, len(scan)))
+    measured_range = distance - errors.range_error(distance) + sigma_range * range_noise
+    bearing_error = errors.bearing_error(distance, bearing)
+    measured_bearing = bearing - bearing_error + sigma_bearing * bearing_noise
     believed = np.column_stack(controls)
     # The paper takes the difference of nominal and actual motion for a standard deviation.
     control_sigmas = np.abs(believed - np.column_stack(increments_of(true_poses)))
     control_sigmas += (_DISTANCE_FLOOR, 0.0, math.radians(_HEADING_FLOOR_DEG))
     control_sigmas[:, 1] = _LATERAL_SLIP
-    measured = np.column_stack(
-        [
-            distance - errors.range_error(distance) + sigma_range * draws[0],
-            bearing - errors.bearing_error(distance, bearing) + sigma_bearing * draws[1],
-        ]
-    )
-    sigmas = np.array([sigma_range, sigma_bearing])
     return LandmarkProblem(
-        true_poses,
-        believed,
-        control_sigmas,
-        mount_x,
-        unique,
-        points,
-        scan,
-        landmark,
-        measured,
-        sigmas,
+        true_poses=true_poses,
+        controls=believed,
+        control_sigmas=control_sigmas,
+        mount_x=mount_x,
+        cells=cells,
+        points=points,
+        scan=scan,
+        landmark=landmark,
+        measured=np.column_stack([measured_range, measured_bearing]),
+        sigmas=np.array([sigma_range, sigma_bearing]),
     )
+
+
+def _numbered_by_first_use(seen_cells: Int32Array) -> tuple[Int32Array, IntArray]:
+    """Each cell once, in the order of first observation (N,), and its number for each observation (M,)."""
+    cells, first_use, number = np.unique(seen_cells, return_index=True, return_inverse=True)
+    order = np.argsort(first_use, kind="stable")
+    new_number = np.argsort(order)
+    return cells[order], new_number[number]
 
 
 def _observed_cells(
     hits: Int32Array, per_scan: int, rng: np.random.Generator
 ) -> tuple[IntArray, Int32Array]:
     """(scan, cell) of every observation: each cell once per scan, at most ``per_scan`` of them, at random."""
-    cells = []
+    of_scan = []
     for row in hits:
         seen = np.unique(row)
         seen = seen[seen >= 0]
         if per_scan and len(seen) > per_scan:
             seen = np.sort(rng.choice(seen, per_scan, replace=False))
-        cells.append(seen)
-    return np.repeat(np.arange(len(hits)), [len(seen) for seen in cells]), np.concatenate(cells)
+        of_scan.append(seen)
+    counts = [len(seen) for seen in of_scan]
+    return np.repeat(np.arange(len(hits)), counts), np.concatenate(of_scan)
 
 
 def observation_model(
@@ -136,19 +141,23 @@ def observation_model(
         Predicted (M, 2) range [m] and bearing [rad, not wrapped]; Jacobian by the pose (M, 2, 3); by the
         landmark (M, 2, 2).
     """
-    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    dx = points[:, 0] - (poses[:, 0] + mount_x * cos)
-    dy = points[:, 1] - (poses[:, 1] + mount_x * sin)
+    x, y, heading = poses.T
+    cos = np.cos(heading)
+    sin = np.sin(heading)
+    dx = points[:, 0] - (x + mount_x * cos)
+    dy = points[:, 1] - (y + mount_x * sin)
     square = np.maximum(dx**2 + dy**2, 1e-12)
     distance = np.sqrt(square)
-    predicted = np.column_stack([distance, np.arctan2(dy, dx) - poses[:, 2]])
+    bearing = np.arctan2(dy, dx) - heading
     by_point = np.empty((len(poses), 2, 2))
-    by_point[:, 0, 0], by_point[:, 0, 1] = dx / distance, dy / distance
-    by_point[:, 1, 0], by_point[:, 1, 1] = -dy / square, dx / square
+    by_point[:, 0, 0] = dx / distance
+    by_point[:, 0, 1] = dy / distance
+    by_point[:, 1, 0] = -dy / square
+    by_point[:, 1, 1] = dx / square
     by_pose = np.empty((len(poses), 2, 3))
     by_pose[:, :, :2] = -by_point
     # Turning the base also swings the scanner.
     swing = np.column_stack([-mount_x * sin, mount_x * cos])
     by_pose[:, :, 2] = -np.einsum("mij,mj->mi", by_point, swing)
     by_pose[:, 1, 2] -= 1.0
-    return predicted, by_pose, by_point
+    return np.column_stack([distance, bearing]), by_pose, by_point

@@ -31,7 +31,7 @@ from slamgym.parametric.paths import check_path_is_free, sampled
 from slamgym.parametric.visibility import observe
 from slamgym.parametric.warp import densify, displacements, invert
 from slamgym.sim import Clutter, Lidar, WheelOdometry, World, make_surfaces
-from slamgym.slam import Mapper, make_mapper
+from slamgym.slam import Mapper, SlamConfig, make_mapper
 from slamgym.slam.motion_model import OdometryGate, update_thresholds
 
 if TYPE_CHECKING:
@@ -39,11 +39,14 @@ if TYPE_CHECKING:
 
 PARTICLES = 3
 """Particles that stand for more: with one or two, trees tell the maps of the recipe `paper` from those with 30."""
-_WARP, _WAVELENGTH = 0.02, 15.0
-"""A pose graph's error over the building: size and length of its waves [m] ..."""
-_TURN, _SPREAD = 0.0055, 0.6
-"""... by how much the whole map is turned [rad], and how both vary from run to run (deviation of the logarithm). All
-are fitted to the pose errors of simulated explorations."""
+_WARP = 0.02
+"""Height of the waves of a pose graph's error [m], fitted to the pose errors of simulated explorations."""
+_WAVELENGTH = 15.0
+"""Length of the waves of a pose graph's error over the building [m], fitted in the same way."""
+_TURN = 0.0055
+"""By how much a pose graph's error turns the whole map [rad], fitted in the same way."""
+_SPREAD = 0.6
+"""Deviation of the logarithm of a pose graph's error from run to run [-], fitted in the same way."""
 
 
 def map_along_path(
@@ -74,28 +77,23 @@ def map_along_path(
     """
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     path = sampled(trajectory, env.control_step)
-    back = np.diff(path.poses, axis=0, prepend=path.poses[:1])
-    back[:, 2] = wrap_angle(back[:, 2])
-    middle = path.poses - 0.5 * env.lidar.sweep / env.control_step * back
+    middle = _middle_of_sweeps(path, env)
     odometry, mapper = _map(plan, path, middle, env, clutter or Clutter(), rng)
 
-    start, estimate, drawn = path.poses[0], mapper.trajectory(), mapper.occupancy_grid()
-    used = np.searchsorted(path.stamps, estimate.stamps)
-    believed = estimate.poses + np.array([start[0], start[1], 0.0])
-    origin = drawn.frame.origin_x + float(start[0]), drawn.frame.origin_y + float(start[1])
-    own = GridFrame(drawn.frame.resolution, *origin, *drawn.cells.shape)
-    frame = _frame_about(plan, own)
+    estimate = mapper.trajectory()
+    start_x, start_y = path.poses[0, :2].tolist()
+    grid = _about_plan(plan, _moved(mapper.occupancy_grid(), start_x, start_y))
+    frame = grid.frame
     cad = plan.raster(frame.resolution, frame)
     if not (cad.cells == FREE).any():
         raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
-    cells = np.full(frame.shape, UNKNOWN, np.uint8)
-    top, left = frame.to_cell(*own.to_point(0, 0))
-    paste(cells, drawn.cells, -top, -left)
+    used = np.searchsorted(path.stamps, estimate.stamps)
+    believed = estimate.poses + np.array([start_x, start_y, 0.0])
     visibility = observe(cad.cells != FREE, frame, middle[used], _view(env))
     forward = displacements(middle[used], believed, visibility)
     forward = densify(forward, visibility.seen, SMOOTHING / frame.resolution)
     return Deformation(
-        grid=OccupancyGrid(cells, frame),
+        grid=grid,
         cad=cad,
         field=invert(forward, frame.resolution),
         seen=visibility.seen,
@@ -104,6 +102,13 @@ def map_along_path(
         believed=Trajectory(estimate.stamps, believed),
         parameters={},
     )
+
+
+def _middle_of_sweeps(path: Trajectory, env: ExploreConfig) -> FloatArray:
+    """Poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been."""
+    last_step = np.diff(path.poses, axis=0, prepend=path.poses[:1])
+    last_step[:, 2] = wrap_angle(last_step[:, 2])
+    return path.poses - 0.5 * env.lidar.sweep / env.control_step * last_step
 
 
 def _map(
@@ -116,27 +121,24 @@ def _map(
 ) -> tuple[FloatArray, Mapper]:
     """Let the mapper take the scans of a path; also where odometry believed to be at each pose, shape (T, 3).
 
-    ``middle``: poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been.
+    ``middle``: poses in the middle of the scans' sweeps, (T, 3).
     """
     of_wheels, of_laser, of_mapper = rng.spawn(3)
-    lidar, step = Lidar(env.lidar), env.control_step
+    step = env.control_step
+    lidar = Lidar(env.lidar)
     wheels = WheelOdometry(env.odometry, env.robot, of_wheels)
     surfaces = make_surfaces(plan, clutter.segments(), env.lidar.surfaces)
     world = World(plan, env.robot, clutter=clutter, surfaces=surfaces)
     first = Pose2D(*path.poses[0].tolist())
     world.carry(first, 0.0)
     wheels.reset(first)
-    slam, known = replace(env.slam, particles=min(env.slam.particles, PARTICLES)), None
-    if slam.mode == "ground_truth":
-        known = path.poses
-    if slam.mode == "pose_graph":
-        slam, known = replace(slam, mode="ground_truth"), middle + graph_error(middle, of_mapper)
+    slam, known = _cheaper_slam(env.slam, path.poses, middle, of_mapper)
     mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
     gate = OdometryGate(update_thresholds(slam))
-    odometry, unseen = np.empty_like(path.poses), np.empty(0, dtype=np.float32)
-    for index, (stamp, pose) in enumerate(
-        zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
-    ):
+    odometry = np.empty_like(path.poses)
+    unseen = np.empty(0, dtype=np.float32)
+    stamped_poses = zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
+    for index, (stamp, pose) in enumerate(stamped_poses):
         driven = Twist2D(0.0, 0.0)
         if index:
             motion = world.carry(Pose2D(*pose), step)
@@ -153,6 +155,18 @@ def _map(
     return odometry, mapper
 
 
+def _cheaper_slam(
+    slam: SlamConfig, true_poses: FloatArray, middle: FloatArray, rng: np.random.Generator
+) -> tuple[SlamConfig, FloatArray | None]:
+    """Settings of a mapper with less to compute, and the poses (T, 3) that it is told; None: those of odometry."""
+    cheaper = replace(slam, particles=min(slam.particles, PARTICLES))
+    if slam.mode == "ground_truth":
+        return cheaper, true_poses
+    if slam.mode == "pose_graph":
+        return replace(cheaper, mode="ground_truth"), middle + graph_error(middle, rng)
+    return cheaper, None
+
+
 def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
     """Draw the error of a pose graph: waves over the building, so that it errs alike wherever it comes again.
 
@@ -163,20 +177,21 @@ def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
     Returns:
         Errors (T, 3) [m, m, rad].
     """
-    size, (x, y) = math.exp(_SPREAD * rng.standard_normal()), poses[:, :2].T
-    error = size * _TURN * rng.standard_normal() * np.column_stack([-y, x, np.ones_like(x)])
+    size = math.exp(_SPREAD * rng.standard_normal())
+    turn = size * _TURN * rng.standard_normal()
+    x, y = poses[:, :2].T
+    error = turn * np.column_stack([-y, x, np.ones_like(x)])
+    wave_number = 2.0 * math.pi / _WAVELENGTH
     first = rng.uniform(0.0, 2.0 * math.pi)
     for heading in (first, first + 0.5 * math.pi):
-        kx, ky = (
-            2.0 * math.pi / _WAVELENGTH * part for part in (math.cos(heading), math.sin(heading))
-        )
+        kx = wave_number * math.cos(heading)
+        ky = wave_number * math.sin(heading)
         height_x, height_y = size * _WARP * rng.standard_normal(2)
         along = kx * x + ky * y + rng.uniform(0.0, 2.0 * math.pi)
+        sin = np.sin(along)
         # Half of its curl is how far a field turns what lies in it.
         curl = 0.5 * (kx * height_y - ky * height_x)
-        error += np.column_stack(
-            [height_x * np.sin(along), height_y * np.sin(along), curl * np.cos(along)]
-        )
+        error += np.column_stack([height_x * sin, height_y * sin, curl * np.cos(along)])
     error[:, :2] -= error[0, :2]
     error[0] = 0.0
     return error
@@ -185,23 +200,47 @@ def graph_error(poses: FloatArray, rng: np.random.Generator) -> FloatArray:
 def _view(env: ExploreConfig) -> ScannerView:
     """What the mapper uses of a laser."""
     lidar = env.lidar
-    far, view = (
-        min(lidar.range_max, env.slam.max_usable_range),
-        math.radians(lidar.field_of_view_deg),
-    )
     return ScannerView(
-        view, lidar.range_min, far, lidar.num_beams // (env.slam.beam_skip + 1), lidar.mount[0]
+        field_of_view=math.radians(lidar.field_of_view_deg),
+        range_min=lidar.range_min,
+        range_max=min(lidar.range_max, env.slam.max_usable_range),
+        num_beams=lidar.num_beams // (env.slam.beam_skip + 1),
+        mount_x=lidar.mount[0],
     )
+
+
+def _moved(grid: OccupancyGrid, x: float, y: float) -> OccupancyGrid:
+    """The same cells, moved [m]."""
+    frame = grid.frame
+    moved = frame._replace(origin_x=frame.origin_x + x, origin_y=frame.origin_y + y)
+    return OccupancyGrid(grid.cells, moved)
+
+
+def _about_plan(plan: "FloorPlan", drawn: OccupancyGrid) -> OccupancyGrid:
+    """A map with as many unknown cells more as the plan and a margin need."""
+    frame = _frame_about(plan, drawn.frame)
+    cells = np.full(frame.shape, UNKNOWN, np.uint8)
+    top, left = frame.to_cell(*drawn.frame.to_point(0, 0))
+    paste(cells, drawn.cells, -top, -left)
+    return OccupancyGrid(cells, frame)
 
 
 def _frame_about(plan: "FloorPlan", drawn: GridFrame) -> GridFrame:
     """The frame of a map, with as many cells more as the plan and a margin need."""
     step, x, y, height, width = drawn
     min_x, min_y, max_x, max_y = plan.bounds
-    left, below, right, above = (
-        max(0, math.ceil((needed + DRIFT_MARGIN) / step))
-        for needed in (x - min_x, y - min_y, max_x - x - width * step, max_y - y - height * step)
-    )
+
+    def cells(needed: float) -> int:
+        return max(0, math.ceil((needed + DRIFT_MARGIN) / step))
+
+    left = cells(x - min_x)
+    below = cells(y - min_y)
+    right = cells(max_x - x - width * step)
+    above = cells(max_y - y - height * step)
     return GridFrame(
-        step, x - left * step, y - below * step, height + below + above, width + left + right
+        resolution=step,
+        origin_x=x - left * step,
+        origin_y=y - below * step,
+        height_px=height + below + above,
+        width_px=width + left + right,
     )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
-from slamgym.core.geometry import wrap_angle
+from slamgym.core.geometry import unit_vectors, wrap_angle
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -27,13 +27,16 @@ from slamgym.core.types import (
 from slamgym.parametric.visibility import Visibility
 from slamgym.sim.lidar import LidarConfig
 
-_SYSTEMATIC = (0.005, 0.002, 0.0003, *(math.radians(deg) for deg in (0.1, 0.1, 0.05, 0.05, 0.01)))
-"""Standard deviations of a0, a1, b1 to b6 over scanners: Mader's table was not available, and these keep within the
-0.2 % of range and 0.2 deg that its abstract reports."""
-_NOISE = (0.01, math.radians(0.2))
-"""Standard deviations of a range [m] and of a bearing [rad]."""
-_SHORT, _MAX, _RAND = 0.03, 0.01, 0.01
-"""Shares of the beams that meet something in front of the wall, that have no return, and that have any range."""
+_RANGE_NOISE = 0.01
+"""Standard deviation of a range [m]."""
+_BEARING_NOISE = math.radians(0.2)
+"""Standard deviation of a bearing [rad]."""
+_SHORT = 0.03
+"""Share of the beams that meet something in front of the wall."""
+_MAX = 0.01
+"""Share of the beams that have no return."""
+_RAND = 0.01
+"""Share of the beams that have any range."""
 _MEDIAN_PX = 5
 """Window of the median filter over the hits."""
 
@@ -54,7 +57,17 @@ class LidarErrors:
     @classmethod
     def draw(cls, rng: np.random.Generator, severity: float = 1.0) -> "LidarErrors":
         """Draw one scanner."""
-        return cls(*(severity * np.array(_SYSTEMATIC) * rng.standard_normal(8)).tolist())
+        unit = rng.standard_normal(8).tolist()
+        return cls(
+            a0=severity * _SPREAD.a0 * unit[0],
+            a1=severity * _SPREAD.a1 * unit[1],
+            b1=severity * _SPREAD.b1 * unit[2],
+            b2=severity * _SPREAD.b2 * unit[3],
+            b3=severity * _SPREAD.b3 * unit[4],
+            b4=severity * _SPREAD.b4 * unit[5],
+            b5=severity * _SPREAD.b5 * unit[6],
+            b6=severity * _SPREAD.b6 * unit[7],
+        )
 
     def range_error(self, distance: FloatArray) -> FloatArray:
         """Systematic part of D minus the measured range [m]."""
@@ -72,6 +85,20 @@ class LidarErrors:
         )
 
 
+_SPREAD = LidarErrors(
+    a0=0.005,
+    a1=0.002,
+    b1=0.0003,
+    b2=math.radians(0.1),
+    b3=math.radians(0.1),
+    b4=math.radians(0.05),
+    b5=math.radians(0.05),
+    b6=math.radians(0.01),
+)
+"""Standard deviations over scanners: Mader's table was not available, and these keep within the 0.2 % of range and
+0.2 deg that its abstract reports."""
+
+
 @dataclass(frozen=True)
 class WallBeams:
     """The beam that measured each seen wall cell (from the pose that saw it best)."""
@@ -79,9 +106,8 @@ class WallBeams:
     field: Float32Array  # (2, H, W) [m] displacement d_L, world frame, 0 where no beam hit
     hit: BoolArray  # (H, W) walls whose beam measured them
     lost: BoolArray  # (H, W) walls whose beam met something else
-    stray_points: (
-        FloatArray  # (N, 2) [m] where beams of any range set a cell, true placement, world frame
-    )
+    stray_points: FloatArray
+    """(N, 2) [m] where beams of any range set a cell, true placement, world frame."""
 
 
 def wall_beams(
@@ -105,33 +131,43 @@ def wall_beams(
     rows, cols = np.nonzero(visibility.cells.best >= 0)
     sensors = visibility.sensors[visibility.cells.best[rows, cols]]
     x, y = visibility.frame.to_point(rows, cols)
-    dx, dy = x - sensors[:, 0], y - sensors[:, 1]
+    dx = x - sensors[:, 0]
+    dy = y - sensors[:, 1]
     distance = np.hypot(dx, dy)
     bearing = np.asarray(wrap_angle(np.arctan2(dy, dx) - sensors[:, 2]))
-    noise = rng.standard_normal((2, *distance.shape))
-    measured = distance - errors.range_error(distance) - severity * _NOISE[0] * noise[0]
-    at = bearing - errors.bearing_error(distance, bearing) - severity * _NOISE[1] * noise[1]
-    hit, stray = _fates(severity, rng.random(distance.shape))
-    anywhere = rng.uniform(0.0, range_max, distance.shape)
-    direction, measured_direction = sensors[:, 2] + bearing, sensors[:, 2] + at
-    field = np.zeros((2, *visibility.frame.shape), dtype=np.float32)
-    shift = (
-        distance * np.cos(direction) - measured * np.cos(measured_direction),
-        distance * np.sin(direction) - measured * np.sin(measured_direction),
+    range_noise, bearing_noise = rng.standard_normal((2, *distance.shape))
+    range_error = errors.range_error(distance)
+    bearing_error = errors.bearing_error(distance, bearing)
+    measured_distance = distance - range_error - severity * _RANGE_NOISE * range_noise
+    measured_bearing = bearing - bearing_error - severity * _BEARING_NOISE * bearing_noise
+    is_hit, is_stray = _fates(severity, rng.random(distance.shape))
+    any_range = rng.uniform(0.0, range_max, distance.shape)
+    to_wall = unit_vectors(sensors[:, 2] + bearing)
+    to_measured = unit_vectors(sensors[:, 2] + measured_bearing)
+
+    shape = visibility.frame.shape
+    shift = distance[:, None] * to_wall - measured_distance[:, None] * to_measured
+    field = np.zeros((2, *shape), dtype=np.float32)
+    field[:, rows[is_hit], cols[is_hit]] = shift[is_hit].T
+    hit = np.zeros(shape, dtype=np.bool_)
+    hit[rows, cols] = is_hit
+    lost = np.zeros(shape, dtype=np.bool_)
+    lost[rows, cols] = ~is_hit
+    length = np.minimum(any_range, distance)[is_stray, None]
+    return WallBeams(
+        field=_median_over_hits(field, rows[is_hit], cols[is_hit]),
+        hit=hit,
+        lost=lost,
+        stray_points=sensors[is_stray, :2] + length * to_wall[is_stray],
     )
-    field[:, rows[hit], cols[hit]] = np.stack(shift)[:, hit]
-    field = _median_over_hits(field, rows[hit], cols[hit])
-    is_hit, is_lost = np.zeros((2, *visibility.frame.shape), dtype=np.bool_)
-    is_hit[rows, cols], is_lost[rows, cols] = hit, ~hit
-    length = np.minimum(anywhere, distance)[stray, None]
-    away = np.column_stack([np.cos(direction), np.sin(direction)])[stray]
-    return WallBeams(field, is_hit, is_lost, sensors[stray, :2] + length * away)
 
 
 def _fates(severity: float, dice: FloatArray) -> tuple[BoolArray, BoolArray]:
     """For each beam, True if it hits the wall, and True if its range is random; by uniform draws."""
     factor = min(severity, 1.0 / (_SHORT + _MAX + _RAND))
-    short, long, rand = (share * factor for share in (_SHORT, _MAX, _RAND))
+    short = _SHORT * factor
+    long = _MAX * factor
+    rand = _RAND * factor
     edges = np.cumsum([1.0 - short - long - rand, short, long])
     return dice < edges[0], dice >= edges[2]
 
@@ -139,15 +175,16 @@ def _fates(severity: float, dice: FloatArray) -> tuple[BoolArray, BoolArray]:
 def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray) -> Float32Array:
     """Median of the hits in the window round each hit; cells without a hit don't count."""
     half = _MEDIAN_PX // 2
-    hits = np.full((len(field), *(size + 2 * half for size in field.shape[1:])), np.nan, np.float32)
+    height, width = field.shape[1:]
+    hits = np.full((2, height + 2 * half, width + 2 * half), np.nan, np.float32)
     hits[:, rows + half, cols + half] = field[:, rows, cols]
-    windows = sliding_window_view(hits, (_MEDIAN_PX, _MEDIAN_PX), axis=(1, 2))[:, rows, cols]
-    ordered = np.sort(
-        windows.reshape(len(field), len(rows), _MEDIAN_PX**2)
-    )  # what is no number goes last
-    middle = (np.isfinite(ordered).sum(axis=2, keepdims=True) - 1) // 2
+    windows = sliding_window_view(hits, (_MEDIAN_PX, _MEDIAN_PX), axis=(1, 2))
+    neighbours = windows[:, rows, cols].reshape(2, len(rows), _MEDIAN_PX**2)
+    ordered = np.sort(neighbours)  # what is no number goes last
+    count = np.isfinite(ordered).sum(axis=2, keepdims=True)
+    median = np.take_along_axis(ordered, (count - 1) // 2, axis=2)
     filtered = np.zeros_like(field)
-    filtered[:, rows, cols] = np.take_along_axis(ordered, middle, axis=2)[:, :, 0]
+    filtered[:, rows, cols] = median[:, :, 0]
     return filtered
 
 
@@ -161,5 +198,6 @@ def observed_cad(occupied: BoolArray, visibility: Visibility, beams: WallBeams) 
     """
     true = np.where(occupied, OCCUPIED, FREE).astype(np.uint8)
     true[~visibility.seen | beams.lost] = UNKNOWN
-    true[visibility.frame.to_cell(beams.stray_points[:, 0], beams.stray_points[:, 1])] = OCCUPIED
+    stray_x, stray_y = beams.stray_points.T
+    true[visibility.frame.to_cell(stray_x, stray_y)] = OCCUPIED
     return true

@@ -6,7 +6,7 @@ odometry, their conversion to an error of the map, and the map with that error i
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from slamgym.core.types import (
 )
 from slamgym.parametric.config import ParametricConfig, ScannerView
 from slamgym.parametric.ekf_slam import landmark_problem
-from slamgym.parametric.lidar_error import LidarErrors, observed_cad, wall_beams
+from slamgym.parametric.lidar_error import LidarErrors, WallBeams, observed_cad, wall_beams
 from slamgym.parametric.odometry_error import (
     Increments,
     PhaseErrors,
@@ -71,6 +71,15 @@ class _Robot:
     lidar: LidarErrors
 
 
+class _MapError(NamedTuple):
+    """How odometry's errors displace the map."""
+
+    forward: Float32Array  # (2, H, W) [m] on true cells
+    known: BoolArray  # (H, W) cells where it is known
+    controls: Increments  # what odometry believes
+    believed: FloatArray  # (T, 3) poses
+
+
 def deform(
     plan: "FloorPlan",
     trajectory: Trajectory,
@@ -103,40 +112,32 @@ def deform(
     # One stream per cause, so that a seed gives one robot to every method.
     of_odometry, of_lidar, of_noise, of_beams = (rng or np.random.default_rng(0)).spawn(4)
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
-    framed = frame is not None
+    may_grow = frame is None
     frame = frame or GridFrame.covering(plan.bounds, model.resolution, DRIFT_MARGIN)
     cad = plan.raster(frame.resolution, frame)
     occupied = cad.cells != FREE
     if occupied.all():
         raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
-    path, scanner = pick_scans(trajectory, model.motion), ScannerView()
+    path = pick_scans(trajectory, model.motion)
+    scanner = ScannerView()
     visibility = observe(occupied, frame, path.poses, scanner)
     unit = of_odometry.standard_normal(3)
     robot = _Robot(
-        WheelErrors.of_unit(unit, model.severity),
-        PhaseErrors.of_unit(model.two_phase, unit),
-        LidarErrors.draw(of_lidar, model.severity),
+        wheels=WheelErrors.of_unit(unit, model.severity),
+        phases=PhaseErrors.of_unit(model.two_phase, unit),
+        lidar=LidarErrors.draw(of_lidar, model.severity),
     )
     beams = wall_beams(visibility, robot.lidar, scanner.range_max, model.severity, of_beams)
     if model.method == "ekf_schur":
-        forward, known, controls, believed = _landmark_slam(
-            model, path.poses, visibility, robot, of_noise
-        )
+        error = _landmark_slam(model, path.poses, visibility, robot, of_noise)
     else:
-        controls = disturb(increments_of(path.poses), robot.phases, model.two_phase, of_noise)
-        believed = integrate(path.poses[0], controls)
-        # The EKF has taken the LIDAR's errors in as measurements; here they are added.
-        forward = displacements(path.poses, believed, visibility) + densify(
-            beams.field, beams.hit, 0.0
-        )
-        known = visibility.seen
-    forward = densify(forward, known, SMOOTHING / frame.resolution)
+        error = _dead_reckoning(model, path.poses, visibility, robot, beams, of_noise)
+    forward = densify(error.forward, error.known, SMOOTHING / frame.resolution)
 
     # Where the caller gives no frame, it grows until nothing lies beyond the picture.
-    pad = 0 if framed else _drift_px(forward, visibility, frame)
+    pad = _drift_px(forward, visibility, frame) if may_grow else 0
     forward = np.pad(forward, ((0, 0), (pad, pad), (pad, pad)), mode="edge")
-    r, x, y, height, width = frame
-    frame = GridFrame(r, x - pad * r, y - pad * r, height + 2 * pad, width + 2 * pad)
+    frame = _grown(frame, pad)
     field = invert(forward, frame.resolution)
     picture = np.pad(observed_cad(occupied, visibility, beams), pad, constant_values=UNKNOWN)
     return Deformation(
@@ -145,8 +146,8 @@ def deform(
         field=field,
         seen=np.pad(visibility.seen, pad),
         true=path,
-        odometry=Trajectory(path.stamps, integrate(path.poses[0], controls)),
-        believed=Trajectory(path.stamps, believed),
+        odometry=Trajectory(path.stamps, integrate(path.poses[0], error.controls)),
+        believed=Trajectory(path.stamps, error.believed),
         parameters=to_dict(robot),
     )
 
@@ -157,12 +158,8 @@ def _landmark_slam(
     visibility: Visibility,
     robot: _Robot,
     rng: np.random.Generator,
-) -> tuple[Float32Array, BoolArray, Increments, FloatArray]:
-    """EKF-SLAM over wall cells, as one least-squares problem.
-
-    Returns:
-        Displacements [m] on true cells (2, H, W), which are known (H, W), believed increments, and poses (T, 3).
-    """
+) -> _MapError:
+    """EKF-SLAM over wall cells, as one least-squares problem."""
     controls = believed_increments(increments_of(poses), robot.wheels)
     problem = landmark_problem(
         poses,
@@ -180,14 +177,46 @@ def _landmark_slam(
     field[:, rows, cols] = (problem.points - estimate.landmarks).T
     known = np.zeros(visibility.frame.shape, dtype=np.bool_)
     known[rows, cols] = True
-    return field, known, controls, estimate.poses
+    return _MapError(forward=field, known=known, controls=controls, believed=estimate.poses)
+
+
+def _dead_reckoning(
+    model: ParametricConfig,
+    poses: FloatArray,
+    visibility: Visibility,
+    robot: _Robot,
+    beams: WallBeams,
+    rng: np.random.Generator,
+) -> _MapError:
+    """The two phases of the way, without any correction by the map."""
+    controls = disturb(increments_of(poses), robot.phases, model.two_phase, rng)
+    believed = integrate(poses[0], controls)
+    # The EKF has taken the LIDAR's errors in as measurements; here they are added.
+    of_odometry = displacements(poses, believed, visibility)
+    of_lidar = densify(beams.field, beams.hit, 0.0)
+    return _MapError(
+        forward=of_odometry + of_lidar, known=visibility.seen, controls=controls, believed=believed
+    )
+
+
+def _grown(frame: GridFrame, pad: int) -> GridFrame:
+    """A frame with so many cells more on every side."""
+    return GridFrame(
+        resolution=frame.resolution,
+        origin_x=frame.origin_x - pad * frame.resolution,
+        origin_y=frame.origin_y - pad * frame.resolution,
+        height_px=frame.height_px + 2 * pad,
+        width_px=frame.width_px + 2 * pad,
+    )
 
 
 def _drift_px(forward: Float32Array, visibility: Visibility, frame: GridFrame) -> int:
     """Cells by which the map must grow on every side to hold all displaced walls, at most half its size."""
-    walls = np.nonzero(visibility.cells.best >= 0)
-    down, left = forward[1][walls] / frame.resolution, forward[0][walls] / frame.resolution
-    placed = np.column_stack([walls[0] + down, walls[1] - left])
+    rows, cols = np.nonzero(visibility.cells.best >= 0)
+    x, y = forward[:, rows, cols]
+    placed_rows = rows + y / frame.resolution
+    placed_cols = cols - x / frame.resolution
+    placed = np.column_stack([placed_rows, placed_cols])
     beyond = placed - (np.array(frame.shape) - 1)
     over = max(-placed.min(initial=0.0), beyond.max(initial=0.0))
     # Dead reckoning over kilometres drifts without bound; a picture that follows it is of no use.

@@ -21,7 +21,10 @@ from slamgym.core.types import FloatArray
 from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.sim.robot import WHEEL_RADIUS, RobotConfig
 
-WHEEL_BASE, WHEEL_DIAMETER = RobotConfig.wheel_separation, 2.0 * WHEEL_RADIUS  # nominal [m]
+WHEEL_BASE = RobotConfig.wheel_separation
+"""Nominal distance of the wheels [m]: the simulated robot's."""
+WHEEL_DIAMETER = 2.0 * WHEEL_RADIUS
+"""Nominal diameter of the wheels [m]: the simulated robot's."""
 _ALPHA_EB_DEG = 1.0
 """Spread of the error of a quarter turn through the wheel base [deg]; rms 0.98 over 8 OptiOdom sets."""
 _KAPPA_DEG = 0.23
@@ -93,13 +96,12 @@ class PhaseErrors:
 
 def increments_of(poses: FloatArray) -> Increments:
     """Split a path of poses (T, 3) into increments."""
-    step = np.diff(poses[:, :2], axis=0)
+    dx, dy = np.diff(poses[:, :2], axis=0).T
     turn = np.asarray(wrap_angle(np.diff(poses[:, 2])))
     middle = poses[:-1, 2] + 0.5 * turn
-    cos, sin = np.cos(middle), np.sin(middle)
-    return Increments(
-        cos * step[:, 0] + sin * step[:, 1], -sin * step[:, 0] + cos * step[:, 1], turn
-    )
+    cos = np.cos(middle)
+    sin = np.sin(middle)
+    return Increments(distance=cos * dx + sin * dy, lateral=-sin * dx + cos * dy, turn=turn)
 
 
 def integrate(start: FloatArray, increments: Increments) -> FloatArray:
@@ -112,16 +114,22 @@ def integrate(start: FloatArray, increments: Increments) -> FloatArray:
     Returns:
         Poses, shape (T, 3), heading wrapped.
     """
-    heading = start[2] + np.concatenate([[0.0], np.cumsum(increments.turn)])
-    middle = heading[:-1] + 0.5 * increments.turn
-    cos, sin = np.cos(middle), np.sin(middle)
+    half_turn = 0.5 * increments.turn
+    heading = start[2] + _sums_from_zero(increments.turn)
+    middle = heading[:-1] + half_turn
+    cos = np.cos(middle)
+    sin = np.sin(middle)
     dx = increments.distance * cos - increments.lateral * sin
     dy = increments.distance * sin + increments.lateral * cos
     poses = np.empty((len(heading), 3))
-    poses[:, 0] = start[0] + np.concatenate([[0.0], np.cumsum(dx)])
-    poses[:, 1] = start[1] + np.concatenate([[0.0], np.cumsum(dy)])
+    poses[:, 0] = start[0] + _sums_from_zero(dx)
+    poses[:, 1] = start[1] + _sums_from_zero(dy)
     poses[:, 2] = wrap_angle(heading)
     return poses
+
+
+def _sums_from_zero(steps: FloatArray) -> FloatArray:
+    return np.concatenate([[0.0], np.cumsum(steps)])
 
 
 def believed_increments(true: Increments, errors: WheelErrors) -> Increments:
@@ -133,9 +141,11 @@ def believed_increments(true: Increments, errors: WheelErrors) -> Increments:
     half_turn = 0.5 * WHEEL_BASE * true.turn
     rolled_right = 2.0 * (true.distance + half_turn) / WHEEL_DIAMETER
     rolled_left = 2.0 * (true.distance - half_turn) / WHEEL_DIAMETER
-    distance_right, distance_left = 0.5 * rolled_right * right, 0.5 * rolled_left * left
+    distance_right = 0.5 * rolled_right * right
+    distance_left = 0.5 * rolled_left * left
+    distance = 0.5 * (distance_right + distance_left)
     turn = (distance_right - distance_left) / (errors.wheel_base_ratio * WHEEL_BASE)
-    return Increments(0.5 * (distance_right + distance_left), true.lateral, turn)
+    return Increments(distance, true.lateral, turn)
 
 
 def disturb(
@@ -149,12 +159,11 @@ def disturb(
         config: Random coefficients.
         rng: Source of the random part.
     """
-    noise = rng.standard_normal((2, len(true.turn)))
-    driven, turned = np.abs(true.distance), np.abs(true.turn)
-    linear = errors.k_l * true.distance + config.s_l * np.sqrt(driven) * noise[0]
-    angular = (
-        errors.k_t * true.turn
-        + errors.k_lt * true.distance
-        + (config.s_t * np.sqrt(turned) + config.s_lt * np.sqrt(driven)) * noise[1]
-    )
+    noise_linear, noise_angular = rng.standard_normal((2, len(true.turn)))
+    root_driven = np.sqrt(np.abs(true.distance))
+    root_turned = np.sqrt(np.abs(true.turn))
+    linear = errors.k_l * true.distance + config.s_l * root_driven * noise_linear
+    sigma_angular = config.s_t * root_turned + config.s_lt * root_driven
+    systematic = errors.k_t * true.turn + errors.k_lt * true.distance
+    angular = systematic + sigma_angular * noise_angular
     return Increments(true.distance + linear, true.lateral, true.turn + angular)

@@ -8,7 +8,7 @@ is written for exactly these two motions.
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 import shapely
@@ -42,11 +42,6 @@ class Waypoints:
     times: FloatArray | None = None  # (M,) [s]
 
 
-def _require(is_right: bool | np.bool_, name: str, fault: str) -> None:
-    if not is_right:
-        raise ConfigError(f"{name}: {fault}")
-
-
 def check_waypoints(waypoints: Waypoints, name: str) -> None:
     """Refuse waypoints that describe no motion.
 
@@ -54,48 +49,64 @@ def check_waypoints(waypoints: Waypoints, name: str) -> None:
         ConfigError: If there are fewer than two, or one is not a number, or time doesn't grow, or all lie in
             one place.
     """
-    points, times = waypoints.points, waypoints.times
-    _require(len(points) >= 2, name, f"has {len(points)} waypoint(s); give at least two")
+    points = waypoints.points
+    times = waypoints.times
+    if len(points) < 2:
+        raise ConfigError(f"{name}: has {len(points)} waypoint(s); give at least two")
     finite = np.isfinite(points).all(axis=1)
-    _require(
-        finite.all(), name, f"waypoint {np.argmin(finite) + 1} is not a pair of finite numbers"
-    )
-    _require(
-        np.diff(points, axis=0).any(),
-        name,
-        "all waypoints lie in one place; give two different ones",
-    )
-    if times is not None:
-        known = times.shape == (len(points),) and np.isfinite(times).all()
-        _require(known, name, "every waypoint needs one finite time of arrival")
-        growing = np.diff(times) > 0.0
+    if not finite.all():
+        number = np.argmin(finite) + 1
+        raise ConfigError(f"{name}: waypoint {number} is not a pair of finite numbers")
+    if not np.diff(points, axis=0).any():
+        raise ConfigError(f"{name}: all waypoints lie in one place; give two different ones")
+    if times is None:
+        return
+    if times.shape != (len(points),) or not np.isfinite(times).all():
+        raise ConfigError(f"{name}: every waypoint needs one finite time of arrival")
+    growing = np.diff(times) > 0.0
+    if not growing.all():
         i = int(np.argmin(growing))
-        grows = f"{times[i]:g} s to {times[i + 1]:g} s at waypoint {i + 2}; times of arrival must increase"
-        _require(growing.all(), name, f"time goes from {grows}")
+        raise ConfigError(
+            f"{name}: time goes from {times[i]:g} s to {times[i + 1]:g} s at waypoint {i + 2}; "
+            "times of arrival must increase"
+        )
 
 
-def _duration(length: float, top_speed: float, acceleration: float) -> float:
-    """Shortest time [s] of a move from rest to rest over ``length``."""
-    if length == 0.0:
-        return 0.0
-    ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))
-    return length / (acceleration * ramp) + ramp
+class _Move(NamedTuple):
+    """A move from rest to rest with a trapezoidal speed: straight on [m], or turning in place [rad]."""
 
+    length: float
+    top_speed: float
+    acceleration: float
 
-def _trapezoid(
-    length: float, top_speed: float, acceleration: float, n: int
-) -> tuple[FloatArray, FloatArray]:
-    """Time and distance of a move from rest to rest over ``length``, n + 1 samples."""
-    ramp = min(top_speed / acceleration, math.sqrt(length / acceleration))  # [s]
-    speed, total = acceleration * ramp, _duration(length, top_speed, acceleration)
-    t = np.linspace(0.0, total, n + 1)
-    left = total - t
-    distance = np.select(
-        [t < ramp, t > total - ramp],
-        [0.5 * acceleration * t**2, length - 0.5 * acceleration * left**2],
-        speed * (t - 0.5 * ramp),
-    )
-    return t, distance
+    @property
+    def ramp(self) -> float:
+        """Time [s] to gain speed, and again to lose it."""
+        to_top_speed = self.top_speed / self.acceleration
+        return min(to_top_speed, math.sqrt(self.length / self.acceleration))
+
+    @property
+    def duration(self) -> float:
+        """Shortest time [s] of the move."""
+        if self.length == 0.0:
+            return 0.0
+        return self.length / (self.acceleration * self.ramp) + self.ramp
+
+    def samples(self, stretch: float) -> tuple[FloatArray, FloatArray]:
+        """Time [s], not stretched, and way at equal intervals after the start, for a move that is so much slower."""
+        n = max(2, math.ceil(self.duration * stretch / _SAMPLE_INTERVAL))
+        ramp = self.ramp
+        speed = self.acceleration * ramp
+        t = np.linspace(0.0, self.duration, n + 1)[1:]
+        left = self.duration - t
+        speeding_up = 0.5 * self.acceleration * t**2
+        slowing_down = self.length - 0.5 * self.acceleration * left**2
+        way = np.select(
+            [t < ramp, t > self.duration - ramp],
+            [speeding_up, slowing_down],
+            speed * (t - 0.5 * ramp),
+        )
+        return t, way
 
 
 def drive(
@@ -116,49 +127,58 @@ def drive(
         ConfigError: If the waypoints describe no motion or the times of arrival ask for more than the limits.
     """
     check_waypoints(waypoints, name)
-    points, times = waypoints.points, waypoints.times
+    points = waypoints.points
+    times = waypoints.times
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])
-    heading = math.atan2(*steps[np.argmax(lengths > 0.0)][::-1])
+    first_x, first_y = steps[np.argmax(lengths > 0.0)]
+    heading = math.atan2(first_y, first_x)
     clock = 0.0 if times is None else float(times[0])
     rows = [np.array([[clock, *points[0], heading]])]
     for i, (step, length) in enumerate(zip(steps, lengths, strict=True)):
-        turn = float(wrap_angle(math.atan2(step[1], step[0]) - heading)) if length > 0.0 else 0.0
-        moves = (
-            (abs(turn), robot.max_angular, robot.angular_acceleration),
-            (length, robot.max_linear, robot.linear_acceleration),
-        )
-        turning, driving = durations = [_duration(*move) for move in moves]
+        turn = 0.0
+        if length > 0.0:
+            turn = float(wrap_angle(math.atan2(step[1], step[0]) - heading))
+        turning = _Move(abs(turn), robot.max_angular, robot.angular_acceleration)
+        driving = _Move(length, robot.max_linear, robot.linear_acceleration)
+        needed = turning.duration + driving.duration
         stretch = 1.0
         if times is not None:
             allowed = float(times[i + 1] - times[i])
-            speeds = f"{robot.max_linear:g} m/s and {robot.max_angular:g} rad/s"
-            needs = f"{allowed:.2f} s; the robot needs {turning + driving:.2f} s at {speeds}"
-            is_slow = turning + driving <= allowed + 1e-9
-            _require(is_slow, name, f"waypoint {i + 2} can't be reached in {needs}")
-            if turning + driving == 0.0:
+            if needed > allowed + 1e-9:
+                raise ConfigError(
+                    f"{name}: waypoint {i + 2} can't be reached in {allowed:.2f} s; the robot needs {needed:.2f} s "
+                    f"at {robot.max_linear:g} m/s and {robot.max_angular:g} rad/s"
+                )
+            if needed == 0.0:
                 clock += allowed
                 continue
-            stretch = allowed / (turning + driving)
-        for drives, (duration, move) in enumerate(zip(durations, moves, strict=True)):
-            if duration == 0.0:
-                continue
-            n = max(2, math.ceil(duration * stretch / _SAMPLE_INTERVAL))
-            t, distance = _trapezoid(*move, n)
-            block = np.zeros((n, 4))
-            block[:, 0] = clock + stretch * t[1:]
-            block[:, 1:3] = points[i]
-            block[:, 3] = heading
-            if drives:
-                block[:, 1:3] += (distance[1:, None] / length) * step
-            else:
-                block[:, 3] += math.copysign(1.0, turn) * distance[1:]
-                heading += turn
+            stretch = allowed / needed
+        if turning.duration > 0.0:
+            t, turned = turning.samples(stretch)
+            block = _standing(clock + stretch * t, points[i], heading)
+            block[:, 3] += math.copysign(1.0, turn) * turned
             rows.append(block)
-            clock += stretch * duration
+            heading += turn
+            clock += stretch * turning.duration
+        if driving.duration > 0.0:
+            t, driven = driving.samples(stretch)
+            block = _standing(clock + stretch * t, points[i], heading)
+            block[:, 1:3] += (driven[:, None] / length) * step
+            rows.append(block)
+            clock += stretch * driving.duration
     table = np.concatenate(rows)
     table[:, 3] = wrap_angle(table[:, 3])
     return Trajectory(table[:, 0], table[:, 1:])
+
+
+def _standing(times: FloatArray, point: FloatArray, heading: float) -> FloatArray:
+    """Rows (n, 4) of time, x, y and heading of a robot that stands still."""
+    rows = np.empty((len(times), 4))
+    rows[:, 0] = times
+    rows[:, 1:3] = point
+    rows[:, 3] = heading
+    return rows
 
 
 def check_recorded(recorded: Trajectory, name: str = "the recorded path") -> None:
@@ -167,36 +187,43 @@ def check_recorded(recorded: Trajectory, name: str = "the recorded path") -> Non
     Raises:
         ConfigError: If it has fewer than two poses, a number that is not finite, or time that doesn't grow.
     """
-    stamps, poses = recorded.stamps, recorded.poses
-    _require(len(stamps) >= 2, name, f"has {len(stamps)} pose(s); give at least two")
-    finite = np.isfinite(stamps).all() and np.isfinite(poses).all()
-    _require(finite, name, "holds a number that is not finite")
+    stamps = recorded.stamps
+    if len(stamps) < 2:
+        raise ConfigError(f"{name}: has {len(stamps)} pose(s); give at least two")
+    if not np.isfinite(stamps).all() or not np.isfinite(recorded.poses).all():
+        raise ConfigError(f"{name}: holds a number that is not finite")
     growing = np.diff(stamps) > 0.0
-    late = f"time doesn't grow at pose {np.argmin(growing) + 2}; sort the poses by time"
-    _require(growing.all(), name, late)
+    if not growing.all():
+        number = np.argmin(growing) + 2
+        raise ConfigError(f"{name}: time doesn't grow at pose {number}; sort the poses by time")
 
 
 def sampled(trajectory: Trajectory, interval: float) -> Trajectory:
     """The poses at equal intervals [s], between those that are known."""
-    stamps = np.arange(trajectory.stamps[0], trajectory.stamps[-1] + 1e-6, interval)
-    turned = np.cumsum(wrap_angle(np.diff(trajectory.poses[:, 2], prepend=0.0)))
-    columns = *trajectory.poses[:, :2].T, turned
-    poses = np.column_stack([np.interp(stamps, trajectory.stamps, column) for column in columns])
-    poses[:, 2] = wrap_angle(poses[:, 2])
+    known = trajectory.stamps
+    x, y, heading = trajectory.poses.T
+    turned = np.cumsum(wrap_angle(np.diff(heading, prepend=0.0)))
+    stamps = np.arange(known[0], known[-1] + 1e-6, interval)
+    poses = np.empty((len(stamps), 3))
+    poses[:, 0] = np.interp(stamps, known, x)
+    poses[:, 1] = np.interp(stamps, known, y)
+    poses[:, 2] = wrap_angle(np.interp(stamps, known, turned))
     return Trajectory(stamps, poses)
 
 
 def pick_scans(trajectory: Trajectory, config: MotionConfig) -> Trajectory:
     """Keep the poses at which a scan enters the map: after enough driving or turning, and the last."""
     poses = trajectory.poses
-    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))])
-    turn = np.concatenate([[0.0], np.cumsum(np.abs(wrap_angle(np.diff(poses[:, 2]))))])
-    passed = np.column_stack([way, turn]).tolist()
-    spacing, angle = config.scan_spacing - 1e-9, config.scan_angle - 1e-9
+    dx, dy, dtheta = np.diff(poses, axis=0, prepend=poses[:1]).T
+    way = np.cumsum(np.hypot(dx, dy)).tolist()
+    turn = np.cumsum(np.abs(wrap_angle(dtheta))).tolist()
+    passed = list(zip(way, turn, strict=True))
+    spacing = config.scan_spacing - 1e-9
+    angle = config.scan_angle - 1e-9
     kept = [0]
     for i, (driven, turned) in enumerate(passed):
-        last = passed[kept[-1]]
-        if driven - last[0] >= spacing or turned - last[1] >= angle:
+        last_driven, last_turned = passed[kept[-1]]
+        if driven - last_driven >= spacing or turned - last_turned >= angle:
             kept.append(i)
     if passed[kept[-1]] != passed[-1]:
         kept.append(len(passed) - 1)
@@ -219,20 +246,28 @@ def check_path_is_free(
     """
     shapely.prepare(free_space)
     inside = shapely.intersects_xy(free_space, points[:, 0], points[:, 1])
-    i = int(np.argmin(inside))
-    (x, y), (min_x, min_y, max_x, max_y) = points[i], free_space.bounds
-    where = "in a wall; move it to free space"
-    if not (min_x <= x <= max_x and min_y <= y <= max_y):
-        spans = f"({min_x:.2f}, {min_y:.2f}) to ({max_x:.2f}, {max_y:.2f})"
-        where = f"outside the plan, which spans {spans}"
-    _require(inside.all(), name, f"{what} {i + 1} at ({x:.2f}, {y:.2f}) lies {where}")
+    if not inside.all():
+        i = int(np.argmin(inside))
+        x, y = points[i]
+        min_x, min_y, max_x, max_y = free_space.bounds
+        if min_x <= x <= max_x and min_y <= y <= max_y:
+            raise ConfigError(
+                f"{name}: {what} {i + 1} at ({x:.2f}, {y:.2f}) lies in a wall; move it to free space"
+            )
+        raise ConfigError(
+            f"{name}: {what} {i + 1} at ({x:.2f}, {y:.2f}) lies outside the plan, "
+            f"which spans ({min_x:.2f}, {min_y:.2f}) to ({max_x:.2f}, {max_y:.2f})"
+        )
     pieces = np.asarray(shapely.linestrings(np.stack([points[:-1], points[1:]], axis=1)))
     clear = shapely.covers(free_space, pieces)
     if not clear.all():
         i = int(np.argmin(clear))
-        x, y = shapely.get_coordinates(shapely.difference(pieces[i], free_space))[0]
-        wall = f"leads through a wall at ({x:.2f}, {y:.2f}); add a point that goes round it"
-        raise ConfigError(f"{name}: the path from {what} {i + 1} to {i + 2} {wall}")
+        in_wall = shapely.difference(pieces[i], free_space)
+        x, y = shapely.get_coordinates(in_wall)[0]
+        raise ConfigError(
+            f"{name}: the path from {what} {i + 1} to {i + 2} leads through a wall at ({x:.2f}, {y:.2f}); "
+            "add a point that goes round it"
+        )
 
 
 def read_waypoints(path: Path | str) -> Waypoints:
@@ -243,7 +278,8 @@ def read_waypoints(path: Path | str) -> Waypoints:
     """
     rows: list[list[float]] = []
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        values = line.split("#", 1)[0].replace(";", ",").strip()
+        without_comment = line.partition("#")[0]
+        values = without_comment.replace(";", ",").strip()
         if not values:
             continue
         try:
@@ -251,9 +287,8 @@ def read_waypoints(path: Path | str) -> Waypoints:
         except ValueError as error:
             if number == 1:
                 continue  # the header
-            where = f"{path}:{number}"
             raise InputFileError(
-                where, f"is not a line of numbers x,y[,t]: {shown(line)}"
+                f"{path}:{number}", f"is not a line of numbers x,y[,t]: {shown(line)}"
             ) from error
         if len(row) not in (2, 3) or (rows and len(row) != len(rows[0])):
             raise InputFileError(
@@ -263,7 +298,9 @@ def read_waypoints(path: Path | str) -> Waypoints:
     if not rows:
         raise InputFileError(path, "has no waypoint; give one line x,y[,t] per waypoint")
     table = np.array(rows, dtype=np.float64)
-    return Waypoints(table[:, :2], table[:, 2] if table.shape[1] == 3 else None)
+    if table.shape[1] == 2:
+        return Waypoints(table)
+    return Waypoints(table[:, :2], table[:, 2])
 
 
 def trajectory_from_file(
@@ -309,8 +346,9 @@ def plan_trajectory(
     """
     grid = plan.raster(PASSAGE_CELL)
     if clutter is not None and clutter.passages is not None:
-        clearance = clutter.passages.clearance[::-1]
-        grid = OccupancyGrid(np.where(clearance > 0.0, FREE, OCCUPIED), clutter.passages.frame)
+        passages = clutter.passages
+        cells = np.where(passages.clearance[::-1] > 0.0, FREE, OCCUPIED)
+        grid = OccupancyGrid(cells, passages.frame)
     if not (grid.cells == FREE).any():
         raise PlanError(plan.id, "has no free space")
     try:
@@ -329,8 +367,11 @@ def plan_trajectory(
 def _room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:
     """The roadmap's node nearest to the middle of a room's free part, (1, 2), or (0, 2) if none is inside."""
     free = shapely.intersection(room, plan.free_space)
-    nodes = roadmap.nodes[shapely.intersects_xy(free, roadmap.nodes[:, 0], roadmap.nodes[:, 1])]
-    if len(nodes) == 0:
-        return nodes
-    away = [math.hypot(x - free.centroid.x, y - free.centroid.y) for x, y in nodes]
-    return nodes[[int(np.argmin(away))]]
+    middle = free.centroid
+    node_x, node_y = roadmap.nodes.T
+    inside = roadmap.nodes[shapely.intersects_xy(free, node_x, node_y)]
+    if len(inside) == 0:
+        return inside
+    away = [math.hypot(x - middle.x, y - middle.y) for x, y in inside]
+    nearest = int(np.argmin(away))
+    return inside[[nearest]]

@@ -31,16 +31,19 @@ def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
     Raises:
         ConfigError: If there are too many scans for the memory.
     """
-    if len(problem.true_poses) > _MAX_SCANS:
+    num_scans = len(problem.true_poses)
+    if num_scans > _MAX_SCANS:
         raise ConfigError(
-            f"ekf_schur would solve for {len(problem.true_poses)} scans, more than {_MAX_SCANS}; use a "
+            f"ekf_schur would solve for {num_scans} scans, more than {_MAX_SCANS}; use a "
             "larger scan spacing, a shorter path or the method two_phase"
         )
-    poses, points = problem.true_poses.copy(), problem.points.copy()
+    poses = problem.true_poses.copy()
+    points = problem.points.copy()
+    of_poses = 3 * (len(poses) - 1)
     for _ in range(_ITERATIONS):
         step = _gauss_newton_step(problem, poses, points)
-        poses[1:] += step[: 3 * (len(poses) - 1)].reshape(-1, 3)
-        points += step[3 * (len(poses) - 1) :].reshape(-1, 2)
+        poses[1:] += step[:of_poses].reshape(-1, 3)
+        points += step[of_poses:].reshape(-1, 2)
     poses[:, 2] = wrap_angle(poses[:, 2])
     return LandmarkEstimate(poses, points)
 
@@ -49,24 +52,30 @@ def _gauss_newton_step(
     problem: LandmarkProblem, poses: FloatArray, points: FloatArray
 ) -> FloatArray:
     """One step, for the poses after the first and then for the landmarks, shape (3 (T - 1) + 2 N,)."""
-    scan, landmark = problem.scan, problem.landmark
-    predicted, by_pose, by_point = observation_model(poses[scan], points[landmark], problem.mount_x)
+    seen_from = poses[problem.scan]
+    predicted, by_pose, by_point = observation_model(
+        seen_from, points[problem.landmark], problem.mount_x
+    )
     observed = problem.measured - predicted
     observed[:, 1] = wrap_angle(observed[:, 1])
-    by_pose, by_point = by_pose / problem.sigmas[:, None], by_point / problem.sigmas[:, None]
+    of_sight = problem.sigmas[:, None]
+    sight_by_pose = _blocks(by_pose / of_sight, problem.scan, len(poses))
+    sight_by_point = _blocks(by_point / of_sight, problem.landmark, len(points))
 
     moved, before, after = _motion_terms(problem, poses)
-    ends = np.arange(len(moved))[:, None] + np.arange(2)
-    motion = _blocks(
-        np.stack([before, after], axis=1).reshape(-1, 3, 3), ends.ravel(), len(poses), 2
-    )
-    sight = _blocks(by_pose, scan, len(poses)), _blocks(by_point, landmark, len(points))
+    both_ends = np.stack([before, after], axis=1).reshape(-1, 3, 3)
+    pose_of_end = np.arange(len(moved))[:, None] + np.arange(2)
+    motion = _blocks(both_ends, pose_of_end.ravel(), len(poses), 2)
+
     # The first pose is known: its three columns drop out.
-    J = block_array([[motion, None], list(sight)], format="csc")[:, 3:]
-    residual = np.concatenate([moved.ravel(), (observed / problem.sigmas).ravel()])
-    symmetric = {"SymmetricMode": True}
+    J = block_array([[motion, None], [sight_by_pose, sight_by_point]], format="csc")[:, 3:]
+    sighted = observed / problem.sigmas
+    residual = np.concatenate([moved.ravel(), sighted.ravel()])
     factor = splu(
-        csc_array(J.T @ J), permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=symmetric
+        csc_array(J.T @ J),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
     )
     return np.asarray(factor.solve(J.T @ residual))
 
@@ -77,22 +86,29 @@ def _motion_terms(
     """Odometry's residuals (T - 1, 3), and their Jacobians by the earlier and the later pose (T - 1, 3, 3)."""
     motion = increments_of(poses)
     middle = poses[:-1, 2] + 0.5 * motion.turn
-    cos, sin = np.cos(middle), np.sin(middle)
-    after = np.zeros((len(motion.turn), 3, 3))
-    after[:, 0, 0], after[:, 0, 1] = cos, sin
-    after[:, 1, 0], after[:, 1, 1] = -sin, cos
+    cos = np.cos(middle)
+    sin = np.sin(middle)
+    after = np.zeros((len(middle), 3, 3))
+    after[:, 0, 0] = cos
+    after[:, 0, 1] = sin
+    after[:, 1, 0] = -sin
+    after[:, 1, 1] = cos
     after[:, 2, 2] = 1.0
     before = -after
     for jacobian in (before, after):  # half of either heading turns the mean heading
-        jacobian[:, 0, 2], jacobian[:, 1, 2] = 0.5 * motion.lateral, -0.5 * motion.distance
+        jacobian[:, 0, 2] = 0.5 * motion.lateral
+        jacobian[:, 1, 2] = -0.5 * motion.distance
     residual = problem.controls - np.column_stack(motion)
     residual[:, 2] = wrap_angle(residual[:, 2])
     sigmas = problem.control_sigmas
-    return residual / sigmas, before / sigmas[:, :, None], after / sigmas[:, :, None]
+    of_jacobians = sigmas[:, :, None]
+    return residual / sigmas, before / of_jacobians, after / of_jacobians
 
 
 def _blocks(values: FloatArray, cols: IntArray, num_cols: int, per_row: int = 1) -> bsr_array:
     """Sparse matrix of dense blocks, so many in each row of blocks."""
-    rows, (height, width) = len(values) // per_row, values.shape[1:]
+    _, height, width = values.shape
+    rows = len(values) // per_row
     pointers = per_row * np.arange(rows + 1)
-    return bsr_array((values, cols, pointers), shape=(height * rows, width * num_cols))
+    shape = (height * rows, width * num_cols)
+    return bsr_array((values, cols, pointers), shape=shape)

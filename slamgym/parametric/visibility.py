@@ -47,21 +47,30 @@ def observe_cells(
     first, last, best, hits = seen
     height, width = occupied.shape
     for k in range(sensors.shape[0]):
-        x0, y0 = sensors[k, 0], sensors[k, 1]
+        x0 = sensors[k, 0]
+        y0 = sensors[k, 1]
         for b in range(angles.shape[0]):
             hits[k, b] = -1
             direction = sensors[k, 2] + angles[b]
-            dx, dy = math.cos(direction), -math.sin(direction)
-            col, row = math.floor(x0), math.floor(y0)
-            step_col, step_row = (1 if dx > 0.0 else -1), (1 if dy > 0.0 else -1)
-            per_col = 1.0 / abs(dx) if dx != 0.0 else math.inf
-            per_row = 1.0 / abs(dy) if dy != 0.0 else math.inf
-            next_col = (
-                ((col + 1 - x0) if dx > 0.0 else (x0 - col)) * per_col if dx != 0.0 else math.inf
-            )
-            next_row = (
-                ((row + 1 - y0) if dy > 0.0 else (y0 - row)) * per_row if dy != 0.0 else math.inf
-            )
+            dx = math.cos(direction)
+            dy = -math.sin(direction)
+            col = math.floor(x0)
+            row = math.floor(y0)
+            step_col = 1 if dx > 0.0 else -1
+            step_row = 1 if dy > 0.0 else -1
+            # Along the beam: from one border of columns or rows to the next, and to the first.
+            per_col = math.inf
+            per_row = math.inf
+            next_col = math.inf
+            next_row = math.inf
+            if dx != 0.0:
+                to_border = col + 1 - x0 if dx > 0.0 else x0 - col
+                per_col = 1.0 / abs(dx)
+                next_col = to_border * per_col
+            if dy != 0.0:
+                to_border = row + 1 - y0 if dy > 0.0 else y0 - row
+                per_row = 1.0 / abs(dy)
+                next_row = to_border * per_row
             travelled = 0.0
             while travelled <= range_max_px and 0 <= row < height and 0 <= col < width:
                 if last[row, col] != k:
@@ -72,9 +81,11 @@ def observe_cells(
                     if travelled >= range_min_px:
                         hits[k, b] = row * width + col
                         j = best[row, col]
+                        mid_col = col + 0.5
+                        mid_row = row + 0.5
                         if j < 0 or (
-                            math.hypot(col + 0.5 - x0, row + 0.5 - y0)
-                            < math.hypot(col + 0.5 - sensors[j, 0], row + 0.5 - sensors[j, 1])
+                            math.hypot(mid_col - x0, mid_row - y0)
+                            < math.hypot(mid_col - sensors[j, 0], mid_row - sensors[j, 1])
                         ):
                             best[row, col] = k
                     break
@@ -103,7 +114,8 @@ class Visibility:
 
     def cell_points(self, cells: Int32Array) -> FloatArray:
         """Centres (N, 2) [m] of flat cell indices (N,), world frame."""
-        return self.frame.to_points(*np.divmod(cells, self.frame.width_px))
+        rows, cols = np.divmod(cells, self.frame.width_px)
+        return self.frame.to_points(rows, cols)
 
 
 def beam_angles(scanner: ScannerView, resolution: float) -> FloatArray:
@@ -137,8 +149,12 @@ def observe(
     across = (x - frame.origin_x) / frame.resolution
     down = frame.height_px - (y - frame.origin_y) / frame.resolution
     angles = beam_angles(scanner, frame.resolution)
-    first, last, best = (np.full(frame.shape, -1, dtype=np.int32) for _ in range(3))
-    cells = SeenCells(first, last, best, np.empty((len(poses), len(angles)), dtype=np.int32))
+    cells = SeenCells(
+        first=np.full(frame.shape, -1, dtype=np.int32),
+        last=np.full(frame.shape, -1, dtype=np.int32),
+        best=np.full(frame.shape, -1, dtype=np.int32),
+        hits=np.empty((len(poses), len(angles)), dtype=np.int32),
+    )
     observe_cells(
         np.ascontiguousarray(occupied),
         np.column_stack([across, down, heading]),

@@ -32,25 +32,23 @@ def displacements(
     Returns:
         (2, H, W) float32 [m], a forward field; 0 in cells that no scan saw.
     """
-    frame, seen = visibility.frame, visibility.seen
+    frame = visibility.frame
+    seen = visibility.seen
     # Relative to the middle of the map, which keeps the numbers small.
     min_x, min_y, max_x, max_y = frame.bounds
     middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y)])
     turn = believed_poses[:, 2] - true_poses[:, 2]
-    cos, sin = np.cos(turn), np.sin(turn)
+    cos = np.cos(turn)
+    sin = np.sin(turn)
     x, y = (middle - true_poses[:, :2]).T
-    motion = np.column_stack(
-        [
-            cos - 1.0,
-            sin,
-            believed_poses[:, 0] + cos * x - sin * y - middle[0],
-            believed_poses[:, 1] + sin * x + cos * y - middle[1],
-        ]
-    )[visibility.cells.first[seen]]
+    shift_x = believed_poses[:, 0] + cos * x - sin * y - middle[0]
+    shift_y = believed_poses[:, 1] + sin * x + cos * y - middle[1]
+    motion = np.column_stack([cos - 1.0, sin, shift_x, shift_y])
+    less_cos, sin, shift_x, shift_y = motion[visibility.cells.first[seen]].T
     x, y = (frame.to_points(*np.nonzero(seen)) - middle).T
     field = np.zeros((2, *frame.shape), dtype=np.float32)
-    field[0, seen] = -(motion[:, 0] * x - motion[:, 1] * y + motion[:, 2])
-    field[1, seen] = -(motion[:, 1] * x + motion[:, 0] * y + motion[:, 3])
+    field[0, seen] = -(less_cos * x - sin * y + shift_x)
+    field[1, seen] = -(sin * x + less_cos * y + shift_y)
     return field
 
 
@@ -78,9 +76,11 @@ def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Ar
         filled = of_label[:, labels]
     if sigma_px <= 0.0:
         return filled.astype(np.float32)
-    return np.stack(
-        [cv2.GaussianBlur(c, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE) for c in filled]
-    )
+    smooth = [
+        cv2.GaussianBlur(component, (0, 0), sigma_px, borderType=cv2.BORDER_REPLICATE)
+        for component in filled
+    ]
+    return np.stack(smooth)
 
 
 def invert(forward: Float32Array, resolution: float) -> Float32Array:
@@ -93,16 +93,15 @@ def invert(forward: Float32Array, resolution: float) -> Float32Array:
     Returns:
         (2, H, W) float32 [m] on output cells.
     """
-    d = forward
+    inverse = forward
     for _ in range(_INVERSIONS):
-        cols, rows = _sample_positions(d, resolution)
-        d = np.stack(
-            [
-                cv2.remap(c, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-                for c in forward
-            ]
-        )
-    return d
+        cols, rows = _sample_positions(inverse, resolution)
+        sampled = [
+            cv2.remap(component, cols, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+            for component in forward
+        ]
+        inverse = np.stack(sampled)
+    return inverse
 
 
 def warp(cells: ByteArray, inverse: Float32Array, resolution: float, outside: int) -> ByteArray:
@@ -122,7 +121,11 @@ def warp(cells: ByteArray, inverse: Float32Array, resolution: float, outside: in
 
 def _sample_positions(field: Float32Array, resolution: float) -> tuple[Float32Array, Float32Array]:
     """Continuous (col, row) of q + d(q) for every cell q."""
-    height, width = field.shape[1:]
-    cols = np.arange(width, dtype=np.float32)[None, :] + field[0] / np.float32(resolution)
-    rows = np.arange(height, dtype=np.float32)[:, None] - field[1] / np.float32(resolution)
+    x, y = field
+    height, width = x.shape
+    cell = np.float32(resolution)
+    own_cols = np.arange(width, dtype=np.float32)[None, :]
+    own_rows = np.arange(height, dtype=np.float32)[:, None]
+    cols = own_cols + x / cell
+    rows = own_rows - y / cell
     return cols.astype(np.float32), rows.astype(np.float32)
