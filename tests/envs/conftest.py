@@ -8,9 +8,10 @@ from slamgym.cad import FloorPlan
 
 def two_rooms(shift: tuple[float, float] = (0.0, 0.0)) -> FloorPlan:
     """A left room of 4 x 4 m and a right one of 3 x 4 m, joined by a door of 1 m."""
-    space = shapely.union_all(
-        [shapely.box(0, 0, 4, 4), shapely.box(4.2, 0, 7.2, 4), shapely.box(3.9, 1.5, 4.3, 2.5)]
-    )
+    left = shapely.box(0, 0, 4, 4)
+    right = shapely.box(4.2, 0, 7.2, 4)
+    door = shapely.box(3.9, 1.5, 4.3, 2.5)
+    space = shapely.union_all([left, right, door])
     return FloorPlan("two_rooms", shapely.affinity.translate(space, *shift))
 
 

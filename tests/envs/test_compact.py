@@ -19,17 +19,17 @@ def observe(
 ):
     observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
     seen = observer.observe(MapTiles.of_grid(cells, frame), ranges, pose, velocity)
-    shares, rest = seen[: 2 * BLOCKS**2].reshape(2, BLOCKS, BLOCKS), seen[2 * BLOCKS**2 :]
-    return shares[0], shares[1], rest[:60], rest[60:]
+    shares, ranges_seen, velocity_seen = np.split(seen, [2 * BLOCKS**2, 2 * BLOCKS**2 + 60])
+    free, occupied = shares.reshape(2, BLOCKS, BLOCKS)
+    return free, occupied, ranges_seen, velocity_seen
 
 
 def test_blocks_hold_the_shares_of_free_and_occupied_space():
     cells = np.full(FRAME.shape, UNKNOWN, dtype=np.uint8)
     cells[:, 160:] = FREE  # x > 0
     cells[:, 240:] = OCCUPIED  # x > 4
-    free, occupied, _, _ = observe(
-        cells, Pose2D(0.0, 0.0, math.pi / 2)
-    )  # ahead is +y, so +x is right
+    ahead_is_y = Pose2D(0.0, 0.0, math.pi / 2)
+    free, occupied, _, _ = observe(cells, ahead_is_y)  # +x is right
     assert np.allclose(free[:, :10], 0.0)
     assert np.allclose(free[:, 11:20], 1.0)
     assert np.allclose(occupied[:, 20], 0.5, atol=0.26)  # from 3.8 to 4.2 m
@@ -48,7 +48,8 @@ def test_what_lies_beyond_the_map_is_unknown():
 
 
 def test_it_doesnt_matter_which_part_of_the_map_is_given():
-    cells = np.random.default_rng(0).choice([FREE, UNKNOWN, OCCUPIED], FRAME.shape).astype(np.uint8)
+    rng = np.random.default_rng(0)
+    cells = rng.choice([FREE, UNKNOWN, OCCUPIED], FRAME.shape).astype(np.uint8)
     pose = Pose2D(0.123, -0.456, 0.789)
     part = GridFrame(0.05, -7.0, -7.5, 290, 290)
     inner = np.ascontiguousarray(cells[20 : 20 + 290, 20 : 20 + 290])
@@ -56,37 +57,43 @@ def test_it_doesnt_matter_which_part_of_the_map_is_given():
         np.testing.assert_array_equal(whole, cut)
 
 
+def read_points(cells, corner, pose):
+    """The cells at all points of the crop, shape (84, 84): in its middle is the robot, ahead is up."""
+    pitch = 8.4 / (84 * 0.05)
+    down, right = pitch * (np.indices((84, 84)) - 41.5)
+    sin = np.sin(pose.theta)
+    cos = np.cos(pose.theta)
+    row = np.floor(pose.y / 0.05 - down * sin - right * cos).astype(int) - corner[0]
+    col = np.floor(pose.x / 0.05 - down * cos + right * sin).astype(int) - corner[1]
+    margin = 400
+    padded = np.pad(cells, margin, constant_values=UNKNOWN)
+    return padded[row + margin, col + margin]
+
+
 def test_blocks_show_the_cells_at_their_points():
-    rng, rows, cols, pitch = np.random.default_rng(0), 200, 240, 8.4 / (21 * 4 * 0.05)
-    cells = np.full((rows, cols), UNKNOWN, dtype=np.uint8)
+    rng = np.random.default_rng(0)
+    cells = np.full((200, 240), UNKNOWN, dtype=np.uint8)
     tiles = MapTiles(cells, (4, -8), 0.05, (0, 0, *cells.shape))
+    observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
     for _ in range(40):
-        row, col, height, width = rng.integers(rows), rng.integers(cols), *rng.integers(1, 90, 2)
-        box = int(row), int(col), min(int(row + height), rows), min(int(col + width), cols)
-        part = cells[box[0] : box[2], box[1] : box[3]]
+        row, col = rng.integers(cells.shape)
+        height, width = rng.integers(1, 90, 2)
+        part = cells[row : row + height, col : col + width]
         values = [FREE] if rng.random() < 0.7 else [FREE, UNKNOWN, OCCUPIED]
         part[:] = rng.choice(values, part.shape)
-        x, y, theta = rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0), rng.uniform(-4.0, 4.0)
-        observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4)
-        seen = observer.observe(tiles, NOTHING, Pose2D(x, y, theta), Twist2D(0.0, 0.0))
-        # Point by point, from the left of the first row: in the middle of the crop is the robot.
-        down, right = (pitch * (np.indices((84, 84)) - 41.5)).reshape(2, -1)
-        at_row = y / 0.05 - down * np.sin(theta) - right * np.cos(theta) - 4
-        at_col = x / 0.05 - down * np.cos(theta) + right * np.sin(theta) + 8
-        padded = np.pad(cells, 400, constant_values=UNKNOWN)
-        read = padded[
-            np.floor(at_row).astype(int) + 400, np.floor(at_col).astype(int) + 400
-        ].reshape(84, 84)
-        for k, value in enumerate((FREE, OCCUPIED)):
+        pose = Pose2D(rng.uniform(-1.0, 12.0), rng.uniform(-1.0, 10.0), rng.uniform(-4.0, 4.0))
+        seen = observer.observe(tiles, NOTHING, pose, Twist2D(0.0, 0.0))
+        read = read_points(cells, tiles.corner, pose)
+        for value, shown in zip((FREE, OCCUPIED), seen[:882].reshape(2, 21, 21), strict=True):
             shares = (read == value).reshape(21, 4, 21, 4).mean(axis=(1, 3))
-            assert (
-                np.mean(shares.ravel() != seen[441 * k : 441 * (k + 1)]) < 0.01
-            )  # on a border between cells
+            assert np.mean(shares != shown) < 0.01  # points on a border between cells
 
 
 def test_ranges_and_velocity_are_scaled():
     ranges = NOTHING.copy()
-    ranges[3], ranges[4], ranges[179] = 1.75, 3.0, -np.inf
+    ranges[3] = 1.75
+    ranges[4] = 3.0
+    ranges[179] = -np.inf
     cells = np.full(FRAME.shape, UNKNOWN, dtype=np.uint8)
     _, _, nearest, velocity = observe(cells, ranges=ranges, velocity=Twist2D(0.13, -5.0))
     assert nearest[1] == 0.5  # the nearest of beams 3 to 5

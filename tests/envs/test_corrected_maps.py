@@ -17,7 +17,10 @@ class BendingMapper(PoseTracker):
 
     def __init__(self, config, geometry, initial, rng, every, drift):
         super().__init__(config, geometry, initial, rng)
-        self.true_poses, self.scans, self.every, self.drift = [initial], [], every, drift
+        self.true_poses = [initial]
+        self.scans = []
+        self.every = every
+        self.drift = drift
         self.corrections = 0
 
     def _process(self, scan):
@@ -56,7 +59,8 @@ def test_the_whole_floor_is_seen_though_the_map_is_moved_by_metres(bend, plan_id
     env = ExploreEnv(open_plans("bundled").load(plan_id), config)
     explorer = make_explorer("nearest", env.explorer_context(), 3)
     observation, info = env.reset(seed=3)
-    moved, is_over = [0.0], False
+    moved = [0.0]
+    is_over = False
     while not is_over:
         action, _ = explorer.predict(observation)
         if explorer.finished:

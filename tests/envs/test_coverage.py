@@ -40,7 +40,8 @@ def test_only_the_part_that_the_robot_reaches_counts():
         [shapely.box(0, 0, 4, 4), shapely.box(4, 1.8, 4.5, 2.2), shapely.box(4.5, 0, 6.5, 4)]
     )
     floor = ReachableFloor(FloorPlan("gap", space), RADIUS)
-    left, right = floor.mask(1.0, 1.0), floor.mask(6.0, 1.0)
+    left = floor.mask(1.0, 1.0)
+    right = floor.mask(6.0, 1.0)
     # The gap's mouth may count as far as the dilation reaches into it.
     assert np.count_nonzero(left) * CELL**2 == pytest.approx(16.0, abs=0.2)
     assert np.count_nonzero(right) * CELL**2 == pytest.approx(8.0, abs=0.2)
@@ -107,8 +108,8 @@ def test_the_usable_range_ends_sight():
 
 def test_coverage_does_not_depend_on_where_the_plan_lies():
     shares = []
-    for shift in ((0.0, 0.0), (1024.0, -512.0)):
-        plan = FloorPlan("l", shapely.affinity.translate(shapely.box(0, 0, 5, 3), *shift))
-        coverage = coverage_of(plan, 1.0 + shift[0], 1.0 + shift[1])
-        shares.append(look(coverage, plan, Pose2D(1.0 + shift[0], 1.0 + shift[1], 0.4)))
+    for x, y in ((0.0, 0.0), (1024.0, -512.0)):
+        plan = FloorPlan("l", shapely.box(x, y, x + 5.0, y + 3.0))
+        coverage = coverage_of(plan, x + 1.0, y + 1.0)
+        shares.append(look(coverage, plan, Pose2D(x + 1.0, y + 1.0, 0.4)))
     assert shares[0] == pytest.approx(shares[1], abs=2e-3)  # a cell or two may round the other way

@@ -87,8 +87,6 @@ def test_the_config_survives_json():
         observation=ObservationConfig(map="global"), coverage_goal=0.5
     ).for_explorer()
     assert from_dict(ExploreConfig, to_dict(config)) == config
-    former = {"map_update_interval": 2.0, "min_frontier_size": 0.35}
-    assert from_dict(ExploreConfig, to_dict(config) | former) == config
 
 
 def test_gym_make_passes_settings_on(flat: FloorPlan):

@@ -30,7 +30,7 @@ def test_a_frame_has_its_size_and_both_worlds(flat: FloorPlan):
     assert frame.shape == (FRAME_HEIGHT, FRAME_WIDTH, 3)
     assert frame.dtype == np.uint8
     assert not np.array_equal(first, frame)
-    left, right = frame[:, : FRAME_WIDTH // 2], frame[:, FRAME_WIDTH // 2 :]
+    left, right = np.split(frame, 2, axis=1)
     for panel, colours in (
         (left, (TRUE_COLOUR, WALL_TINT, r.SEEN_TINT)),
         (right, (BELIEVED_COLOUR, WALL_TINT, UNKNOWN_TINT)),

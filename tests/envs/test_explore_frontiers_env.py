@@ -26,7 +26,8 @@ def two_room_plan():
 
     from slamgym.cad import FloorPlan
 
-    left, right = shapely.box(0.0, 0.0, 5.0, 5.0), shapely.box(5.1, 0.0, 10.0, 5.0)
+    left = shapely.box(0.0, 0.0, 5.0, 5.0)
+    right = shapely.box(5.1, 0.0, 10.0, 5.0)
     door = shapely.box(4.9, 2.0, 5.2, 3.0)
     return FloorPlan("two-rooms", shapely.union_all([left, right, door]))
 
@@ -108,7 +109,8 @@ def test_durations_add_up_to_the_time(env):
 def test_undiscounted_shaping_and_time_make_up_the_reward(env):
     """With discount 1 the potential telescopes: only its first value counts, for in the end it is 0."""
     steps, _ = play(env)
-    begin, end = steps[0][2], steps[-1][2]
+    begin = steps[0][2]
+    end = steps[-1][2]
     seen = 1.0 - begin["coverage"]
     duration = end["time"] - begin["time"]
     contacts = sum(info["reward_terms"].get("collision", 0.0) for _, _, info in steps[1:])
@@ -127,11 +129,14 @@ def test_saying_done_ends_the_episode_with_the_bonus_and_no_potential(two_room_p
         loop={"promise": {"seen": 0.5, "confidence": 0.1}},
     )
     _, first = env.reset(seed=0)
-    sums, over = dict.fromkeys(("completion", "shaping"), 0.0), False
+    sums = {"completion": 0.0, "shaping": 0.0}
+    over = False
     while not over:
         _, total, over, _, info = env.step(0)
-        assert total == pytest.approx(sum(info["reward_terms"].values()))
-        sums = {name: value + info["reward_terms"].get(name, 0.0) for name, value in sums.items()}
+        terms = info["reward_terms"]
+        assert total == pytest.approx(sum(terms.values()))
+        for name in sums:
+            sums[name] += terms.get(name, 0.0)
     last = discount ** (info["duration"] - env.config.control_step)
     assert info["coverage"] > 0.5
     assert sums["completion"] == pytest.approx(last)

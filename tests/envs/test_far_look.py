@@ -16,10 +16,8 @@ NOTHING = np.full(180, np.inf, dtype=np.float32)
 
 def observe(cells, pose, frame=FRAME):
     """The near numbers, those of the directions, the length of the shortest way [m], and where it leaves."""
-    observer, shown = (
-        CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True),
-        MapTiles.of_grid(cells, frame),
-    )
+    observer = CompactObserver(180, (0.26, 1.82, 3.5), 8.4, looks_far=True)
+    shown = MapTiles.of_grid(cells, frame)
     observer.refresh(shown)
     seen = observer.observe(shown, NOTHING, pose, Twist2D(0.0, 0.0))
     assert seen in observer.space
@@ -37,10 +35,8 @@ def corridor(end):
 
 @pytest.mark.parametrize("theta", [0.0, 2.0, -1.3])
 def test_it_shows_a_border_that_compact_does_not(theta):
-    ends_far, ends_farther = (
-        corridor(end=256 + 160),
-        corridor(end=256 + 200),
-    )  # 8 and 10 m ahead of x = 0
+    ends_far = corridor(end=256 + 160)  # at x = 8 m
+    ends_farther = corridor(end=256 + 200)  # at x = 10 m
     pose = Pose2D(0.0, 0.0, theta)
     near, directions, way, leaves = observe(ends_far, pose)
     farther_near, _, longer, _ = observe(ends_farther, pose)
@@ -60,7 +56,8 @@ def test_ways_lead_round_walls():
     cells[200:204, 200:312] = OCCUPIED
     cells[200:204, 290:310] = FREE  # which has a door at the right
     _, directions, way, leaves = observe(cells, Pose2D(-2.0, 1.5, math.pi / 2))
-    right, ahead = directions[3 * SECTORS // 4], directions[0]
+    ahead = directions[0]
+    right = directions[3 * SECTORS // 4]
     assert way > 4.0  # 1.1 m through the wall
     assert right > 0.8 > ahead
     assert leaves[1] < -0.8
@@ -76,7 +73,8 @@ def test_without_a_border_nothing_is_to_be_done():
 
 
 def test_it_doesnt_matter_which_part_of_the_map_is_given():
-    cells, pose = corridor(end=400), Pose2D(0.123, -0.456, 0.789)
+    cells = corridor(end=400)
+    pose = Pose2D(0.123, -0.456, 0.789)
     part = GridFrame(0.05, -12.8 + 0.05 * 41, -12.8 + 0.05 * 201, 410, 98)
     inner = np.ascontiguousarray(cells[512 - 201 - 98 : 512 - 201, 41 : 41 + 410])
     for whole, cut in zip(observe(cells, pose), observe(inner, pose, part), strict=True):

@@ -26,9 +26,9 @@ def test_coarse_cells_hold_each_cell_once_and_stay_on_the_map(seed, count):
 def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_behind_each_door():
     env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
     observation, _ = env.reset(seed=4)
-    expected, tour, detour = (
-        CANDIDATE_FEATURES.index(name) for name in ("expected", "tour", "tour_detour")
-    )
+    expected = CANDIDATE_FEATURES.index("expected")
+    tour = CANDIDATE_FEATURES.index("tour")
+    detour = CANDIDATE_FEATURES.index("tour_detour")
     several = 0
     for _ in range(25):
         candidates = env.loop.candidates

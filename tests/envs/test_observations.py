@@ -13,7 +13,8 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
 from slamgym.envs import ExploreEnv
 from slamgym.envs.observations import cut_crop
 
-SIZE, RESOLUTION = 121, 0.05
+SIZE = 121
+RESOLUTION = 0.05
 HALF = 0.5 * SIZE * RESOLUTION
 
 
@@ -21,12 +22,8 @@ def crop_of(
     cells, x=0.0, y=0.0, theta=0.0, size=41, resolution=RESOLUTION, samples=1, corner=0, known=None
 ):
     out = np.empty((size, size), dtype=np.uint8)
-    tiles = (
-        np.ascontiguousarray(cells[::-1]),
-        (corner, corner),
-        RESOLUTION,
-        known or (0, 0, *cells.shape),
-    )
+    known = known or (0, 0, *cells.shape)
+    tiles = np.ascontiguousarray(cells[::-1]), (corner, corner), RESOLUTION, known
     pose = np.array([x + HALF, y + HALF, theta])
     cut_crop(tiles, pose, resolution / (samples * RESOLUTION), samples, out)
     return out
@@ -40,9 +37,8 @@ def test_ahead_is_up_in_the_crop(quarter_turns, theta):
     rng = np.random.default_rng(0)
     cells = rng.choice([FREE, UNKNOWN, OCCUPIED], (SIZE, SIZE)).astype(np.uint8)
     middle = slice(SIZE // 2 - 20, SIZE // 2 + 21)
-    assert np.array_equal(
-        crop_of(cells, theta=theta), np.rot90(cells[middle, middle], quarter_turns)
-    )
+    expected = np.rot90(cells[middle, middle], quarter_turns)
+    assert np.array_equal(crop_of(cells, theta=theta), expected)
 
 
 @given(
@@ -57,13 +53,13 @@ def test_a_landmark_appears_where_it_is_seen(x, y, theta, ahead, left):
     cells = np.full((SIZE, SIZE), UNKNOWN, dtype=np.uint8)
     mark_x = x + ahead * math.cos(theta) - left * math.sin(theta)
     mark_y = y + ahead * math.sin(theta) + left * math.cos(theta)
-    cells[
-        SIZE - 1 - math.floor((mark_y + HALF) / RESOLUTION),
-        math.floor((mark_x + HALF) / RESOLUTION),
-    ] = OCCUPIED
+    row = SIZE - 1 - math.floor((mark_y + HALF) / RESOLUTION)
+    col = math.floor((mark_x + HALF) / RESOLUTION)
+    cells[row, col] = OCCUPIED
     rows, cols = np.nonzero(crop_of(cells, x, y, theta, size=60, samples=2) == OCCUPIED)
     # Centres of the crop's cells, ahead and to the left [m]; the landmark's own cell is 0.05 m wide.
-    seen_ahead, seen_left = (29.5 - rows) * RESOLUTION, (29.5 - cols) * RESOLUTION
+    seen_ahead = (29.5 - rows) * RESOLUTION
+    seen_left = (29.5 - cols) * RESOLUTION
     distance = np.hypot(seen_ahead - ahead, seen_left - left)
     assert distance.max() <= 1.5 * RESOLUTION * math.sqrt(2.0)
 
@@ -89,7 +85,8 @@ def test_a_coarse_crop_keeps_obstacles():
 def test_a_crop_is_the_same_wherever_the_map_is_looked_at(x, y, theta, seed):
     """Only what is known must be read; the borders of the map and of what is known are met to the cell."""
     rng = np.random.default_rng(seed)
-    (top, left), (end, right) = rng.integers(1, 60, 2), rng.integers(61, SIZE, 2)
+    top, left = rng.integers(1, 60, 2)
+    end, right = rng.integers(61, SIZE, 2)
     shown = np.full((SIZE, SIZE), UNKNOWN, dtype=np.uint8)
     shown[top:end, left:right] = rng.choice([FREE, OCCUPIED], (end - top, right - left))
     known = SIZE - int(end), int(left), SIZE - int(top), int(right)
@@ -107,7 +104,9 @@ def test_outside_of_the_map_is_unknown():
 
 def observations(env: ExploreEnv, start: tuple, steps: int = 25) -> list:
     trace = [env.reset(seed=9, options={"start": start})[0]]
-    trace += [env.step((0.3, 0.4 if i % 10 < 5 else -0.4))[0] for i in range(steps)]
+    for i in range(steps):
+        turn = 0.4 if i % 10 < 5 else -0.4
+        trace.append(env.step((0.3, turn))[0])
     return trace
 
 
@@ -116,8 +115,10 @@ def observations(env: ExploreEnv, start: tuple, steps: int = 25) -> list:
 @pytest.mark.parametrize("mode", ["rbpf", "ground_truth"])
 def test_what_was_not_sensed_does_not_show(view: str, mode: str):
     """Two buildings that differ only behind a wall give the very same observations."""
-    hall, door = shapely.box(0, 0, 6, 4), shapely.box(5.9, 1, 6.3, 2)
-    small, large = shapely.box(6.2, 0, 9, 4), shapely.box(6.2, -2, 11, 5)
+    hall = shapely.box(0, 0, 6, 4)
+    door = shapely.box(5.9, 1, 6.3, 2)
+    small = shapely.box(6.2, 0, 9, 4)
+    large = shapely.box(6.2, -2, 11, 5)
     plans = [
         FloorPlan(str(i), shapely.union_all([hall, door, room]))
         for i, room in enumerate((small, large))

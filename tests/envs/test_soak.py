@@ -66,7 +66,8 @@ def test_a_plan_that_was_refused_is_not_kept() -> None:
             loaded.append(weakref.ref(plan))
             return plan
 
-    cache, rng = PlanCache(Source(), RobotConfig()), np.random.default_rng(0)
+    cache = PlanCache(Source(), RobotConfig())
+    rng = np.random.default_rng(0)
     drawn = {cache.draw(rng).plan.id for _ in range(10)}
     gc.collect()
     kept = [plan() for plan in loaded]
