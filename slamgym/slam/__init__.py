@@ -1,4 +1,4 @@
-"""SLAM: a grid-mapping particle filter as GMapping, and simpler modes behind the same protocol."""
+"""SLAM behind one interface: pose graphs, GMapping's particle filter, known poses, localisation on finished maps."""
 
 import lazy_loader as lazy
 

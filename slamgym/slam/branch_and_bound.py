@@ -16,6 +16,7 @@ from slamgym.slam.graph.submaps import SUBMAP_CELL
 HIT = 255
 """The most that a point scores."""
 MOST_PLACES = 20_000
+"""A search finds no more places than this."""
 
 
 def maxima(grid: ByteArray, count: int) -> ByteArray:
@@ -95,7 +96,10 @@ def best_in_block(
     """
     top = len(levels) - 1
     stack = np.empty((4 * top + 4, 4), dtype=np.int64)
-    stack[0, 0], stack[0, 1], stack[0, 2], stack[0, 3] = top, block[0], block[1], block[2]
+    stack[0, 0] = top
+    stack[0, 1] = block[0]
+    stack[0, 2] = block[1]
+    stack[0, 3] = block[2]
     best = least
     best_u = block[0]
     best_v = block[1]
@@ -131,7 +135,10 @@ def best_in_block(
             while at > first and stack[at - 1, 3] > value:
                 assign(stack[at - 1], stack[at])
                 at -= 1
-            stack[at, 0], stack[at, 1], stack[at, 2], stack[at, 3] = h - 1, child_u, child_v, value
+            stack[at, 0] = h - 1
+            stack[at, 1] = child_u
+            stack[at, 2] = child_v
+            stack[at, 3] = value
             height += 1
     return best, best_u, best_v
 
@@ -155,18 +162,23 @@ def turned_cells(
         cos = math.cos(headings[a])
         sin = math.sin(headings[a])
         for i in range(len(points)):
-            us[a, i] = math.floor(
-                (origin[0] + cos * points[i, 0] - sin * points[i, 1]) / SUBMAP_CELL
-            )
-            vs[a, i] = math.floor(
-                (origin[1] + sin * points[i, 0] + cos * points[i, 1]) / SUBMAP_CELL
-            )
+            x = origin[0] + cos * points[i, 0] - sin * points[i, 1]
+            y = origin[1] + sin * points[i, 0] + cos * points[i, 1]
+            us[a, i] = math.floor(x / SUBMAP_CELL)
+            vs[a, i] = math.floor(y / SUBMAP_CELL)
         for i in range(len(sides)):
             x = cos * sides[i, 0] - sin * sides[i, 1]
             y = sin * sides[i, 0] + cos * sides[i, 1]
-            us[a, i] += width * (
-                (0 if x > 0.0 else 2) if abs(x) >= abs(y) else (1 if y > 0.0 else 3)
-            )
+            is_along_x = abs(x) >= abs(y)
+            if is_along_x and x > 0.0:
+                face = 0
+            elif is_along_x:
+                face = 2
+            elif y > 0.0:
+                face = 1
+            else:
+                face = 3
+            us[a, i] += width * face
     return us, vs
 
 
@@ -208,9 +220,8 @@ def search_blocks(
                 u = first + (i << top)
                 v = first + (j << top)
                 if len(floors) == 0 or floors[top, v, u]:
-                    bounds[(a * cols + i) * rows + j] = block_score(
-                        levels[top], 1 << top, us[a], vs[a], u, v
-                    )
+                    place = (a * cols + i) * rows + j
+                    bounds[place] = block_score(levels[top], 1 << top, us[a], vs[a], u, v)
     places = np.empty((min(len(bounds), MOST_PLACES), 4))
     best = least
     count = 0
@@ -221,10 +232,13 @@ def search_blocks(
         a = place // (cols * rows)
         i = place // rows % cols
         j = place % rows
-        block = first + (i << top), first + (j << top), bounds[place]
+        block = (first + (i << top), first + (j << top), bounds[place])
         score, u, v = best_in_block(levels, floors, us[a], vs[a], block, last, wanted, avoided)
         if score > wanted:
-            places[count, 0], places[count, 1], places[count, 2], places[count, 3] = u, v, a, score
+            places[count, 0] = u
+            places[count, 1] = v
+            places[count, 2] = a
+            places[count, 3] = score
+            count += 1
             best = max(best, score)
-            count = count + 1
     return places[:count]

@@ -1,4 +1,4 @@
-"""Form of a scan for the matcher: end points and the surface's direction at each, as numba kernels."""
+"""End points of a scan, and the normal of the surface at each: numba kernels."""
 
 import math
 
@@ -9,10 +9,11 @@ from slamgym.core.types import Float32Array, FloatArray
 from slamgym.slam.hit_count_kernels import BeamTable
 
 NORMAL_POINTS = 3
+"""A surface normal comes from up to so many points on either side."""
 NORMAL_GAP = 0.2
+"""Points of one surface are each nearer to the next than this [m]."""
 NORMAL_THICKNESS = 0.03
-"""A surface normal comes from up to so many points on either side, each within this gap of the next [m], if
-they lie on a line this thin [m]."""
+"""A surface has a normal if the standard deviation of its points from a line is no more than this [m]."""
 
 
 @kernel
@@ -55,7 +56,8 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
         out: (n, 2) receives the normals.
     """
     for i in range(len(points)):
-        out[i, 0] = out[i, 1] = 0.0
+        out[i, 0] = 0.0
+        out[i, 1] = 0.0
         first = i
         last = i
         for _ in range(NORMAL_POINTS):
@@ -69,13 +71,12 @@ def surface_normals(points: FloatArray, out: FloatArray) -> None:
         xx, xy, yy = _scatter(points, first, last + 1)
         half_trace = 0.5 * (xx + yy)
         half_gap = math.hypot(0.5 * (xx - yy), xy)
-        thickness, spread = (
-            half_trace - half_gap,
-            half_trace + half_gap,
-        )  # variances across and along
-        if thickness <= NORMAL_THICKNESS**2 and spread >= 4.0 * thickness:
+        variance_across = half_trace - half_gap
+        variance_along = half_trace + half_gap
+        if variance_across <= NORMAL_THICKNESS**2 and variance_along >= 4.0 * variance_across:
             angle = 0.5 * math.atan2(2.0 * xy, xx - yy) + 0.5 * math.pi
-            out[i, 0], out[i, 1] = math.cos(angle), math.sin(angle)
+            out[i, 0] = math.cos(angle)
+            out[i, 1] = math.sin(angle)
 
 
 @kernel

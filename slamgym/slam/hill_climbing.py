@@ -73,23 +73,26 @@ def nearest_square(cells: np.ndarray, table: np.ndarray, u: float, v: float) -> 
     tile = np.uint64(table[row, col])
     at_u = cell_u & TILE_MASK
     at_v = cell_v & TILE_MASK
-    left = np.uint64(cells[tile, np.uint64((at_v << TILE_BITS) | at_u), np.uint64(NEIGHBOURS)])
+    own = np.uint64((at_v << TILE_BITS) | at_u)
+    neighbours = np.uint64(cells[tile, own, np.uint64(NEIGHBOURS)])
     inside = 0 < at_u < TILE_MASK and 0 < at_v < TILE_MASK
     in_u = u - cell_u
     in_v = v - cell_v
     for k in range(9):
-        if left & np.uint64(1 << k):
+        if neighbours & np.uint64(1 << k):
             near_u = k % 3 - 1
             near_v = k // 3 - 1
             if not inside:
-                tile = np.uint64(
-                    table[(cell_v + near_v) >> TILE_BITS, (cell_u + near_u) >> TILE_BITS]
-                )
-            cell = np.uint64(
-                (((at_v + near_v) & TILE_MASK) << TILE_BITS) | ((at_u + near_u) & TILE_MASK)
-            )
-            du = near_u + cells[tile, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS) - in_u
-            dv = near_v + cells[tile, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS) - in_v
+                near_row = (cell_v + near_v) >> TILE_BITS
+                near_col = (cell_u + near_u) >> TILE_BITS
+                tile = np.uint64(table[near_row, near_col])
+            to_u = (at_u + near_u) & TILE_MASK
+            to_v = (at_v + near_v) & TILE_MASK
+            cell = np.uint64((to_v << TILE_BITS) | to_u)
+            mean_u = cells[tile, cell, np.uint64(MEAN_U)] * (1.0 / MEAN_UNITS)
+            mean_v = cells[tile, cell, np.uint64(MEAN_V)] * (1.0 / MEAN_UNITS)
+            du = near_u + mean_u - in_u
+            dv = near_v + mean_v - in_v
             nearest = min(nearest, du * du + dv * dv)
     return nearest
 
@@ -164,8 +167,8 @@ def climb(
     pose = start
     linear_step = s.linear_step
     angular_step = FIRST_TURN
-    ahead = np.empty_like(points)
-    aside = np.empty_like(points)
+    ahead = np.empty_like(points)  # turned to the heading of the pose
+    aside = np.empty_like(points)  # to that of a trial
     turn_points(points, pose.theta, ahead)
     current = score(pool.cells, table, ahead, pose.u, pose.v, s.gain, -1.0)
     halved = 0
@@ -178,11 +181,10 @@ def climb(
             if move == back:
                 continue  # where the climb came from, and lower
             sign = 1.0 if move % 2 == 0 else -1.0
-            trial = CellPose(
-                pose.u + (sign * linear_step if move < 2 else 0.0),
-                pose.v + (sign * linear_step if 2 <= move < 4 else 0.0),
-                pose.theta + (sign * angular_step if move >= 4 else 0.0),
-            )
+            du = sign * linear_step if move < 2 else 0.0
+            dv = sign * linear_step if 2 <= move < 4 else 0.0
+            turn = sign * angular_step if move >= 4 else 0.0
+            trial = CellPose(pose.u + du, pose.v + dv, pose.theta + turn)
             if move >= 4:
                 turn_points(points, trial.theta, aside)
             turned = ahead if move < 4 else aside

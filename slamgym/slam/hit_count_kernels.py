@@ -23,9 +23,9 @@ from slamgym.core.types import (
 from slamgym.slam.config import SlamConfig
 
 _FRACTION = 32
-
-# A gap without return that the scan cuts off may be a pane or a dark wall up to this angle [rad].
+"""Binary digits behind the point of a line's offset in cells."""
 _WIDEST_GAP = math.radians(90.0)
+"""A gap without return that the scan cuts off may be a pane or a dark wall up to this angle [rad]."""
 
 
 class BeamTable(NamedTuple):
@@ -67,7 +67,10 @@ def drawn_lengths(ranges: Float32Array, beams: BeamTable, out: FloatArray) -> No
         beams: The scanner.
         out: Receives the lengths, shape (num_beams,) [m].
     """
-    low, high, num_beams = -1, 0, len(ranges)  # the returns next to a gap
+    num_beams = len(ranges)
+    # The returns next to a gap.
+    low = -1
+    high = 0
     for i in range(num_beams):
         r = ranges[i]
         if r >= beams.range_max:
@@ -138,8 +141,10 @@ def scan_bounds(
         max_y = max(max_y, y0)
         for i in range(ranges.shape[1]):
             length = lengths[k, i]
-            x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
-            y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
+            across = cos * directions[i, 0] - sin * directions[i, 1]
+            up = sin * directions[i, 0] + cos * directions[i, 1]
+            x = x0 + length * across
+            y = y0 + length * up
             # min and max would ask each number whether it is one.
             min_x = x if x < min_x else min_x
             max_x = x if x > max_x else max_x
@@ -154,12 +159,11 @@ def cells_of(
 ) -> tuple[int, int, int, int]:
     """First row and column and last row and column that bounds [m] touch in a grid that begins at ``corner``."""
     min_x, min_y, max_x, max_y = bounds
-    return (
-        math.floor(min_y / resolution) - corner[0],
-        math.floor(min_x / resolution) - corner[1],
-        math.floor(max_y / resolution) - corner[0],
-        math.floor(max_x / resolution) - corner[1],
-    )
+    first_row = math.floor(min_y / resolution) - corner[0]
+    first_col = math.floor(min_x / resolution) - corner[1]
+    last_row = math.floor(max_y / resolution) - corner[0]
+    last_col = math.floor(max_x / resolution) - corner[1]
+    return first_row, first_col, last_row, last_col
 
 
 @kernel
@@ -214,8 +218,10 @@ def draw_scans(
             length = lengths[k, i]
             if length == 0.0:
                 continue
-            x = x0 + length * (cos * directions[i, 0] - sin * directions[i, 1])
-            y = y0 + length * (sin * directions[i, 0] + cos * directions[i, 1])
+            across = cos * directions[i, 0] - sin * directions[i, 1]
+            up = sin * directions[i, 0] + cos * directions[i, 1]
+            x = x0 + length * across
+            y = y0 + length * up
             d_col = math.floor(x * scale) - corner_col - start_col
             d_row = math.floor(y * scale) - corner_row - start_row
             major_stride = 1 if d_col >= 0 else -1
@@ -258,9 +264,11 @@ def draw_scans_once(
         return bounds
     drawn = counts[first_row : last_row + 1, first_col : last_col + 1]
     of_scan = np.zeros((drawn.shape[0], drawn.shape[1], 2), counts.dtype)
-    begin = corner[0] + first_row, corner[1] + first_col
+    begin = (corner[0] + first_row, corner[1] + first_col)
     for k in range(len(poses)):
-        box = draw_scans(of_scan, begin, resolution, poses[k : k + 1], ranges[k : k + 1], beams, 1)
+        pose = poses[k : k + 1]
+        scan = ranges[k : k + 1]
+        box = draw_scans(of_scan, begin, resolution, pose, scan, beams, 1)
         first_row, first_col, last_row, last_col = cells_of(box, begin, resolution)
         for row in range(first_row, last_row + 1):
             for col in range(first_col, last_col + 1):
@@ -299,9 +307,12 @@ def classify_counts(
     cols = counts.shape[1]
     for row in range(box[0], box[2]):
         # Unsigned indices of contiguous arrays let the compiler classify them at once.
-        for cell in range(np.uint64(row * cols + box[1]), np.uint64(row * cols + box[3])):
+        first = np.uint64(row * cols + box[1])
+        end = np.uint64(row * cols + box[3])
+        for cell in range(first, end):
+            hits = pairs[np.uint64(2) * cell]
             visits = pairs[np.uint64(2) * cell + np.uint64(1)]
-            excess = np.float32(pairs[np.uint64(2) * cell]) - share * np.float32(visits)
+            excess = np.float32(hits) - share * np.float32(visits)
             value = np.uint8(FREE) if -excess >= below else np.uint8(UNKNOWN)
             value = np.uint8(OCCUPIED) if excess > above else value
             values[cell] = value if visits >= np.int32(min_passes) else np.uint8(UNKNOWN)

@@ -31,6 +31,12 @@ BLOCK = 64
 KNOWN_COUNT = 10
 """Weight of a cell of an older map, in beams: a wall that is gone takes some thirty beams, a new one four."""
 
+CELL_BYTES = 9
+"""Memory of a cell: two counts of four bytes, and its value."""
+
+LatticeBox = tuple[int, int, int, int]
+"""First row, first column, end of the rows and end of the columns of a part of a grid."""
+
 
 class HitCountMap:
     """A grid of hit and visit counts on the map's lattice that grows with what is drawn.
@@ -44,15 +50,14 @@ class HitCountMap:
         self._draw_scans = draw_scans if config.counting == "beams" else draw_scans_once
         self._threshold = config.occupied_threshold
         self._min_passes = config.min_passes
-        self._margins = float(config.occupied_margin), float(config.free_margin)
+        self._margins = (float(config.occupied_margin), float(config.free_margin))
         self._memory_limit = config.memory_limit_mb * 1e6
         self.corner = (0, 0)
         """Lattice (row, col) of the lower left cell."""
-        self._counts: np.ndarray = np.zeros(
-            (0, 0, 2), dtype=np.int32
-        )  # hits and visits, row 0 at the bottom
+        # Hits and visits, row 0 at the bottom.
+        self._counts: np.ndarray = np.zeros((0, 0, 2), dtype=np.int32)
         self._cells: ByteArray = np.zeros((0, 0), dtype=np.uint8)
-        self._dirty: tuple[int, int, int, int] | None = None  # lattice rows and cols, half open
+        self._dirty: LatticeBox | None = None  # what was drawn on since cells were last classified
 
     @property
     def num_bytes(self) -> int:
@@ -69,15 +74,22 @@ class HitCountMap:
         """
         if len(poses) == 0:
             return
-        scans = poses, ranges, self._beams, sign
-        bounds = self._draw_scans(self._counts, self.corner, self._resolution, *scans)
-        first_col, first_row, last_col, last_row = (
-            math.floor(value / self._resolution) for value in bounds
-        )
+        bounds = self._draw_on_counts(poses, ranges, sign)
+        cells = [math.floor(value / self._resolution) for value in bounds]
+        first_col, first_row, last_col, last_row = cells
         box = (first_row, first_col, last_row + 1, last_col + 1)
         if self._grow_to(box):
-            self._draw_scans(self._counts, self.corner, self._resolution, *scans)
+            self._draw_on_counts(poses, ranges, sign)
         self._dirty = _around(box, self._dirty)
+
+    def _draw_on_counts(
+        self, poses: FloatArray, ranges: Float32Array, sign: int
+    ) -> tuple[float, float, float, float]:
+        """Draw scans if the counts cover them; returns their bounds (min x, min y, max x, max y) [m]."""
+        bounds: tuple[float, float, float, float] = self._draw_scans(
+            self._counts, self.corner, self._resolution, poses, ranges, self._beams, sign
+        )
+        return bounds
 
     def add_known(self, grid: OccupancyGrid) -> None:
         """Take what an older map says as so many observations of each of its cells (``KNOWN_COUNT``).
@@ -90,41 +102,40 @@ class HitCountMap:
         col = round(x / step)
         box = (row, col, row + rows, col + cols)
         self._grow_to(box)
-        row = row - self.corner[0]
-        col = col - self.corner[1]
-        at = self._counts[row : row + rows, col : col + cols]
+        row -= self.corner[0]
+        col -= self.corner[1]
+        counts = self._counts[row : row + rows, col : col + cols]
         cells = grid.cells[::-1]
-        at[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
-        at[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
+        counts[..., 0] += KNOWN_COUNT * (cells == OCCUPIED)
+        counts[..., 1] += KNOWN_COUNT * (cells != UNKNOWN)
         self._dirty = _around(box, self._dirty)
 
-    def _grow_to(self, box: tuple[int, int, int, int]) -> bool:
-        """Let the grid grow to cover lattice rows and columns ``box``; true if it had to."""
+    def _grow_to(self, box: LatticeBox) -> bool:
+        """Let the grid grow to cover a box of the lattice; true if it had to."""
         row, col = self.corner
         rows, cols = self._cells.shape
-        if (
-            rows
-            and box[0] >= row
-            and box[1] >= col
-            and box[2] <= row + rows
-            and box[3] <= col + cols
-        ):
-            return False
-        box = _around(box, (row, col, row + rows, col + cols) if rows else None)
-        low = [math.floor(value / BLOCK) * BLOCK for value in box[:2]]
-        shape = [math.ceil((box[2 + axis] - low[axis]) / BLOCK) * BLOCK for axis in range(2)]
-        if shape[0] * shape[1] * 9 > self._memory_limit:
+        if rows:
+            covered = (row, col, row + rows, col + cols)
+            box = _around(box, covered)
+            if box == covered:
+                return False
+        first_row = math.floor(box[0] / BLOCK) * BLOCK
+        first_col = math.floor(box[1] / BLOCK) * BLOCK
+        height = math.ceil((box[2] - first_row) / BLOCK) * BLOCK
+        width = math.ceil((box[3] - first_col) / BLOCK) * BLOCK
+        if height * width * CELL_BYTES > self._memory_limit:
             raise SlamgymError(
-                f"the map has grown to {shape[1] * self._resolution:.0f} x {shape[0] * self._resolution:.0f} m, more "
+                f"the map has grown to {width * self._resolution:.0f} x {height * self._resolution:.0f} m, more "
                 f"than slam.memory_limit_mb={self._memory_limit / 1e6:.0f} allows; raise it, use a coarser "
                 "resolution, or check the log for impossible ranges"
             )
-        counts = np.zeros((*shape, 2), dtype=np.int32)
-        cells = np.full(shape, UNKNOWN, dtype=np.uint8)
-        at = (slice(row - low[0], row - low[0] + rows), slice(col - low[1], col - low[1] + cols))
-        counts[at] = self._counts
-        cells[at] = self._cells
-        self.corner = (low[0], low[1])
+        counts = np.zeros((height, width, 2), dtype=np.int32)
+        cells = np.full((height, width), UNKNOWN, dtype=np.uint8)
+        above = row - first_row
+        beside = col - first_col
+        counts[above : above + rows, beside : beside + cols] = self._counts
+        cells[above : above + rows, beside : beside + cols] = self._cells
+        self.corner = (first_row, first_col)
         self._counts = counts
         self._cells = cells
         return True
@@ -133,54 +144,53 @@ class HitCountMap:
         """Cell values, row 0 at the bottom; only what was drawn on since the last call is computed again, in place."""
         if self._dirty is not None:
             row, col = self.corner
-            first_row, first_col, last_row, last_col = self._dirty
-            box = first_row - row, first_col - col, last_row - row, last_col - col
-            classify_counts(
-                self._counts, box, self._threshold, (0.0, 0.0), self._min_passes, self._cells
-            )
+            first_row, first_col, end_row, end_col = self._dirty
+            box = (first_row - row, first_col - col, end_row - row, end_col - col)
+            self._classify(box, (0.0, 0.0), self._cells)
             self._dirty = None
         return self._cells
+
+    def _classify(self, box: LatticeBox, margins: tuple[float, float], cells: ByteArray) -> None:
+        """Read the cells of a box of the counts."""
+        classify_counts(self._counts, box, self._threshold, margins, self._min_passes, cells)
 
     def occupancy_grid(self) -> OccupancyGrid:
         """The map as it is saved, cropped to the cells known."""
         cells = self.classified()
         if any(self._margins):
             cells = np.empty_like(cells)
-            box = 0, 0, *cells.shape
-            classify_counts(
-                self._counts, box, self._threshold, self._margins, self._min_passes, cells
-            )
+            rows, cols = cells.shape
+            self._classify((0, 0, rows, cols), self._margins, cells)
         return cropped_to_known(cells, self.corner, self._resolution)
 
     def render(self, frame: GridFrame) -> ByteArray:
         """The map on another grid; see :meth:`slamgym.slam.mapper.Mapper.render`."""
         cells = self.classified()
-        col = frame.origin_x / self._resolution
-        row = frame.origin_y / self._resolution
-        aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
-        if frame.resolution != self._resolution or not aligned:
-            out = np.empty(frame.shape, dtype=np.uint8)
-            left = (frame.origin_x - self.corner[1] * self._resolution) / self._resolution
-            bottom = (frame.origin_y - self.corner[0] * self._resolution) / self._resolution
-            regrid(cells, left, bottom, frame.resolution / self._resolution, out)
+        step = self._resolution
+        first_row, first_col = self.corner
+        col = frame.origin_x / step
+        row = frame.origin_y / step
+        is_aligned = abs(col - round(col)) < 1e-6 and abs(row - round(row)) < 1e-6
+        if frame.resolution == step and is_aligned:
+            out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
+            paste(out[::-1], cells, round(row) - first_row, round(col) - first_col)
             return out
-        out = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
-        paste(out[::-1], cells, round(row) - self.corner[0], round(col) - self.corner[1])
+        out = np.empty(frame.shape, dtype=np.uint8)
+        left = (frame.origin_x - first_col * step) / step
+        bottom = (frame.origin_y - first_row * step) / step
+        regrid(cells, left, bottom, frame.resolution / step, out)
         return out
 
 
-def _around(
-    box: tuple[int, int, int, int], other: tuple[int, int, int, int] | None
-) -> tuple[int, int, int, int]:
-    """The smallest box that holds two, each half open."""
+def _around(box: LatticeBox, other: LatticeBox | None) -> LatticeBox:
+    """The smallest box that holds two."""
     if other is None:
         return box
-    return (
-        min(box[0], other[0]),
-        min(box[1], other[1]),
-        max(box[2], other[2]),
-        max(box[3], other[3]),
-    )
+    first_row = min(box[0], other[0])
+    first_col = min(box[1], other[1])
+    end_row = max(box[2], other[2])
+    end_col = max(box[3], other[3])
+    return (first_row, first_col, end_row, end_col)
 
 
 def cropped_to_known(cells: ByteArray, corner: tuple[int, int], resolution: float) -> OccupancyGrid:
@@ -191,13 +201,15 @@ def cropped_to_known(cells: ByteArray, corner: tuple[int, int], resolution: floa
         corner: Row and column of the map's lattice at which they begin.
         resolution: Cell size [m].
     """
-    known = cells != UNKNOWN
-    rows = np.flatnonzero(known.any(axis=1))
-    cols = np.flatnonzero(known.any(axis=0))
+    is_known = cells != UNKNOWN
+    rows = np.flatnonzero(is_known.any(axis=1))
+    cols = np.flatnonzero(is_known.any(axis=0))
     if len(rows) == 0:
-        frame = GridFrame(resolution, 0.0, 0.0, 1, 1)
-        return OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.uint8), frame)
+        unknown = np.full((1, 1), UNKNOWN, dtype=np.uint8)
+        return OccupancyGrid(unknown, GridFrame(resolution, 0.0, 0.0, 1, 1))
     crop = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     x = (corner[1] + int(cols[0])) * resolution
     y = (corner[0] + int(rows[0])) * resolution
-    return OccupancyGrid(np.ascontiguousarray(crop[::-1]), GridFrame(resolution, x, y, *crop.shape))
+    height, width = crop.shape
+    frame = GridFrame(resolution, x, y, height, width)
+    return OccupancyGrid(np.ascontiguousarray(crop[::-1]), frame)

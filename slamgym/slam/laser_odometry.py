@@ -17,21 +17,31 @@ from slamgym.interop.records import Log, OdometryTrack
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.end_points import usable_end_points
-from slamgym.slam.graph.alignment import AlignmentTarget
+from slamgym.slam.graph.alignment import Alignment, AlignmentTarget, NormalEquations
 from slamgym.slam.graph.mapper import FEW_POINTS
 from slamgym.slam.graph.matching import SearchWindow
 from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.hit_count_kernels import BeamTable
 
-REACH, MOST_POINTS = 10.0, 360
-"""Points of a scan that are aligned: so near [m], and so many."""
-KEYFRAME, KEYFRAMES = 0.15, 6
-"""A scan is drawn into the newest submap after so much driving [m] or turning [rad], and a submap takes so many."""
-SURE_FIT, BETTER_FIT = 0.75, 0.1
-"""A scan that fits so well needs no search, and what a search finds must fit better by the second."""
-FASTEST, WINDOWS = (2.0, 3.0), (0.15, 1.0)
-"""The search is so wide for each second between scans [m/s, rad/s], within these bounds [m or rad]."""
+REACH = 10.0
+"""Points of a scan so near are aligned [m]."""
+MOST_POINTS = 360
+"""About so many points of a scan are aligned, at most twice as many."""
+KEYFRAME = 0.15
+"""A scan is drawn into the newest submap after so much driving [m] or turning [rad]."""
+KEYFRAMES = 6
+"""So many scans are drawn into a submap."""
+SURE_FIT = 0.75
+"""A scan of which such a share of the points fits needs no search."""
+BETTER_FIT = 0.1
+"""What a search finds must fit better by this share of the points."""
+FASTEST = (2.0, 3.0)
+"""Speeds that a robot doesn't exceed [m/s], [rad/s]: the search is so wide for each second between scans."""
+LEAST_WIDTH = 0.15
+"""Least width of a search [m or rad]."""
+MOST_WIDTH = 1.0
+"""Largest width of a search [m or rad]."""
 
 
 class LaserMotion(NamedTuple):
@@ -50,55 +60,67 @@ class LaserTracker:
     """
 
     def __init__(self, scan: LaserScan) -> None:
-        self._beams = plain(BeamTable.of(scan.geometry, SlamConfig(max_usable_range=REACH)))
+        self._beams = BeamTable.of(scan.geometry, SlamConfig(max_usable_range=REACH))
         self._stamp = scan.stamp
-        self._pose = self._keyframe = np.zeros(3)
+        self._pose = np.zeros(3)
+        self._keyframe = self._pose  # where a scan was last drawn
         self._speed = np.zeros(3)
-        self._submaps: list[Submap] = []
-        self._frames: list[FloatArray] = []
+        self._submaps: list[Submap] = []  # the newest two
+        self._frames: list[FloatArray] = []  # their poses
         self._draw(self._points(scan))
 
     def move(self, scan: LaserScan, expected: FloatArray | None = None) -> LaserMotion:
         """Take the next scan, which is ``expected`` (3,) away; by default the speed has stayed as it was."""
         points = self._points(scan)
         wait = max(scan.stamp - self._stamp, 1e-3)
-        guess = moved_by(self._pose, self._speed * wait if expected is None else expected)
-        pose, information, fit = self._place(points, guess, wait)
+        if expected is None:
+            expected = self._speed * wait
+        guess = moved_by(self._pose, expected)
+        placed = self._place(points, guess, wait)
+        pose = placed.pose
         step = seen_from(self._pose, pose)
         self._speed = step / wait
         self._stamp = scan.stamp
         self._pose = pose
         if np.abs(seen_from(self._keyframe, pose)).max() > KEYFRAME:
             self._draw(points)
-        return LaserMotion(step, information, fit)
+        information = placed.equations.sums.sum(axis=0)[:3, :3]
+        return LaserMotion(step, information, placed.fit)
 
     def _points(self, scan: LaserScan) -> FloatArray:
         """End points (n, 2) in the robot's frame [m]."""
-        points = usable_end_points(scan.ranges, self._beams, REACH)
-        return np.ascontiguousarray(points[:: max(1, len(points) // MOST_POINTS)])
+        points = usable_end_points(scan.ranges, plain(self._beams), REACH)
+        stride = max(1, len(points) // MOST_POINTS)
+        return np.ascontiguousarray(points[::stride])
 
-    def _place(self, points: FloatArray, guess: FloatArray, wait: float) -> LaserMotion:
+    def _place(self, points: FloatArray, guess: FloatArray, wait: float) -> Alignment:
+        """Find where points (n, 2) were seen, so long after the scan before [s]."""
         if len(points) < FEW_POINTS:
-            return LaserMotion(guess, np.zeros((3, 3)), 0.0)
-        sides = sides_of(points, self._beams[1])
-        free = np.zeros((3, 3))
-        chosen = AlignmentTarget(self._submaps, np.array(self._frames))
-        placed = chosen.align(points, sides, guess, guess, free)
+            nothing = NormalEquations(np.zeros((1, 4, 4)), np.zeros(1, dtype=np.int64))
+            return Alignment(guess, nothing, 0.0)
+        sides = sides_of(points, self._beams.mount)
+        unknown = np.zeros((3, 3))
+        target = AlignmentTarget(self._submaps, np.array(self._frames))
+        placed = target.align(points, sides, guess, guess, unknown)
         if placed.fit < SURE_FIT:
-            window, turn = np.clip(np.multiply(FASTEST, wait), *WINDOWS).tolist()
-            place, _ = SearchWindow(chosen, guess, window, turn, REACH).search(points, sides, 0.0)
-            found = chosen.align(points, sides, place, place, free)
-            placed = found if found.fit > placed.fit + BETTER_FIT else placed
-        pose = np.array([*placed.pose[:2], wrap_angle(placed.pose[2])])
-        return LaserMotion(pose, placed.equations.sums.sum(axis=0)[:3, :3], placed.fit)
+            widths = np.clip(np.multiply(FASTEST, wait), LEAST_WIDTH, MOST_WIDTH)
+            window, turn = widths.tolist()
+            space = SearchWindow(target, guess, window, turn, REACH)
+            place, _ = space.search(points, sides, 0.0)
+            found = target.align(points, sides, place, place, unknown)
+            if found.fit > placed.fit + BETTER_FIT:
+                placed = found
+        x, y, heading = placed.pose
+        return placed._replace(pose=np.array([x, y, wrap_angle(heading)]))
 
     def _draw(self, points: FloatArray) -> None:
+        """Draw points (n, 2) of the newest scan into the newest submap, or into a new one."""
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:
-            self._submaps = [*self._submaps[-1:], Submap(0, REACH + KEYFRAMES * WINDOWS[1])]
+            newest = Submap(0, REACH + KEYFRAMES * MOST_WIDTH)
+            self._submaps = [*self._submaps[-1:], newest]
             self._frames = [*self._frames[-1:], self._pose]
-        self._submaps[-1].add(
-            seen_from(self._frames[-1], self._pose), points, sides_of(points, self._beams[1])
-        )
+        pose = seen_from(self._frames[-1], self._pose)
+        self._submaps[-1].add(pose, points, sides_of(points, self._beams.mount))
         self._keyframe = self._pose
 
 
@@ -110,8 +132,10 @@ def with_laser_odometry(log: Log) -> Log:
     _, poses, scans = log.track
     steps = relative_poses(poses[:-1], poses[1:])
     tracker: LaserTracker | None = None
-    for record, (begin, end) in zip(log, itertools.pairwise([0, *scans.tolist()]), strict=True):
-        if not any(first <= record.stamp <= last for first, last in spans):
+    moments = itertools.pairwise([0, *scans.tolist()])
+    for record, (begin, end) in zip(log, moments, strict=True):
+        is_distrusted = any(first <= record.stamp <= last for first, last in spans)
+        if not is_distrusted:
             tracker = None
         elif tracker is None:
             tracker = LaserTracker(record.scan)
@@ -128,8 +152,7 @@ def with_steps(log: Log, steps: FloatArray) -> Log:
     headings = np.cumsum(np.append(poses[0, 2], steps[:, 2]))
     ahead = unit_vectors(headings[:-1])
     left = np.column_stack([-ahead[:, 1], ahead[:, 0]])
-    places = np.cumsum(
-        np.vstack([poses[:1, :2], steps[:, :1] * ahead + steps[:, 1:2] * left]), axis=0
-    )
+    shifts = steps[:, :1] * ahead + steps[:, 1:2] * left
+    places = np.cumsum(np.vstack([poses[:1, :2], shifts]), axis=0)
     moved = np.column_stack([places, wrap_angle(headings)])
     return with_track(log, OdometryTrack(stamps, moved, scans))

@@ -13,7 +13,8 @@ from slamgym.slam.config import MotionNoise, SlamConfig
 
 def add_way(distance: float, turn: float, increment: Pose2D) -> tuple[float, float]:
     """Distance [m] and turn [rad] along a path, with one more increment: there and back again is motion too."""
-    return distance + math.hypot(increment[0], increment[1]), turn + abs(increment[2])
+    x, y, theta = increment
+    return distance + math.hypot(x, y), turn + abs(theta)
 
 
 def is_far_enough(
@@ -25,7 +26,9 @@ def is_far_enough(
 
 def update_thresholds(config: SlamConfig) -> tuple[float, float, float]:
     """Distance [m], turn [rad] and time [s] after which a scan is processed; an infinite time where none counts."""
-    temporal = math.inf if config.temporal_update is None else float(config.temporal_update)
+    temporal = math.inf
+    if config.temporal_update is not None:
+        temporal = float(config.temporal_update)
     return float(config.linear_update), float(config.angular_update), temporal
 
 
@@ -50,16 +53,15 @@ class OdometryGate:
     @property
     def since_processed(self) -> Pose2D:
         """Motion since the last processed scan, in the robot frame of that time."""
-        return (
-            Pose2D(0.0, 0.0, 0.0)
-            if self._last is None
-            else between(self._last_processed, self._last)
-        )
+        if self._last is None:
+            return Pose2D(0.0, 0.0, 0.0)
+        return between(self._last_processed, self._last)
 
     def must_process(self, odometry: Pose2D, stamp: float) -> bool:
         """Take the odometry pose of a scan; True if the scan must be processed. The first one must."""
         if self._last is None:
-            self._last = self._last_processed = odometry
+            self._last = odometry
+            self._last_processed = odometry
             return True
         increment = between(self._last, odometry)
         self._increments.append(increment)
@@ -73,7 +75,8 @@ class OdometryGate:
         if self._last is not None:
             self._last_processed = self._last
         self._last_stamp = stamp
-        self._distance = self._turn = 0.0
+        self._distance = 0.0
+        self._turn = 0.0
         self._increments.clear()
         return increments
 
@@ -98,10 +101,11 @@ def poses_between(poses: FloatArray, indices: IntArray, odometry: FloatArray) ->
     from_before = _carried(poses, indices, odometry, every, before)
     from_after = _carried(poses, indices, odometry, every, after)
     span = indices[after] - indices[before]
-    share = np.clip((every - indices[before]) / np.maximum(span, 1), 0.0, 1.0)[:, None]
+    since = every - indices[before]
+    share = np.clip(since / np.maximum(span, 1), 0.0, 1.0)
     difference = from_after - from_before
     difference[:, 2] = wrap_angle(difference[:, 2])
-    filled: FloatArray = from_before + share * difference
+    filled: FloatArray = from_before + share[:, None] * difference
     filled[:, 2] = wrap_angle(filled[:, 2])
     return filled
 
@@ -114,13 +118,10 @@ def _carried(
     base = poses[anchor]
     cos = np.cos(base[:, 2])
     sin = np.sin(base[:, 2])
-    return np.column_stack(
-        [
-            base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1],
-            base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1],
-            wrap_angle(base[:, 2] + motion[:, 2]),
-        ]
-    )
+    x = base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1]
+    y = base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1]
+    heading = wrap_angle(base[:, 2] + motion[:, 2])
+    return np.column_stack([x, y, heading])
 
 
 LATERAL_SHARE = 0.3

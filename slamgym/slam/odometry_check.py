@@ -19,22 +19,40 @@ from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_odometry import LaserTracker, with_steps
 
-MOST_PAIRS, PAIR_SECONDS = 2000, 0.3
-"""Number of pairs, and the least time between their scans: a robot at 0.3 m/s drives 0.1 m meanwhile [s]."""
+MOST_PAIRS = 2000
+"""About so many pairs are looked at."""
+PAIR_SECONDS = 0.3
+"""Least time between the scans of a pair [s]: a robot at 0.3 m/s drives 0.1 m meanwhile."""
 LEAST_FIT = 0.5
 """A pair that fits worse says nothing."""
-MOVED, FEWEST_MOVING = (0.05, 0.08), 20
-"""Motion of a pair that says something about wheels [m, rad], and how many pairs must have moved so far."""
-STILL, FAR_OFF, ASKEW = 0.1, 1.25, 0.5
-"""Wheels that measure less than the first share of a motion don't count it; a scale that is off by more than the second
-is wrong (those of public logs are off by up to 1.07), and so is a direction by more than the third [rad]."""
-OFFSETS, OUTLIER_TURN, EXPLAINED = np.arange(-100, 101) / 100.0, 0.15, 0.75
-"""Lateness of the odometry's clock that is tried [s]. By the right one the squared differences of turns, each at most
-the second [rad], fall below this share in each quarter of the turns (0.8 to 1 where the clocks agree)."""
-WHEEL_ERRORS, MATCH_ERRORS, CONTRADICTION = (0.025, 0.17), 10.0, 3.0
-"""Standard deviation of wheels [m or rad], and its share of what they measure; the factor by which that of matches is
-underestimated; and the deviations by which most of some pairs in a row contradict the odometry; with half as many a
-pair agrees. By these no stretch of five good logs is contradicted, and six of one whose wheels lost their sign."""
+MOVED = (0.05, 0.08)
+"""Motion of a pair that says something about wheels [m], [rad]."""
+FEWEST_MOVING = 20
+"""So many pairs must have moved before the wheels are judged."""
+STILL = 0.1
+"""Wheels that measure less than this share of a motion don't count it."""
+FAR_OFF = 1.25
+"""A scale of the odometry that is off by more than this factor is wrong: those of public logs are by up to 1.07."""
+ASKEW = 0.5
+"""A direction of the odometry that is off by more than this is wrong [rad]."""
+OFFSETS = np.arange(-100, 101) / 100.0
+"""Lateness of the odometry's clock that is tried [s]."""
+OUTLIER_TURN = 0.15
+"""The difference of a turn by laser and by odometry counts as this at most [rad]."""
+EXPLAINED = 0.75
+"""By the right clock the squared differences of turns fall below this share in each quarter of the turns; they fall to
+0.8 to 1 where the clocks agree."""
+WHEEL_ERROR = 0.025
+"""Standard deviation of what wheels measure of no motion [m or rad]."""
+WHEEL_ERROR_SHARE = 0.17
+"""Standard deviation of what wheels measure as a share of it."""
+MATCH_ERRORS = 10.0
+"""Factor by which the standard deviations of matches are underestimated."""
+CONTRADICTION = 3.0
+"""A pair that deviates by more than this contradicts the odometry, by less than half of it agrees [deviations]: no
+stretch of five good logs is contradicted, and six of one whose wheels lost their sign."""
+LEAST_STRETCH = 3
+"""A stretch that is contradicted has so many telling pairs at least."""
 OTHERWISE = (
     "(--odometry-topic or --odometry-frame names another, --odometry-topic none leaves it out)"
 )
@@ -63,41 +81,61 @@ def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
     checked = log
     late = _lateness(log, pairs) if estimate_offset else 0.0
     if late != 0.0:
-        which = f"{abs(late):.2f} s {'late' if late > 0.0 else 'early'}"
-        sentence = f"the odometry is {which}: its stamps are set right (--time-offset 0 doesn't)"
-        checked = retimed(log, late).noting("clock", sentence)
+        side = "late" if late > 0.0 else "early"
+        checked = retimed(log, late).noting(
+            "clock",
+            f"the odometry is {abs(late):.2f} s {side}: its stamps are set right "
+            "(--time-offset 0 doesn't)",
+        )
         pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
     lie = _lie(pairs)
     if lie:
         sentence = f"the odometry {lie}: the laser alone is used {OTHERWISE}"
         return without_odometry(log).noting("odometry", sentence)
     checked = _rescaled(checked, pairs)
-    return _distrusted(checked, pairs._replace(odometry=_odometry_of(checked, pairs.scans)))
+    pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
+    return _distrusted(checked, pairs)
 
 
 def measure_pairs(log: Log) -> PairMotions:
     """Motions of a sample of pairs, by the scans and by the odometry; pairs that say nothing are left out."""
     stamps = np.array([record.stamp for record in log])
-    every = np.arange(len(log) - 1)
-    after = np.maximum(
-        np.searchsorted(stamps, stamps[:-1] + PAIR_SECONDS).clip(max=len(every)), every + 1
-    )
-    first = every[:: max(int(np.median(after - every)), 1 + len(every) // MOST_PAIRS)]
-    scans = np.array([first, after[first]])
+    scans = _sampled_pairs(stamps)
     odometry = _odometry_of(log, scans)
-    moves = [
-        LaserTracker(log.records[i].scan).move(log.records[j].scan, expected)
-        for (i, j), expected in zip(scans.T.tolist(), odometry, strict=True)
-    ]
-    seen = np.flatnonzero([move.fit >= LEAST_FIT for move in moves])
-    laser = np.array([moves[k].step for k in seen]).reshape(-1, 3)
-    information = np.array([moves[k].information for k in seen]).reshape(-1, 3, 3)
-    return PairMotions(scans[:, seen], stamps[scans[:, seen]], laser, information, odometry[seen])
+    motions = []
+    is_seen = []
+    for (first, second), expected in zip(scans.T.tolist(), odometry, strict=True):
+        tracker = LaserTracker(log.records[first].scan)
+        motion = tracker.move(log.records[second].scan, expected)
+        is_seen.append(motion.fit >= LEAST_FIT)
+        if motion.fit >= LEAST_FIT:
+            motions.append(motion)
+    seen = np.flatnonzero(is_seen)
+    return PairMotions(
+        scans=scans[:, seen],
+        stamps=stamps[scans[:, seen]],
+        laser=np.array([motion.step for motion in motions]).reshape(-1, 3),
+        information=np.array([motion.information for motion in motions]).reshape(-1, 3, 3),
+        odometry=odometry[seen],
+    )
+
+
+def _sampled_pairs(stamps: FloatArray) -> IntArray:
+    """First and second scan (2, N) of pairs, spread over a log whose stamps are given."""
+    every = np.arange(len(stamps) - 1)
+    later = np.searchsorted(stamps, stamps[:-1] + PAIR_SECONDS).clip(max=len(every))
+    after = np.maximum(later, every + 1)
+    usual = int(np.median(after - every))
+    stride = max(usual, 1 + len(every) // MOST_PAIRS)
+    first = every[::stride]
+    return np.array([first, after[first]])
 
 
 def _odometry_of(log: Log, scans: IntArray) -> FloatArray:
+    """Motions (N, 3) by odometry between pairs of scans (2, N)."""
     poses = np.array([record.odometry for record in log], dtype=np.float64)
-    return relative_poses(*poses[scans])
+    first, second = scans
+    return relative_poses(poses[first], poses[second])
 
 
 def _lateness(log: Log, pairs: PairMotions) -> float:
@@ -106,106 +144,133 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     stamps = log.track.stamps[order]
     headings = np.unwrap(log.track.poses[order, 2])
     turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
-    begin, end = (
-        np.interp(times[turning] + OFFSETS[:, None], stamps, headings) for times in pairs.stamps
-    )
+    first, second = pairs.stamps[:, turning]
+    begin = np.interp(first + OFFSETS[:, None], stamps, headings)
+    end = np.interp(second + OFFSETS[:, None], stamps, headings)
     error = np.abs(wrap_angle(pairs.laser[turning, 2] - (end - begin)))
     costs = np.minimum(error, OUTLIER_TURN) ** 2
     best = int(np.argmin(costs.sum(axis=1)))
     now = costs[len(OFFSETS) // 2]
-    quarters = zip(*(np.array_split(part, 4) for part in (costs[best], now)), strict=True)
-    is_sure = len(now) >= FEWEST_MOVING and 0 < best < len(OFFSETS) - 1
+    is_outermost = best in {0, len(OFFSETS) - 1}
+    if len(now) < FEWEST_MOVING or is_outermost:
+        return 0.0
+    quarters = zip(np.array_split(costs[best], 4), np.array_split(now, 4), strict=True)
     for found, before in quarters:
-        is_sure = is_sure and found.sum() < EXPLAINED * before.sum()
-    return float(OFFSETS[best]) if is_sure else 0.0
+        if found.sum() >= EXPLAINED * before.sum():
+            return 0.0
+    return float(OFFSETS[best])
 
 
 def odometry_shares(pairs: PairMotions) -> tuple[float, float, float]:
     """The odometry's share of the laser's turns and of its distances, and its direction [rad]; nan if unknown."""
     turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
-    laser, odometry = (part[:, 0] + 1j * part[:, 1] for part in (pairs.laser, pairs.odometry))
+    turns = pairs.odometry[turning, 2] / pairs.laser[turning, 2]
+    laser = pairs.laser[:, 0] + 1j * pairs.laser[:, 1]
+    odometry = pairs.odometry[:, 0] + 1j * pairs.odometry[:, 1]
     driving = np.abs(laser) > MOVED[0]
-    ratios = odometry[driving] / laser[driving]
-    angle = math.atan2(_middle(ratios.imag), _middle(ratios.real))
-    return (
-        _middle(pairs.odometry[turning, 2] / pairs.laser[turning, 2]),
-        _middle(np.abs(ratios)),
-        angle,
-    )
+    ways = odometry[driving] / laser[driving]
+    angle = math.atan2(_middle(ways.imag), _middle(ways.real))
+    return _middle(turns), _middle(np.abs(ways)), angle
 
 
 def _middle(values: FloatArray) -> float:
+    """Median of what pairs that moved say; nan if too few did."""
     return float(np.median(values)) if len(values) >= FEWEST_MOVING else math.nan
 
 
 def _lie(pairs: PairMotions) -> str:
     """What the odometry gets wrong throughout; nothing if it is of use."""
     turns, ways, angle = odometry_shares(pairs)
-    missed = [what for what, share in (("turns", turns), ("distances", ways)) if abs(share) < STILL]
+    missed = []
+    if abs(turns) < STILL:
+        missed.append("turns")
+    if abs(ways) < STILL:
+        missed.append("distances")
     if missed:
         return f"measures no {' and no '.join(missed)}"
     if turns < 0.0:
         return (
             "turns left where the laser turns right (one upside down needs its mount in tf_static)"
         )
-    degrees = round(abs(math.degrees(angle))) if abs(angle) > ASKEW else 0
-    return (
-        f"goes {degrees} degrees beside the laser (is its mount in tf_static right?)"
-        if degrees
-        else ""
-    )
+    if abs(angle) > ASKEW:
+        degrees = round(abs(math.degrees(angle)))
+        return f"goes {degrees} degrees beside the laser (is its mount in tf_static right?)"
+    return ""
 
 
 def _rescaled(log: Log, pairs: PairMotions) -> Log:
     """The log with turns and distances divided by what the odometry makes of each, where that is far off."""
     turns, ways, _ = odometry_shares(pairs)
-    shares = ("distances", ways, slice(2)), ("turns", turns, slice(2, 3))
-    off = [one for one in shares if one[1] > FAR_OFF or one[1] < 1.0 / FAR_OFF]
-    if not off:
-        return log
+    rescaled = log
     steps = relative_poses(log.track.poses[:-1], log.track.poses[1:])
-    for what, share, columns in off:
-        steps[:, columns] /= share
-        sentence = f"the odometry makes {share:.2f} of the laser's {what}: they are divided by that {OTHERWISE}"
-        log = log.noting("scale", sentence)
-    return with_steps(log, steps)
+    for what, share, columns in (("distances", ways, slice(2)), ("turns", turns, slice(2, 3))):
+        if share > FAR_OFF or share < 1.0 / FAR_OFF:
+            steps[:, columns] /= share
+            rescaled = rescaled.noting(
+                "scale",
+                f"the odometry makes {share:.2f} of the laser's {what}: "
+                f"they are divided by that {OTHERWISE}",
+            )
+    return log if rescaled is log else with_steps(rescaled, steps)
 
 
 def _distrusted(log: Log, pairs: PairMotions) -> Log:
     """The log with the stretches in which the scans contradict its odometry."""
-    error = pairs.laser - pairs.odometry
-    error[:, 2] = wrap_angle(error[:, 2])
-    laser, wheels = (
-        np.column_stack([np.hypot(*part.T[:2]), np.abs(part[:, 2])]) for part in pairs[2::2]
-    )
-    spread = WHEEL_ERRORS[0] + WHEEL_ERRORS[1] * wheels[:, [0, 0, 1]]
-    information = pairs.information / MATCH_ERRORS**2
-    deviations = np.array(
-        [_deviation(*each) for each in zip(error, information, spread**-2, strict=True)]
-    )
-    # What lies between the two says nothing.
-    agrees = deviations < 0.5 * CONTRADICTION
-    contradicts = deviations > CONTRADICTION
-    telling = (np.maximum(laser, wheels) > MOVED).any(axis=1) & (agrees | contradicts)
-    padded = np.pad(contradicts[telling], 2).astype(np.int64)
-    most = padded[:-2] + padded[1:-1] + padded[2:] >= 2
-    edges = np.flatnonzero(np.diff(most)).reshape(-1, 2)
-    begins, ends = pairs.stamps[:, telling]
-    stretches = [(float(begins[a]), float(ends[b - 1])) for a, b in edges.tolist() if b - a >= 3]
+    stretches = _contradicted(pairs)
     if not stretches:
         return log
     seconds = sum(end - begin for begin, end in stretches)
     start = log.records[0].stamp
+    first_begin, first_end = stretches[0]
     sentence = (
-        f"the scans contradict the odometry for {seconds:.0f} s in {len(stretches)} stretches, first from "
-        f"{stretches[0][0] - start:.0f} to {stretches[0][1] - start:.0f} s after the start: it isn't trusted there "
-        f"{OTHERWISE}"
+        f"the scans contradict the odometry for {seconds:.0f} s in {len(stretches)} stretches, "
+        f"first from {first_begin - start:.0f} to {first_end - start:.0f} s after the start: "
+        f"it isn't trusted there {OTHERWISE}"
     )
     return replace(log.noting("contradicted", sentence), distrusted=stretches)
+
+
+def _contradicted(pairs: PairMotions) -> list[tuple[float, float]]:
+    """Begin and end of the stretches of time in which most pairs contradict the odometry [s]."""
+    laser = _sizes(pairs.laser)
+    wheels = _sizes(pairs.odometry)
+    has_moved = (np.maximum(laser, wheels) > MOVED).any(axis=1)
+    deviations = _deviations(pairs, wheels)
+    # What lies between the two says nothing.
+    agrees = deviations < 0.5 * CONTRADICTION
+    contradicts = deviations > CONTRADICTION
+    telling = has_moved & (agrees | contradicts)
+    padded = np.pad(contradicts[telling], 2).astype(np.int64)
+    most = padded[:-2] + padded[1:-1] + padded[2:] >= 2
+    edges = np.flatnonzero(np.diff(most)).reshape(-1, 2)
+    begins, ends = pairs.stamps[:, telling]
+    stretches = []
+    for first, end in edges.tolist():
+        if end - first >= LEAST_STRETCH:
+            stretches.append((float(begins[first]), float(ends[end - 1])))
+    return stretches
+
+
+def _sizes(motions: FloatArray) -> FloatArray:
+    """Distances and turns (N, 2) of motions (N, 3) [m], [rad]."""
+    distances = np.hypot(motions[:, 0], motions[:, 1])
+    return np.column_stack([distances, np.abs(motions[:, 2])])
+
+
+def _deviations(pairs: PairMotions, wheels: FloatArray) -> FloatArray:
+    """How far each pair's motions differ (N,), given the wheels' distances and turns (N, 2) [standard deviations]."""
+    errors = pairs.laser - pairs.odometry
+    errors[:, 2] = wrap_angle(errors[:, 2])
+    spread = WHEEL_ERROR + WHEEL_ERROR_SHARE * wheels[:, [0, 0, 1]]
+    information = pairs.information / MATCH_ERRORS**2
+    each = zip(errors, information, spread**-2, strict=True)
+    return np.array([_deviation(error, laser, by_wheels) for error, laser, by_wheels in each])
 
 
 def _deviation(error: FloatArray, laser: FloatArray, wheels: FloatArray) -> float:
     """Deviations of an error (3,) by the information of a match (3, 3), perhaps singular, and of wheels (3,)."""
     pulled = product(laser, error[:, None])
-    rest = product(laser, product(inverted(laser + np.diag(wheels)), pulled))
-    return math.sqrt(max(0.0, float((error * (pulled - rest)[:, 0]).sum())))
+    covariance = inverted(laser + np.diag(wheels))
+    rest = product(laser, product(covariance, pulled))
+    weighted = (pulled - rest)[:, 0]
+    return math.sqrt(max(0.0, float((error * weighted).sum())))

@@ -83,9 +83,8 @@ class ParticleFilter(Mapper):
     @property
     def pose(self) -> Pose2D:
         """The best particle's pose, moved on by the odometry since."""
-        return compose(
-            Pose2D(*self._poses[self.best_particle].tolist()), self._gate.since_processed
-        )
+        best = Pose2D(*self._poses[self.best_particle].tolist())
+        return compose(best, self._gate.since_processed)
 
     @property
     def best_particle(self) -> int:
@@ -95,25 +94,27 @@ class ParticleFilter(Mapper):
     def particle_paths(self, most: int) -> list[FloatArray]:
         """Paths of at most so many particles, each (processed scans, 3)."""
         # After a resampling the places of the particles changed; their parents are at the last scan.
-        count = min(most, len(self._poses)) if len(self._tree) else 0
-        return [self._tree.poses_along(self._tree.lineage(particle)) for particle in range(count)]
+        if len(self._tree) == 0:
+            return []
+        count = min(most, len(self._poses))
+        lineages = [self._tree.lineage(particle) for particle in range(count)]
+        return [self._tree.poses_along(lineage) for lineage in lineages]
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance (3, 3) of the pose at the last processed scan: the spread of the particles by their weights."""
         deviations = self._poses - self._poses[self.best_particle]
         deviations[:, 2] = wrap_angle(deviations[:, 2])
-        deviations -= (self._weights[:, None] * deviations).sum(axis=0)
-        return np.asarray(
-            product((deviations * self._weights[:, None]).T, deviations), dtype=np.float64
-        )
+        weights = self._weights[:, None]
+        deviations -= (weights * deviations).sum(axis=0)
+        weighted = deviations * weights
+        return np.asarray(product(weighted.T, deviations), dtype=np.float64)
 
     def know(self, grid: OccupancyGrid) -> None:
         """Begin with an older map, which scans are matched with, too."""
         super().know(grid)
-        self._maps = ParticleMaps(
-            len(self._poses), self._config.resolution, self._config.memory_limit_mb
-        )
+        config = self._config
+        self._maps = ParticleMaps(len(self._poses), config.resolution, config.memory_limit_mb)
         self._maps.add_known(grid)
 
     def _num_bytes(self) -> int:
@@ -124,9 +125,8 @@ class ParticleFilter(Mapper):
         increments = self._gate.take(scan.stamp)
         # A single particle is at its best where the odometry says.
         draw = self._rng.standard_normal if len(self._poses) > 1 else np.zeros
-        sample_motion(
-            self._poses, increments, draw((len(increments), *self._poses.shape)), self._noise
-        )
+        normals = draw((len(increments), *self._poses.shape))
+        sample_motion(self._poses, increments, normals, self._noise)
         points = usable_end_points(scan.ranges, plain(self._beams), np.inf)
         self._maps.cover(self._poses, farthest(points) + MATCH_MARGIN)
         if len(self._tree) > 0:
@@ -153,17 +153,18 @@ class ParticleFilter(Mapper):
         self._path_log_weights = self._path_log_weights[ancestors]
         self._maps.resample(ancestors)
         self._tree.resample(ancestors)
-        self._log_weights = np.zeros(len(self._poses))
-        self._weights = np.full(len(self._poses), 1.0 / len(self._poses))
+        count = len(self._poses)
+        self._log_weights = np.zeros(count)
+        self._weights = np.full(count, 1.0 / count)
         self._stats.resamplings += 1
 
     def _draw_path(self) -> None:
         """Make the drawn path that of the best particle: take out what it doesn't share, draw the rest."""
         steps = len(self._tree)
-        known = len(self._lineage)
-        ranges = self._tree["ranges"]
         if steps == 0:
             return
+        known = len(self._lineage)
+        ranges = self._tree["ranges"]
         lineage = np.full(steps, -1, dtype=np.int64)
         lineage[:known] = self._lineage
         first = trace_lineage(self._tree["parents"], steps - 1, self.best_particle, lineage)

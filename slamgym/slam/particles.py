@@ -42,9 +42,13 @@ class TrajectoryTree(Columns):
     def __init__(self, particles: int, num_beams: int) -> None:
         super().__init__(
             {"parents": np.int64, "ranges": np.float32},
-            parents=(particles,), poses=(particles, 3), stamps=(), ranges=(num_beams,),
-        )  # fmt: skip
-        self._every = self._pending = np.arange(particles)
+            parents=(particles,),
+            poses=(particles, 3),
+            stamps=(),
+            ranges=(num_beams,),
+        )
+        self._every = np.arange(particles)
+        self._pending = self._every  # parents of the particles of the next scan
 
     def add(self, stamp: float, poses: FloatArray, ranges: np.ndarray) -> None:
         """Add a processed scan with the pose (particles, 3) of each particle."""
@@ -110,6 +114,7 @@ def systematic_resample(weights: FloatArray, uniform: float) -> IntArray:
 
 
 FIRST_TILES = 1024
+"""Tiles of a new pool."""
 GROWTH_TILES = 8
 """Tables grow by at least so many tiles on a side, so that they seldom grow."""
 
@@ -145,42 +150,26 @@ class ParticleMaps:
     def cover(self, poses: FloatArray, radius: float) -> None:
         """Let the tables cover all points within ``radius`` [m] of the poses (particles, 3)."""
         side = TILE * self.resolution
-        low = [math.floor((value - radius) / side) for value in poses[:, :2].min(axis=0).tolist()]
-        high = [
-            math.floor((value + radius) / side) + 1 for value in poses[:, :2].max(axis=0).tolist()
-        ]
+        min_x, min_y = poses[:, :2].min(axis=0).tolist()
+        max_x, max_y = poses[:, :2].max(axis=0).tolist()
         row, col = self._corner
-        _, rows, cols = self.tables.shape
-        if (
-            rows
-            and low[1] >= row
-            and low[0] >= col
-            and high[1] <= row + rows
-            and high[0] <= col + cols
-        ):
-            return
-        first_row = low[1]
-        first_col = low[0]
-        last_row = high[1]
-        last_col = high[0]
+        particles, rows, cols = self.tables.shape
+        needed_rows = (math.floor((min_y - radius) / side), math.floor((max_y + radius) / side) + 1)
+        needed_cols = (math.floor((min_x - radius) / side), math.floor((max_x + radius) / side) + 1)
+        first_row, end_row = needed_rows
+        first_col, end_col = needed_cols
         if rows:
-            first_row = row if first_row >= row else min(first_row, row - GROWTH_TILES)
-            first_col = col if first_col >= col else min(first_col, col - GROWTH_TILES)
-            last_row = (
-                row + rows if last_row <= row + rows else max(last_row, row + rows + GROWTH_TILES)
-            )
-            last_col = (
-                col + cols if last_col <= col + cols else max(last_col, col + cols + GROWTH_TILES)
-            )
-        tables = np.zeros(
-            (len(self.tables), last_row - first_row, last_col - first_col), dtype=np.int32
-        )
+            first_row, end_row = _grown((row, row + rows), needed_rows)
+            first_col, end_col = _grown((col, col + cols), needed_cols)
+            if (end_row - first_row, end_col - first_col) == (rows, cols):
+                return
+        tables = np.zeros((particles, end_row - first_row, end_col - first_col), dtype=np.int32)
         below = row - first_row
         left = col - first_col
         tables[:, below : below + rows, left : left + cols] = self.tables
         self.tables = tables
         self._corner = (first_row, first_col)
-        self.origin = np.array([first_col, first_row], dtype=np.float64) * (TILE * self.resolution)
+        self.origin = np.array([first_col, first_row], dtype=np.float64) * side
 
     def register(self, poses: FloatArray, points: FloatArray) -> None:
         """Add end points (n, 2) [m], given in the robot frame, to each map at its particle's pose.
@@ -197,8 +186,10 @@ class ParticleMaps:
 
     def _grow_pool(self, needed: int) -> None:
         capacity = len(self.pool.references)
-        most = int(self._memory_limit * capacity / sum(array.nbytes for array in self.pool))
-        larger = min(max(2 * capacity, capacity + 2 * needed), most)
+        num_bytes = sum(array.nbytes for array in self.pool)
+        most = int(self._memory_limit * capacity / num_bytes)
+        wanted = max(2 * capacity, capacity + 2 * needed)
+        larger = min(wanted, most)
         if larger < capacity + needed:
             raise SlamgymError(
                 f"the particles' maps need more than slam.memory_limit_mb={self._memory_limit / 1e6:.0f}; raise it, "
@@ -209,13 +200,26 @@ class ParticleMaps:
     def add_known(self, grid: OccupancyGrid) -> None:
         """Take the occupied cells of an older map for end points that every particle has seen."""
         rows, cols = np.nonzero(grid.cells == OCCUPIED)
-        min_x, min_y, max_x, max_y = grid.frame.bounds
+        frame = grid.frame
+        min_x, min_y, max_x, max_y = frame.bounds
         middle = np.array([0.5 * (min_x + max_x), 0.5 * (min_y + max_y), 0.0])
-        points = np.column_stack(grid.frame.to_point(rows, cols)) - middle[:2]
+        x, y = frame.to_point(rows, cols)
+        points = np.column_stack([x, y]) - middle[:2]
         poses = np.tile(middle, (len(self.tables), 1))
-        self.cover(poses, 0.5 * max(max_x - min_x, max_y - min_y) + grid.frame.resolution)
+        half = 0.5 * max(max_x - min_x, max_y - min_y)
+        self.cover(poses, half + frame.resolution)
         self.register(poses, points)
 
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor, (particles,)."""
         copy_maps(self.pool, self.tables, ancestors)
+
+
+def _grown(now: tuple[int, int], needed: tuple[int, int]) -> tuple[int, int]:
+    """First and end of rows or columns that hold those there are, and those needed and some more where they don't."""
+    first, end = now
+    if needed[0] < first:
+        first = min(needed[0], first - GROWTH_TILES)
+    if needed[1] > end:
+        end = max(needed[1], end + GROWTH_TILES)
+    return first, end

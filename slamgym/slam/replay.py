@@ -106,8 +106,11 @@ def replay(
 
 def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
     """The smallest frame that covers two on one lattice."""
-    bounds = list(zip(a.bounds, b.bounds, strict=True))
-    (left, bottom) = map(min, bounds[:2])
-    (right, top) = map(max, bounds[2:])
+    a_left, a_bottom, a_right, a_top = a.bounds
+    b_left, b_bottom, b_right, b_top = b.bounds
+    left = min(a_left, b_left)
+    bottom = min(a_bottom, b_bottom)
+    width = max(a_right, b_right) - left
+    height = max(a_top, b_top) - bottom
     step = b.resolution
-    return GridFrame(step, left, bottom, round((top - bottom) / step), round((right - left) / step))
+    return GridFrame(step, left, bottom, round(height / step), round(width / step))

@@ -20,14 +20,23 @@ from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray, IntArray
 
 TILE_BITS = 5
+"""Bits of a place within a tile."""
 TILE = 1 << TILE_BITS
 """Cells along a tile's side: 1.6 m at 5 cm."""
 TILE_MASK = TILE - 1
+"""Mask of a place within a tile."""
 EMPTY = 0
 """The tile that stands for every tile never written to; it is never written to itself."""
 MAX_COUNT = 65535
-MEAN_U, MEAN_V, COUNT, NEIGHBOURS = 0, 1, 2, 3
-"""Indices of the four numbers of a cell."""
+"""A cell counts no more end points than this: the most that 16 bits hold."""
+MEAN_U = 0
+"""Index of the mean along u in a cell's four numbers."""
+MEAN_V = 1
+"""Index of the mean along v in a cell's four numbers."""
+COUNT = 2
+"""Index of the count of end points in a cell's four numbers."""
+NEIGHBOURS = 3
+"""Index of the neighbours with a mean in a cell's four numbers."""
 MEAN_UNITS = 65536.0
 """Units of a mean per cell."""
 
@@ -104,16 +113,15 @@ def _begin_cell(pool: TilePool, table: np.ndarray, cell_u: int, cell_v: int) -> 
         for du in range(-1, 2):
             near = tile
             if not inside:
-                near = writable_tile(
-                    pool, table, (cell_v + dv) >> TILE_BITS, (cell_u + du) >> TILE_BITS
-                )
-            near_cell = np.uint64(
-                (((at_v + dv) & TILE_MASK) << TILE_BITS) | ((at_u + du) & TILE_MASK)
-            )
+                row = (cell_v + dv) >> TILE_BITS
+                col = (cell_u + du) >> TILE_BITS
+                near = writable_tile(pool, table, row, col)
+            near_u = (at_u + du) & TILE_MASK
+            near_v = (at_v + dv) & TILE_MASK
+            near_cell = np.uint64((near_v << TILE_BITS) | near_u)
             # Seen from the neighbour, the new mean lies the other way.
-            pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= np.uint16(
-                1 << (3 * (1 - dv) + 1 - du)
-            )
+            bit = np.uint16(1 << (3 * (1 - dv) + 1 - du))
+            pool.cells[np.uint64(near), near_cell, np.uint64(NEIGHBOURS)] |= bit
 
 
 @kernel

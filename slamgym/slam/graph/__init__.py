@@ -1,3 +1,3 @@
-"""Graph-based SLAM: nodes, matching against local maps, loop closures, least squares."""
+"""Graph SLAM: scans aligned with submaps, loop closures, least squares, and doubt about the result."""
 
 __all__: list[str] = []

@@ -18,7 +18,7 @@ from slamgym.slam.graph.submaps import Submap
 LOOP_METRES = 1.0
 """A loop is sought after so much driving [m]."""
 LOOP_RADIUS = 9.0
-"""... among submaps this near [m]."""
+"""A loop is sought among submaps this near [m]."""
 SEPARATION = 5
 """Places that are searched are at least so many submaps apart."""
 MOST_PLACES = 2
@@ -59,8 +59,10 @@ class LoopCloser:
     def __init__(self, settings: PoseGraphConfig) -> None:
         self._settings = settings
         self._last_sought = 0.0  # distance driven [m]
-        self.closed = self.rejected = 0
-        """Matches that were accepted, and that were not."""
+        self.closed = 0
+        """Matches that were accepted."""
+        self.rejected = 0
+        """Matches that were not accepted."""
 
     def is_due(self, graph: PoseGraph) -> bool:
         """Return True if the robot has moved far enough since a loop was last sought."""
@@ -96,8 +98,10 @@ class LoopCloser:
     def _places(self, graph: PoseGraph, submaps: list[Submap]) -> list[int]:
         """Submaps that may be seen again and whose place isn't known to within what an alignment finds."""
         firsts = np.array([submap.first for submap in submaps])
-        old = firsts[graph.driven[-1] - graph.driven[firsts] > self._settings.loop_length]
-        away = np.hypot(*(graph.poses[old, :2] - graph.poses[-1, :2]).T)
+        since = graph.driven[-1] - graph.driven[firsts]
+        old = firsts[since > self._settings.loop_length]
+        dx, dy, _ = (graph.poses[old] - graph.poses[-1]).T
+        away = np.hypot(dx, dy)
         count = np.count_nonzero(away <= LOOP_RADIUS)
         nearest = np.argsort(away, kind="stable")[:count]
         places: list[int] = []
@@ -171,7 +175,8 @@ def _is_expected(graph: PoseGraph, closure: Match) -> bool:
 
 def _newest_surfaces(graph: PoseGraph, submap: Submap) -> tuple[FloatArray, FloatArray]:
     """Surfaces (n, 2) of the newest submap in the robot frame, and their sides (n, 3)."""
-    x, y, turn = seen_from(graph.poses[-1], graph.poses[submap.first]).tolist()
+    frame = Pose2D(*seen_from(graph.poses[-1], graph.poses[submap.first]).tolist())
     means, sides = submap.lines()
-    turned = transform_points(Pose2D(0.0, 0.0, turn), sides[:, :2])
-    return transform_points(Pose2D(x, y, turn), means), np.column_stack([turned, sides[:, 2]])
+    points = transform_points(frame, means)
+    turned = transform_points(Pose2D(0.0, 0.0, frame.theta), sides[:, :2])
+    return points, np.column_stack([turned, sides[:, 2]])

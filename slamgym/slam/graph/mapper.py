@@ -3,7 +3,7 @@
 Every processed scan is a node. It is aligned with the submaps that it overlaps: the newest two, and older ones whose
 place is known to within what an alignment finds. Each alignment is an edge of the graph, so is the odometry, and the
 wheels' systematic errors are unknowns. When the robot may have come back to a place whose relative pose is uncertain,
-the surfaces of the newest submaps are searched there. Least squares corrects the whole path at once; submaps are drawn
+the surfaces of the newest submap are searched there. Least squares corrects the whole path at once; submaps are drawn
 again where their scans moved, and so is the map.
 """
 

@@ -1,3 +1,3 @@
-"""Localisation on a finished map: global search, particles that track several hypotheses, and doubt that is said."""
+"""Localisation on a finished map: global search, Kalman filters that track several places, and doubt that is said."""
 
 __all__: list[str] = []

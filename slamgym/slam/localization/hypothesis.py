@@ -25,14 +25,16 @@ FIT_MEMORY = 0.25
 """Weight of the newest scan in the mean of a hypothesis's fit."""
 ALIGNED_FIT = 0.3
 """An alignment of a smaller share of fitting points is none: off the map, a few always lie near some surface."""
-CERTAIN_WEIGHT, CERTAIN_FIT = 0.95, 0.7
-"""To be believed for the first time, a place must hold so much of all weight while the robot drives on, and explain so
-many of the beams on the way and at its end."""
+CERTAIN_WEIGHT = 0.95
+"""A place leads while it holds so much of all weight."""
+CERTAIN_FIT = 0.7
+"""A place is believed for the first time if it explains so many of the beams, while it leads and at the end."""
 FIELD_FLOOR = (0.025, 0.025, 0.005)
 """No pose on a map of cells of 5 cm is known better than to half of one [m], [m], [rad]."""
-MINIMUM_FIT, WIDE_SPREAD = 0.6, 0.15
-"""A place that explains a smaller share of the latest scans' beams isn't the robot's, and one known no better than the
-second isn't known [m]."""
+MINIMUM_FIT = 0.6
+"""A place that explains a smaller share of the latest scans' beams isn't the robot's."""
+WIDE_SPREAD = 0.15
+"""A place with a larger standard deviation isn't known [m]."""
 
 
 @dataclass
@@ -69,15 +71,15 @@ class Hypothesis:
 
     def move(self, step: WheelStep, variances: FloatArray) -> None:
         """Predict: follow the odometry, whose random errors have variances (2,) of position and heading."""
-        before = self.pose
-        self.pose = moved_by(before, step.moved + step.design @ self.systematic)
-        cos = math.cos(before[2])
-        sin = math.sin(before[2])
+        x, y, heading = self.pose
+        self.pose = moved_by(self.pose, step.moved + step.design @ self.systematic)
+        cos = math.cos(heading)
+        sin = math.sin(heading)
+        rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         jacobian = np.eye(6)
-        jacobian[:2, 2] = before[1] - self.pose[1], self.pose[0] - before[0]
-        jacobian[:3, 3:] = (
-            np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]) @ step.design
-        )
+        jacobian[0, 2] = y - self.pose[1]
+        jacobian[1, 2] = self.pose[0] - x
+        jacobian[:3, 3:] = rotation @ step.design
         self.covariance = jacobian @ self.covariance @ jacobian.T
         self.covariance[:3, :3] += np.diag(variances[[0, 0, 1]])
 
@@ -87,8 +89,10 @@ class Hypothesis:
         placed = surfaces.align(points, sides, self.pose, self.pose, inverted(own))
         if placed.fit < ALIGNED_FIT:
             return
-        match = match_with(np.zeros((1, 3)), 0, 0, placed.pose, placed.equations.sums[0], 1)
-        gain = self.covariance[:, :3] @ inverted(own + inverted(match.information + np.eye(3)))
+        map_frame = np.zeros((1, 3))
+        match = match_with(map_frame, 0, 0, placed.pose, placed.equations.sums[0], 1)
+        measured = inverted(match.information + np.eye(3))
+        gain = self.covariance[:, :3] @ inverted(own + measured)
         error = match.measured - self.pose
         error[2] = wrap_angle(error[2])
         self.pose = self.pose + gain[:3] @ error
@@ -129,27 +133,38 @@ def believe(
     """
     if not hypotheses:
         return Belief(stamp, "searching", last, np.eye(3), 0.0, ())
-    weights = np.exp(
-        [hypothesis.log_weight - hypotheses[0].log_weight for hypothesis in hypotheses]
-    )
-    weights /= weights.sum()
     best = hypotheses[0]
-    is_alone = weights[0] >= CERTAIN_WEIGHT
-    for hypothesis in hypotheses[1 if is_alone else 0 :]:
-        hypothesis.led = hypothesis.explained = 0.0
-    best.led += driven if is_alone else 0.0
-    best.explained += driven * best.fit if is_alone else 0.0
+    weights = np.exp([hypothesis.log_weight - best.log_weight for hypothesis in hypotheses])
+    weights /= weights.sum()
+    is_alone = bool(weights[0] >= CERTAIN_WEIGHT)
+    for hypothesis in hypotheses:
+        if hypothesis is best and is_alone:
+            best.led += driven
+            best.explained += driven * best.fit
+        else:
+            hypothesis.led = 0.0
+            hypothesis.explained = 0.0
     covariance = best.covariance[:3, :3] + np.diag(np.square(FIELD_FLOOR))
-    state: State = "searching"
-    if best.fit < MINIMUM_FIT or covariance[0, 0] + covariance[1, 1] > WIDE_SPREAD**2:
-        state = "lost" if best.was_sure else "searching"
-    elif not is_alone:
-        state = "ambiguous"
-    elif best.led >= best.proof * config.confirm_distance and (
-        best.was_sure or min(best.explained, best.fit * best.led) >= CERTAIN_FIT * best.led
-    ):
-        state = "localised"
+    state = _state_of(best, is_alone, covariance, config)
+    if state == "localised":
         best.was_sure = True
     poses = [Pose2D(*hypothesis.pose.tolist()) for hypothesis in hypotheses]
     listed = tuple(zip(poses, weights.tolist(), strict=True))
     return Belief(stamp, state, poses[0], covariance, best.fit, listed)
+
+
+def _state_of(
+    best: Hypothesis, is_alone: bool, covariance: FloatArray, config: LocalizationConfig
+) -> State:
+    """How firmly the best hypothesis is believed, given the covariance (3, 3) of its pose."""
+    is_wide = covariance[0, 0] + covariance[1, 1] > WIDE_SPREAD**2
+    if best.fit < MINIMUM_FIT or is_wide:
+        return "lost" if best.was_sure else "searching"
+    if not is_alone:
+        return "ambiguous"
+    if best.led < best.proof * config.confirm_distance:
+        return "searching"
+    explained = min(best.explained, best.fit * best.led)
+    if best.was_sure or explained >= CERTAIN_FIT * best.led:
+        return "localised"
+    return "searching"

@@ -28,9 +28,10 @@ SEARCH_SIGMA = 0.12
 """Spread of the score round surfaces: wider than a cell, so that no place falls between cells [m]."""
 LEVELS = 5
 """The largest blocks of a search have sides of 16 cells."""
-TRACE_MARGIN, TRACE_SHARE = 0.3, 0.9
-"""A ray is followed up to so far before its end [m], as surfaces there are the one that it met; without return over
-this share of the usable range."""
+TRACE_MARGIN = 0.3
+"""A ray with return is followed up to so far before its end, as surfaces there are the one that it met [m]."""
+TRACE_SHARE = 0.9
+"""A ray without return is followed over this share of the usable range."""
 
 
 class SurfaceField(NamedTuple):
@@ -54,7 +55,6 @@ class KnownMap:
 
         frame = grid.frame
         cells = grid.cells[::-1]
-        is_free = cells == FREE
         corner = np.array([frame.origin_x, frame.origin_y])
         points, sides = known_surfaces(grid)
         if len(points) == 0:
@@ -62,7 +62,8 @@ class KnownMap:
                 "the map has no wall beside free floor: nothing can be localised on it; check its thresholds"
             )
         middle = np.array([*points.mean(axis=0), 0.0])
-        self.surfaces = AlignmentTarget([known_submap((points, sides), middle)], middle[None])
+        submap = known_submap((points, sides), middle)
+        self.surfaces = AlignmentTarget([submap], middle[None])
         """What scans are aligned with."""
         cols, rows = ((points - corner) / frame.resolution).astype(np.int64).T
         is_surface = np.zeros(cells.shape, dtype=bool)
@@ -71,14 +72,14 @@ class KnownMap:
         self.field = SurfaceField(distance, cells == UNKNOWN, corner, float(frame.resolution))
         """What scans are explained by."""
         ratio = SUBMAP_CELL / frame.resolution
-        sampled = np.ix_(
-            *(np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape)
-        )
+        middles = [np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape]
+        sampled = np.ix_(*middles)
         score = HIT * np.exp(-0.5 * np.square(distance[sampled] / SEARCH_SIGMA))
         self.levels = maxima(np.rint(score).astype(np.uint8), LEVELS)
-        """Maxima of the score of a point in cells (rows, cols) of ``SUBMAP_CELL`` from the same corner ..."""
-        self.floors = maxima(is_free[sampled].astype(np.uint8), LEVELS)
-        """... and of where a robot may stand."""
+        """Maxima of the score of a point in cells (rows, cols) of ``SUBMAP_CELL`` from the same corner."""
+        is_free = cells[sampled] == FREE
+        self.floors = maxima(is_free.astype(np.uint8), LEVELS)
+        """Maxima of where a robot may stand, in the same cells."""
 
 
 @kernel
@@ -88,7 +89,7 @@ def _is_clear(
     """Return True if a ray meets no surface for so long [m]; each step is as long as nothing is near."""
     driven = 0.0
     while driven < length:
-        away = _distance_at(field, x + driven * across, y + driven * up)[0]
+        away, _ = _distance_at(field, x + driven * across, y + driven * up)
         if away < 0.5 * field.cell:
             return False
         driven += max(away - field.cell, 0.5 * field.cell)
@@ -145,9 +146,8 @@ def explain_scan(
         up = sin * beams.directions[i, 0] + cos * beams.directions[i, 1]
         if r > beams.usable or r >= beams.range_max:
             # Something should have returned it.
-            if beams.no_return_clears and not _is_clear(
-                field, x0, y0, across, up, TRACE_SHARE * beams.usable
-            ):
+            length = TRACE_SHARE * beams.usable
+            if beams.no_return_clears and not _is_clear(field, x0, y0, across, up, length):
                 missed += 1
         elif r >= beams.range_min:
             away, is_unknown = _distance_at(field, x0 + r * across, y0 + r * up)
@@ -159,7 +159,8 @@ def explain_scan(
                 unknown += 1
             else:
                 missed += 1
+    against = MISS_NATS * (missed + near)
     known = explained + missed
-    return MISS_NATS * (missed + near), explained / known if known > LEAST_KNOWN * (
-        known + unknown
-    ) else -1.0
+    if known > LEAST_KNOWN * (known + unknown):
+        return against, explained / known
+    return against, -1.0

@@ -24,13 +24,13 @@ from slamgym.slam.localization.known_map import KnownMap
 from slamgym.slam.localization.seeker import Seeker, distinct
 from slamgym.slam.mapper import Mapper
 
-THRESHOLDS = 0.1, 0.1, math.inf
+THRESHOLDS = (0.1, 0.1, math.inf)
 """A scan is processed after this distance [m] (AMCL's ``update_min_d``; 0.25 in Nav2) or this turn [rad]
 (``update_min_a``; 0.2), however long it takes."""
 TURN_METRES = 1.0 / math.pi
 """Driven distance to which a radian of turning is equal [m]: half a turn is a metre."""
 
-START_SPREAD = 0.5, 0.5, 0.26
+START_SPREAD = (0.5, 0.5, 0.26)
 """Standard deviations of a known start [m], [m], [rad] (the roots of AMCL's ``initial_cov_xx``, ``_yy``, ``_aa``)."""
 MOST_BEAMS = 60
 """Beams of a scan that weigh a hypothesis (``laser_max_beams``; 30 in AMCL's launch file, 60 in Nav2)."""
@@ -66,7 +66,8 @@ class MapLocalizer(Mapper):
         self._hypotheses: list[Hypothesis] = []
         if settings.start == "known":
             first = Hypothesis.around(np.array(initial_pose, dtype=np.float64), START_SPREAD)
-            first.led, first.was_sure = math.inf, True
+            first.led = math.inf
+            first.was_sure = True
             self._hypotheses.append(first)
         start = initial_pose if self._hypotheses else Pose2D(0.0, 0.0, 0.0)
         self._seeker = Seeker(self._known_map, self._beams, MOST_BEAMS)
@@ -76,7 +77,8 @@ class MapLocalizer(Mapper):
         self._path = Columns(
             {"ranges": np.float32}, stamps=(), poses=(3,), ranges=(geometry.num_beams,)
         )
-        self._drawn = self._sure = 0  # scans drawn, and scans until the robot was last localised
+        self._drawn = 0  # scans drawn
+        self._sure = 0  # scans until the robot was last localised
 
     @property
     def pose(self) -> Pose2D:
@@ -108,21 +110,25 @@ class MapLocalizer(Mapper):
     def _move_unsure(self, shift: Pose2D) -> None:
         """Put the scans since the robot was sure of its place at another one."""
         poses = self._path["poses"]
-        unsure = slice(self._sure, self._drawn)
-        self._map.draw(poses[unsure], self._path["ranges"][unsure], sign=-1)
+        ranges = self._path["ranges"]
+        drawn = slice(self._sure, self._drawn)
+        self._map.draw(poses[drawn], ranges[drawn], sign=-1)
         self._drawn = min(self._drawn, self._sure)
-        poses[self._sure :] = transform_poses(shift, poses[self._sure :])
+        unsure = poses[self._sure :]
+        unsure[:] = transform_poses(shift, unsure)
 
     def _draw_path(self) -> None:
-        self._map.draw(self._path["poses"][self._drawn :], self._path["ranges"][self._drawn :])
+        poses = self._path["poses"]
+        ranges = self._path["ranges"]
+        self._map.draw(poses[self._drawn :], ranges[self._drawn :])
         self._drawn = len(self._path)
 
     def _localize(self, increments: FloatArray, scan: LaserScan) -> None:
         """Take a scan and the motion (steps, 3) since the one before, in the robot frame."""
         step = self._wheels.step(increments)
-        driven = float(
-            np.hypot(*increments[:, :2].T).sum() + TURN_METRES * np.abs(increments[:, 2]).sum()
-        )
+        distance = np.hypot(increments[:, 0], increments[:, 1]).sum()
+        turned = np.abs(increments[:, 2]).sum()
+        driven = float(distance + TURN_METRES * turned)
         cloud = self._cloud(scan)
         was_localised = self.belief.state == "localised"
         for hypothesis in self._hypotheses:
@@ -130,23 +136,27 @@ class MapLocalizer(Mapper):
         self._seeker.append(step.moved, driven, scan.ranges, cloud)
         if len(cloud) >= FEW_POINTS:
             self._hypotheses += self._seeker.find(self._hypotheses, was_localised)
-            every = min(len(self._hypotheses), max(1, len(cloud) // MOST_BEAMS))
-            points, sides = (np.ascontiguousarray(part) for part in np.hsplit(cloud[::every], [2]))
-            for hypothesis in self._hypotheses:
-                hypothesis.align(self._known_map.surfaces, points, sides)
-                # A place that was sure may lead out of the map; one that is sought must lie on it.
-                against, fit = self._seeker.evidence(
-                    hypothesis.pose, scan.ranges, hypothesis.was_sure
-                )
-                hypothesis.log_weight -= against
-                if fit >= 0.0:
-                    hypothesis.fit += FIT_MEMORY * (fit - hypothesis.fit)
+            self._correct(cloud, scan)
         self._hypotheses = distinct(self._hypotheses)
         self.belief = believe(
             scan.stamp, driven, self._hypotheses, self.belief.pose, self._settings
         )
         if was_localised and self.belief.state != "localised":
             self._seeker.forget()
+
+    def _correct(self, cloud: FloatArray, scan: LaserScan) -> None:
+        """Align and weigh the hypotheses by a scan and its end points with their sides (n, 5)."""
+        stride = min(len(self._hypotheses), max(1, len(cloud) // MOST_BEAMS))
+        points = np.ascontiguousarray(cloud[::stride, :2])
+        sides = np.ascontiguousarray(cloud[::stride, 2:])
+        for hypothesis in self._hypotheses:
+            hypothesis.align(self._known_map.surfaces, points, sides)
+            # A place that was sure may lead out of the map; one that is sought must lie on it.
+            excuses = hypothesis.was_sure
+            against, fit = self._seeker.evidence(hypothesis.pose, scan.ranges, excuses)
+            hypothesis.log_weight -= against
+            if fit >= 0.0:
+                hypothesis.fit += FIT_MEMORY * (fit - hypothesis.fit)
 
     def _cloud(self, scan: LaserScan) -> FloatArray:
         """End points (n, 5) in the robot frame, with their sides."""

@@ -60,11 +60,13 @@ def localize_log(
             processed.append(index)
         if localizer.belief.state == "localised":
             path.append([record.stamp, *compose(placement, localizer.pose)])
-    stamps, poses = np.hsplit(np.array(path).reshape(-1, 4), [1])
-    searches = localizer.report()["searches"]
-    cpu_seconds = localizer.stats.cpu_seconds
+    rows = np.array(path).reshape(-1, 4)
     return LocalizationResult(
-        beliefs, processed, Trajectory(stamps[:, 0], poses), searches, cpu_seconds
+        beliefs=beliefs,
+        processed=processed,
+        trajectory=Trajectory(rows[:, 0], rows[:, 1:]),
+        searches=localizer.report()["searches"],
+        cpu_seconds=localizer.stats.cpu_seconds,
     )
 
 
@@ -72,19 +74,21 @@ def _localizer(
     log: Log, grid: OccupancyGrid, config: LocalizationConfig, start: Pose2D | None = None
 ) -> MapLocalizer:
     """A localizer for a log, from a known start or none."""
+    geometry = log.geometry
     config = replace(config, start="global" if start is None else "known")
-    mapping = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    mapping = SlamConfig.for_log(geometry.range_max, geometry.num_beams)
     mapping = replace(mapping, localization=config)
     unused = np.random.default_rng(0)
-    return MapLocalizer(mapping, log.geometry, start or Pose2D(0.0, 0.0, 0.0), unused, grid)
+    return MapLocalizer(mapping, geometry, start or Pose2D(0.0, 0.0, 0.0), unused, grid)
 
 
 def _placed(belief: Belief, placement: Pose2D) -> Belief:
     """A belief in the frame of a map that is turned."""
+    hypotheses = [(compose(placement, pose), weight) for pose, weight in belief.hypotheses]
     return belief._replace(
         pose=compose(placement, belief.pose),
         covariance=turned_matrix(belief.covariance, placement.theta),
-        hypotheses=tuple((compose(placement, pose), weight) for pose, weight in belief.hypotheses),
+        hypotheses=tuple(hypotheses),
     )
 
 
@@ -117,19 +121,29 @@ def continue_map(
     # Maps of others may lie between the cells of our lattice: mapping is done on it, and what comes out moved back.
     corner = np.array([grid.frame.origin_x, grid.frame.origin_y, 0.0])
     away = corner - step * np.round(corner / step)
-    older = OlderMap(_moved(grid, -away), Pose2D(*(np.array(start) - away).tolist()))
+    on_lattice = Pose2D(*(np.array(start) - away).tolist())
+    older = OlderMap(_moved_map(grid, -away), on_lattice)
     result = replay(log, config, rng, on_scan, older)
-    paths = result.processed, result.trajectory, result.moments
-    processed, trajectory, moments = (Trajectory(path.stamps, path.poses + away) for path in paths)
-    moved = _moved(result.grid, away)
-    return replace(result, grid=moved, processed=processed, trajectory=trajectory, moments=moments)
+    return replace(
+        result,
+        grid=_moved_map(result.grid, away),
+        processed=_moved_path(result.processed, away),
+        trajectory=_moved_path(result.trajectory, away),
+        moments=_moved_path(result.moments, away),
+    )
 
 
-def _moved(grid: OccupancyGrid, by: FloatArray) -> OccupancyGrid:
+def _moved_map(grid: OccupancyGrid, by: FloatArray) -> OccupancyGrid:
+    """A map that lies elsewhere, by (3,) [m]."""
     frame = grid.frame
-    origin_x = frame.origin_x + float(by[0])
-    origin_y = frame.origin_y + float(by[1])
-    return OccupancyGrid(grid.cells, frame._replace(origin_x=origin_x, origin_y=origin_y))
+    x = frame.origin_x + float(by[0])
+    y = frame.origin_y + float(by[1])
+    return OccupancyGrid(grid.cells, frame._replace(origin_x=x, origin_y=y))
+
+
+def _moved_path(path: Trajectory, by: FloatArray) -> Trajectory:
+    """A path that lies elsewhere, by (3,) [m]."""
+    return Trajectory(path.stamps, path.poses + by)
 
 
 def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig) -> Pose2D:
@@ -142,10 +156,11 @@ def first_pose(log: Log, grid: OccupancyGrid, config: LocalizationConfig) -> Pos
     """
     strict = replace(config, confirm_distance=max(config.confirm_distance, SURE_DISTANCE))
     ahead = _localizer(log, grid, strict)
-    processed = (
-        i for i, record in enumerate(log.records) if ahead.update(record.odometry, record.scan)
-    )
-    found = next((index for index in processed if ahead.belief.state == "localised"), None)
+    found: int | None = None
+    for index, record in enumerate(log.records):
+        if ahead.update(record.odometry, record.scan) and ahead.belief.state == "localised":
+            found = index
+            break
     if found is None:
         raise SlamgymError(
             f"{log.source}: never finds itself on the map to continue (at the end: {ahead.belief.state}, "

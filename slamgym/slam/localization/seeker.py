@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,9 +20,11 @@ NEGLIGIBLE = 15.0
 """A hypothesis so much below the best one in log-weight is given up."""
 MOST_SCANS_COUNTED = 10
 """Scans of the memory that count in the comparison of a new place with those followed."""
-SEARCH_METRES, CHECK_METRES = 2.0, 5.0
-"""A search is repeated after so much driving while the robot isn't localised, and while it is, to see whether another
-place explains more [m]."""
+SEARCH_METRES = 2.0
+"""A search is repeated after so much driving while the robot isn't localised [m]."""
+CHECK_METRES = 5.0
+"""A search is repeated after so much driving while the robot is localised, to see whether another place explains more
+[m]."""
 JUMP_COST = 10.0
 """Log-weight that a new place begins behind the one that is followed: robots are seldom carried off."""
 MOST_PROOF = 5.0
@@ -29,8 +32,18 @@ MOST_PROOF = 5.0
 MEMORY_METRES = 3.0
 """A search takes the scans of the last metres together, a view that fewer places share than a single scan."""
 CLOUD_POINTS = 150
-SEED_SPREAD = 0.1, 0.1, 0.05
+"""A search takes no more points than this."""
+SEED_SPREAD = (0.1, 0.1, 0.05)
 """Spread of a place that a search has found [m], [m], [rad]."""
+
+
+class RememberedScan(NamedTuple):
+    """A scan of the last metres."""
+
+    way: float  # driven until then in all [m]
+    pose: FloatArray  # (3,) by odometry
+    ranges: Float32Array  # (num_beams,) [m]
+    cloud: FloatArray  # (n, 5) end points with sides in the robot frame
 
 
 class Seeker:
@@ -48,8 +61,7 @@ class Seeker:
         self._step = max(1, len(beams.directions) // max_beams)
         self._pose = np.zeros(3)  # by odometry
         self._way = 0.0  # driven in all
-        # The latest: those two, ranges (num_beams,), and end points with sides (n, 5) in the robot frame.
-        self._scans: list[tuple[float, FloatArray, Float32Array, FloatArray]] = []
+        self._scans: list[RememberedScan] = []  # the latest
         self._searched = -math.inf  # way at the last search
         self.searches = 0
         """Searches so far."""
@@ -67,8 +79,8 @@ class Seeker:
         """
         self._pose = moved_by(self._pose, motion)
         self._way += driven
-        self._scans.append((self._way, self._pose, ranges.copy(), cloud))
-        while self._way - self._scans[0][0] > MEMORY_METRES:
+        self._scans.append(RememberedScan(self._way, self._pose, ranges.copy(), cloud))
+        while self._way - self._scans[0].way > MEMORY_METRES:
             del self._scans[0]
 
     def forget(self) -> None:
@@ -95,55 +107,66 @@ class Seeker:
             More places. Each begins with the weight that the scans give it relative to the best hypothesis, less what
             it costs to have been missed so far: nothing where that one may lie as well.
         """
-        if self._way - self._searched < (CHECK_METRES if is_localised else SEARCH_METRES):
+        interval = CHECK_METRES if is_localised else SEARCH_METRES
+        if self._way - self._searched < interval:
             return []
         self.searches += 1
         self._searched = self._way
         points, sides = self._cloud()
         rivals = np.array([hypothesis.pose for hypothesis in hypotheses[1:]]).reshape(-1, 3)
+        unknown = np.zeros((3, 3))
         found = []
         for place in find_places(self._known, points):
-            pose = self._known.surfaces.align(points, sides, place, place, np.zeros((3, 3))).pose
-            if not is_same(rivals, pose).any():
-                found.append(Hypothesis.around(pose, SEED_SPREAD))
-                if hypotheses:
-                    self._compare(found[-1], hypotheses[0])
+            placed = self._known.surfaces.align(points, sides, place, place, unknown)
+            if is_same(rivals, placed.pose).any():
+                continue
+            new = Hypothesis.around(placed.pose, SEED_SPREAD)
+            if hypotheses:
+                self._compare(new, hypotheses[0])
+            found.append(new)
         return found
 
     def _compare(self, new: Hypothesis, best: Hypothesis) -> None:
         """Give a new place its weight, and what it must prove."""
-        against = self._remembered(new.pose, False) - self._remembered(best.pose, best.was_sure)
+        against_new = self._remembered(new.pose, excuses=False)
+        against_best = self._remembered(best.pose, excuses=best.was_sure)
         known = inverted(best.covariance[:3, :3])
         jump = min(0.5 * chi_squared(new.pose, best.pose, known), JUMP_COST)
-        new.log_weight = best.log_weight - max(against, 0.0) - (jump if best.was_sure else 0.0)
-        new.proof = min(2.0 * best.proof, MOST_PROOF) if best.was_sure else best.proof
+        new.log_weight = best.log_weight - max(against_new - against_best, 0.0)
+        new.proof = best.proof
+        if best.was_sure:
+            new.log_weight -= jump
+            new.proof = min(2.0 * best.proof, MOST_PROOF)
         if jump < JUMP_COST:
             new.inherit(best)
 
     def _cloud(self) -> tuple[FloatArray, FloatArray]:
         """End points in the robot's present frame, at most one in a cell, (n, 2), and their sides (n, 3)."""
         clouds = []
-        for _, pose, _, cloud in self._scans:
-            x, y, turn = seen_from(self._pose, pose)
-            vectors = np.ascontiguousarray(cloud[:, :4]).view(np.complex128) * np.exp(1j * turn)
-            vectors[:, 0] += complex(x, y)
-            clouds.append(np.hstack([vectors.view(np.float64), cloud[:, 4:]]))
+        for scan in self._scans:
+            x, y, turn = seen_from(self._pose, scan.pose)
+            # Points and sides as complex numbers.
+            vectors = np.ascontiguousarray(scan.cloud[:, :4]).view(np.complex128)
+            turned = vectors * np.exp(1j * turn)
+            turned[:, 0] += complex(x, y)
+            clouds.append(np.hstack([turned.view(np.float64), scan.cloud[:, 4:]]))
         cloud = np.concatenate(clouds)
-        _, kept = np.unique(
-            np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64), axis=0, return_index=True
-        )
-        cloud = cloud[
-            np.sort(kept)[np.linspace(0, len(kept) - 1, min(len(kept), CLOUD_POINTS)).astype(int)]
-        ]
-        return np.ascontiguousarray(cloud[:, :2]), np.ascontiguousarray(cloud[:, 2:])
+        cells = np.floor(cloud[:, :2] / SUBMAP_CELL).astype(np.int64)
+        _, first_in_cell = np.unique(cells, axis=0, return_index=True)
+        count = len(first_in_cell)
+        spread = np.linspace(0, count - 1, min(count, CLOUD_POINTS)).astype(int)
+        kept = cloud[np.sort(first_in_cell)[spread]]
+        return np.ascontiguousarray(kept[:, :2]), np.ascontiguousarray(kept[:, 2:])
 
     def _remembered(self, pose: FloatArray, excuses: bool) -> float:
         """Evidence of some of the latest scans against a pose (3,) of the robot now."""
-        step = -(-len(self._scans) // MOST_SCANS_COUNTED)
-        return sum(
-            self.evidence(moved_by(pose, seen_from(self._pose, then)), ranges, excuses)[0]
-            for _, then, ranges, _ in self._scans[::-step]
-        )
+        step = math.ceil(len(self._scans) / MOST_SCANS_COUNTED)
+        total = 0.0
+        for scan in self._scans[::-step]:
+            then = moved_by(pose, seen_from(self._pose, scan.pose))
+            against, _ = self.evidence(then, scan.ranges, excuses)
+            total += against
+        return total
 
 
 def distinct(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
@@ -153,7 +176,8 @@ def distinct(hypotheses: Sequence[Hypothesis]) -> list[Hypothesis]:
     for hypothesis in ranked[:MOST_HYPOTHESES]:
         if hypothesis.log_weight < ranked[0].log_weight - NEGLIGIBLE:
             break
-        same = is_same(np.array([other.pose for other in kept]).reshape(-1, 3), hypothesis.pose)
+        poses = np.array([other.pose for other in kept]).reshape(-1, 3)
+        same = is_same(poses, hypothesis.pose)
         if same.any():
             winner = kept[int(np.argmax(same))]
             if hypothesis.led > winner.led:
