@@ -62,8 +62,8 @@ class Robot(NamedTuple):
 class KernelTarget(NamedTuple):
     """What kernels that map observe, and where they write it: the last arguments of :func:`sense_all`."""
 
-    view: tuple[float, Any]
-    out: Any
+    view: tuple[float, Any]  # side and limits of a compact observation, or points of a crop
+    out: Any  # one row for each robot
 
 
 class Fleet:
