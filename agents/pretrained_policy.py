@@ -34,7 +34,7 @@ from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 
 _SPACE = {
-    "env": "slamgym/ExploreFrontiers-v1",  # the first id with these observations
+    "env": "slamgym/ExploreFrontiers",
     "feature_version": FEATURE_VERSION,
     "candidate_features": list(CANDIDATE_FEATURES),
     "global_features": list(GLOBAL_FEATURES),
@@ -162,9 +162,15 @@ def read_weights(
     for one, mine in zip(theirs, description, strict=True):
         _refuse_other_space(path, one, mine)
     for name, shape in shapes.items():
-        if name not in weights or weights[name].shape != shape:
-            there = f"has shape {weights[name].shape}" if name in weights else "is missing"
-            raise InputFileError(path, f"{name} {there} where its configuration asks for {shape}")
+        if name not in weights:
+            raise InputFileError(
+                path, f"{name} is missing where its configuration asks for {shape}"
+            )
+        found_shape = weights[name].shape
+        if found_shape != shape:
+            raise InputFileError(
+                path, f"{name} has shape {found_shape} where its configuration asks for {shape}"
+            )
     return weights, about
 
 
@@ -177,19 +183,23 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
     if not isinstance(theirs, dict):
         raise InputFileError(path, "doesn't say which observations it was trained on")
     for name, mine in ours.items():
-        their = theirs.get(name, mine)  # what older files don't tell was never different
+        their = theirs.get(name)
         if their == mine:
             continue
         if isinstance(mine, list):
             count = len(their) if isinstance(their, list) else "no"
             their = f"{count} features"
             mine = f"{len(mine)}, or others"
-        fix = "train again or use the version it was made with"
         if name == "env":
-            fix = "rl:FILE takes frontier policies, wheels:FILE drivers of the wheels"
+            raise InputFileError(
+                path,
+                f"was trained on another observation space (env {their}, this version has {mine}); "
+                "rl:FILE takes frontier policies, wheels:FILE drivers of the wheels",
+            )
         raise InputFileError(
             path,
-            f"was trained on another observation space ({name} {their}, this version has {mine}); {fix}",
+            f"was trained on another observation space ({name} {their}, this version has {mine}); "
+            "train again or use the version it was made with",
         )
 
 

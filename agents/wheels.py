@@ -36,7 +36,7 @@ _EPSILON = 1e-8
 _SMALLEST_FRONTIER = 0.5
 """Shorter frontiers don't keep it driving [m]."""
 _SPACE = {
-    "env": "slamgym/Explore-v1",  # the first id with these observations
+    "env": "slamgym/Explore",
     "preset": "compact_far",
     "blocks": BLOCKS,
     "ranges": SCAN_SECTORS,

@@ -28,7 +28,10 @@ DeviceName = Literal["auto", "cpu", "cuda", "mps"]
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3, "layers": 4}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
 
-MIN_RESOLUTION, MAX_SIZE = 8, 1024
+MIN_RESOLUTION = 8
+"""Smallest side of an image [px]."""
+MAX_SIZE = 1024
+"""Largest side of an image [px]."""
 MAX_WIDTH = 1_000_000
 """Channels that settings in a file of unknown origin may ask for."""
 FOLD = 2
@@ -50,11 +53,7 @@ class Stage(NamedTuple):
     """Batch during the fade-in; 0 takes ``batch``."""
 
 
-class GeneratorConfig(
-    Settings,
-    section="generator",
-    dropped={"fold": 2, "displacement": False, "max_displacement_px": 8.0},
-):
+class GeneratorConfig(Settings, section="generator"):
     """The network that computes the translation."""
 
     kind: Literal["progressive", "residual"] = "progressive"
@@ -76,7 +75,7 @@ class DiscriminatorConfig(Settings, section="discriminator"):
     make up nine tenths of its cost."""
 
 
-class LossConfig(Settings, section="loss", dropped={"wall_weight": 6.0}):
+class LossConfig(Settings, section="loss"):
     """Weights of the terms; a term of weight 0 isn't computed."""
 
     adversarial: NonNegative = 1.0
@@ -87,7 +86,7 @@ class LossConfig(Settings, section="loss", dropped={"wall_weight": 6.0}):
     """Cross entropy of the layers, per pixel, and Dice: overlap of the free space and of what isn't free."""
 
 
-class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
+class OptimiserConfig(Settings, section="optimiser"):
     """Adam, one for each network."""
 
     learning_rate: Positive = 2e-4
@@ -109,11 +108,7 @@ class OptimiserConfig(Settings, section="optimiser", dropped={"beta2": 0.99}):
             )
 
 
-class TranslatorConfig(
-    Settings,
-    section="translator",
-    dropped={"tile_size": 0, "explored_margin": 0.0, "face_shift": 0.0, "flips": 1},
-):
+class TranslatorConfig(Settings, section="translator"):
     """Settings for using a trained generator: stored with the weights."""
 
     direction: Direction = "slam2cad"
@@ -145,13 +140,14 @@ class TranslatorConfig(
                 raise ConfigError(
                     "the residual generator works at the input's size: set output_size to it"
                 )
-            if self.input_size // FOLD >> self.generator.depth < 2:
+            folded = self.input_size // FOLD
+            if folded >> self.generator.depth < 2:
                 raise ConfigError(
                     f"generator.depth {self.generator.depth} is too much for {self.input_size} px"
                 )
 
 
-class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
+class TranslatorTrainingConfig(Settings):
     """Everything that decides what a training run makes, apart from the images."""
 
     preset: str = "model32"
@@ -160,7 +156,7 @@ class TranslatorTrainingConfig(Settings, dropped={"validation": 0.04}):
     loss: LossConfig = field(default_factory=LossConfig)
     augment: bool = False
     """Cut windows, zoom and turn them, and give the SLAM map alone what clean simulation lacks: drift, double walls,
-    gaps, coarse cells (:mod:`slamgym.gan.training.sampler` has the amounts). Else pairs are flipped only."""
+    gaps, coarse cells (:mod:`slamgym.gan.training.augmentation` has the amounts). Else pairs are flipped only."""
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     stages: tuple[Stage, ...] = (Stage(32, 750.0, 64),)
     """From coarse to fine."""

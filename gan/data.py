@@ -30,6 +30,9 @@ from slamgym.gan.encoding import resample_grey
 from slamgym.metrics.layers import USUAL_SCALE
 from slamgym.metrics.maps import resample_slam
 
+MAX_COLOUR = 8
+"""A picture is grey if the channels of no pixel differ by more."""
+
 
 @dataclass(frozen=True)
 class PairSet:
@@ -51,7 +54,8 @@ class PairSet:
 
     def usual_scale(self, index: int) -> float:
         """Metres per pixel of one pair; that of most rendered homes if they aren't known."""
-        return self.scale(index) if math.isfinite(self.scale(index)) else USUAL_SCALE
+        known = self.scale(index)
+        return known if math.isfinite(known) else USUAL_SCALE
 
     def subset(self, indices: Sequence[int] | IntArray) -> "PairSet":
         """The pairs with these indices."""
@@ -68,14 +72,15 @@ class PairSet:
         """The pairs cut to windows of this side [px] about the middle of what their SLAM maps show."""
         if len(self) == 0 or self.cad.shape[1] <= side:
             return self
-        cut = []
+        cads = []
+        slams = []
         for cad, slam in zip(self.cad, self.slam, strict=True):
             known = np.argwhere(slam != UNKNOWN)
             middle = known.mean(axis=0).astype(int) if len(known) else (0, 0)
             row, col = window_corner(slam, side, middle)
             window = slice(row, row + side), slice(col, col + side)
-            cut.append((cad[window], slam[window]))
-        cads, slams = zip(*cut, strict=True)
+            cads.append(cad[window])
+            slams.append(slam[window])
         return replace(self, cad=np.stack(cads), slam=np.stack(slams))
 
     def split(self, share: float) -> tuple["PairSet", "PairSet"]:
@@ -84,8 +89,10 @@ class PairSet:
         Returns:
             (the rest, the held-out ones).
         """
-        is_out = np.array([_place(plan) < share for plan in self.plan_ids], dtype=np.bool_)
-        return self.subset(np.flatnonzero(~is_out)), self.subset(np.flatnonzero(is_out))
+        places = np.array([_place(plan) for plan in self.plan_ids], dtype=np.float64)
+        rest = np.flatnonzero(places >= share)
+        held_out = np.flatnonzero(places < share)
+        return self.subset(rest), self.subset(held_out)
 
     def scale_percentiles(self) -> tuple[float, float, float] | None:
         """5th, 50th and 95th percentile of the metres per pixel; None if they aren't known."""
@@ -98,7 +105,9 @@ class PairSet:
 
 def window_corner(image: ByteArray, side: int, centre: ArrayLike) -> tuple[int, int]:
     """First row and column of a window of this side about a place, moved as far as it takes to lie in the image."""
-    row, col = np.clip(np.subtract(centre, side // 2), 0, np.subtract(image.shape, side)).tolist()
+    wanted = np.subtract(centre, side // 2)
+    last = np.subtract(image.shape, side)
+    row, col = np.clip(wanted, 0, last).tolist()
     return row, col
 
 
@@ -123,9 +132,11 @@ def load_pairs(root: Path | str, split: str, size: int) -> PairSet:
     for index, name in enumerate(names):
         a, b = (read_grey(path) for path in files[name])
         side = _check_shapes(files[name], a, b, side)
-        cad[index], slam[index] = resample_grey(a, (size, size)), resample_slam(b, (size, size))
+        cad[index] = resample_grey(a, (size, size))
+        slam[index] = resample_slam(b, (size, size))
     known = [recorded.get(name, _Recorded(name, name, math.nan)) for name in names]
-    scales = np.array([record.metres_per_px * (side or size) / size for record in known])
+    read_side = side or size
+    scales = np.array([record.metres_per_px * read_side / size for record in known])
     plans = tuple(record.group for record in known)
     return PairSet(cad, slam, tuple(names), plans, scales)
 
@@ -145,21 +156,24 @@ def load_training_pairs(roots: Sequence[Path | str], size: int) -> PairSet:
     if len(roots) == 1:
         return load_pairs(roots[0], "train", size)
     folders = [(Path(root), _manifest(Path(root))) for root in roots]
-    tested = {
-        plan
-        for root, recorded in folders
-        for name in _test_names(root)
-        for plan in _plans_of(name, recorded)
-    }
+    tested: set[str] = set()
+    for root, recorded in folders:
+        for name in _test_names(root):
+            tested |= _plans_of(name, recorded)
     parts = []
     for root, recorded in folders:
         pairs = load_pairs(root, "train", size)
-        kept = [
-            i for i, name in enumerate(pairs.names) if tested.isdisjoint(_plans_of(name, recorded))
-        ]
+        kept = []
+        for index, name in enumerate(pairs.names):
+            if tested.isdisjoint(_plans_of(name, recorded)):
+                kept.append(index)
         if not kept:
             raise InputFileError(root, "has only plans that are on the test side of another folder")
         parts.append(pairs.subset(kept))
+    return _joined(parts)
+
+
+def _joined(parts: Sequence[PairSet]) -> PairSet:
     return PairSet(
         np.concatenate([part.cad for part in parts]),
         np.concatenate([part.slam for part in parts]),
@@ -186,12 +200,14 @@ def describe_data(roots: Sequence[Path]) -> str:
         ConfigError: If they are of several editions.
         InputFileError: If a config.json is malformed.
     """
-    editions, described = set(), []
+    editions = set()
+    described = []
     for root in roots:
         manifest = root / "manifest.jsonl"
         facts = []
-        if (settings := _settings(root)).get("dataset"):
-            edition = settings["dataset"].get("edition", 1)  # the first wrote no number
+        dataset = _settings(root).get("dataset")
+        if dataset:
+            edition = dataset.get("edition")
             editions.add(edition)
             facts.append(f"edition {edition}")
         if manifest.is_file():
@@ -208,9 +224,12 @@ def describe_data(roots: Sequence[Path]) -> str:
 def _settings(root: Path | str) -> dict[str, Any]:
     """What a folder's config.json says of its images and their dataset; empty without one."""
     path = Path(root) / "config.json"
-    settings = read_json(path) if path.is_file() else None
-    parts = settings.items() if isinstance(settings, dict) else ()
-    return {name: part for name, part in parts if isinstance(part, dict)}
+    if not path.is_file():
+        return {}
+    settings = read_json(path)
+    if not isinstance(settings, dict):
+        return {}
+    return {name: part for name, part in settings.items() if isinstance(part, dict)}
 
 
 def read_grey(path: Path) -> ByteArray:
@@ -224,16 +243,23 @@ def read_grey(path: Path) -> ByteArray:
         raise InputFileError(
             path, f"has pixels of type {image.dtype}; save it with 8 bits per channel"
         )
-    if image.ndim == 3 and np.ptp(image[:, :, :3], axis=2).max() > 8 and image.shape[2] > 2:
+    if image.ndim == 3 and image.shape[2] > 2 and _colourfulness(image) > MAX_COLOUR:
         raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
     return grey_picture(image)[0]
+
+
+def _colourfulness(image: ByteArray) -> int:
+    """Largest difference between red, green and blue of a pixel; a fourth channel is alpha."""
+    return int(np.ptp(image[:, :, :3], axis=2).max())
 
 
 def image_side(root: Path | str, split: str) -> int:
     """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
     folder = Path(root) / split / "A"
-    images = sorted((folder if folder.is_dir() else Path(root) / "A").glob("*.png"))
-    return int(read_grey(images[0]).shape[0]) if images else 256
+    if not folder.is_dir():
+        folder = Path(root) / "A"
+    images = sorted(folder.glob("*.png"))
+    return len(read_grey(images[0])) if images else 256
 
 
 def _split_folder(root: Path, split: str) -> Path:
@@ -256,15 +282,18 @@ def _split_folder(root: Path, split: str) -> Path:
 
 def _matched(folder: Path) -> dict[str, tuple[Path, Path]]:
     """Files of both sides by name."""
-    sides = [_images(folder / side) for side in ("A", "B")]
-    lonely = sorted(sides[0].keys() ^ sides[1].keys())
+    cads = _images(folder / "A")
+    slams = _images(folder / "B")
+    lonely = sorted(cads.keys() ^ slams.keys())
     if lonely:
-        side, other = ("A", "B") if lonely[0] in sides[0] else ("B", "A")
-        first = f"the first is {side}/{lonely[0]} without {other}/{lonely[0]}"
+        first = lonely[0]
+        side, other = ("A", "B") if first in cads else ("B", "A")
         raise InputFileError(
-            folder, f"holds images without a counterpart, {len(lonely)} of them; {first}"
+            folder,
+            f"holds images without a counterpart, {len(lonely)} of them; "
+            f"the first is {side}/{first} without {other}/{first}",
         )
-    return {name: (sides[0][name], sides[1][name]) for name in sides[0]}
+    return {name: (cads[name], slams[name]) for name in cads}
 
 
 def _images(folder: Path) -> dict[str, Path]:
@@ -288,9 +317,11 @@ def _check_shapes(paths: tuple[Path, Path], a: ByteArray, b: ByteArray, side: in
     if a.shape[0] != a.shape[1]:
         raise InputFileError(paths[0], f"has shape {a.shape}; training images are square")
     if side is not None and a.shape[0] != side:
-        what = f"has {a.shape[0]} px a side but the images before it {side}"
-        raise InputFileError(paths[0], f"{what}; render all at one size")
-    return int(a.shape[0])
+        raise InputFileError(
+            paths[0],
+            f"has {a.shape[0]} px a side but the images before it {side}; render all at one size",
+        )
+    return len(a)
 
 
 class _Recorded(NamedTuple):
@@ -315,7 +346,8 @@ def _manifest(root: Path) -> dict[str, _Recorded]:
             scale = float(values["metres_per_px"])
             if not 0.0 < scale < math.inf:
                 raise ValueError(f"metres_per_px is {scale}")
-            recorded[str(values["name"])] = _Recorded(plan, str(values.get("group") or plan), scale)
+            group = str(values.get("group") or plan)
+            recorded[str(values["name"])] = _Recorded(plan, group, scale)
         except (ValueError, TypeError, KeyError, AttributeError, OverflowError) as error:
             raise InputFileError(where, f"is not a record of an image pair ({error})") from error
     return recorded
@@ -324,12 +356,17 @@ def _manifest(root: Path) -> dict[str, _Recorded]:
 def _test_names(root: Path) -> list[str]:
     """Names of the pairs on the test side; none without images there."""
     folder = root / "test" / "A"
-    return list(_images(folder)) if folder.is_dir() and any(folder.iterdir()) else []
+    if not folder.is_dir() or not any(folder.iterdir()):
+        return []
+    return list(_images(folder))
 
 
 def _plans_of(name: str, recorded: dict[str, _Recorded]) -> set[str]:
     """Names of a pair's plan and of its group."""
-    return set(recorded[name][:2]) if name in recorded else {name}
+    if name not in recorded:
+        return {name}
+    record = recorded[name]
+    return {record.plan, record.group}
 
 
 def _place(plan_id: str) -> float:

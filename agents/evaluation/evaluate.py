@@ -88,7 +88,7 @@ class TrialLog(Generic[_Entry]):
         self.trials[trial.key] = trial
 
 
-class EvaluationConfig(Settings, dropped={"bound": {"iterations": 100}}):
+class EvaluationConfig(Settings):
     """Explorers and the plans that they are evaluated on."""
 
     explorers: tuple[str, ...]

@@ -52,7 +52,7 @@ def reward_preset(name: str) -> RewardConfig:
     return REWARD_PRESETS[name]
 
 
-class ShapingConfig(Settings, dropped={"particles": 30}):
+class ShapingConfig(Settings):
     """An experiment."""
 
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)

@@ -58,7 +58,7 @@ WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.2, collision=2.0, compl
 """A point for each new hundredth of the floor, a fifth off per second and two for each control step in contact."""
 
 
-class PPOConfig(Settings, section="ppo", dropped=FIXED_PPO):
+class PPOConfig(Settings, section="ppo"):
     """Proximal policy optimisation (Schulman et al. 2017)."""
 
     n_steps: Count = 128

@@ -78,17 +78,14 @@ class Settings:
 
     Args of a subclass:
         section: What names its settings in errors, as in ``slam.particles``.
-        dropped: Former settings, each with the only value that it still has: files that hold that value are read.
     """
 
     __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
     _section: ClassVar[str]
-    _dropped: ClassVar[Mapping[str, Any]]
 
-    def __init_subclass__(cls, section: str = "", dropped: Mapping[str, Any] | None = None) -> None:
+    def __init_subclass__(cls, section: str = "") -> None:
         super().__init_subclass__()
         cls._section = section
-        cls._dropped = dropped or {}
         dataclasses.dataclass(frozen=True)(cls)
 
     def __post_init__(self) -> None:
@@ -135,11 +132,7 @@ class _Field(NamedTuple):
         """The sentence about a value that doesn't fit what the field declares."""
         choices = [str(choice) for choice in _choices(self.hint)]
         close = difflib.get_close_matches(shown(fault.value).strip("'"), choices, n=1)
-        # A text in ``Annotated`` says what became of a former value.
-        notes = [note for note in getattr(self.hint, "__metadata__", ()) if isinstance(note, str)]
-        advice = (
-            f"; did you mean {close[0]!r}?" if close else "".join(f"; {note}" for note in notes)
-        )
+        advice = f"; did you mean {close[0]!r}?" if close else ""
         return ConfigError(
             f"{name}{fault.place} must be {fault.must_be}, not {shown(fault.value)}{advice}"
         )
@@ -288,9 +281,9 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
 
     Raises:
         ConfigError: If a name is unknown (the error suggests the nearest known one) or one without a default is
-            missing, or a value is refused, or a former setting has another value than the one that it still has.
+            missing, or a value is refused.
     """
-    fields, dropped = _fields(typing.cast(Any, cls)), getattr(cls, "_dropped", {})
+    fields = _fields(typing.cast(Any, cls))
     prefix = f"{where}: " if where else ""
     if not isinstance(values, Mapping):
         raise ConfigError(
@@ -298,15 +291,11 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
         )
     converted = {}
     for name, value in values.items():
-        if name in fields:
-            converted[name] = fields[name].read(value, f"{where}.{name}" if where else name)
-        elif name not in dropped:
+        if name not in fields:
             raise ConfigError(
                 f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), fields)}"
             )
-        elif value != dropped[name]:
-            always = f"is always {shown(dropped[name])} in this version, not {shown(value)}"
-            raise ConfigError(f"{prefix}{name} of {cls.__name__} {always}")
+        converted[name] = fields[name].read(value, f"{where}.{name}" if where else name)
     missing = fields.keys() - converted.keys()
     for entry in dataclasses.fields(typing.cast(Any, cls)) if missing else ():
         is_needed = (

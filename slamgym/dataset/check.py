@@ -32,7 +32,6 @@ from slamgym.dataset.format import (
     require_manifest,
     shard_folders,
 )
-from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.images.format import IMAGES_VERSION, METADATA, SPLITS, ImageLayout, ImageRecord
 from slamgym.dataset.record import PairRecord
 
@@ -73,9 +72,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
     layout = Layout(Path(root))
     require_manifest(layout.manifest, "slamgym generate")
     settings, faults = _read_settings(layout.config, "format_version", FORMAT_VERSION)
-    hashes = {
-        _hash_of(form) for form in (settings, current_settings(settings))
-    }  # it may have been continued
+    expected_hash = _hash_of(settings)
     listed, plans, last = _Listed(layout.manifest), set[str](), -1
     for record in _iterate_records(layout.manifest, PairRecord.from_line, faults):
         faults += listed.add(record, layout.image("B", record.name))
@@ -85,7 +82,7 @@ def check_dataset(root: Path | str, advance: Callable[[], None] = lambda: None) 
             )
         plans.add(record.plan_id)
         last = max(last, record.index)
-        faults += _check_record(layout, record, settings, hashes)
+        faults += _check_record(layout, record, settings, expected_hash)
         for side, values in VALUES.items():
             path = layout.image(side, record.name)
             faults += _check_image(path, side, record.sha256.get(side, ""), record.shape, values)
@@ -229,7 +226,7 @@ def _hash_of(settings: Mapping[str, Any]) -> str:
 
 
 def _check_record(
-    layout: Layout, record: PairRecord, settings: Mapping[str, Any], hashes: Collection[str]
+    layout: Layout, record: PairRecord, settings: Mapping[str, Any], expected_hash: str
 ) -> Iterator[FileFault]:
     """Compare a record with the settings."""
     where = Path(f"{layout.manifest}: {record.name}")
@@ -239,7 +236,7 @@ def _check_record(
         )
     if not settings:
         return
-    if record.config_hash not in hashes:
+    if record.config_hash != expected_hash:
         yield FileFault(where, "was made with other settings than config.json holds")
     if record.seed != exploration_seed(settings.get("seed", 0), record.plan_id, record.repetition):
         yield FileFault(

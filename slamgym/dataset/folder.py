@@ -46,7 +46,6 @@ from slamgym.dataset.format import (
     is_shard_name,
     read_object,
 )
-from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.manifest_file import ManifestFile
 from slamgym.dataset.record import MapPair, Outcome, Slot, make_record
 
@@ -165,7 +164,7 @@ def open_dataset(root: Path, settings: Mapping[str, Any]) -> Iterator[DatasetFol
         root.mkdir(parents=True, exist_ok=True)
     with exclusive_lock(layout.lock):
         # The settings first: by them a folder is known, however early the run is killed.
-        claim_folder(layout.config, settings, "pairs", is_shard_name, current_settings)
+        claim_folder(layout.config, settings, "pairs", is_shard_name)
         for part in (layout.root / "A", layout.root / "B", layout.episodes):
             own_folder(part)
         with storage_errors(root):
@@ -292,7 +291,6 @@ def claim_folder(
     settings: Mapping[str, Any],
     content: str,
     may_hold: Callable[[str], bool] = lambda _: False,
-    as_read: Callable[[Mapping[str, Any]], Mapping[str, Any]] = dict,
 ) -> None:
     """Write the settings into an empty folder, or find that it has them.
 
@@ -301,7 +299,6 @@ def claim_folder(
         settings: What decides the content, in JSON form.
         content: What the folder is for, in the plural: ``pairs``.
         may_hold: Decides by the name what else may lie in a folder without settings.
-        as_read: Gives older settings the form of this version.
 
     Raises:
         ConfigError: If the folder has other settings, or holds something else.
@@ -323,8 +320,8 @@ def claim_folder(
             )
         replace_file(path, (json.dumps(settings, indent=2) + "\n").encode())
         return
-    before, now = as_read(read_object(path)), as_read(json.loads(json.dumps(settings)))
-    changes = list(differences(before, now))
+    as_written = json.loads(json.dumps(settings))
+    changes = list(differences(read_object(path), as_written))
     if changes:
         more = f"; and {len(changes) - _SHOWN} more" if len(changes) > _SHOWN else ""
         raise ConfigError(

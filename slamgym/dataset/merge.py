@@ -19,7 +19,6 @@ from slamgym.dataset.folder import (
     read_times,
 )
 from slamgym.dataset.format import SHARD_NAME, SIDES, Layout, read_dataset_config, shard_folders
-from slamgym.dataset.generate.recipe import current_settings
 from slamgym.dataset.record import PairRecord
 
 
@@ -77,9 +76,7 @@ def merge_shards(root: Path | str) -> MergeReport:
 def _common_settings(shards: list[Path]) -> dict[str, Any]:
     first = read_dataset_config(shards[0])
     for shard in shards[1:]:
-        change = next(
-            differences(current_settings(first), current_settings(read_dataset_config(shard))), None
-        )
+        change = next(differences(first, read_dataset_config(shard)), None)
         if change is not None:
             raise ConfigError(
                 f"{shard}: made with other settings than {shards[0].name} ({change}); remove one"

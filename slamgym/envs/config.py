@@ -89,9 +89,7 @@ class ObservationConfig(Settings, section="observation"):
         return GridFrame(self.map_resolution, origin, origin, 2 * half, 2 * half)
 
 
-class ExploreConfig(
-    Settings, dropped={"min_frontier_size": 0.35, "map_update_interval": MAP_UPDATE_INTERVAL}
-):
+class ExploreConfig(Settings):
     """Everything about an exploration but the floor plan."""
 
     robot: RobotConfig = field(default_factory=RobotConfig)

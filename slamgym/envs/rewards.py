@@ -118,11 +118,7 @@ def weight_of(term: RewardFunction, default: float) -> Any:
     return field(default=default, metadata={"term": term})
 
 
-class RewardConfig(
-    Settings,
-    section="reward",
-    dropped=dict.fromkeys(("floor_left", "exposure", "information_gain", "pose_uncertainty"), 0.0),
-):
+class RewardConfig(Settings, section="reward"):
     """Weights of the reward terms; a term of weight 0 is neither computed nor reported."""
 
     coverage_gain: float = weight_of(coverage_gain, 10.0)

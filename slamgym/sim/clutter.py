@@ -47,11 +47,7 @@ _WALKING_SPEED = (0.4, 1.2)
 _LEG = 0.1
 
 
-class ClutterConfig(
-    Settings,
-    section="clutter",
-    dropped={"passage": _PASSAGE, "walking_speed": list(_WALKING_SPEED)},
-):
+class ClutterConfig(Settings, section="clutter"):
     """Amounts of furniture, doors and people. The default is an empty building."""
 
     furniture: Annotated[float, Within(ge=0.0, le=3.0)] = 0.0

@@ -9,18 +9,7 @@ ROBOT_MASS = 1.8
 """[kg]; a disc that slides without friction moves the same with any weight."""
 
 
-class RobotConfig(
-    Settings,
-    section="robot",
-    dropped={
-        "wheel_radius": WHEEL_RADIUS,
-        "shape": "circle",
-        "footprint": [-0.205, -0.155, 0.077, 0.155],
-        "mass": ROBOT_MASS,
-        "contact": "slide",
-        "contact_slip": 1.0,
-    },
-):
+class RobotConfig(Settings, section="robot"):
     """Measures and limits of a differential-drive robot. Its base frame stands on the axle's middle, x ahead.
 
     The defaults are those of the TurtleBot3 Waffle Pi in ROBOTIS's e-manual and ``turtlebot3_description``,

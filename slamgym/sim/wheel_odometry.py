@@ -23,11 +23,7 @@ if TYPE_CHECKING:
 OdometryLevel = Literal["ideal", "low", "medium", "high"]
 
 
-class OdometryConfig(
-    Settings,
-    section="odometry",
-    dropped={"diameter_ratio": 1.0, "wheelbase_ratio": 1.0, "scale": 1.0},
-):
+class OdometryConfig(Settings, section="odometry"):
     """Errors of wheel odometry; the defaults are the level ``medium`` of :func:`odometry_level`.
 
     Systematic errors are drawn once per robot, i.e. per episode, each with a mean of 1: E_d, the right wheel's

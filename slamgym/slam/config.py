@@ -5,17 +5,17 @@ from typing import Annotated, Literal
 
 from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
 
-Mode = Annotated[
-    Literal["rbpf", "pose_graph", "dead_reckoning", "map", "ground_truth"],
-    "scan matching is 'rbpf' with slam.particles 1",
-]
+Mode = Literal["rbpf", "pose_graph", "dead_reckoning", "map", "ground_truth"]
 
 
 SEES_ACROSS_ROOMS = 10.0
 """A scanner with more range than this sees walls wherever it is indoors, and no return means glass or an error [m]."""
-MOST_RANGE, RANGE_MARGIN = 80.0, 0.05
-"""Returns beyond the first are not used, nor those within the second of the scanner's limit [m]."""
+MOST_RANGE = 80.0
+"""Returns beyond this are not used [m]."""
+RANGE_MARGIN = 0.05
+"""Returns that fall short of the scanner's limit by less than this are not used [m]."""
 MANY_BEAMS = 540
+"""Of a scan with several times as many beams, only such a part is matched."""
 
 
 class MotionNoise(Settings, section="slam.motion"):
@@ -37,69 +37,14 @@ class MotionNoise(Settings, section="slam.motion"):
     """Rotation error per radian of rotation [rad/rad]."""
 
 
-class PoseGraphConfig(
-    Settings,
-    section="slam.pose_graph",
-    dropped={
-        "keyframe_distance": 0.5,
-        "keyframe_turn": 0.2,
-        "match_range": 25.0,
-        "cell": 0.1,
-        "surface_sigma": 0.02,
-        "point_share": 0.05,
-        "minimum_fit": 0.45,
-        "loop_interval": 2,
-        "loop_radius": 3.0,
-        "drift": 0.04,
-        "drift_turn": 0.012,
-        "largest_window": 6.0,
-        "loop_fit": 0.7,
-        "final_fit": 0.5,
-        "trusted_window": 0.6,
-        "agreeing": 2,
-        "robust_width": 8.0,
-        "local_nodes": 30,
-        "final_passes": 0,
-    },
-):
+class PoseGraphConfig(Settings, section="slam.pose_graph"):
     """When loops are sought. The defaults serve indoor scanners of 3 to 80 m range."""
 
     loop_length: NonNegative = 5.0
     """Only nodes that lie further back than this along the graph make a loop [m]."""
 
 
-class LocalizationConfig(
-    Settings,
-    section="slam.localization",
-    dropped={
-        "z_hit": 0.75,
-        "z_rand": 0.2,
-        "z_max": 0.05,
-        "beam_weight": 0.15,
-        "evidence": 0.2,
-        "jump_cost": 10.0,
-        "linear_update": 0.1,
-        "angular_update": 0.1,
-        "min_particles": 100,
-        "kld_error": 0.05,
-        "kld_quantile": 2.33,
-        "resample_threshold": 0.5,
-        "most_hypotheses": 60,
-        "score_margin": 0.12,
-        "search_memory": 3.0,
-        "search_distance": 0.5,
-        "check_distance": 5.0,
-        "claim_fit": 0.75,
-        "fit_distance": 0.2,
-        "certain_weight": 0.95,
-        "max_particles": 2000,
-        "sigma_hit": 0.08,
-        "max_beams": 60,
-        "initial_spread": 0.5,
-        "initial_turn": 0.26,
-        "minimum_fit": 0.6,
-    },
-):
+class LocalizationConfig(Settings, section="slam.localization"):
     """Settings for localising a robot on a map, named after AMCL's parameters where it has them.
 
     Each of several hypotheses is a Kalman filter (multi-hypothesis tracking; Jensfelt and Kristensen 2001), weighed
@@ -114,21 +59,7 @@ class LocalizationConfig(
     much as a metre. Twice as far after each place that was believed and given up."""
 
 
-class SlamConfig(
-    Settings,
-    section="slam",
-    dropped={
-        "min_particles": None,
-        "linear_step": 0.05,
-        "angular_step": 0.05,
-        "likelihood_sigma": 0.075,
-        "likelihood_gain": 3.0,
-        "matcher": "hill_climbing",
-        "odometry_weight": 0.0,
-        "drawn_noise": 1.0,
-        "learn_odometry": False,
-    },
-):
+class SlamConfig(Settings, section="slam"):
     """Settings for making the map.
 
     The defaults are TurtleBot3's GMapping launch file (``turtlebot3_slam/config/gmapping_params.yaml``), except for the
@@ -169,13 +100,13 @@ class SlamConfig(
     """Noise of the motion model."""
 
     linear_update: float = 1.0
-    """A scan is processed after this distance [m] (``linearUpdate``) ..."""
+    """A scan is processed after this distance [m] (``linearUpdate``)."""
 
     angular_update: float = 0.2
-    """... or this turn [rad] (``angularUpdate``) ..."""
+    """A scan is processed after this turn [rad] (``angularUpdate``)."""
 
     temporal_update: float | None = 0.5
-    """... or when more than this time has passed [s] (``temporalUpdate``); None turns it off."""
+    """A scan is processed when more than this time has passed [s] (``temporalUpdate``); None turns it off."""
 
     resample_threshold: float = 0.5
     """Resample when N_eff falls below this share of the particles (``resampleThreshold``)."""
@@ -219,7 +150,11 @@ class SlamConfig(
     def gmapping(particles: int = 30) -> "SlamConfig":
         """The launch file's settings with so many particles, also where the defaults differ from it."""
         return SlamConfig(
-            "rbpf", particles, minimum_score=50.0, max_usable_range=3.0, no_return="ignore"
+            mode="rbpf",
+            particles=particles,
+            minimum_score=50.0,
+            max_usable_range=3.0,
+            no_return="ignore",
         )
 
     @staticmethod
@@ -231,9 +166,10 @@ class SlamConfig(
             num_beams: Beams of a scan; of very many only a part is matched.
         """
         sees_across_rooms = max_range > SEES_ACROSS_ROOMS
+        usable = min(max_range, MOST_RANGE) - RANGE_MARGIN
         return SlamConfig(
             mode="pose_graph",
-            max_usable_range=max(min(max_range, MOST_RANGE) - RANGE_MARGIN, 0.5 * max_range),
+            max_usable_range=max(usable, 0.5 * max_range),
             beam_skip=num_beams // MANY_BEAMS,
             linear_update=0.1,
             angular_update=0.1,

@@ -277,17 +277,3 @@ def test_the_command_line_shows_help_and_defaults_and_refuses_by_option(capsys):
     assert "--map-size INT Side of the map. (default: 4)" in shown
     assert "--config.inner.range-max FLOAT" in shown
     assert "Largest range. (default: 3.5)" in shown
-
-
-def test_a_former_setting_is_read_with_the_value_that_it_still_has():
-    class Shrunk(Settings, section="shrunk", dropped={"window": [3, 3]}):
-        """Settings that had a window once."""
-
-        beams: Count = 5
-
-    assert from_dict(Shrunk, {"beams": 7, "window": [3, 3]}) == Shrunk(beams=7)
-    assert setting_names(Shrunk()) == ["beams"]
-    with pytest.raises(
-        ConfigError, match=r"old.json: window of Shrunk is always \[3, 3\] .*, not \[5, 5\]"
-    ):
-        from_dict(Shrunk, {"window": [5, 5]}, "old.json")

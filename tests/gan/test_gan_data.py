@@ -324,7 +324,7 @@ def test_lines_along_faces_are_read_from_the_images_settings(edge, expected, mak
 
 def test_images_of_several_editions_are_not_mixed(make_images, tmp_path):
     roots = [make_images(tmp_path / name, manifest=True) for name in ("old", "new")]
-    for root, dataset in zip(roots, ({}, {"edition": 2}), strict=True):
+    for root, dataset in zip(roots, ({"edition": 1}, {"edition": 2}), strict=True):
         (root / "config.json").write_text(json.dumps({"dataset": {"config_sha256": "0"} | dataset}))
     assert describe_data(roots[1:]).startswith("new (edition 2, manifest.jsonl ")
     with pytest.raises(

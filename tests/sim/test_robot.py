@@ -26,15 +26,3 @@ def test_senseless_clutter_is_refused(values):
 )
 def test_settings_survive_json(config):
     assert from_dict(type(config), to_dict(config)) == config
-
-
-def test_a_robot_saved_with_what_was_dropped_is_read():
-    saved = {
-        "radius": 0.2,
-        "shape": "circle",
-        "mass": 1.8,
-        "footprint": [-0.205, -0.155, 0.077, 0.155],
-    }
-    assert from_dict(RobotConfig, saved) == RobotConfig(radius=0.2)
-    with pytest.raises(ConfigError, match="shape of RobotConfig is always 'circle'"):
-        from_dict(RobotConfig, {"shape": "footprint"})

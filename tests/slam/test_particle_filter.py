@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from slamgym.core.config import from_dict
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.geometry import between, compose
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, LaserGeometry, LaserScan, Pose2D
@@ -235,22 +234,6 @@ def test_missing_returns_clear_open_space_but_nothing_behind_the_returns_beside_
 def test_an_unknown_mode_is_refused_with_a_suggestion():
     with pytest.raises(ConfigError, match="did you mean 'rbpf'"):
         make_mapper(SlamConfig(mode="rbfp"), GEOMETRY, Pose2D(0, 0, 0), np.random.default_rng(0))
-
-
-@pytest.mark.parametrize(
-    ("settings", "words"),
-    [
-        ({"mode": "scan_matching"}, "'rbpf' with slam.particles 1"),
-        ({"matcher": "coarse_to_fine"}, "is always 'hill_climbing'"),
-        ({"learn_odometry": True}, "is always False"),
-    ],
-)
-def test_what_the_filter_no_longer_has_is_refused(settings, words):
-    assert (
-        from_dict(SlamConfig, {"matcher": "hill_climbing", "odometry_weight": 0.0}) == SlamConfig()
-    )
-    with pytest.raises(ConfigError, match=words):
-        from_dict(SlamConfig, settings, "slam")
 
 
 def test_too_large_a_map_is_one_clear_error():

@@ -29,7 +29,7 @@ _Seen = FloatArray | str
 """Features of a map, or why it can't be read."""
 
 
-class CleanConfig(Settings, dropped={"doubtful": "drop"}):
+class CleanConfig(Settings):
     """Rules for a verdict."""
 
     by: Literal["truth", "classifier"] = "truth"

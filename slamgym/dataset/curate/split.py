@@ -115,13 +115,11 @@ def read_split(root: Path | str) -> SplitTable:
     path = split_path(root)
     again = "run `slamgym dataset split` again"
     content = read_json(path, again, FILE_BYTES)
-    # Earlier versions could keep plans apart by their size alone.
-    told_sizes = isinstance(content, dict) and content.pop("scaling", "fit") != "fit"
     try:
         table = from_dict(SplitTable, content)
     except ConfigError as error:
         raise InputFileError(path, f"is malformed ({error}); {again}") from error
-    if told_sizes or table.split_version != SPLIT_VERSION:
+    if table.split_version != SPLIT_VERSION:
         raise InputFileError(path, f"is of another version of slamgym; {again}")
     return table
 

@@ -36,16 +36,7 @@ from typing import Any
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.core.config import (
-    STAMPS,
-    Count,
-    Settings,
-    from_dict,
-    replace_setting,
-    setting_names,
-    suggest,
-    to_dict,
-)
+from slamgym.core.config import Count, Settings, replace_setting, setting_names, suggest, to_dict
 from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
@@ -383,16 +374,3 @@ def dataset_settings(config: DatasetConfig, plans: PlanSource) -> dict[str, Any]
         "plans": groups,
         **to_dict(config),
     }
-
-
-def current_settings(stored: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a ``config.json`` as this version writes it: without settings that were dropped since.
-
-    What this version can't read is left as it is.
-    """
-    own = {name: value for name, value in stored.items() if name not in STAMPS}
-    try:
-        read = to_dict(from_dict(DatasetConfig, own))
-    except ConfigError:
-        read = own
-    return {name: stored[name] for name in STAMPS if name in stored} | read

@@ -183,10 +183,9 @@ def _image_settings(
         "version": __version__,
         "dataset": {
             "config_sha256": hashlib.sha256(text.encode()).hexdigest(),
-            "edition": own.get("edition", 1),  # the first wrote no number
+            "edition": own.get("edition"),
         },
-        "images": to_dict(config)
-        | {"as_mapped": False},  # folders of earlier versions are continued
+        "images": to_dict(config),
         "split": {"seed": split.seed, "test": split.test, "forced": list(split.forced)},
         "selection": selection.rule,
     }

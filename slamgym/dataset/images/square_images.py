@@ -50,7 +50,7 @@ class DoesNotFitError(SlamgymError):
         super().__init__(self.fault.sentence)
 
 
-class ImageConfig(Settings, dropped={"as_mapped": False}):
+class ImageConfig(Settings):
     """Settings for making the images."""
 
     size: Annotated[int, Within(ge=16, le=8192)] = 256

@@ -87,12 +87,10 @@ def test_plans_of_another_size_are_on_one_side(dataset_copy):
     assert read_split(dataset_copy) == current_split(dataset_copy) == table
 
 
-def test_earlier_splits_are_read_unless_they_told_sizes_apart(dataset_copy):
-    table = make_split(dataset_copy, seed=1)
+def test_a_split_of_another_version_is_refused(dataset_copy):
+    make_split(dataset_copy, seed=1)
     written = json.loads(split_path(dataset_copy).read_text())
-    split_path(dataset_copy).write_text(json.dumps(written | {"scaling": "fit"}))
-    assert read_split(dataset_copy) == table
-    split_path(dataset_copy).write_text(json.dumps(written | {"scaling": "fixed"}))
+    split_path(dataset_copy).write_text(json.dumps(written | {"split_version": 1}))
     with pytest.raises(InputFileError, match="of another version"):
         read_split(dataset_copy)
 

@@ -3,7 +3,6 @@
 import contextlib
 import dataclasses
 import errno
-import hashlib
 import json
 import math
 import os
@@ -22,8 +21,6 @@ from slamgym.core.names import exploration_seed
 from slamgym.core.parallel.backlog import Lost
 from slamgym.core.parallel.engine import Execution
 from slamgym.dataset import DatasetConfig, Layout, build_dataset, load_pair, read_manifest
-from slamgym.dataset.check import check_dataset
-from slamgym.dataset.generate.recipe import STAMPS
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import read_carmen, read_ros_map, read_tum
 from slamgym.metrics import absolute_trajectory_error
@@ -288,26 +285,3 @@ def test_a_plan_that_kills_its_workers_is_skipped_and_listed(tmp_path, monkeypat
     assert build(tmp_path, pairs=2).rejected == {"WorkerLostError": 1}
     assert {record.plan_id for record in read_manifest(tmp_path)} == {"rooms"}
     assert "process died" in Layout(tmp_path).rejected.read_text()
-
-
-def test_settings_that_were_dropped_since_are_read_with_the_value_that_they_still_have(
-    dataset_copy, explore
-):
-    layout = Layout(dataset_copy)
-    stored = json.loads(layout.config.read_text())
-    stored["episode"]["env"]["odometry"]["scale"] = 1.0
-    layout.config.write_text(json.dumps(stored))
-    own = {name: value for name, value in stored.items() if name not in STAMPS}
-    digest = hashlib.sha256(json.dumps(own, sort_keys=True).encode()).hexdigest()[:12]
-    lines = []
-    for record in read_manifest(dataset_copy):
-        lines.append(dataclasses.replace(record, config_hash=digest).to_line())
-        (layout.episode(record.name) / "episode.json").write_text(lines[-1])
-    layout.manifest.write_text("".join(lines))
-    assert check_dataset(dataset_copy) == []
-    assert explore(dataset_copy, 9).fresh == 1
-    assert check_dataset(dataset_copy) == []
-    stored["episode"]["env"]["odometry"]["scale"] = 1.1
-    layout.config.write_text(json.dumps(stored))
-    with pytest.raises(ConfigError, match=r"episode\.env\.odometry\.scale was 1\.1, now null"):
-        explore(dataset_copy, 9)
