@@ -48,31 +48,44 @@ def moved_error(
     """
     rows, cols = target.shape
     size = max(rows, cols)
-    centre_x, centre_y = 0.5 * (cols - 1) + pivot_x * size, 0.5 * (rows - 1) + pivot_y * size
+    centre_x = 0.5 * (cols - 1) + pivot_x * size
+    centre_y = 0.5 * (rows - 1) + pivot_y * size
     # Each target pixel looks up where it came from: the inverse of Similarity.matrix.
-    cos, sin = math.cos(angle) * math.exp(-log_scale), math.sin(angle) * math.exp(-log_scale)
-    flat, width, one = image.ravel(), np.uint32(cols + 2), np.uint32(1)
+    shrink = math.exp(-log_scale)
+    cos = math.cos(angle) * shrink
+    sin = math.sin(angle) * shrink
+    flat = image.ravel()
+    width = np.uint32(cols + 2)
+    one = np.uint32(1)
     total = 0.0
     for row in range(rows):
-        dx, dy = -centre_x - shift_x * size, row - centre_y - shift_y * size
+        dx = -centre_x - shift_x * size
+        dy = row - centre_y - shift_y * size
         # Where column 0 comes from, in pixels of the image with its border.
         x0 = cos * dx - sin * dy + centre_x + 1.0
         y0 = sin * dx + cos * dy + centre_y + 1.0
         first_x, last_x = _columns_inside(x0, cos, cols + 1.0, cols)
         first_y, last_y = _columns_inside(y0, sin, rows + 1.0, cols)
-        first, last = max(first_x, first_y), min(last_x, last_y)
+        first = max(first_x, first_y)
+        last = min(last_x, last_y)
         error: Any = np.float32(0.0)
         for col in range(min(first, cols)):
             error += target[row, col] * target[row, col]
         for col in range(first, last + 1):
-            x, y = np.float32(x0 + cos * col), np.float32(y0 + sin * col)
+            x = np.float32(x0 + cos * col)
+            y = np.float32(y0 + sin * col)
             # Unsigned, so that no index is checked for counting from the end.
-            left, top = np.uint32(x), np.uint32(y)
-            wx, wy = x - np.float32(left), y - np.float32(top)
+            left = np.uint32(x)
+            top = np.uint32(y)
+            right_share = x - np.float32(left)
+            low_share = y - np.float32(top)
             at = top * width + left
-            a, b, c, d = flat[at], flat[at + one], flat[at + width], flat[at + width + one]
-            upper, lower = a + wx * (b - a), c + wx * (d - c)
-            difference = upper + wy * (lower - upper) - target[row, col]
+            below = at + width
+            upper_left = flat[at]
+            lower_left = flat[below]
+            upper = upper_left + right_share * (flat[at + one] - upper_left)
+            lower = lower_left + right_share * (flat[below + one] - lower_left)
+            difference = upper + low_share * (lower - upper) - target[row, col]
             error += difference * difference
         for col in range(max(last + 1, min(first, cols)), cols):
             error += target[row, col] * target[row, col]
@@ -84,16 +97,22 @@ def moved_error(
 def _columns_inside(start: float, step: float, end: float, cols: int) -> tuple[int, int]:
     """The first and last column whose place ``start + step * column`` lies in (0, end)."""
     # A little inside, so that rounding to single precision never leads beyond the border.
-    low, high = 1e-3, end - 1e-3
+    low = 1e-3
+    high = end - 1e-3
     if abs(step) < 1e-9:
         return (0, cols - 1) if low <= start <= high else (0, -1)
-    a, b = (low - start) / step, (high - start) / step
-    first, last = math.ceil(min(a, b)), math.floor(max(a, b))
+    at_low = (low - start) / step
+    at_high = (high - start) / step
+    first = math.ceil(min(at_low, at_high))
+    last = math.floor(max(at_low, at_high))
     # Clipped before they are made whole numbers: a slow step leads far.
-    return int(min(max(first, 0.0), cols)), int(max(min(last, cols - 1.0), -1.0))
+    first_inside = min(max(first, 0.0), cols)
+    last_inside = max(min(last, cols - 1.0), -1.0)
+    return int(first_inside), int(last_inside)
 
 
 START_ANGLES = 24
+"""Rotations that are tried on the coarse images."""
 COARSE_STARTS = 3
 """Rotations that are refined on the coarse images, in addition to the identity."""
 FINE_STARTS = 2
@@ -103,8 +122,11 @@ RIVAL = 1.5
 FIRST_STEPS = (0.02, 0.02, 0.05, 0.03)
 """First steps of Powell's line searches: shift, shift, angle [rad], log_scale."""
 MAX_START_LOG_SCALE = 0.3
+"""Largest logarithm of the scale at which the search starts, either way."""
 MAX_LOG_SCALE = 0.7
-MAX_SHIFT = 1.0  # share of the larger side
+"""Largest logarithm of the scale, either way."""
+MAX_SHIFT = 1.0
+"""Largest shift [share of the larger side]."""
 
 
 class Similarity(NamedTuple):
@@ -118,23 +140,34 @@ class Similarity(NamedTuple):
     def matrix(self, rows: int, cols: int) -> FloatArray:
         """The 2 x 3 matrix for cv2.warpAffine on an image of this shape."""
         scale = math.exp(self.log_scale)
-        cos, sin = scale * math.cos(self.angle), scale * math.sin(self.angle)
-        centre_x, centre_y = 0.5 * (cols - 1), 0.5 * (rows - 1)
+        cos = scale * math.cos(self.angle)
+        sin = scale * math.sin(self.angle)
+        centre_x = 0.5 * (cols - 1)
+        centre_y = 0.5 * (rows - 1)
         size = max(rows, cols)
-        return np.array(
-            [
-                [cos, sin, centre_x + self.shift_x * size - cos * centre_x - sin * centre_y],
-                [-sin, cos, centre_y + self.shift_y * size + sin * centre_x - cos * centre_y],
-            ]
-        )
+        x = centre_x + self.shift_x * size - cos * centre_x - sin * centre_y
+        y = centre_y + self.shift_y * size + sin * centre_x - cos * centre_y
+        return np.array([[cos, sin, x], [-sin, cos, y]])
 
 
 IDENTITY = Similarity(0.0, 0.0, 0.0, 0.0)
 
 
-COARSE, FINE, RIGID_FINE = (64, 2.0), (128, 1.0), (256, 0.7)
-"""Reduction of the images for each stage of the search: larger side, and standard deviation of the blur [px of the
-reduced image]. The last is for rigid motions alone: walls must match within centimetres."""
+class Reduction(NamedTuple):
+    """How images are reduced for a stage of the search."""
+
+    side_px: int
+    """Larger side [px]."""
+    blur_px: float
+    """Standard deviation of the blur [px of the reduced image]."""
+
+
+COARSE = Reduction(64, 2.0)
+"""Of the first stage, in which rotations are scanned."""
+FINE = Reduction(128, 1.0)
+"""Of the second stage."""
+RIGID_FINE = Reduction(256, 0.7)
+"""Of a third stage for rigid motions alone: walls must match within centimetres."""
 
 
 @dataclass(frozen=True)
@@ -163,12 +196,14 @@ def aligned_error(image: FloatArray, target: FloatArray, scaling: bool = True) -
         ValueError: If the shapes differ.
     """
     unaligned = squared_error(image, target)
-    best, best_error = IDENTITY, unaligned
+    best = IDENTITY
+    best_error = unaligned
     if np.any(image) and np.any(target) and unaligned > 0.0:
         for found in search_similarities(image, target, scaling=scaling):
             error = squared_error(apply_similarity(image, found), target)
             if error < best_error:
-                best, best_error = found, error
+                best = found
+                best_error = error
     return AlignedError(best_error, unaligned, best)
 
 
@@ -193,16 +228,17 @@ def search_similarities(
     Returns:
         ``fine_starts`` similarities at most, the one with the least error on blurred images first.
     """
-    coarse, coarse_target = _reduce(image, COARSE), _reduce(target, COARSE)
+    coarse = _reduce(image, COARSE)
+    coarse_target = _reduce(target, COARSE)
     # Turned and scaled about the middle of what is drawn, the parameters hardly depend on each other.
-    pivot, target_centroid = _centroid(coarse), _centroid(coarse_target)
+    pivot = _centroid(coarse)
+    shift = _centroid(coarse_target) - pivot
     search = _Search(np.pad(coarse, 1), coarse_target, pivot, scaling)
-    log_scale = 0.5 * math.log(float(coarse_target.sum()) / float(coarse.sum()))
-    log_scale = min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE) if scaling else 0.0
-    starts = [
-        np.array([*(target_centroid - pivot), 2.0 * math.pi * turn / start_angles, log_scale])
-        for turn in range(start_angles)
-    ]
+    log_scale = _start_log_scale(coarse, coarse_target) if scaling else 0.0
+    starts = []
+    for turn in range(start_angles):
+        angle = 2.0 * math.pi * turn / start_angles
+        starts.append(np.array([*shift, angle, log_scale]))
     starts.sort(key=search.error)
     # The identity is always refined: maps are mostly nearly aligned already.
     refined = [search.refine(start, 1e-2) for start in [np.zeros(4), *starts[:coarse_starts]]]
@@ -211,9 +247,17 @@ def search_similarities(
     promising = [values for values in _distinct(refined) if search.error(values) <= worst]
     found = promising[:fine_starts]
     for level in (FINE,) if scaling else (FINE, RIGID_FINE):
-        search = _Search(np.pad(_reduce(image, level), 1), _reduce(target, level), pivot, scaling)
+        finer = np.pad(_reduce(image, level), 1)
+        search = _Search(finer, _reduce(target, level), pivot, scaling)
         found = [search.refine(start, 1e-3) for start in found]
-    return [search.similarity(values) for values in sorted(found, key=search.error)]
+    found.sort(key=search.error)
+    return [search.similarity(values) for values in found]
+
+
+def _start_log_scale(image: Float32Array, target: Float32Array) -> float:
+    """Logarithm of the scale at which as much is drawn in both, within bounds."""
+    log_scale = 0.5 * math.log(float(target.sum()) / float(image.sum()))
+    return min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE)
 
 
 def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
@@ -228,14 +272,15 @@ def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
     return np.clip(warped, 0.0, 1.0).astype(np.float64)
 
 
-def _reduce(image: FloatArray, level: tuple[int, float]) -> Float32Array:
+def _reduce(image: FloatArray, level: Reduction) -> Float32Array:
     """Shrink to the level's size, never enlarge, and blur."""
     rows, cols = image.shape
-    size_px, blur_px = level
-    factor = min(1.0, size_px / max(rows, cols))
-    size = (max(1, round(cols * factor)), max(1, round(rows * factor)))
-    small = cv2.resize(np.asarray(image, dtype=np.float32), size, interpolation=cv2.INTER_AREA)
-    blurred = cv2.GaussianBlur(small, (0, 0), blur_px, borderType=cv2.BORDER_CONSTANT)
+    factor = min(1.0, level.side_px / max(rows, cols))
+    width = max(1, round(cols * factor))
+    height = max(1, round(rows * factor))
+    exact = np.asarray(image, dtype=np.float32)
+    small = cv2.resize(exact, (width, height), interpolation=cv2.INTER_AREA)
+    blurred = cv2.GaussianBlur(small, (0, 0), level.blur_px, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, dtype=np.float32)
 
 
@@ -251,7 +296,8 @@ class _Search:
     def error(self, values: FloatArray) -> float:
         """Mean squared error after the motion; 1 beyond the bounds."""
         shift_x, shift_y, angle, log_scale = values
-        if abs(log_scale) > MAX_LOG_SCALE or max(abs(shift_x), abs(shift_y)) > MAX_SHIFT:
+        farthest = max(abs(shift_x), abs(shift_y))
+        if abs(log_scale) > MAX_LOG_SCALE or farthest > MAX_SHIFT:
             return 1.0
         x, y = self.pivot
         return float(moved_error(self.image, self.target, x, y, shift_x, shift_y, angle, log_scale))
@@ -275,13 +321,13 @@ class _Search:
     def similarity(self, values: FloatArray) -> Similarity:
         """The same motion about the image's middle."""
         shift_x, shift_y, angle, log_scale = (float(value) for value in values)
-        turned = Similarity(0.0, 0.0, angle, log_scale).matrix(1, 1)[:, :2] @ self.pivot
-        moved = self.pivot - turned
+        turn = Similarity(0.0, 0.0, angle, log_scale).matrix(1, 1)[:, :2]
+        moved_x, moved_y = (self.pivot - turn @ self.pivot).tolist()
         return Similarity(
-            float(moved[0]) + shift_x,
-            float(moved[1]) + shift_y,
-            float(wrap_angle(angle)),
-            log_scale,
+            shift_x=moved_x + shift_x,
+            shift_y=moved_y + shift_y,
+            angle=float(wrap_angle(angle)),
+            log_scale=log_scale,
         )
 
 
@@ -289,14 +335,16 @@ def _distinct(found: list[FloatArray]) -> list[FloatArray]:
     """Drop what lies near a better one: several starts lead to the same minimum."""
     kept: list[FloatArray] = []
     for values in found:
-        apart = [np.abs(values - other) for other in kept]
-        turns = [abs(float(wrap_angle(float(values[2] - other[2])))) for other in kept]
-        if not any(
-            turn < 0.05 and math.hypot(d[0], d[1]) < 0.02 and d[3] < 0.05
-            for d, turn in zip(apart, turns, strict=True)
-        ):
+        if not any(_is_near(values, other) for other in kept):
             kept.append(values)
     return kept
+
+
+def _is_near(values: FloatArray, other: FloatArray) -> bool:
+    """True if two motions hardly differ."""
+    shift_x, shift_y, angle, log_scale = (values - other).tolist()
+    turn = abs(float(wrap_angle(angle)))
+    return turn < 0.05 and math.hypot(shift_x, shift_y) < 0.02 and abs(log_scale) < 0.05
 
 
 def _centroid(image: Float32Array) -> FloatArray:
@@ -304,5 +352,7 @@ def _centroid(image: Float32Array) -> FloatArray:
     rows, cols = image.shape
     row, col = np.indices(image.shape)
     total = float(image.sum())
-    x, y = float((image * col).sum()) / total, float((image * row).sum()) / total
-    return np.array([x - 0.5 * (cols - 1), y - 0.5 * (rows - 1)]) / max(rows, cols)
+    x = float((image * col).sum()) / total
+    y = float((image * row).sum()) / total
+    from_middle = np.array([x - 0.5 * (cols - 1), y - 0.5 * (rows - 1)])
+    return from_middle / max(rows, cols)

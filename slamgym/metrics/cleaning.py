@@ -33,17 +33,19 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
     free = _fill_furniture(slam == FREE, LARGEST_FURNITURE / metres_per_px)
-    walls = cv2.morphologyEx(
-        (~free).astype(np.uint8), cv2.MORPH_CLOSE, disc(WIDEST_WALL_GAP / metres_per_px)
-    )
-    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, disc(NARROWEST_FLOOR / metres_per_px))
+    gap = disc(WIDEST_WALL_GAP / metres_per_px)
+    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, gap)
+    floor = disc(NARROWEST_FLOOR / metres_per_px)
+    opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, floor)
     return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
 
 
 def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     """Fill holes in the free space that fit into a square of this side [px]."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats((~free).astype(np.uint8), connectivity=8)
-    small = stats[:, [cv2.CC_STAT_WIDTH, cv2.CC_STAT_HEIGHT]].max(axis=1) <= size_px
+    others = (~free).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(others, connectivity=8)
+    side = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
+    small = side <= size_px
     small[0] = False  # the background of the labelling: the free space itself
     return free | small[labels]
 
@@ -63,4 +65,5 @@ def odd(diameter_px: float) -> int:
 
 def disc(diameter_px: float) -> np.ndarray:
     """A structuring element of the nearest odd diameter, 1 px at least."""
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (odd(diameter_px),) * 2))
+    side = odd(diameter_px)
+    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))

@@ -58,7 +58,9 @@ class Dimensions:
     @property
     def area_ratio(self) -> float:
         """Drawn over true floor area; nan if there is no true floor."""
-        return self.floor_area / self.true_floor_area if self.true_floor_area > 0.0 else math.nan
+        if self.true_floor_area <= 0.0:
+            return math.nan
+        return self.floor_area / self.true_floor_area
 
 
 def measure_dimensions(
@@ -75,27 +77,16 @@ def measure_dimensions(
         ValueError: If the shapes differ.
     """
     check_same_shape(floor, true_floor)
-    drawn, truth = (np.asarray(values, dtype=np.float32) for values in (floor, true_floor))
+    drawn = np.asarray(floor, dtype=np.float32)
+    truth = np.asarray(true_floor, dtype=np.float32)
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
-    narrowest, thickest, piece = (x / metres_per_px for x in (MIN_WIDTH, MAX_THICKNESS, MIN_PIECE))
-    widths, lengths, thicknesses = [], [], []
+    widths = []
+    lengths = []
+    thicknesses = []
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
-        across = [
-            [
-                run
-                for run in floor_runs(line)
-                if run.length >= narrowest and _in_one_room(run, numbers)
-            ]
-            for line, numbers in zip(b, labels, strict=True)
-        ]
-        widths += list(
-            _run_errors(across, [floor_runs(line) for line in a], piece, 0.0, or_none=True)
-        )
-        walls = [[run for run in wall_runs(line) if run.length <= thickest] for line in b]
-        thicknesses += list(
-            _run_errors(walls, [wall_runs(line) for line in a], piece, SEARCH / metres_per_px)
-        )
-        lengths += list(_length_errors(a, b, metres_per_px))
+        widths += _width_errors(a, b, labels, metres_per_px)
+        thicknesses += _thickness_errors(a, b, metres_per_px)
+        lengths += _length_errors(a, b, metres_per_px)
     return Dimensions(
         room_width=np.array(widths) * metres_per_px,
         wall_length=np.array(lengths) * metres_per_px,
@@ -105,14 +96,39 @@ def measure_dimensions(
     )
 
 
+def _width_errors(
+    drawn: Float32Array, truth: Float32Array, rooms: IntArray, metres_per_px: float
+) -> Iterator[float]:
+    """Errors of the distances of facing walls along the rows' axis [cells]; a width that isn't drawn counts as 0."""
+    narrowest = MIN_WIDTH / metres_per_px
+    across = []
+    for line, labels in zip(truth, rooms, strict=True):
+        wide = [run for run in floor_runs(line) if run.length >= narrowest]
+        across.append([run for run in wide if _in_one_room(run, labels)])
+    runs = [floor_runs(line) for line in drawn]
+    return _run_errors(across, runs, MIN_PIECE / metres_per_px, 0.0, or_none=True)
+
+
+def _thickness_errors(
+    drawn: Float32Array, truth: Float32Array, metres_per_px: float
+) -> Iterator[float]:
+    """Errors of the thicknesses of walls along the rows' axis [cells], where the drawing has one."""
+    thickest = MAX_THICKNESS / metres_per_px
+    walls = [[run for run in wall_runs(line) if run.length <= thickest] for line in truth]
+    runs = [wall_runs(line) for line in drawn]
+    return _run_errors(walls, runs, MIN_PIECE / metres_per_px, SEARCH / metres_per_px)
+
+
 def floor_area(values: Float32Array) -> float:
     """Area of the floor [cells]: whole cells inside, the share of those at its faces.
 
     A faint share of cells far from any floor doesn't add up to some.
     """
     inside = (values >= FLOOR).astype(np.uint8)
-    core = cv2.erode(inside, np.ones((3, 3), np.uint8), borderValue=0) > 0
-    rim = (cv2.dilate(inside, np.ones((3, 3), np.uint8)) > 0) & ~core
+    around = np.ones((3, 3), np.uint8)
+    core = cv2.erode(inside, around, borderValue=0) > 0
+    widened = cv2.dilate(inside, around) > 0
+    rim = widened & ~core
     return float(np.count_nonzero(core) + values[rim].sum(dtype=np.float64))
 
 
@@ -144,24 +160,25 @@ def floor_runs(line: Float32Array) -> list[Run]:
     inside = np.zeros(len(line) + 2, np.int8)
     inside[1:-1] = line >= FLOOR
     change = np.diff(inside)
-    firsts, lasts = np.flatnonzero(change == 1), np.flatnonzero(change == -1) - 1
+    firsts = np.flatnonzero(change == 1)
+    lasts = np.flatnonzero(change == -1) - 1
     padded = np.concatenate([[0.0], line.astype(np.float64), [0.0]])
     starts = firsts + 0.5 - padded[firsts + 1] - padded[firsts]
     ends = lasts - 0.5 + padded[lasts + 1] + padded[lasts + 2]
-    return [
-        Run(*run)
-        for run in zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
-    ]
+    found = zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
+    return [Run(first, last, start, end) for first, last, start, end in found]
 
 
 def wall_runs(line: Float32Array) -> list[Run]:
     """Runs of wall between two runs of floor; their thickness is by the shares of the cells and their neighbours."""
     walls = []
     for before, behind in itertools.pairwise(floor_runs(line)):
-        first, last = before.last + 1, behind.first - 1
+        first = before.last + 1
+        last = behind.first - 1
         if first == last:  # one cell is all the wall there is: its share counts once
-            floor = float(line[before.last]), float(line[behind.first])
-            half = 0.5 * (1.0 - float(line[first]) + 2.0 - floor[0] - floor[1])
+            floor_before = float(line[before.last])
+            floor_behind = float(line[behind.first])
+            half = 0.5 * (1.0 - float(line[first]) + 2.0 - floor_before - floor_behind)
             walls.append(Run(first, last, first - half, first + half))
         else:
             walls.append(Run(first, last, before.end, behind.start))
@@ -187,13 +204,12 @@ def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[Straig
     finished: list[StraightPiece] = []
     growing: list[StraightPiece] = []
     for line, runs in enumerate([*runs_by_line, []]):
-        left, following = list(growing), []
+        left = list(growing)
+        following = []
         for run in runs:
-            fitting = (p for p in left if _same_ends(p.runs[-1], run))
-            piece = next(fitting, None)
-            if piece is None:
-                piece = StraightPiece(line, [])
-            else:
+            fitting = [piece for piece in left if _same_ends(piece.runs[-1], run)]
+            piece = fitting[0] if fitting else StraightPiece(line, [])
+            if fitting:
                 left.remove(piece)
             piece.runs.append(run)
             following.append(piece)
@@ -225,10 +241,13 @@ def _run_errors(
     for piece in straight_pieces(truth, min_px):
         errors = []
         for number in piece.trimmed:
-            run, line = piece.runs[number], drawn[piece.line + number]
-            overlaps = [other.overlap(run.start - search_px, run.end + search_px) for other in line]
-            if overlaps and max(overlaps) > 0.0:
-                errors.append(line[overlaps.index(max(overlaps))].length - run.length)
+            run = piece.runs[number]
+            low = run.start - search_px
+            high = run.end + search_px
+            others = drawn[piece.line + number]
+            nearest = max(others, key=lambda other: other.overlap(low, high), default=None)
+            if nearest is not None and nearest.overlap(low, high) > 0.0:
+                errors.append(nearest.length - run.length)
             elif or_none:
                 errors.append(-run.length)
         if errors:
@@ -239,7 +258,8 @@ def _in_one_room(run: Run, numbers: IntArray) -> bool:
     """True if nearly all cells of a run belong to the room of the middle one."""
     labels = numbers[run.first : run.last + 1]
     room = labels[len(labels) // 2]
-    return bool(room > 0 and np.count_nonzero(labels == room) >= 0.95 * len(labels))
+    in_room = np.count_nonzero(labels == room)
+    return bool(room > 0 and in_room >= 0.95 * len(labels))
 
 
 def _length_errors(
@@ -248,16 +268,17 @@ def _length_errors(
     """Length errors of every straight face along the columns' axis [cells]: drawn (with any excess) minus true."""
     reach = SEARCH / metres_per_px
     for values, other in ((truth, drawn), (truth[::-1], drawn[::-1])):
-        faces = [
-            [Run(r.first, r.first, r.start, r.start) for r in floor_runs(column)]
-            for column in values.T
-        ]
+        faces = []
+        for column in values.T:
+            runs = floor_runs(column)
+            faces.append([Run(run.first, run.first, run.start, run.start) for run in runs])
         for piece in straight_pieces(faces, MIN_WALL / metres_per_px):
             row = float(np.median([run.start for run in piece.runs]))
-            first, last = piece.line, piece.line + len(piece.runs) - 1
-            yield _face_length(other, row, first, last, reach) - _face_length(
-                values, row, first, last, reach
-            )
+            first = piece.line
+            last = piece.line + len(piece.runs) - 1
+            drawn_length = _face_length(other, row, first, last, reach)
+            true_length = _face_length(values, row, first, last, reach)
+            yield drawn_length - true_length
 
 
 def _face_length(values: Float32Array, row: float, first: int, last: int, reach: float) -> float:
@@ -267,12 +288,17 @@ def _face_length(values: Float32Array, row: float, first: int, last: int, reach:
     floor ends within a column, at an outer one the wall does.
     """
     rows = values.shape[0]
-    middle, near, far = round(row), max(1, round(0.25 * reach)), math.ceil(reach) + 1
+    middle = round(row)
+    near = max(1, round(0.25 * reach))
+    far = math.ceil(reach) + 1
     floor_side = values[max(0, middle - near) : min(rows, middle + far)]
     wall_side = values[max(0, middle - far) : min(rows, middle + near + 1)]
-    wall = 1.0 - wall_side.min(axis=0) if wall_side.size else np.ones(values.shape[1])
+    wall = np.ones(values.shape[1])
+    if wall_side.size:
+        wall = 1.0 - wall_side.min(axis=0)
     face = floor_side.max(axis=0) * wall
     # A thin wall may be grey all along: against that, its ends are where it stops.
     usual = float(np.median(face[first : last + 1]))
-    runs = floor_runs(np.minimum(face / max(usual, FLOOR), 1.0).astype(np.float32))
+    shares = np.minimum(face / max(usual, FLOOR), 1.0)
+    runs = floor_runs(shares.astype(np.float32))
     return sum(run.length for run in runs if run.overlap(first, last) > 0.0)

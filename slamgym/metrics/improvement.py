@@ -44,12 +44,14 @@ def improvement(mse1: FloatArray, mse2: FloatArray, groups: list[str] | None = N
     """
     from scipy.stats import binomtest, wilcoxon
 
-    mse1, mse2 = np.asarray(mse1, dtype=np.float64), np.asarray(mse2, dtype=np.float64)
+    mse1 = np.asarray(mse1, dtype=np.float64)
+    mse2 = np.asarray(mse2, dtype=np.float64)
     if mse1.shape != mse2.shape or mse1.ndim != 1 or len(mse1) == 0:
         raise ValueError(
             f"the errors of maps and translations need one length above 0, not {mse1.shape} and {mse2.shape}"
         )
-    wins, losses = int((mse1 < mse2).sum()), int((mse1 > mse2).sum())
+    wins = int((mse1 < mse2).sum())
+    losses = int((mse1 > mse2).sum())
     return Improvement(
         count=len(mse1),
         share_improved=wilson_interval(wins, len(mse1)),

@@ -54,7 +54,7 @@ class MapLayers:
             doors: Cells that belong to doors.
         """
         door = np.where(doors, free, 0.0).astype(np.float32)
-        return MapLayers(free - door, 1.0 - free, door, np.zeros_like(free))
+        return MapLayers(floor=free - door, wall=1.0 - free, door=door, unseen=np.zeros_like(free))
 
 
 def layer_shares(
@@ -73,11 +73,13 @@ def layer_shares(
     """
     explored = explored_floor(slam, metres_per_px, EXPLORED_MARGIN)
     floor = np.where(explored, cad, 0).astype(np.uint8)
-    near_floor = distance_to(floor > FREE // 2) <= max(WALL_DEPTH / metres_per_px, 1.0)
+    depth = max(WALL_DEPTH / metres_per_px, 1.0)
+    near_floor = distance_to(floor > FREE // 2) <= depth
     wall = np.where(explored & near_floor, FREE - floor, 0)
-    layers = np.stack(
-        [np.where(doors, 0, floor), wall, np.where(doors, floor, 0), FREE - floor - wall]
-    )
+    door = np.where(doors, floor, 0)
+    open_floor = np.where(doors, 0, floor)
+    unseen = FREE - floor - wall
+    layers = np.stack([open_floor, wall, door, unseen])
     return layers.astype(np.uint8)
 
 
@@ -91,9 +93,13 @@ def door_cells(floor: BoolArray, metres_per_px: float) -> BoolArray:
     rooms = label_rooms(floor, metres_per_px)
     meet = np.zeros(rooms.shape, np.uint8)
     for labels, cells in ((rooms, meet), (rooms.T, meet.T)):
-        cells[:-1] |= (labels[:-1] != labels[1:]) & (labels[:-1] > 0) & (labels[1:] > 0)
+        before = labels[:-1]
+        after = labels[1:]
+        both_rooms = (before > 0) & (after > 0)
+        cells[:-1] |= (before != after) & both_rooms
     side = 2 * round(DOOR_DEPTH / metres_per_px) + 1
-    return (cv2.dilate(meet, np.ones((side, side), np.uint8)) > 0) & floor
+    near = cv2.dilate(meet, np.ones((side, side), np.uint8)) > 0
+    return near & floor
 
 
 def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> BoolArray:

@@ -37,7 +37,8 @@ _SHIFT = 6  # fractional bits of OpenCV's drawing coordinates
 def wall_faces(free: BoolArray) -> BoolArray:
     """The wall cells that touch free space (8-neighbours), shape (rows, cols), of a drawing's free cells."""
     cells = free.astype(np.uint8)
-    return (cv2.dilate(cells, np.ones((3, 3), np.uint8)) > cells).astype(np.bool_)
+    widened = cv2.dilate(cells, np.ones((3, 3), np.uint8))
+    return (widened > cells).astype(np.bool_)
 
 
 def wall_error(cells: ByteArray, cad: ByteArray, resolution: float) -> float:
@@ -53,7 +54,8 @@ def wall_error(cells: ByteArray, cad: ByteArray, resolution: float) -> float:
     occupied = cells == OCCUPIED
     if not occupied.any():
         return 0.0
-    return float(distance_to(wall_faces(cad == FREE))[occupied].mean() * resolution)
+    away = distance_to(wall_faces(cad == FREE))
+    return float(away[occupied].mean() * resolution)
 
 
 class ObstacleDistance:
@@ -64,23 +66,17 @@ class ObstacleDistance:
     """
 
     def __init__(self, segments: FloatArray) -> None:
-        low, high = segments.reshape(-1, 2).min(axis=0), segments.reshape(-1, 2).max(axis=0)
-        self.frame = GridFrame.covering((low[0], low[1], high[0], high[1]), _CELL, _MARGIN)
+        ends = segments.reshape(-1, 2)
+        low_x, low_y = ends.min(axis=0)
+        high_x, high_y = ends.max(axis=0)
+        self.frame = GridFrame.covering((low_x, low_y, high_x, high_y), _CELL, _MARGIN)
         canvas = np.full(self.frame.shape, 255, dtype=np.uint8)
         # Pixels with row 0 at the bottom; a pixel's centre is at a whole number.
-        pixels = (
-            segments.reshape(-1, 2) - [self.frame.origin_x, self.frame.origin_y]
-        ) / _CELL - 0.5
-        lines = np.rint(pixels * (1 << _SHIFT)).astype(np.int32).reshape(-1, 2, 2)
-        cv2.polylines(
-            canvas,
-            list(lines),
-            isClosed=False,
-            color=0,
-            thickness=1,
-            lineType=cv2.LINE_8,
-            shift=_SHIFT,
-        )
+        origin = [self.frame.origin_x, self.frame.origin_y]
+        pixels = (ends - origin) / _CELL - 0.5
+        fixed_point = np.rint(pixels * (1 << _SHIFT)).astype(np.int32)
+        lines = list(fixed_point.reshape(-1, 2, 2))
+        cv2.polylines(canvas, lines, False, 0, 1, cv2.LINE_8, _SHIFT)
         pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[::-1]
         self._field: Float32Array = (pixels_away * _CELL).astype(np.float32)
 
@@ -96,5 +92,7 @@ class ObstacleDistance:
             return 0.0
         row, col = self.frame.to_cell(*transform_points(world_from_map, places).T)
         rows, cols = self.frame.shape
-        away = self._field[np.clip(row, 0, rows - 1), np.clip(col, 0, cols - 1)]
+        nearest_row = np.clip(row, 0, rows - 1)
+        nearest_col = np.clip(col, 0, cols - 1)
+        away = self._field[nearest_row, nearest_col]
         return math.fsum(away.tolist()) / len(away)  # the same on every processor

@@ -74,9 +74,13 @@ def cut_to_floor(cells: ByteArray) -> ByteArray:
     )
     if len(stats) < 2:
         return cells[:0, :0]
-    left, top, width, height, _ = stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))]
-    m = _MARGIN_CELLS
-    return cells[max(top - m, 0) : top + height + m, max(left - m, 0) : left + width + m]
+    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    left, top, width, height, _ = stats[largest]
+    first_row = max(top - _MARGIN_CELLS, 0)
+    first_col = max(left - _MARGIN_CELLS, 0)
+    bottom = top + height + _MARGIN_CELLS
+    right = left + width + _MARGIN_CELLS
+    return cells[first_row:bottom, first_col:right]
 
 
 def look_statistics(cells: ByteArray) -> dict[str, float]:
@@ -89,9 +93,15 @@ def look_statistics(cells: ByteArray) -> dict[str, float]:
         Name to value: shares of the picture, wall thickness, holes, blobs, open borders, tilt, rays, straightness, and
         how often each 2 x 2 pattern of cells occurs.
     """
-    occupied, free, unknown = cells == OCCUPIED, cells == FREE, cells == UNKNOWN
-    area = max(float(free.sum()) * LOOK_CELL**2, 1e-9)
-    sizes, specks = _sizes(occupied), _sizes(~free)
+    occupied = cells == OCCUPIED
+    free = cells == FREE
+    unknown = cells == UNKNOWN
+    free_cells = float(free.sum())
+    area = max(free_cells * LOOK_CELL**2, 1e-9)
+    hundreds = area / 100.0
+    sizes = _sizes(occupied)
+    in_free = _sizes(~free)
+    specks_in_free = in_free[in_free <= _SPECK_CELLS]
     # With unknown cells around it: what borders floor at the end of the picture counts in the patterns.
     framed = crop_to_known(cells, 1)
     runs = _run_lengths(occupied)
@@ -102,19 +112,18 @@ def look_statistics(cells: ByteArray) -> dict[str, float]:
         "occupied_per_free": float(occupied.sum() / max(free.sum(), 1)),
         "wall_thickness_px": wall_thickness(occupied),
         "tilt_deg": wall_tilt(framed == OCCUPIED),
-        "blobs_per_100m2": len(sizes) / (area / 100.0),
-        "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / (area / 100.0),
-        "holes_per_100m2": len(_sizes(framed != FREE)) / (area / 100.0),
-        "unknown_holes_per_100m2": len(_sizes(framed == UNKNOWN)) / (area / 100.0),
+        "blobs_per_100m2": len(sizes) / hundreds,
+        "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / hundreds,
+        "holes_per_100m2": len(_sizes(framed != FREE)) / hundreds,
+        "unknown_holes_per_100m2": len(_sizes(framed == UNKNOWN)) / hundreds,
         "open_border": open_border(free, unknown),
         **runs,
         **_patterns(framed),
-        "run_4_plus": max(0.0, 1.0 - sum(runs[f"run_{n}"] for n in (1, 2, 3))),
+        "run_4_plus": max(0.0, 1.0 - (runs["run_1"] + runs["run_2"] + runs["run_3"])),
         "free_fragments_per_100m2": 100.0 * free_fragments(free) / area,
         "blob_median_px": float(np.median(sizes)) if len(sizes) else 0.0,
         **_ray_statistics(free, unknown, area),
-        "specks_in_free_share": float(specks[specks <= _SPECK_CELLS].sum())
-        / max(float(free.sum()), 1.0),
+        "specks_in_free_share": float(specks_in_free.sum()) / max(free_cells, 1.0),
         "dots_in_unknown_per_100m2": 100.0 * _dots(occupied, unknown) / area,
         **_straightness(occupied),
         "free_area_m2": area,
@@ -138,21 +147,26 @@ def wall_thickness(occupied: BoolArray) -> float:
 def wall_tilt(occupied: BoolArray) -> float:
     """By how much the walls' main direction is off the axes [deg], between -45 and 45."""
     smooth = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.5)
-    gx, gy = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)
+    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     # Directions count modulo 90 degrees: average the fourth power of the gradient's phase.
-    phase = np.exp(4j * np.arctan2(-gy, gx).astype(np.float64))
-    return float(np.degrees(np.angle((np.hypot(gx, gy) * phase).sum())) / 4.0)
+    angle = np.arctan2(-gy, gx).astype(np.float64)
+    fourth_power = np.hypot(gx, gy) * np.exp(4j * angle)
+    mean_phase = np.angle(fourth_power.sum())
+    return float(np.degrees(mean_phase) / 4.0)
 
 
 def open_border(free: BoolArray, unknown: BoolArray) -> float:
     """Share of the free space's border that meets unknown space instead of a wall."""
     border = (cv2.dilate(free.astype(np.uint8), CROSS) > 0) & ~free
-    return float((border & unknown).sum() / max(border.sum(), 1))
+    is_open = border & unknown
+    return float(is_open.sum() / max(border.sum(), 1))
 
 
 def free_fragments(free: BoolArray) -> int:
     """Number of connected parts (4-neighbours) of the free space, without the largest."""
-    return max(cv2.connectedComponents(free.astype(np.uint8), connectivity=4)[0] - 2, 0)
+    count, _ = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    return max(count - 2, 0)
 
 
 def _sizes(mask: BoolArray) -> FloatArray:
@@ -165,45 +179,64 @@ def _run_lengths(occupied: BoolArray) -> dict[str, float]:
     """Share of wall runs of 1, 2, 3 and more cells, along rows and columns together."""
     lengths = []
     for picture in (occupied, occupied.T):
-        edges = np.diff(np.pad(picture, ((0, 0), (1, 1))).astype(np.int8), axis=1)
-        lengths.append(np.nonzero(edges == -1)[1] - np.nonzero(edges == 1)[1])
+        padded = np.pad(picture, ((0, 0), (1, 1)))
+        edges = np.diff(padded.astype(np.int8), axis=1)
+        _, starts = np.nonzero(edges == 1)
+        _, ends = np.nonzero(edges == -1)
+        lengths.append(ends - starts)
     run = np.concatenate(lengths)
-    names = {
-        "run_1": run == 1,
-        "run_2": run == 2,
-        "run_3": run == 3,
-        "run_4_to_6": (run >= 4) & (run <= 6),
+    total = max(len(run), 1)
+    is_4_to_6 = (run >= 4) & (run <= 6)
+    return {
+        "run_1": float((run == 1).sum() / total),
+        "run_2": float((run == 2).sum() / total),
+        "run_3": float((run == 3).sum() / total),
+        "run_4_to_6": float(is_4_to_6.sum() / total),
     }
-    return {name: float(hit.sum() / max(len(run), 1)) for name, hit in names.items()}
 
 
 def _patterns(cells: ByteArray) -> dict[str, float]:
     """Share of each 2 x 2 pattern among the patterns that are not uniform."""
     level = np.where(cells == FREE, 2, np.where(cells == UNKNOWN, 1, 0))
-    code = level[:-1, :-1] + 3 * level[:-1, 1:] + 9 * level[1:, :-1] + 27 * level[1:, 1:]
+    upper = level[:-1, :-1] + 3 * level[:-1, 1:]
+    lower = level[1:, :-1] + 3 * level[1:, 1:]
+    code = upper + 9 * lower
     counts = np.bincount(code.ravel(), minlength=81).astype(np.float64)
     counts[list(_UNIFORM)] = 0.0
     shares = counts / max(counts.sum(), 1.0)
-    return {f"pattern_{i:02d}": float(share) for i, share in enumerate(shares) if i not in _UNIFORM}
+    kept = [code for code in range(81) if code not in _UNIFORM]
+    return {f"pattern_{code:02d}": float(shares[code]) for code in kept}
 
 
 def _ray_statistics(free: BoolArray, unknown: BoolArray, area: float) -> dict[str, float]:
-    """Beams that were drawn alone: thin strips of free space, their open ends, and checkerboards of them."""
+    """Beams that were drawn alone: thin strips of free space, open borders, and checkerboards of free and unknown."""
     image = free.astype(np.uint8)
     thin = free & (cv2.morphologyEx(image, cv2.MORPH_OPEN, _SQUARE) == 0)
-    stats = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)[2][1:]
-    length = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    rays = (length >= _RAY_CELLS) & (stats[:, cv2.CC_STAT_AREA] <= 2 * length)
-    open_runs = _sizes((cv2.dilate(image, CROSS) > 0) & unknown)
-    a, b, c, d = free[:-1, :-1], free[:-1, 1:], free[1:, :-1], free[1:, 1:]
-    crossed = (a == d) & (b == c) & (a != b)
-    mixed = ~((a == b) & (a == c) & (a == d))
+    open_border = (cv2.dilate(image, CROSS) > 0) & unknown
+    open_runs = _sizes(open_border)
+    top_left = free[:-1, :-1]
+    top_right = free[:-1, 1:]
+    bottom_left = free[1:, :-1]
+    bottom_right = free[1:, 1:]
+    is_uniform = (top_left == top_right) & (top_left == bottom_left) & (top_left == bottom_right)
+    diagonals_alike = (top_left == bottom_right) & (top_right == bottom_left)
+    crossed = diagonals_alike & (top_left != top_right)
+    mixed = ~is_uniform
     return {
         "thin_free_share": float(thin.sum() / max(free.sum(), 1)),
-        "rays_per_100m2": 100.0 * float(rays.sum()) / area,
+        "rays_per_100m2": 100.0 * float(_count_of_rays(thin)) / area,
         "open_run_m": LOOK_CELL * float(open_runs.mean()) if len(open_runs) else 0.0,
         "checkerboard_share": float(crossed.sum() / max(mixed.sum(), 1)),
     }
+
+
+def _count_of_rays(thin: BoolArray) -> int:
+    """Number of long parts among thin free space that fill no more than their diagonal."""
+    _, _, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
+    parts = stats[1:]
+    length = np.maximum(parts[:, cv2.CC_STAT_WIDTH], parts[:, cv2.CC_STAT_HEIGHT])
+    is_narrow = parts[:, cv2.CC_STAT_AREA] <= 2 * length
+    return int(((length >= _RAY_CELLS) & is_narrow).sum())
 
 
 def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
@@ -214,9 +247,12 @@ def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
     near = cv2.filter2D(
         unknown.astype(np.float32), -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE
     )
-    count = np.bincount(labels.ravel(), minlength=len(stats))
-    share = np.bincount(labels.ravel(), near.ravel(), len(stats)) / np.maximum(count, 1)
-    return int(((stats[1:, cv2.CC_STAT_AREA] <= _SPECK_CELLS) & (share[1:] > 0.5)).sum())
+    of_cell = labels.ravel()
+    count = np.bincount(of_cell, minlength=len(stats))
+    share = np.bincount(of_cell, near.ravel(), len(stats)) / np.maximum(count, 1)
+    is_small = stats[:, cv2.CC_STAT_AREA] <= _SPECK_CELLS
+    is_dot = is_small & (share > 0.5)
+    return int(is_dot[1:].sum())
 
 
 def _straightness(occupied: BoolArray) -> dict[str, float]:
@@ -224,18 +260,19 @@ def _straightness(occupied: BoolArray) -> dict[str, float]:
     if not occupied.any():
         return {"wall_coherence": 0.0, "bent_share": 0.0, "axis_alignment": 0.0}
     image = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
-    gx, gy = (
-        cv2.Sobel(image, cv2.CV_32F, x, 1 - x, borderType=cv2.BORDER_REPLICATE) for x in (1, 0)
-    )
-    xx, yy, xy = (
-        cv2.GaussianBlur(part, (0, 0), _NEIGHBOURHOOD) for part in (gx * gx, gy * gy, gx * gy)
-    )
-    coherence = (np.hypot(xx - yy, 2.0 * xy) / np.maximum(xx + yy, 1e-9))[occupied]
+    gx = cv2.Sobel(image, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE)
+    gy = cv2.Sobel(image, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE)
+    xx = cv2.GaussianBlur(gx * gx, (0, 0), _NEIGHBOURHOOD)
+    yy = cv2.GaussianBlur(gy * gy, (0, 0), _NEIGHBOURHOOD)
+    xy = cv2.GaussianBlur(gx * gy, (0, 0), _NEIGHBOURHOOD)
+    difference = np.hypot(xx - yy, 2.0 * xy)
+    coherence = (difference / np.maximum(xx + yy, 1e-9))[occupied]
     # Directions count modulo 90 degrees, as walls of one building stand square to each other.
-    turns = np.exp(4j * np.arctan2(gy, gx).astype(np.float64))
+    angle = np.arctan2(gy, gx).astype(np.float64)
     weight = np.hypot(gx, gy).astype(np.float64)
+    in_common = abs((weight * np.exp(4j * angle)).sum())
     return {
         "wall_coherence": float(coherence.mean()),
         "bent_share": float((coherence < _STRAIGHT).mean()),
-        "axis_alignment": float(abs((weight * turns).sum()) / max(weight.sum(), 1e-9)),
+        "axis_alignment": float(in_common / max(weight.sum(), 1e-9)),
     }

@@ -62,10 +62,9 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
     if not walls.any() or not true_walls.any():
         same = float(walls.any() == true_walls.any())
         return WallScore(same, same)
-    return WallScore(
-        precision=float((distance_to(true_walls)[walls] <= tolerance_px).mean()),
-        recall=float((distance_to(walls)[true_walls] <= tolerance_px).mean()),
-    )
+    is_true = distance_to(true_walls)[walls] <= tolerance_px
+    is_found = distance_to(walls)[true_walls] <= tolerance_px
+    return WallScore(precision=float(is_true.mean()), recall=float(is_found.mean()))
 
 
 def free_space(cells: ByteArray) -> FloatArray:
@@ -76,13 +75,15 @@ def free_space(cells: ByteArray) -> FloatArray:
 def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
     check_same_shape(image, target)
-    return float(np.mean((np.asarray(image, dtype=np.float64) - target) ** 2))
+    difference = np.asarray(image, dtype=np.float64) - target
+    return float(np.mean(difference**2))
 
 
 def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray:
     """The known part of a map with so many unknown cells around it; the map as it is if nothing is known."""
     known = cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    rows = np.flatnonzero(known.any(axis=1))
+    cols = np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         return cells
     part = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
@@ -103,17 +104,20 @@ def resample_slam(
         return cells
     size = (shape[1], shape[0])
     if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
-        return np.asarray(
-            cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT), dtype=np.uint8
-        )
-    occupied = cv2.resize(
-        (cells == OCCUPIED).astype(np.float32), size, interpolation=cv2.INTER_AREA
-    )
-    free = cv2.resize((cells == FREE).astype(np.float32), size, interpolation=cv2.INTER_AREA)
+        grown = cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT)
+        return np.asarray(grown, dtype=np.uint8)
+    occupied = _shrunk(cells == OCCUPIED, size)
+    free = _shrunk(cells == FREE, size)
     result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
     # Nothing of it known: neither share may decide.
     result[(free == 0.0) & (occupied < min_occupied)] = UNKNOWN
     return np.where(occupied >= min_occupied, OCCUPIED, result).astype(np.uint8)
+
+
+def _shrunk(mask: BoolArray, size: tuple[int, int]) -> Float32Array:
+    """Share of a mask in each cell of a coarser picture of a size (columns, rows)."""
+    share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return np.asarray(share, dtype=np.float32)
 
 
 def keep_thin_walls(share: Float32Array, drawing: Float32Array, matrix: FloatArray) -> Float32Array:
@@ -124,18 +128,20 @@ def keep_thin_walls(share: Float32Array, drawing: Float32Array, matrix: FloatArr
         drawing: The same before that, any shape.
         matrix: (2, 3), from (col, row) of the drawing to that of ``share``.
     """
-    kept, finer = share.copy(), np.array([[SHARE_STEPS], [1.0]])
-    for values, image, motion in (
-        (kept, drawing, matrix),
-        (kept.T, drawing.T, matrix[::-1, [1, 0, 2]]),
-    ):
-        # Cubic: linear interpolation would lift a wall of one cell to a half next to its middle.
-        size = (SHARE_STEPS * (values.shape[1] - 1) + 1, values.shape[0])
-        line = cv2.warpAffine(
-            np.ascontiguousarray(image), finer * motion, size, flags=cv2.INTER_CUBIC
-        )
-        close_thin_walls(values, line >= 0.5)
+    kept = share.copy()
+    _close_along_rows(kept, drawing, matrix)
+    _close_along_rows(kept.T, drawing.T, matrix[::-1, [1, 0, 2]])
     return kept
+
+
+def _close_along_rows(share: Float32Array, drawing: Float32Array, matrix: FloatArray) -> None:
+    """Close the walls that rows of the drawing cross; ``share`` is changed in place."""
+    rows, cols = share.shape
+    size = (SHARE_STEPS * (cols - 1) + 1, rows)
+    finer = np.array([[SHARE_STEPS], [1.0]]) * matrix
+    # Cubic: linear interpolation would lift a wall of one cell to a half next to its middle.
+    line = cv2.warpAffine(np.ascontiguousarray(drawing), finer, size, flags=cv2.INTER_CUBIC)
+    close_thin_walls(share, line >= 0.5)
 
 
 def free_boundary(free: BoolArray) -> BoolArray:
@@ -181,11 +187,13 @@ def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: floa
         ValueError: If the shapes differ.
     """
     check_same_shape(free, true_free)
-    walls, true_walls = free_boundary(free), free_boundary(true_free)
+    walls = free_boundary(free)
+    true_walls = free_boundary(true_free)
     if not walls.any() or not true_walls.any():
         return 0.0 if walls.any() == true_walls.any() else math.inf
-    to_truth, to_map = distance_to(true_walls)[walls], distance_to(walls)[true_walls]
-    return metres_per_px * float(max(np.percentile(to_truth, 95), np.percentile(to_map, 95)))
+    to_truth = np.percentile(distance_to(true_walls)[walls], 95)
+    to_map = np.percentile(distance_to(walls)[true_walls], 95)
+    return metres_per_px * float(max(to_truth, to_map))
 
 
 def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
@@ -196,15 +204,15 @@ def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
     """
     check_same_shape(free, true_free)
     union = np.count_nonzero(free | true_free)
-    return float(np.count_nonzero(free & true_free) / union) if union else 1.0
+    intersection = np.count_nonzero(free & true_free)
+    return float(intersection / union) if union else 1.0
 
 
 def distance_to(mask: BoolArray) -> FloatArray:
     """Euclidean distance of each cell's centre from that of the nearest true cell [cells]."""
-    return np.asarray(
-        cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE),
-        dtype=np.float64,
-    )
+    others = (~mask).astype(np.uint8)
+    distance = cv2.distanceTransform(others, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return np.asarray(distance, dtype=np.float64)
 
 
 def check_same_shape(a: np.ndarray, b: np.ndarray) -> None:

@@ -74,16 +74,21 @@ def compare_openings(
         ValueError: If the shapes differ.
     """
     check_same_shape(floor, true_floor)
-    drawn, truth = (np.asarray(values, dtype=np.float32) for values in (floor, true_floor))
-    rooms = label_rooms(truth >= FLOOR, metres_per_px)
-    doors = find_doors(rooms, truth >= FLOOR)
+    drawn = np.asarray(floor, dtype=np.float32)
+    truth = np.asarray(true_floor, dtype=np.float32)
+    is_drawn = drawn >= FLOOR
+    is_floor = truth >= FLOOR
+    rooms = label_rooms(is_floor, metres_per_px)
+    doors = find_doors(rooms, is_floor)
     # The rooms without what lies so near to a wall that a displaced wall may have it on its other side.
-    cores = np.where(from_walls(truth >= FLOOR) * metres_per_px > 0.2, rooms, 0)
-    kept = [door for door in doors if _is_open(door, drawn >= FLOOR, cores, metres_per_px)]
-    widths = [
-        _clear_width(door, drawn, metres_per_px) - _clear_width(door, truth, metres_per_px)
-        for door in kept
-    ]
+    is_core = from_walls(is_floor) * metres_per_px > 0.2
+    cores = np.where(is_core, rooms, 0)
+    kept = [door for door in doors if _is_open(door, is_drawn, cores, metres_per_px)]
+    widths = []
+    for door in kept:
+        width = _clear_width(door, drawn, metres_per_px)
+        true_width = _clear_width(door, truth, metres_per_px)
+        widths.append(width - true_width)
     holes: dict[tuple[int, int], int] = defaultdict(int)
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
         for pair, count in _holes(a, b, labels, metres_per_px):
@@ -110,7 +115,8 @@ def unseen_share(floor: BoolArray, seen: BoolArray) -> float:
     """
     check_same_shape(floor, seen)
     total = np.count_nonzero(floor)
-    return float(np.count_nonzero(floor & ~seen) / total) if total else 0.0
+    unseen = np.count_nonzero(floor & ~seen)
+    return float(unseen / total) if total else 0.0
 
 
 def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
@@ -126,9 +132,8 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
         mask = np.zeros(rooms.shape, np.uint8)
         mask[tuple(np.array(cells).T)] = 1
         # A border is a staircase of single steps: one cell of slack joins them.
-        count, labels = cv2.connectedComponents(
-            cv2.dilate(mask, np.ones((3, 3), np.uint8)), connectivity=8
-        )
+        widened = cv2.dilate(mask, np.ones((3, 3), np.uint8))
+        count, labels = cv2.connectedComponents(widened, connectivity=8)
         for number in range(1, count):
             places = [cell for cell in cells if labels[cell] == number]
             row, col = max(places, key=lambda cell: radius[cell])
@@ -139,13 +144,21 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
 def room_borders(rooms: IntArray) -> list[tuple[tuple[int, int], list[tuple[int, int]]]]:
     """Pairs of rooms that meet, and the cells (row, col) along which they do."""
     borders: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
-    for step in ((0, 1), (1, 0)):
-        here = rooms[: rooms.shape[0] - step[0], : rooms.shape[1] - step[1]]
-        there = rooms[step[0] :, step[1] :]
-        for row, col in np.argwhere((here != there) & (here > 0) & (there > 0)).tolist():
-            low, high = sorted((int(here[row, col]), int(there[row, col])))
-            borders[low, high].append((row, col))
+    rows, cols = rooms.shape
+    for down, right in ((0, 1), (1, 0)):
+        here = rooms[: rows - down, : cols - right]
+        there = rooms[down:, right:]
+        both_rooms = (here > 0) & (there > 0)
+        is_border = (here != there) & both_rooms
+        for row, col in np.argwhere(is_border).tolist():
+            borders[_pair(here[row, col], there[row, col])].append((row, col))
     return sorted(borders.items())
+
+
+def _pair(room: np.int64, other: np.int64) -> tuple[int, int]:
+    """The numbers of two rooms, the lower first."""
+    low, high = sorted((int(room), int(other)))
+    return low, high
 
 
 def from_walls(floor: BoolArray) -> Float32Array:
@@ -158,56 +171,78 @@ def from_walls(floor: BoolArray) -> Float32Array:
 def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: float) -> bool:
     """True if drawn floor near a door joins its two rooms."""
     reach = math.ceil(1.0 / metres_per_px)
-    window = (
-        slice(max(0, door.row - reach), door.row + reach + 1),
-        slice(max(0, door.col - reach), door.col + reach + 1),
-    )
-    _, parts = cv2.connectedComponents(drawn[window].astype(np.uint8), connectivity=4)
-    sides = [
-        set(np.unique(parts[drawn[window] & (cores[window] == room)]).tolist())
-        for room in door.rooms
-    ]
-    return bool(sides[0] & sides[1])
+    rows = slice(max(0, door.row - reach), door.row + reach + 1)
+    cols = slice(max(0, door.col - reach), door.col + reach + 1)
+    floor = drawn[rows, cols]
+    _, parts = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
+    room, other = door.rooms
+    of_room = parts[floor & (cores[rows, cols] == room)]
+    of_other = parts[floor & (cores[rows, cols] == other)]
+    return bool(np.isin(of_room, of_other).any())
 
 
 def _clear_width(door: Doorway, values: Float32Array, metres_per_px: float) -> float:
     """The narrowest line across an opening, along either axis [m]; nan if there is none."""
+    at_row = _narrowest_through(values, door.row, door.col, metres_per_px)
+    at_col = _narrowest_through(values.T, door.col, door.row, metres_per_px)
+    return float(np.fmin(at_row, at_col))
+
+
+def _narrowest_through(values: Float32Array, line: int, place: int, metres_per_px: float) -> float:
+    """Length of the shortest run of floor at a place of the lines around one [m]; nan if there is none."""
+    reach = math.ceil(REACH / metres_per_px)
+    low = place - 4.0
+    high = place + 4.0
     narrowest = math.nan
-    for image, line, place in ((values, door.row, door.col), (values.T, door.col, door.row)):
-        widths = []
-        reach = math.ceil(REACH / metres_per_px)
-        for shifted in range(max(0, line - reach), min(len(image), line + reach + 1)):
-            runs = floor_runs(image[shifted])
-            through = max(runs, key=lambda run: run.overlap(place - 4.0, place + 4.0), default=None)
-            if through is not None and through.overlap(place - 4.0, place + 4.0) > 0.0:
-                widths.append(through.length)
-        if widths:
-            narrowest = np.fmin(narrowest, min(widths) * metres_per_px)
-    return float(narrowest)
+    for number in range(max(0, line - reach), min(len(values), line + reach + 1)):
+        runs = floor_runs(values[number])
+        through = max(runs, key=lambda run: run.overlap(low, high), default=None)
+        if through is not None and through.overlap(low, high) > 0.0:
+            narrowest = np.fmin(narrowest, through.length)
+    return narrowest * metres_per_px
 
 
 def _holes(
     drawn: Float32Array, truth: Float32Array, rooms: IntArray, metres_per_px: float
 ) -> list[tuple[tuple[int, int], int]]:
     """Number of holes in every straight piece of wall between two rooms, across the image's rows."""
-    beside, trimmed = round(BESIDE / metres_per_px), round(TRIMMED / metres_per_px)
-    thickest, smallest = MAX_THICKNESS / metres_per_px, MIN_HOLE / metres_per_px
-    by_line: list[list[Run]] = []
-    for line, labels in zip(truth, rooms, strict=True):
-        walls = [wall for wall in wall_runs(line) if wall.length <= thickest]
-        by_line.append(
-            [wall for wall in walls if 0 < labels[wall.first - 1] != labels[wall.last + 1] > 0]
-        )
+    trimmed = round(TRIMMED / metres_per_px)
+    smallest = MIN_HOLE / metres_per_px
+    by_line = _walls_between_rooms(truth, rooms, metres_per_px)
     found = []
     for piece in straight_pieces(by_line, smallest + 2 * trimmed):
         middle = len(piece.runs) // 2
-        wall, labels = piece.runs[middle], rooms[piece.line + middle]
-        low, high = sorted((int(labels[wall.first - 1]), int(labels[wall.last + 1])))
+        wall = piece.runs[middle]
+        labels = rooms[piece.line + middle]
+        pair = _pair(labels[wall.first - 1], labels[wall.last + 1])
         opened = []
         for number in range(trimmed, len(piece.runs) - trimmed):
-            wall, line = piece.runs[number], drawn[piece.line + number]
-            part = line[max(0, wall.first - beside) : wall.last + beside + 1]
-            opened.append((part >= FLOOR).all())  # floor from one side of the wall to the other
+            line = drawn[piece.line + number]
+            opened.append(_is_opened(piece.runs[number], line, metres_per_px))
         holes = floor_runs(np.array(opened, np.float32))
-        found.append(((low, high), sum(hole.length >= smallest for hole in holes)))
+        found.append((pair, sum(hole.length >= smallest for hole in holes)))
     return found
+
+
+def _walls_between_rooms(
+    truth: Float32Array, rooms: IntArray, metres_per_px: float
+) -> list[list[Run]]:
+    """The runs of wall between two different rooms in each row."""
+    thickest = MAX_THICKNESS / metres_per_px
+    by_line = []
+    for line, labels in zip(truth, rooms, strict=True):
+        walls = []
+        for wall in wall_runs(line):
+            before = labels[wall.first - 1]
+            behind = labels[wall.last + 1]
+            if wall.length <= thickest and before != behind and min(before, behind) > 0:
+                walls.append(wall)
+        by_line.append(walls)
+    return by_line
+
+
+def _is_opened(wall: Run, line: Float32Array, metres_per_px: float) -> bool:
+    """True if a line of the drawing is floor from one side of a wall to the other."""
+    beside = round(BESIDE / metres_per_px)
+    part = line[max(0, wall.first - beside) : wall.last + beside + 1]
+    return bool((part >= FLOOR).all())

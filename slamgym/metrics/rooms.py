@@ -49,11 +49,13 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
         Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
     """
     padded = np.pad(free, 1).astype(np.uint8)
-    distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE).astype(np.float64)
+    distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # A wall's face lies half a cell before its first cell.
-    radius = np.where(padded > 0, (distance - 0.5) * metres_per_px, 0.0)
+    from_face = (distance.astype(np.float64) - 0.5) * metres_per_px
+    radius = np.where(padded > 0, from_face, 0.0)
     cells = np.flatnonzero(padded)
-    order = cells[np.argsort(-radius.ravel()[cells], kind="stable")]
+    from_top = np.argsort(-radius.ravel()[cells], kind="stable")
+    order = cells[from_top]
     parts = _flood(
         radius,
         order.astype(np.int64),
@@ -64,7 +66,8 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
     )
     is_root = np.bincount(parts.ravel(), minlength=1) > 0
     is_root[0] = True  # outside
-    labels = (np.cumsum(is_root) - 1)[parts]
+    label_of_root = np.cumsum(is_root) - 1
+    labels = label_of_root[parts]
     sizes = np.bincount(labels.ravel()) * metres_per_px**2
     widest = np.zeros(len(sizes))
     np.maximum.at(widest, labels.ravel(), radius.ravel())
@@ -86,12 +89,17 @@ def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> R
         ValueError: If the shapes differ.
     """
     check_same_shape(free, true_free)
-    found, truth = label_rooms(free, metres_per_px), label_rooms(true_free, metres_per_px)
-    count, true_count = int(found.max(initial=0)), int(truth.max(initial=0))
+    found = label_rooms(free, metres_per_px)
+    truth = label_rooms(true_free, metres_per_px)
+    count = int(found.max(initial=0))
+    true_count = int(truth.max(initial=0))
     overlap = np.zeros((count + 1, true_count + 1))
     np.add.at(overlap, (found, truth), 1.0)
-    sizes, true_sizes = overlap.sum(axis=1, keepdims=True), overlap.sum(axis=0, keepdims=True)
-    iou = overlap[1:, 1:] / np.maximum(sizes[1:] + true_sizes[:, 1:] - overlap[1:, 1:], 1.0)
+    sizes = overlap.sum(axis=1, keepdims=True)
+    true_sizes = overlap.sum(axis=0, keepdims=True)
+    intersection = overlap[1:, 1:]
+    union = sizes[1:] + true_sizes[:, 1:] - intersection
+    iou = intersection / np.maximum(union, 1.0)
     # Above one half, no room can have two counterparts.
     matched = int((iou > 0.5).sum())
     total = count + true_count
@@ -137,7 +145,9 @@ def _flood(
                 parent[other] = own
                 size[own] += size[other]
         if own == 0:
-            parent[at], size[at], peak[at] = at, 1, height[at]
+            parent[at] = at
+            size[at] = 1
+            peak[at] = height[at]
     for at in order:
         parent[at] = _root(parent, at)
     return parent.reshape(rows, cols)

@@ -75,14 +75,18 @@ def poses_at(trajectory: Trajectory, stamps: FloatArray) -> tuple[FloatArray, Bo
         The poses, shape (N, 3), and which of them are valid, shape (N,).
     """
     stamps = np.asarray(stamps, dtype=np.float64)
-    known, poses = trajectory.stamps, trajectory.poses
+    known = trajectory.stamps
+    poses = trajectory.poses
     if len(known) == 0:
         return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
     x = np.interp(stamps, known, poses[:, 0])
     y = np.interp(stamps, known, poses[:, 1])
-    theta = wrap_angle(np.interp(stamps, known, np.unwrap(poses[:, 2])))
+    turned = np.interp(stamps, known, np.unwrap(poses[:, 2]))
+    theta = wrap_angle(turned)
     # 1 us: stamps that went through a text file.
-    valid = (stamps >= known[0] - 1e-6) & (stamps <= known[-1] + 1e-6)
+    first = known[0] - 1e-6
+    last = known[-1] + 1e-6
+    valid = (stamps >= first) & (stamps <= last)
     return np.column_stack([x, y, theta]), valid
 
 
@@ -96,11 +100,17 @@ def align_se2(points: FloatArray, target: FloatArray) -> Pose2D:
     Returns:
         The pose T with ``T * points ~ target`` (Umeyama 1991, eq. 40-42, in the plane without scale).
     """
-    centre, target_centre = points.mean(axis=0), target.mean(axis=0)
-    a, b = points - centre, target - target_centre
-    theta = float(np.arctan2((a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum(), (a * b).sum()))
-    cos, sin = np.cos(theta), np.sin(theta)
-    shift = target_centre - np.array([[cos, -sin], [sin, cos]]) @ centre
+    centre = points.mean(axis=0)
+    target_centre = target.mean(axis=0)
+    a = points - centre
+    b = target - target_centre
+    cross = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+    dot = (a * b).sum()
+    theta = float(np.arctan2(cross, dot))
+    cos = np.cos(theta)
+    sin = np.sin(theta)
+    rotation = np.array([[cos, -sin], [sin, cos]])
+    shift = target_centre - rotation @ centre
     return Pose2D(float(shift[0]), float(shift[1]), theta)
 
 
@@ -123,7 +133,7 @@ def absolute_trajectory_error(
         poses = transform_poses(align_se2(poses[:, :2], reference[:, :2]), poses)
     error = poses - reference
     error[:, 2] = wrap_angle(error[:, 2])
-    return PoseError(*_statistics(error))
+    return _pose_error(error)
 
 
 def _paired(estimate: Trajectory, truth: Trajectory) -> tuple[FloatArray, FloatArray]:
@@ -146,15 +156,14 @@ def relative_pose_error(
         ValueError: If the shared path is shorter than ``delta``.
     """
     reference, poses = _paired(estimate, truth)
-    travelled = np.concatenate([[0.0], np.hypot(*np.diff(reference[:, :2], axis=0).T).cumsum()])
+    steps = np.hypot(*np.diff(reference[:, :2], axis=0).T)
+    travelled = np.concatenate([[0.0], steps.cumsum()])
     ends = np.searchsorted(travelled, travelled + delta - 1e-9)
     starts = np.flatnonzero(ends < len(travelled))
     ends = ends[starts]
-    error = relative_poses(
-        relative_poses(reference[starts], reference[ends]),
-        relative_poses(poses[starts], poses[ends]),
-    )
-    return PoseError(*_statistics(error))
+    true_motion = relative_poses(reference[starts], reference[ends])
+    motion = relative_poses(poses[starts], poses[ends])
+    return _pose_error(relative_poses(true_motion, motion))
 
 
 def relation_error(
@@ -182,43 +191,56 @@ def relation_error(
     The errors are those of eq. (4) of the paper with the absolute instead of the squared error, as its tables
     have it: ``delta = relative^-1 * estimated``, of which the length and the angle are taken.
     """
-    wanted = (
-        np.abs(np.asarray(end_stamps) - start_stamps) > REVISIT_SECONDS if revisits else np.s_[:]
-    )
-    starts, start_known = _nearest_poses(trajectory, np.asarray(start_stamps)[wanted])
-    ends, end_known = _nearest_poses(trajectory, np.asarray(end_stamps)[wanted])
+    start_stamps = np.asarray(start_stamps)
+    end_stamps = np.asarray(end_stamps)
+    relative = np.asarray(relative)
+    if revisits:
+        wanted = np.abs(end_stamps - start_stamps) > REVISIT_SECONDS
+        start_stamps = start_stamps[wanted]
+        end_stamps = end_stamps[wanted]
+        relative = relative[wanted]
+    starts, start_known = _nearest_poses(trajectory, start_stamps)
+    ends, end_known = _nearest_poses(trajectory, end_stamps)
     known = start_known & end_known
     if not known.any():
         raise ValueError(
             "no relation lies within the time of the trajectory; are they of the same log?"
         )
-    error = relative_poses(
-        np.asarray(relative)[wanted][known], relative_poses(starts[known], ends[known])
-    )
-    return RelationError(*_statistics(error), missing=int(np.count_nonzero(~known)))
+    motion = relative_poses(starts[known], ends[known])
+    error = _pose_error(relative_poses(relative[known], motion))
+    missing = int(np.count_nonzero(~known))
+    return RelationError(error.translation, error.rotation, missing)
 
 
-def _statistics(error: FloatArray) -> tuple[ErrorStatistics, ErrorStatistics]:
+def _pose_error(error: FloatArray) -> PoseError:
     """Statistics of the position and of the heading, from errors (N, 3)."""
-    return ErrorStatistics.of(np.hypot(error[:, 0], error[:, 1])), ErrorStatistics.of(error[:, 2])
+    translation = np.hypot(error[:, 0], error[:, 1])
+    return PoseError(ErrorStatistics.of(translation), ErrorStatistics.of(error[:, 2]))
 
 
 def _nearest_poses(trajectory: Trajectory, stamps: FloatArray) -> tuple[FloatArray, BoolArray]:
     """The pose nearest in time to each moment, and whether it is near enough."""
     known = trajectory.stamps
-    after = np.clip(np.searchsorted(known, stamps), 1, max(len(known) - 1, 1))
-    last = np.minimum(after, len(known) - 1)
-    nearest = np.where(stamps - known[after - 1] <= known[last] - stamps, after - 1, last)
-    return trajectory.poses[nearest], np.abs(known[nearest] - stamps) <= MOMENT_TOLERANCE
+    end = len(known) - 1
+    after = np.clip(np.searchsorted(known, stamps), 1, max(end, 1))
+    before = after - 1
+    after = np.minimum(after, end)
+    is_before_nearer = stamps - known[before] <= known[after] - stamps
+    nearest = np.where(is_before_nearer, before, after)
+    away = np.abs(known[nearest] - stamps)
+    return trajectory.poses[nearest], away <= MOMENT_TOLERANCE
 
 
 def relative_poses(a: FloatArray, b: FloatArray) -> FloatArray:
     """Each pose of ``b`` seen from the pose of ``a`` in the same row; both have shape (N, 3)."""
-    cos, sin = np.cos(a[:, 2]), np.sin(a[:, 2])
-    dx, dy = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
-    return np.column_stack(
-        [cos * dx + sin * dy, -sin * dx + cos * dy, wrap_angle(b[:, 2] - a[:, 2])]
-    )
+    cos = np.cos(a[:, 2])
+    sin = np.sin(a[:, 2])
+    dx = b[:, 0] - a[:, 0]
+    dy = b[:, 1] - a[:, 1]
+    forward = cos * dx + sin * dy
+    left = -sin * dx + cos * dy
+    turn = wrap_angle(b[:, 2] - a[:, 2])
+    return np.column_stack([forward, left, turn])
 
 
 def normalised_estimation_error_squared(
@@ -240,4 +262,5 @@ def normalised_estimation_error_squared(
     error[:, 2] = wrap_angle(error[:, 2])
     inflated = np.asarray(covariances, dtype=np.float64) + floor * np.eye(3)
     solved = np.linalg.solve(inflated, error[:, :, None])[:, :, 0]
-    return np.asarray(np.einsum("ni,ni->n", error, solved), dtype=np.float64)
+    products = np.einsum("ni,ni->n", error, solved)
+    return np.asarray(products, dtype=np.float64)

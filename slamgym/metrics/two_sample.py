@@ -43,8 +43,10 @@ def distinguish(
     Raises:
         ConfigError: If a kind shows one building only.
     """
-    group = np.unique(np.array(buildings), return_inverse=True)[1]
-    fewest = min(len(np.unique(group[of_second == kind])) for kind in (False, True))
+    _, group = np.unique(np.array(buildings), return_inverse=True)
+    of_first_kind = np.unique(group[~of_second])
+    of_second_kind = np.unique(group[of_second])
+    fewest = min(len(of_first_kind), len(of_second_kind))
     if fewest < 2:
         raise ConfigError(
             "a test needs maps of at least two buildings of each kind; add maps of others"
@@ -56,7 +58,8 @@ def distinguish(
         for k in range(folds):
             held = fold == k
             found = learner(~held, of_second, seed + repeat * folds + k)
-            right[held] += ((found > 0.5) == of_second[held]) / repeats
+            is_right = (found > 0.5) == of_second[held]
+            right[held] += is_right / repeats
     return balanced_accuracy(right, of_second, group, seed)
 
 
@@ -82,7 +85,8 @@ def half_against_half(
     names, group = np.unique(np.array(buildings), return_inverse=True)
     found = []
     for halving in range(halvings):
-        chosen = np.random.default_rng([seed, halving]).permutation(len(names)) < len(names) // 2
+        rng = np.random.default_rng([seed, halving])
+        chosen = rng.permutation(len(names)) < len(names) // 2
         found.append(distinguish(chosen[group], buildings, learner, folds, seed=seed))
     if halvings == 1:
         return found[0]
@@ -120,7 +124,8 @@ def ks_distance(first: ArrayLike, second: ArrayLike) -> float:
     from scipy.stats import ks_2samp
 
     # The distance alone is wanted; the exact p-value costs more and warns on small samples.
-    a, b = (np.asarray(values, dtype=np.float64).ravel() for values in (first, second))
+    a = np.asarray(first, dtype=np.float64).ravel()
+    b = np.asarray(second, dtype=np.float64).ravel()
     return float(ks_2samp(a, b, method="asymp").statistic)
 
 

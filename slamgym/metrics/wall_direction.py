@@ -7,6 +7,7 @@ modulo 90 degrees, since walls of a building are mostly at right angles. What co
 short, and rays that leave through a window border on the unknown, not on a wall.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -86,14 +87,17 @@ def wall_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
         (N, 2): differences of their ends [px], x to the right and y upwards.
     """
     side = 2 * REACH_PX + 1
-    near = cv2.dilate(occupied.astype(np.uint8), np.ones((side, side), np.uint8)) > 0
+    around = np.ones((side, side), np.uint8)
+    near = cv2.dilate(occupied.astype(np.uint8), around) > 0
     found = [np.empty((0, 2))]
     for mask in (free, occupied):  # walls that no free cell touches have separate outlines
         outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE)
         for outline in outlines:
             points = outline[:, 0, :]
-            if len(points) >= SHORTEST_PX:
-                found += [_fitted(part) for part in _runs(points, near[points[:, 1], points[:, 0]])]
+            if len(points) < SHORTEST_PX:
+                continue
+            is_near = near[points[:, 1], points[:, 0]]
+            found += [_fitted(run) for run in _runs(points, is_near)]
     return np.vstack(found)
 
 
@@ -105,26 +109,33 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
         shortest: Shortest length of the pieces that count; what is longer counts with its length beyond this.
     """
     lengths = np.hypot(*pieces.T)
-    pieces, lengths = pieces[lengths > shortest], lengths[lengths > shortest]
+    is_long = lengths > shortest
+    pieces = pieces[is_long]
+    lengths = lengths[is_long]
     if len(pieces) == 0:
         return NO_DIRECTION
     weights = lengths - shortest
     angles = np.degrees(np.arctan2(pieces[:, 1], pieces[:, 0]))
     bins = np.arange(-45.0, 45.0, _STEP_DEG)
     apart = _difference(bins[:, None], angles[None])
-    scores = np.exp(-0.5 * (apart / SPREAD_DEG) ** 2) @ weights
+    nearness = np.exp(-0.5 * (apart / SPREAD_DEG) ** 2)
+    scores = nearness @ weights
     # Where two are as good, the one nearer to the axes.
     order = np.argsort(np.abs(bins), kind="stable")
-    best = bins[order[int(np.argmax(np.round(scores[order], 9)))]]
+    first_best = int(np.argmax(np.round(scores[order], 9)))
+    best = bins[order[first_best]]
     near = np.abs(_difference(angles, best)) <= PEAK_DEG
     # A long piece's direction is as exact as it is long.
     exact = weights[near] * lengths[near]
-    angle = best + float(exact @ _difference(angles[near], best) / exact.sum())
+    missing = _difference(angles[near], best)
+    angle = best + float(exact @ missing / exact.sum())
     elsewhere = np.abs(_difference(bins, angle)) >= APART_DEG
     rival = int(np.argmax(np.where(elsewhere, scores, -1.0)))
-    share = float(scores[rival] / scores.max())
     return WallDirection(
-        float(_difference(angle, 0.0)), float(scores.max()), float(bins[rival]), share
+        angle_deg=float(_difference(angle, 0.0)),
+        support=float(scores.max()),
+        rival_deg=float(bins[rival]),
+        rival_share=float(scores[rival] / scores.max()),
     )
 
 
@@ -138,9 +149,12 @@ def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
     if kept.all():
         return [np.vstack([points, points[:1]])]
     first = int(np.argmin(kept))
-    points, kept = np.roll(points, -first, axis=0), np.roll(kept, -first)
-    ends = np.flatnonzero(np.diff(np.concatenate([[0], kept.astype(np.int8), [0]])))
-    return [points[a:b] for a, b in zip(ends[::2], ends[1::2], strict=True) if b - a >= SHORTEST_PX]
+    points = np.roll(points, -first, axis=0)
+    kept = np.roll(kept, -first)
+    changes = np.diff(np.concatenate([[0], kept.astype(np.int8), [0]]))
+    ends = np.flatnonzero(changes).reshape(-1, 2)
+    runs = [points[start:end] for start, end in ends]
+    return [run for run in runs if len(run) >= SHORTEST_PX]
 
 
 def _fitted(run: np.ndarray) -> FloatArray:
@@ -148,19 +162,24 @@ def _fitted(run: np.ndarray) -> FloatArray:
     corners = cv2.approxPolyDP(run.astype(np.int32), TOLERANCE_PX, False)[:, 0, :]
     places = {(int(x), int(y)): index for index, (x, y) in reversed(list(enumerate(run)))}
     found = []
-    for (x0, y0), (x1, y1) in zip(corners[:-1].tolist(), corners[1:].tolist(), strict=True):
+    for (x0, y0), (x1, y1) in itertools.pairwise(corners.tolist()):
         length = math.hypot(x1 - x0, y1 - y0)
         if length < SHORTEST_PX:
             continue
-        first, last = places[x0, y0], places[x1, y1]
-        part = run[first : last + 1].astype(np.float64) if last > first else np.empty((0, 2))
-        if len(part) < 3:
+        first = places[x0, y0]
+        last = places[x1, y1]
+        if last - first < 2:
             found.append((x1 - x0, y0 - y1))
             continue
-        x, y = (part - part.mean(axis=0)).T
-        angle = 0.5 * math.atan2(2.0 * float(x @ y), float(x @ x - y @ y))
+        angle = _angle(run[first : last + 1].astype(np.float64))
         found.append((length * math.cos(angle), -length * math.sin(angle)))
     return np.array(found, dtype=np.float64).reshape(-1, 2)
+
+
+def _angle(points: FloatArray) -> float:
+    """Direction of the line that fits points (N, 2) best [rad]."""
+    x, y = (points - points.mean(axis=0)).T
+    return 0.5 * math.atan2(2.0 * float(x @ y), float(x @ x - y @ y))
 
 
 def angle_to_undo_deg(cells: ByteArray) -> float:
@@ -184,9 +203,9 @@ def turned(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray
         angle_deg: [deg]
         fill: Value of what comes from beyond the border.
     """
-    return (
-        cells if angle_deg == 0.0 else np.asarray(_turn(cells, angle_deg, cv2.INTER_NEAREST, fill))
-    )
+    if angle_deg == 0.0:
+        return cells
+    return np.asarray(_turn(cells, angle_deg, cv2.INTER_NEAREST, fill))
 
 
 def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
@@ -194,7 +213,8 @@ def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
     if angle_deg == 0.0:
         return image
     # Cubic: between two pixels, linear interpolation would lift a wall one pixel thick to a half.
-    return np.clip(_turn(image, angle_deg, cv2.INTER_CUBIC, 0.0), 0.0, 1.0).astype(np.float32)
+    turned = _turn(image, angle_deg, cv2.INTER_CUBIC, 0.0)
+    return np.clip(turned, 0.0, 1.0).astype(np.float32)
 
 
 def flipped(image: np.ndarray, symmetry: int) -> np.ndarray:
@@ -207,15 +227,19 @@ def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) 
     """Add an even border so that turning by this angle cuts nothing off."""
     rows, cols = cells.shape
     angle = math.radians(angle_deg)
-    cos, sin = abs(math.cos(angle)), abs(math.sin(angle))
-    above = max(0, math.ceil(0.5 * (rows * cos + cols * sin - rows)))
-    beside = max(0, math.ceil(0.5 * (cols * cos + rows * sin - cols)))
+    cos = abs(math.cos(angle))
+    sin = abs(math.sin(angle))
+    higher = rows * cos + cols * sin - rows
+    wider = cols * cos + rows * sin - cols
+    above = max(0, math.ceil(0.5 * higher))
+    beside = max(0, math.ceil(0.5 * wider))
     return np.pad(cells, ((above, above), (beside, beside)), constant_values=fill)
 
 
 def _turn(image: np.ndarray, angle_deg: float, method: int, fill: float) -> np.ndarray:
     rows, cols = image.shape
-    matrix = cv2.getRotationMatrix2D((0.5 * (cols - 1), 0.5 * (rows - 1)), angle_deg, 1.0)
+    centre = (0.5 * (cols - 1), 0.5 * (rows - 1))
+    matrix = cv2.getRotationMatrix2D(centre, angle_deg, 1.0)
     return transformed(image, matrix, fill, method)
 
 

@@ -28,8 +28,10 @@ TRUE_COLOUR: Colour = (25, 113, 194)
 BELIEVED_COLOUR: Colour = (224, 49, 49)
 SURE_COLOUR: Colour = (47, 158, 68)
 
-FRAME_WIDTH, FRAME_HEIGHT = 1280, 720
-"""Size of the pictures of a film [px]; even, as video encoders want it."""
+FRAME_WIDTH = 1280
+"""Width of the pictures of a film [px]; even, as video encoders want it."""
+FRAME_HEIGHT = 720
+"""Height of the pictures of a film [px]; even, as video encoders want it."""
 
 SHIFT = 4
 """Fractional bits of drawing coordinates."""
@@ -46,12 +48,14 @@ def draw_text(
     picture: ByteArray, text: str, left: int, baseline: int, size: float, colour: Colour = INK
 ) -> None:
     """Write a line into a picture."""
-    cv2.putText(picture, printable(text), (left, baseline), _FONT, size, colour, 1, cv2.LINE_AA)
+    place = (left, baseline)
+    cv2.putText(picture, printable(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def text_width(text: str, size: float) -> int:
     """Width of a line [px]."""
-    return int(cv2.getTextSize(printable(text), _FONT, size, 1)[0][0])
+    (width, _), _ = cv2.getTextSize(printable(text), _FONT, size, 1)
+    return int(width)
 
 
 def fitting_size(text: str, size: float, width: int) -> float:
@@ -63,8 +67,10 @@ def fitting_size(text: str, size: float, width: int) -> float:
 
 def with_heading(picture: ByteArray, heading: str, height: int = 40) -> ByteArray:
     """A picture below a line of text."""
-    strip = blank((height, picture.shape[1]))
-    draw_text(strip, heading, 12, height - 12, fitting_size(heading, 0.8, picture.shape[1] - 24))
+    width = picture.shape[1]
+    strip = blank((height, width))
+    size = fitting_size(heading, 0.8, width - 24)
+    draw_text(strip, heading, 12, height - 12, size)
     return np.vstack([strip, picture])
 
 
@@ -91,39 +97,52 @@ def draw_scale_bar(
     length = round_length(metres_per_px * most_px)
     width = round(length / metres_per_px)
     label = f"{length:g} m"
-    right = left + width + 8 + text_width(label, 0.45)
+    bar_end = left + width
+    label_left = bar_end + 8
+    right = label_left + text_width(label, 0.45)
     if backed:
         box = picture[bottom - 12 : bottom + 10, left - 6 : right + 6]
-        cv2.addWeighted(box, 0.2, np.full_like(box, 255), 0.8, 0.0, dst=box)
-    cv2.line(picture, (left, bottom), (left + width, bottom), INK, 2)
-    for end in (left, left + width):
+        white = np.full_like(box, 255)
+        cv2.addWeighted(box, 0.2, white, 0.8, 0.0, dst=box)
+    cv2.line(picture, (left, bottom), (bar_end, bottom), INK, 2)
+    for end in (left, bar_end):
         cv2.line(picture, (end, bottom - 5), (end, bottom + 5), INK, 2)
-    draw_text(picture, label, left + width + 8, bottom + 5, 0.45)
+    draw_text(picture, label, label_left, bottom + 5, 0.45)
     return right
 
 
 def round_length(metres: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above."""
     power = 10.0 ** math.floor(math.log10(max(metres, 1e-6)))
-    return max(step * power for step in (1.0, 2.0, 5.0) if step * power <= metres * (1 + 1e-9))
+    most = metres * (1 + 1e-9)
+    rounded = [power, 2.0 * power, 5.0 * power]
+    return max(length for length in rounded if length <= most)
 
 
 def fixed_point(pixels: FloatArray) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     """Pixels (column, row), shape (N, 2), as OpenCV's drawing takes them with ``shift=SHIFT``."""
-    return np.rint(np.clip(pixels, -1e6, 1e6) * (1 << SHIFT)).astype(np.int32)
+    drawable = np.clip(pixels, -1e6, 1e6)
+    return np.rint(drawable * (1 << SHIFT)).astype(np.int32)
 
 
 def frame_pixels(points: FloatArray, frame: GridFrame, scale: float) -> FloatArray:
     """Points or poses (N, 2 or more) [m] as pixels of a picture in which a cell of the frame has ``scale`` pixels."""
     left, _, _, top = frame.bounds
-    return np.column_stack([points[:, 0] - left, top - points[:, 1]]) * (scale / frame.resolution)
+    right = points[:, 0] - left
+    down = top - points[:, 1]
+    return np.column_stack([right, down]) * (scale / frame.resolution)
 
 
 def draw_path(picture: ByteArray, pixels: np.ndarray, colour: Colour, thickness: int = 2) -> None:
     """Draw a path of fixed-point pixels, shape (N, 2), with a dot at its start."""
     cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)
-    start = int(pixels[0, 0]), int(pixels[0, 1])
-    cv2.circle(picture, start, 4 << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
+    draw_dot(picture, pixels[0], 4, colour)
+
+
+def draw_dot(picture: ByteArray, pixel: np.ndarray, radius_px: int, colour: Colour) -> None:
+    """Draw a disc of a radius about a fixed-point pixel, shape (2,)."""
+    col, row = pixel.tolist()
+    cv2.circle(picture, (col, row), radius_px << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
 
 
 def colour_cells(cells: ByteArray) -> ByteArray:
@@ -137,15 +156,19 @@ def colour_cells(cells: ByteArray) -> ByteArray:
 def rescaled(picture: ByteArray, factor: float) -> ByteArray:
     """A grey or RGB picture, sharp when it grows, averaged when it shrinks."""
     rows, cols = picture.shape[:2]
-    size = (max(1, round(cols * factor)), max(1, round(rows * factor)))
+    width = max(1, round(cols * factor))
+    height = max(1, round(rows * factor))
     method = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_NEAREST
-    return np.asarray(cv2.resize(picture, size, interpolation=method), dtype=np.uint8)
+    scaled = cv2.resize(picture, (width, height), interpolation=method)
+    return np.asarray(scaled, dtype=np.uint8)
 
 
 def fitted(picture: ByteArray, side: int) -> ByteArray:
     """A grey or RGB picture, scaled to fit a square of so many pixels; RGB."""
-    rgb = np.repeat(picture[:, :, None], 3, axis=2) if picture.ndim == 2 else picture
-    return rescaled(rgb, side / max(rgb.shape[:2]))
+    if picture.ndim == 2:
+        picture = np.repeat(picture[:, :, None], 3, axis=2)
+    longer = max(picture.shape[:2])
+    return rescaled(picture, side / longer)
 
 
 def write_picture(path: Path, picture: ByteArray) -> None:
@@ -155,7 +178,8 @@ def write_picture(path: Path, picture: ByteArray) -> None:
         InputFileError: If it can't be encoded or written.
     """
     suffix = ".jpg" if path.suffix.lower() in (".jpg", ".jpeg") else ".png"
-    encoded, data = cv2.imencode(suffix, picture if picture.ndim == 2 else picture[:, :, ::-1])
+    as_opencv_has_it = picture if picture.ndim == 2 else picture[:, :, ::-1]
+    encoded, data = cv2.imencode(suffix, as_opencv_has_it)
     if not encoded:
         raise InputFileError(path, "the picture can't be encoded; draw less on it, or smaller")
     write_bytes(path, data.tobytes())

@@ -34,6 +34,7 @@ from slamgym.viz.canvas import (
     Colour,
     blank,
     colour_cells,
+    draw_dot,
     draw_path,
     draw_scale_bar,
     draw_text,
@@ -47,11 +48,16 @@ PERSON_COLOUR: Colour = (190, 75, 219)
 BEAM_COLOUR: Colour = (255, 169, 77)
 BAR_COLOUR: Colour = (55, 178, 77)
 
-_MARGIN, _HEAD, _FOOT = 20, 44, 84
+_MARGIN = 20
+"""Beside the panels, and between them [px]."""
+_HEAD = 44
+"""Height of the strip with the titles [px]."""
+_FOOT = 84
+"""Height of the strip with the figures [px]."""
 _PANEL_WIDTH = (FRAME_WIDTH - 3 * _MARGIN) // 2
 _PANEL_HEIGHT = FRAME_HEIGHT - _HEAD - _FOOT
-# Room left round the plan [m].
 _BORDER = 0.4
+"""Room left round the plan [m]."""
 
 
 class SceneFigures(NamedTuple):
@@ -97,7 +103,8 @@ class Renderer:
     def draw(self, scene: Scene) -> ByteArray:
         """Draw one frame, RGB, shape (FRAME_HEIGHT, FRAME_WIDTH, 3)."""
         if scene.plan is not self._plan:
-            self._plan, self._view = scene.plan, _View(scene.plan)
+            self._plan = scene.plan
+            self._view = _View(scene.plan)
             self._floor_layer = _draw_floor(scene.plan, self._view)
         picture = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
         world = panel_of(picture, 0)
@@ -116,51 +123,63 @@ class _View:
 
     def __init__(self, plan: FloorPlan) -> None:
         min_x, min_y, max_x, max_y = plan.bounds
-        width, height = max_x - min_x + 2 * _BORDER, max_y - min_y + 2 * _BORDER
+        width = max_x - min_x + 2 * _BORDER
+        height = max_y - min_y + 2 * _BORDER
         self.scale = min(_PANEL_WIDTH / width, _PANEL_HEIGHT / height)  # [px/m]
-        self.left = 0.5 * (min_x + max_x) - 0.5 * _PANEL_WIDTH / self.scale
-        self.top = 0.5 * (min_y + max_y) + 0.5 * _PANEL_HEIGHT / self.scale
+        half_width = 0.5 * _PANEL_WIDTH / self.scale
+        half_height = 0.5 * _PANEL_HEIGHT / self.scale
+        self.left = 0.5 * (min_x + max_x) - half_width
+        self.top = 0.5 * (min_y + max_y) + half_height
 
     def pixels(self, points: FloatArray) -> np.ndarray:
         """World points (N, 2) as fixed-point pixels (column, row) of a panel."""
-        pixels = (
-            np.column_stack([points[:, 0] - self.left, self.top - points[:, 1]]) * self.scale - 0.5
-        )
+        right = points[:, 0] - self.left
+        down = self.top - points[:, 1]
+        pixels = np.column_stack([right, down]) * self.scale - 0.5
         return fixed_point(pixels)
 
     def draw_segments(
         self, panel: ByteArray, segments: FloatArray, colour: Colour, thickness: int
     ) -> None:
         """Draw world segments (S, 4)."""
-        lines = list(self.pixels(segments.reshape(-1, 2)).reshape(-1, 2, 2))
+        ends = self.pixels(segments.reshape(-1, 2))
+        lines = list(ends.reshape(-1, 2, 2))
         cv2.polylines(panel, lines, False, colour, thickness, cv2.LINE_AA, SHIFT)
 
     def place(self, image: ByteArray, frame: GridFrame, fill: Colour, smooth: bool) -> ByteArray:
         """Bring an image whose pixels are the cells of a world frame onto a panel."""
         factor = frame.resolution * self.scale
         # Maps pixel centres of the source to pixel centres of the panel.
+        _, _, _, frame_top = frame.bounds
         shift_x = (frame.origin_x - self.left) * self.scale + 0.5 * factor - 0.5
-        shift_y = (self.top - frame.bounds[3]) * self.scale + 0.5 * factor - 0.5
+        shift_y = (self.top - frame_top) * self.scale + 0.5 * factor - 0.5
         matrix = np.array([[factor, 0.0, shift_x], [0.0, factor, shift_y]])
         method = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
         size = (_PANEL_WIDTH, _PANEL_HEIGHT)
-        return np.asarray(cv2.warpAffine(image, matrix, size, flags=method, borderValue=fill))
+        placed = cv2.warpAffine(image, matrix, size, flags=method, borderValue=fill)
+        return np.asarray(placed)
 
     def paint(self, grid: OccupancyGrid) -> ByteArray:
         """The robot's map."""
-        frame, colours = grid.frame, colour_cells(grid.cells)
+        frame = grid.frame
+        colours = colour_cells(grid.cells)
         # Large plans have several cells to a pixel: average them, or thin walls would fall through.
         shrink = max(1, math.ceil(1.0 / (frame.resolution * self.scale)))
         if shrink > 1:
-            rows, cols = (math.ceil(side / shrink) * shrink for side in grid.cells.shape)
-            padded = blank((rows, cols), UNKNOWN_TINT)
-            padded[rows - colours.shape[0] :, : colours.shape[1]] = colours
-            colours = cv2.resize(
-                padded, (cols // shrink, rows // shrink), interpolation=cv2.INTER_AREA
-            )
+            colours = _averaged(colours, shrink)
         height, width = colours.shape[:2]
         coarse = GridFrame(frame.resolution * shrink, frame.origin_x, frame.origin_y, height, width)
         return self.place(colours, coarse, UNKNOWN_TINT, smooth=shrink > 1)
+
+
+def _averaged(colours: ByteArray, shrink: int) -> ByteArray:
+    """A map with so many cells to a pixel; what is missing of whole pixels, at the top and the right, is unknown."""
+    height, width = colours.shape[:2]
+    rows = math.ceil(height / shrink)
+    cols = math.ceil(width / shrink)
+    padded = blank((rows * shrink, cols * shrink), UNKNOWN_TINT)
+    padded[rows * shrink - height :, :width] = colours
+    return np.asarray(cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA))
 
 
 def panel_of(picture: ByteArray, index: int) -> ByteArray:
@@ -180,14 +199,15 @@ def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
 
 def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     """Draw the true state: seen floor, furniture, people, beams, the true path."""
-    seen = (
-        view.place(scene.seen.astype(np.uint8) * 255, scene.seen_frame, (0, 0, 0), smooth=False) > 0
-    )
-    panel[seen & (panel == WHITE).all(axis=2)] = SEEN_TINT
+    seen = scene.seen.astype(np.uint8) * 255
+    is_seen = view.place(seen, scene.seen_frame, (0, 0, 0), smooth=False) > 0
+    is_floor = (panel == WHITE).all(axis=2)
+    panel[is_seen & is_floor] = SEEN_TINT
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)
     _draw_beams(panel, scene, view)
-    view.draw_segments(panel, scene.plan.segments(), WALL_TINT, 2 if view.scale > 15 else 1)
+    thickness = 2 if view.scale > 15 else 1
+    view.draw_segments(panel, scene.plan.segments(), WALL_TINT, thickness)
     view.draw_segments(panel, scene.moving, PERSON_COLOUR, 2)
     draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR)
@@ -198,11 +218,12 @@ def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
     panel[:] = view.paint(scene.grid)
     draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR, thickness=1)
     draw_path(panel, view.pixels(scene.believed_path), BELIEVED_COLOUR)
-    scan, pose = scene.scan, scene.believed_pose
+    scan = scene.scan
+    pose = scene.believed_pose
     hits = scan.ranges <= scan.geometry.range_max
-    ends = beam_ends(scan, pose, scan.ranges.astype(np.float64))[hits]
-    for col, row in view.pixels(ends):
-        cv2.circle(panel, (int(col), int(row)), 2 << SHIFT, BEAM_COLOUR, -1, cv2.LINE_AA, SHIFT)
+    ends = beam_ends(scan, pose, scan.ranges.astype(np.float64))
+    for pixel in view.pixels(ends[hits]):
+        draw_dot(panel, pixel, 2, BEAM_COLOUR)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR, filled=False)
     _draw_robot(panel, view, pose, scene.robot_radius, BELIEVED_COLOUR)
 
@@ -215,7 +236,9 @@ def beam_ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     """Ends of the beams, at most at the range limit, (num_beams, 2), in the parent frame of ``pose``."""
     geometry = scan.geometry
     lengths = np.clip(ranges, 0.0, geometry.range_max)
-    local = np.column_stack([lengths * np.cos(geometry.angles), lengths * np.sin(geometry.angles)])
+    x = lengths * np.cos(geometry.angles)
+    y = lengths * np.sin(geometry.angles)
+    local = np.column_stack([x, y])
     return transform_points(compose(pose, geometry.mount), local)
 
 
@@ -224,9 +247,12 @@ def _draw_beams(panel: ByteArray, scene: Scene, view: _View) -> None:
     mount = compose(scene.true_pose, scene.scan.geometry.mount)
     ends = beam_ends(scene.scan, scene.true_pose, scene.true_ranges)
     outline = view.pixels(np.vstack([[mount.x, mount.y], ends]))
-    low = np.maximum(outline.min(axis=0) // (1 << SHIFT) - 2, 0)
-    high = outline.max(axis=0) // (1 << SHIFT) + 3
-    patch = panel[low[1] : high[1], low[0] : high[0]]
+    whole = outline >> SHIFT
+    low = np.maximum(whole.min(axis=0) - 2, 0)
+    high = whole.max(axis=0) + 3
+    left, top = low
+    right, bottom = high
+    patch = panel[top:bottom, left:right]
     fan = patch.copy()
     cv2.fillPoly(fan, [outline - (low << SHIFT)], BEAM_COLOUR, cv2.LINE_AA, SHIFT)
     cv2.addWeighted(fan, 0.35, patch, 0.65, 0.0, dst=patch)
@@ -236,35 +262,57 @@ def _draw_robot(
     panel: ByteArray, view: _View, pose: Pose2D, radius: float, colour: Colour, filled: bool = True
 ) -> None:
     """A disc with a line to where it looks."""
-    nose = pose.x + radius * math.cos(pose.theta), pose.y + radius * math.sin(pose.theta)
-    (col, row), tip = view.pixels(np.array([[pose.x, pose.y], nose])).tolist()
+    nose_x = pose.x + radius * math.cos(pose.theta)
+    nose_y = pose.y + radius * math.sin(pose.theta)
+    middle, tip = view.pixels(np.array([[pose.x, pose.y], [nose_x, nose_y]])).tolist()
     size = round(max(radius * view.scale, 7.0) * (1 << SHIFT))
     if filled:
-        cv2.circle(panel, (col, row), size, colour, -1, cv2.LINE_AA, SHIFT)
+        cv2.circle(panel, middle, size, colour, -1, cv2.LINE_AA, SHIFT)
     line = WHITE if filled else colour
-    cv2.circle(panel, (col, row), size, line, 1 if filled else 2, cv2.LINE_AA, SHIFT)
-    cv2.line(panel, (col, row), tip, line, 2, cv2.LINE_AA, SHIFT)
+    thickness = 1 if filled else 2
+    cv2.circle(panel, middle, size, line, thickness, cv2.LINE_AA, SHIFT)
+    cv2.line(panel, middle, tip, line, 2, cv2.LINE_AA, SHIFT)
 
 
 def _frame_panels(picture: ByteArray) -> None:
     """Borders and titles."""
-    true, believed = ("true pose", TRUE_COLOUR), ("believed pose", BELIEVED_COLOUR)
-    titles = {"World": [(*true, -1)], "SLAM map": [(*believed, -1), (*true, 2)]}
-    for index, (title, legend) in enumerate(titles.items()):
-        left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
-        end = left + _PANEL_WIDTH
-        cv2.rectangle(picture, (left - 1, _HEAD - 1), (end, _HEAD + _PANEL_HEIGHT), FAINT, 1)
-        draw_text(picture, title, left, 30, 0.7)
-        for pose, colour, thickness in legend:
-            end -= text_width(pose, 0.5)
-            draw_text(picture, pose, end, 29, 0.5, FAINT)
-            cv2.circle(picture, (end - 14, 24), 6, colour, thickness, cv2.LINE_AA)
-            end -= 40
+    true = _LegendEntry("true pose", TRUE_COLOUR, -1)
+    believed = _LegendEntry("believed pose", BELIEVED_COLOUR, -1)
+    thin_true = _LegendEntry("true pose", TRUE_COLOUR, 2)
+    _frame_panel(picture, 0, "World", [true])
+    _frame_panel(picture, 1, "SLAM map", [believed, thin_true])
+
+
+class _LegendEntry(NamedTuple):
+    """A pose in the legend of a panel."""
+
+    words: str
+    colour: Colour
+    thickness: int
+    """Of its circle [px]; -1 fills it."""
+
+
+def _frame_panel(
+    picture: ByteArray, index: int, title: str, legend: Sequence[_LegendEntry]
+) -> None:
+    """Border, title and legend of a panel; the legend from the right."""
+    left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
+    end = left + _PANEL_WIDTH
+    corner = (left - 1, _HEAD - 1)
+    cv2.rectangle(picture, corner, (end, _HEAD + _PANEL_HEIGHT), FAINT, 1)
+    draw_text(picture, title, left, 30, 0.7)
+    for entry in legend:
+        end -= text_width(entry.words, 0.5)
+        draw_text(picture, entry.words, end, 29, 0.5, FAINT)
+        cv2.circle(picture, (end - 14, 24), 6, entry.colour, entry.thickness, cv2.LINE_AA)
+        end -= 40
 
 
 def _draw_figures(picture: ByteArray, scene: Scene) -> None:
     """Time, coverage and errors in the foot of the picture."""
-    figures, plan_id, top = scene.figures, scene.plan.id, _HEAD + _PANEL_HEIGHT
+    figures = scene.figures
+    plan_id = scene.plan.id
+    top = _HEAD + _PANEL_HEIGHT
     minutes, seconds = divmod(int(figures.time), 60)
     shown = {
         "time": f"{minutes}:{seconds:02d}",
@@ -280,5 +328,6 @@ def _draw_figures(picture: ByteArray, scene: Scene) -> None:
         draw_text(picture, name, left, top + 28, 0.45, FAINT)
         draw_text(picture, value, left, top + 54, 0.65, INK)
     bar = picture[top + 68 : top + 74, _MARGIN : FRAME_WIDTH - _MARGIN]
+    covered_px = round(figures.coverage * bar.shape[1])
     bar[:] = UNKNOWN_TINT
-    bar[:, : round(figures.coverage * bar.shape[1])] = BAR_COLOUR
+    bar[:, :covered_px] = BAR_COLOUR

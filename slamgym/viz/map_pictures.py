@@ -22,6 +22,7 @@ from slamgym.viz.canvas import (
     Colour,
     blank,
     colour_cells,
+    draw_dot,
     draw_scale_bar,
     draw_text,
     fitting_size,
@@ -33,10 +34,16 @@ from slamgym.viz.canvas import (
 
 PARTICLE: Colour = (0, 150, 136)
 
-MIN_SIDE_PX, MAX_SIDE_PX = 1000, 2400
+MIN_SIDE_PX = 1000
+"""Maps are enlarged up to a longer side of this."""
+MAX_SIDE_PX = 2400
+"""Larger maps are shrunk to a longer side of this."""
 PAGE_MARGIN_PX = 36
+"""Round a map on its page."""
 FOOTER_PX = 64
+"""Height of the strip with scale bar and caption."""
 UNSURE: Colour = (245, 159, 0)
+"""Colour of what may be wrong."""
 STATE_COLOURS: dict[str, Colour] = {
     "searching": FAINT,
     "ambiguous": UNSURE,
@@ -63,35 +70,42 @@ def draw_map(
         RGB, shape (height, width, 3).
     """
     picture, factor = map_picture(grid)
-    pixels, thickness = (
-        frame_pixels(path, grid.frame, factor),
-        max(1, round(picture.shape[1] / 800)),
-    )
-    for run in np.split(
-        np.arange(len(path)), [] if doubtful is None else np.flatnonzero(np.diff(doubtful)) + 1
-    ):
-        if doubtful is not None and doubtful[run[0]]:
-            fixed = fixed_point(pixels[run])
-            cv2.polylines(picture, [fixed], False, UNSURE, 4 * thickness, cv2.LINE_AA, SHIFT)
+    pixels = frame_pixels(path, grid.frame, factor)
+    thickness = max(1, round(picture.shape[1] / 800))
+    if doubtful is not None:
+        _draw_doubtful(picture, pixels, doubtful, 4 * thickness)
     _draw_gradient_path(picture, pixels, thickness)
     return page_of(picture, grid.frame.resolution / factor, caption)
+
+
+def _draw_doubtful(
+    picture: ByteArray, pixels: FloatArray, doubtful: BoolArray, thickness: int
+) -> None:
+    """Draw the doubtful stretches of a path of pixels (N, 2)."""
+    changes = np.flatnonzero(np.diff(doubtful)) + 1
+    for run in np.split(np.arange(len(pixels)), changes):
+        if doubtful[run[0]]:
+            fixed = fixed_point(pixels[run])
+            cv2.polylines(picture, [fixed], False, UNSURE, thickness, cv2.LINE_AA, SHIFT)
 
 
 def map_picture(grid: OccupancyGrid) -> tuple[ByteArray, float]:
     """A map alone, RGB, and how many pixels a cell has."""
     longest = max(grid.cells.shape)
     # Whole factors keep the cells sharp where the map is small; larger maps are averaged down.
-    factor: float = (
-        max(1, MIN_SIDE_PX // longest) if longest < MAX_SIDE_PX else MAX_SIDE_PX / longest
-    )
+    factor: float = max(1, MIN_SIDE_PX // longest)
+    if longest >= MAX_SIDE_PX:
+        factor = MAX_SIDE_PX / longest
     return rescaled(colour_cells(grid.cells), factor), factor
 
 
 def page_of(picture: ByteArray, metres_per_px: float, caption: str) -> ByteArray:
     """A picture of a map on a page with a scale bar and a caption."""
     rows, cols = picture.shape[:2]
-    page = blank((PAGE_MARGIN_PX + rows + FOOTER_PX, max(cols + 2 * PAGE_MARGIN_PX, 640)), PAPER)
-    left = (page.shape[1] - cols) // 2
+    height = PAGE_MARGIN_PX + rows + FOOTER_PX
+    width = max(cols + 2 * PAGE_MARGIN_PX, 640)
+    page = blank((height, width), PAPER)
+    left = (width - cols) // 2
     page[PAGE_MARGIN_PX : PAGE_MARGIN_PX + rows, left : left + cols] = picture
     _draw_footer(page, metres_per_px, caption)
     return page
@@ -120,29 +134,43 @@ def draw_localization(
     """
     picture, factor = map_picture(grid)
     back = inverse(placement)
-    width = max(1, round(picture.shape[1] / 800))
-    pixels = fixed_point(frame_pixels(transform_poses(back, poses), grid.frame, factor))
-    for index, (state, (col, row)) in enumerate(zip(states, pixels, strict=True)):
-        colour, step = STATE_COLOURS[state], pixels[index - 1 : index + 1]
-        if state != "localised":
-            cv2.circle(
-                picture, (int(col), int(row)), 2 * width << SHIFT, colour, -1, cv2.LINE_AA, SHIFT
-            )
-        elif index > 0 and states[index - 1] == "localised":
-            cv2.polylines(picture, [step], False, colour, 2 * width, cv2.LINE_AA, SHIFT)
+    thickness = 2 * max(1, round(picture.shape[1] / 800))
+    on_grid = transform_poses(back, poses)
+    pixels = fixed_point(frame_pixels(on_grid, grid.frame, factor))
+    _draw_states(picture, pixels, states, thickness)
     for pose in hypotheses:
         x, y, theta = compose(back, pose)
-        ends = np.array([[x, y], [x + ARROW * math.cos(theta), y + ARROW * math.sin(theta)]])
-        start, end = frame_pixels(ends, grid.frame, factor).round().astype(int).tolist()
-        cv2.arrowedLine(picture, start, end, SURE_COLOUR, 2 * width, cv2.LINE_AA, 0, 0.4)
+        tip = [x + ARROW * math.cos(theta), y + ARROW * math.sin(theta)]
+        ends = frame_pixels(np.array([[x, y], tip]), grid.frame, factor)
+        start, end = ends.round().astype(int).tolist()
+        cv2.arrowedLine(picture, start, end, SURE_COLOUR, thickness, cv2.LINE_AA, 0, 0.4)
     return page_of(picture, grid.frame.resolution / factor, f"{caption}   {LEGEND}")
+
+
+def _draw_states(
+    picture: ByteArray, pixels: np.ndarray, states: Sequence[str], thickness: int
+) -> None:
+    """Draw a drive through fixed-point pixels (n, 2): a line where it was localised, else dots."""
+    before = ""
+    for index, state in enumerate(states):
+        colour = STATE_COLOURS[state]
+        if state != "localised":
+            draw_dot(picture, pixels[index], thickness, colour)
+        elif before == "localised":
+            step = pixels[index - 1 : index + 1]
+            cv2.polylines(picture, [step], False, colour, thickness, cv2.LINE_AA, SHIFT)
+        before = state
+
+
+_Bounds = tuple[float, float, float, float]
+"""min x, min y, max x, max y [m]."""
 
 
 class GrowingView:
     """Draws a map as it grows on pictures of one size, whose scale only ever shrinks."""
 
     def __init__(self) -> None:
-        self._bounds: tuple[float, float, float, float] | None = None
+        self._bounds: _Bounds | None = None
 
     def draw(self, grid: OccupancyGrid, paths: Sequence[FloatArray], caption: str) -> ByteArray:
         """Draw the map so far.
@@ -157,17 +185,18 @@ class GrowingView:
         """
         frame = self._frame(grid.frame)
         min_x, min_y, max_x, max_y = frame.bounds
-        scale = min(
-            FRAME_WIDTH / (max_x - min_x), (FRAME_HEIGHT - FOOTER_PX) / (max_y - min_y)
-        )  # [px/m]
+        view_height = FRAME_HEIGHT - FOOTER_PX
+        scale = min(FRAME_WIDTH / (max_x - min_x), view_height / (max_y - min_y))  # [px/m]
         min_x -= 0.5 * (FRAME_WIDTH / scale - (max_x - min_x))
         frame = frame._replace(origin_x=min_x)
         page = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
-        view = page[: FRAME_HEIGHT - FOOTER_PX]
+        view = page[:view_height]
         view[:] = UNKNOWN_TINT
-        left, top = (grid.frame.bounds[0] - min_x) * scale, (max_y - grid.frame.bounds[3]) * scale
+        grid_left, _, _, grid_top = grid.frame.bounds
+        left = round((grid_left - min_x) * scale)
+        top = round((max_y - grid_top) * scale)
         cells = rescaled(colour_cells(grid.cells), scale * grid.frame.resolution)
-        paste(np.moveaxis(view, 2, 0), np.moveaxis(cells, 2, 0), -round(top), -round(left))
+        paste(np.moveaxis(view, 2, 0), np.moveaxis(cells, 2, 0), -top, -left)
         best, *others = (frame_pixels(path, frame, scale * frame.resolution) for path in paths)
         for pixels in others:
             cv2.polylines(view, [fixed_point(pixels)], False, PARTICLE, 1, cv2.LINE_AA, SHIFT)
@@ -177,21 +206,24 @@ class GrowingView:
 
     def _frame(self, grid: GridFrame) -> GridFrame:
         """A frame that holds the grid; grown by a quarter at a time, so that the picture seldom jumps."""
-        min_x, min_y, max_x, max_y = grid.bounds
-        old = self._bounds
-        if old is None or min_x < old[0] or min_y < old[1] or max_x > old[2] or max_y > old[3]:
+        shown = self._bounds
+        if shown is None or _united(shown, grid.bounds) != shown:
+            min_x, min_y, max_x, max_y = grid.bounds
             spare = 0.125 * max(max_x - min_x, max_y - min_y, 4.0)
-            new = (min_x - spare, min_y - spare, max_x + spare, max_y + spare)
-            if old is not None:
-                new = (
-                    min(new[0], old[0]),
-                    min(new[1], old[1]),
-                    max(new[2], old[2]),
-                    max(new[3], old[3]),
-                )
-            self._bounds = new
-        assert self._bounds is not None
-        return GridFrame.covering(self._bounds, grid.resolution)
+            wider = (min_x - spare, min_y - spare, max_x + spare, max_y + spare)
+            shown = wider if shown is None else _united(shown, wider)
+            self._bounds = shown
+        return GridFrame.covering(shown, grid.resolution)
+
+
+def _united(bounds: _Bounds, other: _Bounds) -> _Bounds:
+    """The box around two boxes."""
+    return (
+        min(bounds[0], other[0]),
+        min(bounds[1], other[1]),
+        max(bounds[2], other[2]),
+        max(bounds[3], other[3]),
+    )
 
 
 def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) -> None:
@@ -203,20 +235,18 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
     bounds = np.linspace(0, len(fixed) - 1, pieces + 1).round().astype(int)
     colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces).tolist()
     for (first, last), colour in zip(itertools.pairwise(bounds), colours, strict=True):
-        cv2.polylines(
-            picture, [fixed[first : last + 1]], False, colour, thickness, cv2.LINE_AA, SHIFT
-        )
-    for (col, row), colour in ((fixed[0], TRUE_COLOUR), (fixed[-1], BELIEVED_COLOUR)):
-        size = (3 * thickness) << SHIFT
-        cv2.circle(picture, (int(col), int(row)), size, colour, -1, cv2.LINE_AA, SHIFT)
+        piece = fixed[first : last + 1]
+        cv2.polylines(picture, [piece], False, colour, thickness, cv2.LINE_AA, SHIFT)
+    draw_dot(picture, fixed[0], 3 * thickness, TRUE_COLOUR)
+    draw_dot(picture, fixed[-1], 3 * thickness, BELIEVED_COLOUR)
 
 
 def _draw_footer(page: ByteArray, metres_per_px: float, caption: str) -> None:
     """Scale bar at the left, caption at the right."""
     height, width = page.shape[:2]
-    end = draw_scale_bar(
-        page, (PAGE_MARGIN_PX, height - FOOTER_PX // 2), metres_per_px, width / 6.0
-    )
-    size = fitting_size(caption, 0.55, width - PAGE_MARGIN_PX - end - 24)
-    left = width - PAGE_MARGIN_PX - text_width(caption, size)
-    draw_text(page, caption, left, height - FOOTER_PX // 2 + 6, size)
+    middle = height - FOOTER_PX // 2
+    bar_end = draw_scale_bar(page, (PAGE_MARGIN_PX, middle), metres_per_px, width / 6.0)
+    right = width - PAGE_MARGIN_PX
+    size = fitting_size(caption, 0.55, right - bar_end - 24)
+    left = right - text_width(caption, size)
+    draw_text(page, caption, left, middle + 6, size)

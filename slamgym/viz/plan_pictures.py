@@ -23,8 +23,10 @@ from slamgym.viz.canvas import (
 )
 from slamgym.viz.sheets import Card, draw_sheet
 
-_WALL_THICKNESS = 0.25  # drawn outside the outline [m]
+_WALL_THICKNESS = 0.25
+"""Thickness of walls, which are drawn outside the outline [m]."""
 _DOOR: Colour = (208, 84, 38)
+"""Colour of doors."""
 
 # Pale colours for the uses of rooms; related uses share one.
 _HUES: dict[Colour, str] = {
@@ -41,6 +43,7 @@ _COLOURS = {
     category: colour for colour, categories in _HUES.items() for category in categories.split()
 }
 _OVERSAMPLING = 2
+"""Pictures are drawn larger by this, and shrunk."""
 
 
 def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
@@ -58,16 +61,18 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     picture = blank((fine, fine))
     inside = fill_segments(plan.segments(), frame)
     values = map_values(inside, frame.resolution, UNKNOWN, _WALL_THICKNESS)
-    picture[(values == OCCUPIED) | _enclosed(values == UNKNOWN)] = WALL_TINT
+    is_wall = (values == OCCUPIED) | _enclosed(values == UNKNOWN)
+    picture[is_wall] = WALL_TINT
     picture[values == FREE] = PAPER
     _paint_rooms(picture, plan, inside, frame)
+    door_px = max(2, round(0.08 / frame.resolution))
     for door in plan.doors:
         start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
-        cv2.line(picture, start, end, _DOOR, max(2, round(0.08 / frame.resolution)), cv2.LINE_AA)
-    small = np.asarray(
-        cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA), dtype=np.uint8
-    )
-    draw_scale_bar(small, (10, size_px - 12), frame.resolution * _OVERSAMPLING, 0.2 * size_px)
+        cv2.line(picture, start, end, _DOOR, door_px, cv2.LINE_AA)
+    resized = cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA)
+    small = np.asarray(resized, dtype=np.uint8)
+    metres_per_px = frame.resolution * _OVERSAMPLING
+    draw_scale_bar(small, (10, size_px - 12), metres_per_px, 0.2 * size_px)
     return small
 
 
@@ -79,35 +84,44 @@ def draw_plan_sheet(plans: Sequence[FloorPlan], columns: int = 6, size_px: int =
         columns: Plans in a row.
         size_px: Width of one plan.
     """
-    cards = [Card([draw_floor_plan(plan, size_px)], [_caption(plan)]) for plan in plans]
+    cards = []
+    categories = set()
+    for plan in plans:
+        cards.append(Card([draw_floor_plan(plan, size_px)], [_caption(plan)]))
+        categories.update(room.category for room in plan.rooms)
     sheet = draw_sheet(cards, columns, size_px)
-    categories = {room.category for plan in plans for room in plan.rooms}
-    return np.vstack([sheet, _legend(sorted(categories), sheet.shape[1])])
+    legend = _legend(sorted(categories), sheet.shape[1])
+    return np.vstack([sheet, legend])
 
 
 def _square_frame(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid that holds the plan with a margin, the wider one below for the scale bar."""
     min_x, min_y, max_x, max_y = plan.bounds
-    side = 1.12 * max(max_x - min_x, max_y - min_y) + 2 * _WALL_THICKNESS
-    x, y = 0.5 * (min_x + max_x - side), 0.5 * (min_y + max_y - side) - 0.03 * side
+    longer = max(max_x - min_x, max_y - min_y)
+    side = 1.12 * longer + 2 * _WALL_THICKNESS
+    x = 0.5 * (min_x + max_x - side)
+    y = 0.5 * (min_y + max_y - side) - 0.03 * side
     return GridFrame(side / size_px, x, y, size_px, size_px)
 
 
 def _to_px(points: FloatArray, frame: GridFrame) -> np.ndarray:
-    return np.round(frame_pixels(points, frame, 1.0)).astype(np.int32)
+    pixels = frame_pixels(points, frame, 1.0)
+    return np.round(pixels).astype(np.int32)
 
 
 def _enclosed(mask: BoolArray) -> BoolArray:
     """Patches of a mask that don't touch the picture's edge: the inside of pillars, islands and chimneys."""
-    return mask & ndimage.binary_fill_holes(~mask, np.ones((3, 3), np.bool_))
+    around = np.ones((3, 3), np.bool_)
+    return mask & ndimage.binary_fill_holes(~mask, around)
 
 
 def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:
     """Colour the floor; larger rooms first, because HouseExpo's boxes overlap."""
     floor = picture.copy()
     for room in sorted(plan.rooms, key=lambda room: -room.area):
-        corners = _to_px(shapely.get_coordinates(room.polygon.exterior), frame)
-        cv2.fillPoly(floor, [corners], _COLOURS.get(room.category, PAPER))
+        outline = shapely.get_coordinates(room.polygon.exterior)
+        colour = _COLOURS.get(room.category, PAPER)
+        cv2.fillPoly(floor, [_to_px(outline, frame)], colour)
     picture[inside] = floor[inside]
 
 
@@ -121,8 +135,12 @@ def _legend(categories: Sequence[str], width: int) -> ByteArray:
     rows = max(1, math.ceil(len(categories) / columns))
     legend = blank((24 * rows + 16, width))
     for index, category in enumerate(categories):
-        x, y = 12 + 150 * (index % columns), 8 + 24 * (index // columns)
-        cv2.rectangle(legend, (x, y), (x + 16, y + 16), _COLOURS.get(category, PAPER), -1)
-        cv2.rectangle(legend, (x, y), (x + 16, y + 16), INK, 1)
+        row, column = divmod(index, columns)
+        x = 12 + 150 * column
+        y = 8 + 24 * row
+        corner = (x, y)
+        opposite = (x + 16, y + 16)
+        cv2.rectangle(legend, corner, opposite, _COLOURS.get(category, PAPER), -1)
+        cv2.rectangle(legend, corner, opposite, INK, 1)
         draw_text(legend, category.replace("_", " "), x + 24, y + 13, 0.42)
     return legend

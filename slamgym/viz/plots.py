@@ -11,8 +11,17 @@ from slamgym.core.files import staged
 from slamgym.core.types import FloatArray
 
 _COLOURS = (
-    "#1971c2", "#e03131", "#2f9e44", "#f08c00", "#9c36b5", "#0c8599", "#6741d9", "#66a80f", "#868e96", "#000000",
-)  # fmt: skip
+    "#1971c2",
+    "#e03131",
+    "#2f9e44",
+    "#f08c00",
+    "#9c36b5",
+    "#0c8599",
+    "#6741d9",
+    "#66a80f",
+    "#868e96",
+    "#000000",
+)
 
 
 class Curve(NamedTuple):
@@ -40,9 +49,11 @@ def plot_curves(path: Path, curves: Sequence[Curve], labels: tuple[str, str], ti
     with _figure(path, (7.5, 4.7)) as axis:
         for curve, colour in zip(curves, itertools.cycle(_COLOURS)):
             axis.plot(curve.x, curve.y, color=colour, label=curve.label, linewidth=1.6)
-            axis.fill_between(curve.x, *curve.band, color=colour, alpha=0.15, linewidth=0.0)
+            low, high = curve.band
+            axis.fill_between(curve.x, low, high, color=colour, alpha=0.15, linewidth=0.0)
         axis.set_title(title, fontsize=10)
-        axis.set(xlabel=labels[0], ylabel=labels[1], ylim=(0.0, 1.01))
+        x_label, y_label = labels
+        axis.set(xlabel=x_label, ylabel=y_label, ylim=(0.0, 1.01))
         axis.margins(x=0.0)
         axis.grid(alpha=0.25)
         axis.legend(loc="best", fontsize=8, frameon=False)
@@ -67,8 +78,7 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
             widths=0.55,
             showmeans=True,
             medianprops={"color": "#1f5fa8", "linewidth": 1.6},
-            meanprops=dict.fromkeys(("markerfacecolor", "markeredgecolor"), "#d9822b")
-            | {"marker": "D"},
+            meanprops={"markerfacecolor": "#d9822b", "markeredgecolor": "#d9822b", "marker": "D"},
             flierprops={"marker": ".", "markersize": 3, "alpha": 0.5},
         )
         axis.set_yticks(range(1, len(samples) + 1), list(samples)[::-1])

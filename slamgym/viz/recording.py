@@ -36,8 +36,16 @@ from slamgym.viz.exploration import (
     beam_ends,
 )
 
-_OFFERED, _CHOSEN = np.array([(132, 94, 247), (247, 103, 7)], np.uint8)
-_FLOOR, _LINE, _MARK = 0.0, 0.02, 0.04  # heights, so that lines lie over areas [m]
+_OFFERED = np.array((132, 94, 247), np.uint8)
+"""Colour of frontiers."""
+_CHOSEN = np.array((247, 103, 7), np.uint8)
+"""Colour of the frontier to which the robot drives, and of the way there."""
+_FLOOR = 0.0
+"""Height of areas [m]."""
+_LINE = 0.02
+"""Height of lines, which lie over areas [m]."""
+_MARK = 0.04
+"""Height of points and arrows, which lie over lines [m]."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +111,8 @@ class Recording:
     """Writes moments of an exploration; use :func:`open_recording` to get one."""
 
     def __init__(self, rerun: Any, stream: Any) -> None:
-        self._rerun, self._stream = rerun, stream
+        self._rerun = rerun
+        self._stream = stream
         self._plan: FloorPlan | None = None
         self._cells: ByteArray | None = None
         self._deliberation: Deliberation | None = None
@@ -118,17 +127,20 @@ class Recording:
             self._lines("world/furniture", outlines, FURNITURE_COLOUR)
         self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
         self._robot("world/robot", scene.true_pose, scene.robot_radius, TRUE_COLOUR)
-        self._points(
-            "world/beams", _ends(scene.scan, scene.true_pose, scene.true_ranges), BEAM_COLOUR
-        )
+        ends = _ends(scene.scan, scene.true_pose, scene.true_ranges)
+        self._points("world/beams", ends, BEAM_COLOUR)
         if scene.grid.cells is not self._cells:
             self._lines("world/path", [scene.true_path], TRUE_COLOUR)
         belief = RobotBelief(
-            scene.grid, scene.believed_pose, scene.scan, scene.believed_path, scene.robot_radius
+            grid=scene.grid,
+            pose=scene.believed_pose,
+            scan=scene.scan,
+            path=scene.believed_path,
+            radius=scene.robot_radius,
         )
         self.believe(scene.figures.time, belief, deliberation)
-        for name in ("coverage", "pose_error"):
-            self._stream.log(f"figures/{name}", self._rerun.Scalars(getattr(scene.figures, name)))
+        self._figure("coverage", scene.figures.coverage)
+        self._figure("pose_error", scene.figures.pose_error)
 
     def believe(self, time: float, belief: "RobotBelief", deliberation: Deliberation) -> None:
         """Add what a robot believes at a moment of its clock [s]."""
@@ -138,9 +150,8 @@ class Recording:
         self._points("belief/scan", _ends(belief.scan, belief.pose, ranges), BEAM_COLOUR)
         if belief.grid.cells is not self._cells:
             self._cells = belief.grid.cells
-            self._grid(
-                "belief/map", _with_alpha(colour_cells(self._cells), 255), belief.grid.frame, 0.0
-            )
+            picture = _with_alpha(colour_cells(self._cells), 255)
+            self._grid("belief/map", picture, belief.grid.frame, 0.0)
             self._lines("belief/path", [belief.path], BELIEVED_COLOUR)
         if deliberation is not self._deliberation:
             self._deliberation = deliberation
@@ -151,31 +162,39 @@ class Recording:
         self._points("belief/particles", deliberation.particles[:, :2], BAR_COLOUR)
         frontiers = deliberation.frontiers
         sizes = [len(frontier) for frontier in frontiers]
-        is_chosen = np.repeat(np.arange(len(frontiers)) == deliberation.chosen, sizes)
-        colours = np.where(is_chosen[:, None], _CHOSEN, _OFFERED)
-        self._points("belief/frontiers", np.vstack([np.empty((0, 2)), *frontiers]), colours)
-        self._lines("belief/way", [] if deliberation.path is None else [deliberation.path], _CHOSEN)
+        is_chosen = np.arange(len(frontiers)) == deliberation.chosen
+        is_of_chosen = np.repeat(is_chosen, sizes)
+        colours = np.where(is_of_chosen[:, None], _CHOSEN, _OFFERED)
+        centres = np.vstack([np.empty((0, 2)), *frontiers])
+        self._points("belief/frontiers", centres, colours)
+        way = [] if deliberation.path is None else [deliberation.path]
+        self._lines("belief/way", way, _CHOSEN)
+
+    def _figure(self, name: str, value: float) -> None:
+        self._stream.log(f"figures/{name}", self._rerun.Scalars(value))
 
     def _lines(
         self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray
     ) -> None:
         lifted = [_lifted(strip, _LINE) for strip in strips]
-        self._stream.log(
-            name, self._rerun.LineStrips3D(lifted, colors=[colour] * len(lifted), radii=0.02)
-        )
+        colours = [colour] * len(lifted)
+        lines = self._rerun.LineStrips3D(lifted, colors=colours, radii=0.02)
+        self._stream.log(name, lines)
 
     def _points(
         self, name: str, points: FloatArray, colours: Colour | ByteArray, radius: float = 0.03
     ) -> None:
-        self._stream.log(
-            name, self._rerun.Points3D(_lifted(points, _MARK), colors=colours, radii=radius)
-        )
+        lifted = _lifted(points, _MARK)
+        marks = self._rerun.Points3D(lifted, colors=colours, radii=radius)
+        self._stream.log(name, marks)
 
     def _robot(self, name: str, pose: Pose2D, radius: float, colour: Colour) -> None:
-        nose = [2.0 * radius * math.cos(pose.theta), 2.0 * radius * math.sin(pose.theta), 0.0]
+        length = 2.0 * radius
+        nose = [length * math.cos(pose.theta), length * math.sin(pose.theta), 0.0]
         place = np.array([pose[:2]])
         self._points(name, place, colour, radius)
-        arrow = self._rerun.Arrows3D(origins=_lifted(place, _MARK), vectors=[nose], colors=[colour])
+        origin = _lifted(place, _MARK)
+        arrow = self._rerun.Arrows3D(origins=origin, vectors=[nose], colors=[colour])
         self._stream.log(f"{name}/heading", arrow)
 
     def _grid(self, name: str, picture: ByteArray, frame: GridFrame, order: float) -> None:
@@ -188,8 +207,12 @@ class Recording:
         )
         corner = [frame.origin_x, frame.origin_y, _FLOOR]
         grid = self._rerun.GridMap(
-            data=picture.tobytes(), format=layout, cell_size=frame.resolution, translation=corner, draw_order=order
-        )  # fmt: skip
+            data=picture.tobytes(),
+            format=layout,
+            cell_size=frame.resolution,
+            translation=corner,
+            draw_order=order,
+        )
         self._stream.log(name, grid)
 
 

@@ -1,5 +1,6 @@
 """Sheets: cards of panels over lines of text; and the panels that show errors: maps laid over each other, paths."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -19,6 +20,7 @@ from slamgym.viz.canvas import (
     TRUE_COLOUR,
     UNSEEN_TINT,
     WHITE,
+    Colour,
     blank,
     draw_path,
     draw_text,
@@ -31,6 +33,7 @@ from slamgym.viz.canvas import (
 )
 
 GAP_PX = 12
+"""Between panels, and round them."""
 LINE_PX = 22
 """Height of a line of text below a card."""
 PAIR_PX = 340
@@ -38,13 +41,17 @@ PAIR_PX = 340
 GRID_PX = 256
 """Panels of a grid."""
 ROWS_IN_A_BLOCK = 8
+"""A grid of more rows stands in two blocks."""
 MAX_COLUMNS_OF_TWO_BLOCKS = 6
-
+"""A grid of more columns stands in one block."""
 
 ERROR_SCALE = 0.3
 """Distance to the nearest CAD wall that is drawn in full red [m]."""
 
-_BEYOND, _ESTIMATE = (250, 226, 222), (74, 124, 190)
+_BEYOND: Colour = (250, 226, 222)
+"""Colour of free space seen beyond the walls."""
+_ESTIMATE: Colour = (74, 124, 190)
+"""Colour of the estimated path."""
 # Green - yellow - red in equal steps of lightness, readable on white.
 _ERROR_COLOURS = np.array(
     [(0, 128, 70), (166, 190, 40), (244, 165, 30), (225, 87, 40), (190, 18, 38)], dtype=np.float64
@@ -74,38 +81,44 @@ def draw_sheet(
         RGB, shape (rows, cols, 3).
     """
     columns = max(1, min(columns, len(cards)))
+    rows = math.ceil(len(cards) / columns)
     width = len(cards[0].panels) * (panel_px + GAP_PX) + GAP_PX
-    height = GAP_PX + panel_px + LINE_PX * max(len(card.lines) for card in cards) + GAP_PX // 2
+    lines = max(len(card.lines) for card in cards)
+    height = GAP_PX + panel_px + LINE_PX * lines + GAP_PX // 2
     top = LINE_PX + 4 if titles else 0
-    sheet = blank((top + height * -(-len(cards) // columns), width * columns))
+    sheet = blank((top + height * rows, width * columns))
     for column in range(columns):
         for number, title in enumerate(titles):
             left = column * width + GAP_PX + number * (panel_px + GAP_PX)
-            draw_text(sheet, title, left, top - 2, fitting_size(title, 0.5, panel_px))
+            size = fitting_size(title, 0.5, panel_px)
+            draw_text(sheet, title, left, top - 2, size)
     for number, card in enumerate(cards):
         row, column = divmod(number, columns)
-        y, x = top + row * height, column * width
+        y = top + row * height
+        x = column * width
         _draw_card(sheet[y : y + height, x : x + width], card, panel_px)
     return sheet
 
 
 def _draw_card(area: ByteArray, card: Card, panel_px: int) -> None:
+    bottom = GAP_PX + panel_px
     for number, panel in enumerate(card.panels):
         left = GAP_PX + number * (panel_px + GAP_PX)
+        right = left + panel_px
         picture = fitted(panel, panel_px)
         rows, cols = picture.shape[:2]
-        y, x = (panel_px - rows) // 2, (panel_px - cols) // 2
-        square = area[GAP_PX : GAP_PX + panel_px, left : left + panel_px]
+        y = (panel_px - rows) // 2
+        x = (panel_px - cols) // 2
+        square = area[GAP_PX:bottom, left:right]
         square[:] = picture[0, 0]
         square[y : y + rows, x : x + cols] = picture
-        cv2.rectangle(
-            area, (left - 1, GAP_PX - 1), (left + panel_px, GAP_PX + panel_px), OUTLINE, 1
-        )
+        cv2.rectangle(area, (left - 1, GAP_PX - 1), (right, bottom), OUTLINE, 1)
     room = area.shape[1] - 2 * GAP_PX
     for number, line in enumerate(card.lines):
-        baseline = GAP_PX + panel_px + LINE_PX * (number + 1) - 5
-        size = fitting_size(line, 0.45 if number else 0.5, room)
-        draw_text(area, line, GAP_PX, baseline, size, FAINT if number else INK)
+        baseline = bottom + LINE_PX * (number + 1) - 5
+        is_first = number == 0
+        size = fitting_size(line, 0.5 if is_first else 0.45, room)
+        draw_text(area, line, GAP_PX, baseline, size, INK if is_first else FAINT)
 
 
 def draw_grid(
@@ -121,9 +134,11 @@ def draw_grid(
     Returns:
         RGB, shape (rows, cols, 3).
     """
-    in_two = len(rows) > ROWS_IN_A_BLOCK and len(titles) <= MAX_COLUMNS_OF_TWO_BLOCKS
+    is_long = len(rows) > ROWS_IN_A_BLOCK
+    is_narrow = len(titles) <= MAX_COLUMNS_OF_TWO_BLOCKS
+    blocks = 2 if is_long and is_narrow else 1
     cards = [Card(row, captions[i : i + 1]) for i, row in enumerate(rows)]
-    return draw_sheet(cards, 2 if in_two else 1, GRID_PX, titles)
+    return draw_sheet(cards, blocks, GRID_PX, titles)
 
 
 @dataclass(frozen=True)
@@ -149,18 +164,12 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
     Returns:
         RGB, shape (rows, cols, 3).
     """
-    cards = [
-        Card(
-            (e.cad, e.slam, draw_wall_errors(e.cad, e.slam, e.frame, e.path)), (e.title, e.details)
-        )
-        for e in entries
-    ]
-    sheet = draw_sheet(
-        cards,
-        columns,
-        PAIR_PX,
-        ("CAD map", "SLAM map", "SLAM walls by their distance to CAD walls"),
-    )
+    cards = []
+    for entry in entries:
+        errors = draw_wall_errors(entry.cad, entry.slam, entry.frame, entry.path)
+        cards.append(Card([entry.cad, entry.slam, errors], [entry.title, entry.details]))
+    titles = ["CAD map", "SLAM map", "SLAM walls by their distance to CAD walls"]
+    sheet = draw_sheet(cards, columns, PAIR_PX, titles)
     sheet = with_heading(sheet, heading)
     _draw_error_scale(sheet)
     return sheet
@@ -201,10 +210,12 @@ def draw_wall_errors(
     picture[~inside & (slam == FREE)] = _BEYOND
     picture[faces] = FAINT
     occupied = slam == OCCUPIED
-    picture[occupied] = error_colour((distance_to(faces) * frame.resolution)[occupied])
+    away = distance_to(faces) * frame.resolution
+    picture[occupied] = error_colour(away[occupied])
     picture = np.repeat(np.repeat(picture, 2, axis=0), 2, axis=1)
     if len(path):
-        draw_path(picture, fixed_point(frame_pixels(path, frame, 2.0)), _ESTIMATE, thickness=1)
+        pixels = fixed_point(frame_pixels(path, frame, 2.0))
+        draw_path(picture, pixels, _ESTIMATE, thickness=1)
     return picture
 
 
@@ -227,7 +238,9 @@ def draw_agreement(free: BoolArray, truth: BoolArray) -> ByteArray:
 
 def error_colour(distance: FloatArray) -> ByteArray:
     """The colour of a wall error, shape (N, 3), for distances [m], shape (N,)."""
-    place = np.clip(distance / ERROR_SCALE, 0.0, 1.0) * (len(_ERROR_COLOURS) - 1)
-    steps = np.arange(len(_ERROR_COLOURS))
+    count = len(_ERROR_COLOURS)
+    share = np.clip(distance / ERROR_SCALE, 0.0, 1.0)
+    place = share * (count - 1)
+    steps = np.arange(count)
     channels = [np.interp(place, steps, channel) for channel in _ERROR_COLOURS.T]
     return np.stack(channels, axis=-1).astype(np.uint8)
