@@ -11,9 +11,14 @@ import torch
 from slamgym.core.errors import ConfigError
 from slamgym.gan.config import DeviceName, Precision
 
-_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3
-_LARGEST_TRIM, _LARGEST_MMAP = 2**31 - 1, 2**25
-"""Largest values that mallopt takes (mallopt(3)) [bytes]."""
+_M_TRIM_THRESHOLD = -1
+"""Number of mallopt's parameter for the free memory at the heap's end that isn't given back (malloc.h)."""
+_LARGEST_TRIM = 2**31 - 1
+"""Largest value that it takes (mallopt(3)) [bytes]."""
+_M_MMAP_THRESHOLD = -3
+"""Number of mallopt's parameter for the size from which memory is mapped, and unmapped when freed (malloc.h)."""
+_LARGEST_MMAP = 2**25
+"""Largest value that it takes (mallopt(3)) [bytes]."""
 
 NetworkT = TypeVar("NetworkT", bound=torch.nn.Module)
 
@@ -60,20 +65,28 @@ def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -
     Raises:
         ConfigError: If the device isn't there.
     """
-    available = {
-        "cuda": torch.cuda.is_available(),
-        "mps": torch.backends.mps.is_available(),
-        "cpu": True,
-    }
-    name = next(n for n, there in available.items() if there) if device == "auto" else device
-    if not available[name]:
+    available = ["cpu"]
+    if torch.backends.mps.is_available():
+        available.insert(0, "mps")
+    if torch.cuda.is_available():
+        available.insert(0, "cuda")
+    name = available[0] if device == "auto" else device
+    if name not in available:
         raise ConfigError(f"--device {name} isn't available here; use --device auto")
-    chosen = torch.device(name)
     if precision == "auto":
-        on_cpu = getattr(torch.cpu, "_is_avx512_bf16_supported", None)
-        fast = {"cuda": torch.cuda.is_bf16_supported, "cpu": on_cpu}.get(name)
-        precision = "bfloat16" if fast and fast() else "float32"
-    return Compute(chosen, precision, name == "cuda" or (name == "cpu" and precision == "bfloat16"))
+        precision = "bfloat16" if _multiplies_bfloat16(name) else "float32"
+    channels_last = name == "cuda" or (name == "cpu" and precision == "bfloat16")
+    return Compute(torch.device(name), precision, channels_last)
+
+
+def _multiplies_bfloat16(device: str) -> bool:
+    """True if the device multiplies bfloat16 faster than single precision."""
+    if device == "cuda":
+        return torch.cuda.is_bf16_supported()
+    if device == "cpu":
+        ask = getattr(torch.cpu, "_is_avx512_bf16_supported", None)
+        return ask is not None and bool(ask())
+    return False
 
 
 def make_deterministic() -> None:
@@ -87,7 +100,9 @@ def keep_freed_memory() -> None:
 
     Else every step of a training gives its memory back and gets it again page by page, up to half of the time.
     """
-    mallopt = getattr(ctypes.CDLL(None), "mallopt", None) if sys.platform == "linux" else None
+    if sys.platform != "linux":
+        return
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
     if mallopt is not None:
         mallopt(_M_TRIM_THRESHOLD, _LARGEST_TRIM)
         mallopt(_M_MMAP_THRESHOLD, _LARGEST_MMAP)

@@ -52,23 +52,27 @@ def enlarge_means(image: Float32Array, shape: tuple[int, ...]) -> Float32Array:
     large = np.zeros(shape, np.float32)
     missing = image
     for _ in range(_BACK_PROJECTIONS):
-        large = np.clip(
-            large + cv2.resize(missing, shape[::-1], interpolation=cv2.INTER_CUBIC), 0.0, 1.0
-        )
-        missing = image - cv2.resize(large, (cols, rows), interpolation=cv2.INTER_AREA)
+        correction = cv2.resize(missing, shape[::-1], interpolation=cv2.INTER_CUBIC)
+        large = np.clip(large + correction, 0.0, 1.0)
+        means = cv2.resize(large, (cols, rows), interpolation=cv2.INTER_AREA)
+        missing = image - means
     return np.asarray(large, dtype=np.float32)
 
 
 def _resize(image: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    shrinks = shape[0] < image.shape[0] or shape[1] < image.shape[1]
+    rows, cols = shape
+    shrinks = rows < image.shape[0] or cols < image.shape[1]
     method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (shape[1], shape[0]), interpolation=method))
+    resized = cv2.resize(image, (cols, rows), interpolation=method)
+    return np.asarray(resized)
 
 
 HALF_FREE = 127.0
 """Grey that is encoded as 0."""
-MIN_FREE_GREY, MAX_OCCUPIED_GREY = 230, 102
-"""Greys from here on up are free, up to here occupied; between them lies the unknown (205)."""
+MIN_FREE_GREY = 230
+"""Cells of this grey and lighter ones are free."""
+MAX_OCCUPIED_GREY = 102
+"""Cells of this grey and darker ones are occupied; between the two lies the unknown (205)."""
 
 
 def encode(cells: Tensor, encoding: Encoding) -> Tensor:
@@ -83,7 +87,9 @@ def encode(cells: Tensor, encoding: Encoding) -> Tensor:
         (B, C, H, W) float32 in [-1, 1].
     """
     if encoding == "free_occupied":
-        parts = torch.stack([cells >= MIN_FREE_GREY, cells <= MAX_OCCUPIED_GREY], dim=1)
+        is_free = cells >= MIN_FREE_GREY
+        is_occupied = cells <= MAX_OCCUPIED_GREY
+        parts = torch.stack([is_free, is_occupied], dim=1)
         return parts.float() * 2.0 - 1.0
     grey = (cells.float() / HALF_FREE - 1.0).clamp(-1.0, 1.0)
     if encoding == "layers":
@@ -102,10 +108,15 @@ def free_probability(image: Float32Array, encoding: Encoding) -> Float32Array:
         (H, W) in [0, 1].
     """
     if encoding == "layers":
-        free = image[0] + image[2] + 1.0
+        floor = image[0]
+        doors = image[2]
+        free = floor + doors + 1.0
+    elif encoding == "free_occupied":
+        free = image[0]
     else:
-        free = image[0] if encoding == "free_occupied" else image.mean(axis=0)
-    return np.clip(0.5 * (free + 1.0), 0.0, 1.0).astype(np.float32)
+        free = image.mean(axis=0)
+    probability = 0.5 * (free + 1.0)
+    return np.clip(probability, 0.0, 1.0).astype(np.float32)
 
 
 def decode_slam(image: Float32Array, encoding: Encoding) -> ByteArray:
@@ -116,8 +127,14 @@ def decode_slam(image: Float32Array, encoding: Encoding) -> ByteArray:
         encoding: How it is encoded.
     """
     if encoding == "free_occupied":
-        is_free, is_occupied = image[0] > 0.0, (image[1] > 0.0) & (image[1] > image[0])
+        free, occupied = image
+        is_free = free > 0.0
+        is_occupied = (occupied > 0.0) & (occupied > free)
     else:
         grey = (image.mean(axis=0) + 1.0) * HALF_FREE
-        is_free, is_occupied = grey >= MIN_FREE_GREY, grey <= MAX_OCCUPIED_GREY
-    return np.where(is_occupied, OCCUPIED, np.where(is_free, FREE, UNKNOWN)).astype(np.uint8)
+        is_free = grey >= MIN_FREE_GREY
+        is_occupied = grey <= MAX_OCCUPIED_GREY
+    cells = np.full(is_free.shape, UNKNOWN, np.uint8)
+    cells[is_free] = FREE
+    cells[is_occupied] = OCCUPIED
+    return cells

@@ -44,11 +44,12 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
         found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
         if cache is not None:
             write_bytes(cache, save({checksum: found}))
-    slam = [
-        moved(cells, Similarity(*row))
-        for cells, row in zip(pairs.slam, found.tolist(), strict=True)
-    ]
-    return replace(pairs, slam=np.stack(slam)) if slam else pairs
+    if len(pairs) == 0:
+        return pairs
+    slam = []
+    for cells, row in zip(pairs.slam, found.tolist(), strict=True):
+        slam.append(moved(cells, Similarity(*row)))
+    return replace(pairs, slam=np.stack(slam))
 
 
 def nearest_motion(slam: ByteArray, cad: ByteArray) -> Similarity:
@@ -61,8 +62,10 @@ def nearest_motion(slam: ByteArray, cad: ByteArray) -> Similarity:
         slam: (S, S): 0, 205, 254.
         cad: (S, S): 0 walls and outside, 254 inside.
     """
-    free, inside = (slam == FREE).astype(np.float64), (cad > FREE // 2).astype(np.float64)
-    best, error = IDENTITY, squared_error(free, inside)
+    free = (slam == FREE).astype(np.float64)
+    inside = (cad > FREE // 2).astype(np.float64)
+    best = IDENTITY
+    error = squared_error(free, inside)
     if free.any() and inside.any():
         found = search_similarities(
             free, inside, start_angles=1, coarse_starts=0, fine_starts=1, scaling=False
@@ -70,7 +73,8 @@ def nearest_motion(slam: ByteArray, cad: ByteArray) -> Similarity:
         for similarity in found:
             candidate = squared_error(apply_similarity(free, similarity), inside)
             if candidate < error:
-                best, error = similarity, candidate
+                best = similarity
+                error = candidate
     return best
 
 
@@ -78,7 +82,8 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     """A SLAM map after a motion: nearest cells, unknown from beyond the border."""
     if similarity == IDENTITY:
         return slam
-    return np.asarray(transformed(slam, similarity.matrix(*slam.shape)), dtype=np.uint8)
+    rows, cols = slam.shape
+    return np.asarray(transformed(slam, similarity.matrix(rows, cols)), dtype=np.uint8)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:

@@ -27,6 +27,7 @@ from slamgym.gan.config import Direction, TranslatorConfig
 from slamgym.gan.networks.factory import Generator, build_generator, count_parameters
 
 _ARROWS = {"slam2cad": "SLAM maps to CAD maps", "cad2slam": "CAD maps to SLAM maps"}
+"""Directions in words."""
 WEIGHTS_FORMAT = "slamgym-translator-3"
 PRETRAINED_FOLDER = Path(__file__).parent / "pretrained"
 MAX_PARAMETERS = 200_000_000
@@ -79,7 +80,11 @@ def save_translator(
     """
     tensors = {name: _halved(name, value) for name, value in generator.state_dict().items()}
     facts = {"config": to_dict(config), "card": to_dict(card)}
-    header = {"format": WEIGHTS_FORMAT} | {name: json.dumps(value) for name, value in facts.items()}
+    header = {
+        "format": WEIGHTS_FORMAT,
+        "config": json.dumps(facts["config"]),
+        "card": json.dumps(facts["card"]),
+    }
     # As bytes: safetensors' own file would be readable by its writer alone.
     write_bytes(path, save(tensors, metadata=header))
     write_text(path.with_suffix(".json"), json_text(facts))
@@ -102,8 +107,10 @@ def load_weights(name_or_path: str | Path, direction: Direction | None = None) -
     header, tensors = read_tensors(path)
     config, card = _read_header(path, header)
     if direction is not None and direction != config.direction:
-        what = f"{_ARROWS[config.direction]}, not {_ARROWS[direction]}"
-        raise ConfigError(f"{path}: these weights translate {what}; choose others with --weights")
+        raise ConfigError(
+            f"{path}: these weights translate {_ARROWS[config.direction]}, not {_ARROWS[direction]}; "
+            "choose others with --weights"
+        )
     return Weights(_fill(path, config, tensors), config, card)
 
 
@@ -144,14 +151,14 @@ def find_weights(name_or_path: str | Path) -> Path:
         if file.is_file():
             return file
         known = pretrained_names()
-        hint = (
-            suggest(path.name, known)
-            if known
-            else "there are none; train some with `slamgym gan train`"
-        )
-        raise ConfigError(f"no weights are called {path.name!r}; {hint}")
-    what = "name pretrained weights, a .safetensors file or a finished run"
-    raise InputFileError(path, f"doesn't exist; {what}")
+        if not known:
+            raise ConfigError(
+                f"no weights are called {path.name!r}; there are none; train some with `slamgym gan train`"
+            )
+        raise ConfigError(f"no weights are called {path.name!r}; {suggest(path.name, known)}")
+    raise InputFileError(
+        path, "doesn't exist; name pretrained weights, a .safetensors file or a finished run"
+    )
 
 
 def model_card(name: str, generator: Generator, config: TranslatorConfig, card: ModelCard) -> str:
@@ -188,20 +195,20 @@ def _limits(config: TranslatorConfig) -> str:
 
 
 def _halved(name: str, value: Tensor) -> Tensor:
-    keep = "running_" in name or not value.is_floating_point()
-    return (
-        value.detach().cpu().contiguous().clone()
-        if keep
-        else value.detach().cpu().half().contiguous()
-    )
+    plain = value.detach().cpu()
+    if "running_" in name or not value.is_floating_point():
+        return plain.contiguous().clone()
+    return plain.half().contiguous()
 
 
 def _read_header(path: Path, header: dict[str, str]) -> tuple[TranslatorConfig, ModelCard]:
     found = header.get("format", "")
     if found != WEIGHTS_FORMAT:
         if found.startswith(WEIGHTS_FORMAT.rstrip("0123456789")):
-            what = f"holds weights of another version of slamgym ({found})"
-            raise InputFileError(path, f"{what}; train them again with this one")
+            raise InputFileError(
+                path,
+                f"holds weights of another version of slamgym ({found}); train them again with this one",
+            )
         raise InputFileError(path, "is a safetensors file, but not of a slamgym translator")
     try:
         config = from_dict(TranslatorConfig, load_json(header["config"]), str(path))
@@ -217,21 +224,18 @@ def _fill(path: Path, config: TranslatorConfig, tensors: dict[str, Tensor]) -> G
         generator = build_generator(config, seed=None)
     if count_parameters(generator) > MAX_PARAMETERS:
         raise InputFileError(path, "asks for a network of unreasonable size")
-    wanted, found = _shapes(generator.state_dict()), _shapes(tensors)
-    if wanted != found:
-        odd = sorted(
-            name for name in wanted.keys() | found.keys() if wanted.get(name) != found.get(name)
+    wanted = _shapes(generator.state_dict())
+    found = _shapes(tensors)
+    odd = [name for name in wanted | found if wanted.get(name) != found.get(name)]
+    if odd:
+        raise InputFileError(
+            path, f"holds tensors of another network ({len(odd)} differ, the first is {min(odd)})"
         )
-        what = f"holds tensors of another network ({len(odd)} differ, the first is {odd[0]})"
-        raise InputFileError(path, what)
-    whole = {
-        name: value.float() if value.is_floating_point() else value
-        for name, value in tensors.items()
-    }
-    if not all(
-        bool(torch.isfinite(value).all()) for value in whole.values() if value.is_floating_point()
-    ):
-        raise InputFileError(path, "holds weights that are NaN or infinite")
+    whole = {}
+    for name, value in tensors.items():
+        whole[name] = value.float() if value.is_floating_point() else value
+        if not bool(torch.isfinite(whole[name]).all()):
+            raise InputFileError(path, "holds weights that are NaN or infinite")
     generator.load_state_dict(whole, assign=True)
     return generator.eval().requires_grad_(False)
 
@@ -247,6 +251,8 @@ def _why_unreadable(path: Path, error: Exception) -> str:
     with open_regular(path) as file:
         start = file.read(4)
     if start[:2] == b"PK" or start[:1] == b"\x80":
-        what = "is a pickle or a torch.save file, which can run code when it is read"
-        return f"{what}; only safetensors are taken"
+        return (
+            "is a pickle or a torch.save file, which can run code when it is read; "
+            "only safetensors are taken"
+        )
     return f"is damaged or not a safetensors file ({error})"

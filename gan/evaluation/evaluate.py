@@ -39,17 +39,17 @@ from slamgym.metrics.alignment import IDENTITY
 from slamgym.metrics.cleaning import clean_map
 from slamgym.metrics.maps import keep_thin_walls
 
-TOLERANCES = (0.1, 0.2)
-"""Tolerances of the wall F1 [m]."""
-RIGID_TOLERANCES = (0.05, 0.1)
-"""Tolerances of the wall F1 after a rigid alignment [m]."""
-OPENINGS = ("doors", "doors_kept", "doors_invented", "walls", "walls_opened")
-"""Numbers of doors and walls that are measures of a map."""
 THRESHOLD = 0.5
 """Probability from which a pixel counts as free."""
 
-RAW, CLEANED, OUTLINE = "raw SLAM map", "classical cleaning", "outline only (oracle)"
+RAW = "raw SLAM map"
+"""Name of the method that leaves the SLAM map as it is."""
 BLURRED = "raw SLAM map, blurred"
+"""Name of the method that blurs the SLAM map's free space."""
+CLEANED = "classical cleaning"
+"""Name of the method that cleans the SLAM map without learning."""
+OUTLINE = "outline only (oracle)"
+"""Name of the method that knows the CAD map and leaves out its inner walls."""
 BLUR = 0.07
 """Standard deviation of that blur, about the displacement of walls by drift [m]."""
 
@@ -62,7 +62,7 @@ class MapScore:
     plan_id: str
     metres_per_px: float
     measures: dict[str, float]
-    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES` and :data:`OPENINGS`."""
+    """By name: those of :data:`slamgym.gan.evaluation.summary.MEASURES`, and the numbers of doors and walls."""
     dimensions: Dimensions = field(default_factory=Dimensions)
     openings: Openings = field(default_factory=Openings)
 
@@ -91,26 +91,30 @@ def baselines() -> list[TranslationMethod]:
     misses.
     """
     return [
-        TranslationMethod(RAW, lambda pairs, i: _probability(pairs.slam[i] == FREE)),
-        TranslationMethod(
-            BLURRED, lambda pairs, i: _blurred(pairs.slam[i] == FREE, pairs.scale(i))
-        ),
-        TranslationMethod(
-            CLEANED, lambda pairs, i: _probability(clean_map(pairs.slam[i], pairs.scale(i)))
-        ),
-        TranslationMethod(
-            OUTLINE, lambda pairs, i: _probability(outline_only(pairs.cad[i], pairs.scale(i)))
-        ),
+        TranslationMethod(RAW, _free_space),
+        TranslationMethod(BLURRED, _blurred),
+        TranslationMethod(CLEANED, _cleaned),
+        TranslationMethod(OUTLINE, _outline),
     ]
 
 
-def _probability(free: BoolArray) -> Float32Array:
+def _free_space(pairs: PairSet, index: int) -> Float32Array:
+    free = pairs.slam[index] == FREE
     return free.astype(np.float32)
 
 
-def _blurred(free: BoolArray, metres_per_px: float) -> Float32Array:
-    blurred = cv2.GaussianBlur(_probability(free), (0, 0), BLUR / metres_per_px)
+def _blurred(pairs: PairSet, index: int) -> Float32Array:
+    sigma = BLUR / pairs.scale(index)
+    blurred = cv2.GaussianBlur(_free_space(pairs, index), (0, 0), sigma)
     return np.asarray(blurred, dtype=np.float32)
+
+
+def _cleaned(pairs: PairSet, index: int) -> Float32Array:
+    return clean_map(pairs.slam[index], pairs.scale(index)).astype(np.float32)
+
+
+def _outline(pairs: PairSet, index: int) -> Float32Array:
+    return outline_only(pairs.cad[index], pairs.scale(index)).astype(np.float32)
 
 
 def learned(name: str, translator: Translator, face_lines: float = 0.0) -> TranslationMethod:
@@ -121,12 +125,12 @@ def learned(name: str, translator: Translator, face_lines: float = 0.0) -> Trans
         translator: Draws true faces.
         face_lines: Thickness of the line that the CAD maps have along every face, which the translation gets, too [px].
     """
-    return TranslationMethod(
-        name,
-        lambda pairs, i: shrunk_floor(
-            translator.translate(pairs.slam[i], pairs.scale(i)), 0.5 * face_lines
-        ),
-    )
+
+    def predict(pairs: PairSet, index: int) -> Float32Array:
+        floor = translator.translate(pairs.slam[index], pairs.scale(index))
+        return shrunk_floor(floor, 0.5 * face_lines)
+
+    return TranslationMethod(name, predict)
 
 
 def evaluate_method(
@@ -149,24 +153,24 @@ def evaluate_method(
         )
     scores = []
     for i in range(len(pairs)):
+        slam = pairs.slam[i]
         begun = time.process_time()
         probability = np.asarray(method.predict(pairs, i))
         seconds = time.process_time() - begun
-        shape = pairs.slam[i].shape
-        if probability.shape != shape:
-            raise ConfigError(
-                f"{method.name} returned shape {probability.shape} for a map of shape {shape}"
-            )
-        if not np.isfinite(probability).all():
-            raise ConfigError(
-                f"{method.name} returned values that are not finite; its weights may be damaged"
-            )
-        score = score_map(probability, pairs.cad[i], pairs.scale(i), pairs.slam[i] != UNKNOWN)
+        _check_prediction(method.name, probability, slam.shape)
+        score = score_map(probability, pairs.cad[i], pairs.scale(i), slam != UNKNOWN)
         score.measures["seconds"] = seconds
         scores.append(replace(score, name=pairs.names[i], plan_id=pairs.plan_ids[i]))
         if advance is not None:
             advance()
     return scores
+
+
+def _check_prediction(name: str, probability: Float32Array, shape: tuple[int, ...]) -> None:
+    if probability.shape != shape:
+        raise ConfigError(f"{name} returned shape {probability.shape} for a map of shape {shape}")
+    if not np.isfinite(probability).all():
+        raise ConfigError(f"{name} returned values that are not finite; its weights may be damaged")
 
 
 def score_map(
@@ -185,10 +189,11 @@ def score_map(
     """
     truth: BoolArray = cad > 127
     free: BoolArray = predicted >= THRESHOLD
-    found, rigid = (
-        aligned_error(_as_float(free), _as_float(truth), scaling=s) for s in (True, False)
-    )
-    placed, rigidly = aligned_mask(free, found.similarity), aligned_mask(free, rigid.similarity)
+    found = aligned_error(_as_float(free), _as_float(truth), scaling=True)
+    rigid = aligned_error(_as_float(free), _as_float(truth), scaling=False)
+    placed = aligned_mask(free, found.similarity)
+    rigidly = aligned_mask(free, rigid.similarity)
+    as_drawn = apply_similarity(_as_float(predicted), found.similarity)
 
     def wall_f1(mask: BoolArray, tolerance: float) -> float:
         return boundary_score(mask, truth, metres_per_px, tolerance).f1
@@ -202,19 +207,23 @@ def score_map(
     farthest = metres_per_px * math.hypot(*truth.shape)
     measures = {
         "mse": found.mse,
-        "mse_grey": squared_error(
-            apply_similarity(_as_float(predicted), found.similarity), _as_float(truth)
-        ),
-        **{f"wall_f1_{round(100 * t)}cm": wall_f1(placed, t) for t in TOLERANCES},
+        "mse_grey": squared_error(as_drawn, _as_float(truth)),
+        "wall_f1_10cm": wall_f1(placed, 0.1),
+        "wall_f1_20cm": wall_f1(placed, 0.2),
         "free_iou": intersection_over_union(placed, truth),
         "hausdorff_95": min(boundary_distance(placed, truth, metres_per_px), farthest),
         "room_error": abs(rooms.count - rooms.true_count),
         "room_f1": rooms.f1,
         "mse_rigid": rigid.mse,
-        **{f"wall_f1_{round(100 * t)}cm_rigid": wall_f1(rigidly, t) for t in RIGID_TOLERANCES},
+        "wall_f1_5cm_rigid": wall_f1(rigidly, 0.05),
+        "wall_f1_10cm_rigid": wall_f1(rigidly, 0.1),
         "room_f1_rigid": room_score(rigidly, truth, metres_per_px).f1,
         "area_ratio": dimensions.area_ratio,
-        **{name: getattr(openings, name) for name in OPENINGS},
+        "doors": openings.doors,
+        "doors_kept": openings.doors_kept,
+        "doors_invented": openings.doors_invented,
+        "walls": openings.walls,
+        "walls_opened": openings.walls_opened,
         "unseen_share": math.nan if seen is None else unseen_share(free, seen),
         "seconds": 0.0,
     }
@@ -231,7 +240,8 @@ def _placed(values: BoolArray | Float32Array, similarity: Similarity) -> Float32
     if similarity == IDENTITY:
         return drawing
     moved = apply_similarity(_as_float(values), similarity).astype(np.float32)
-    return keep_thin_walls(moved, drawing, similarity.matrix(*values.shape))
+    rows, cols = values.shape
+    return keep_thin_walls(moved, drawing, similarity.matrix(rows, cols))
 
 
 def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
@@ -241,8 +251,7 @@ def aligned_mask(free: BoolArray, similarity: Similarity) -> BoolArray:
 
 def evenly_spaced(count: int, wanted: int) -> Sequence[int]:
     """At most ``wanted`` indices below ``count``, evenly spaced: a choice that doesn't depend on the results."""
-    return (
-        [int(i) for i in np.unique(np.linspace(0, count - 1, min(wanted, count)).round())]
-        if count
-        else []
-    )
+    if count == 0:
+        return []
+    places = np.linspace(0, count - 1, min(wanted, count)).round()
+    return [int(place) for place in np.unique(places)]

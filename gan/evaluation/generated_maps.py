@@ -56,22 +56,25 @@ def load_generated(folder: Path, pairs: PairSet) -> GeneratedMaps:
     """
     maps = {}
     for index, name in enumerate(pairs.names):
-        images = (
-            base / f"{name}{suffix}"
-            for base in (folder, folder / "B")
-            for suffix in PICTURE_SUFFIXES
-        )
-        found = [path for path in images if path.is_file()] or sorted(
-            (folder / name).rglob("map.yaml")
-        )
-        if found:
-            maps[index] = _load(found[0], pairs.cad.shape[1], pairs.scale(index))
+        path = _find(folder, name)
+        if path is not None:
+            maps[index] = _load(path, pairs.cad.shape[1], pairs.scale(index))
     if not maps:
         raise InputFileError(
             folder,
             f"holds no map of a test pair; name them like the pairs, e.g. {pairs.names[0]}.png",
         )
     return maps
+
+
+def _find(folder: Path, name: str) -> Path | None:
+    """The file of a pair."""
+    for base in (folder, folder / "B"):
+        for suffix in PICTURE_SUFFIXES:
+            path = base / f"{name}{suffix}"
+            if path.is_file():
+                return path
+    return min((folder / name).rglob("map.yaml"), default=None)
 
 
 def _load(path: Path, side: int, metres_per_px: float) -> ByteArray:
@@ -98,10 +101,11 @@ def translated_maps(
         pairs: What to translate.
         seed: Of the bending.
     """
-    kinds: dict[str, GeneratedMaps] = {name: {}, f"{name}, bent": {}}
+    as_they_are: GeneratedMaps = {}
+    bent: GeneratedMaps = {}
     for i, cad in enumerate(pairs.cad):
-        for maps, drift in zip(
-            kinds.values(), (None, np.random.default_rng([seed, i])), strict=True
-        ):
-            maps[i] = translator.translate_cells(cad, pairs.scale(i), drift=drift)
-    return kinds
+        scale = pairs.scale(i)
+        drift = np.random.default_rng([seed, i])
+        as_they_are[i] = translator.translate_cells(cad, scale)
+        bent[i] = translator.translate_cells(cad, scale, drift=drift)
+    return {name: as_they_are, f"{name}, bent": bent}

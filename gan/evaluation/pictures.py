@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
+from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray, FloatArray
 from slamgym.gan.data import PairSet
 from slamgym.gan.evaluation.evaluate import (
     RAW,
@@ -38,7 +38,10 @@ class Results:
 
     def caption(self, index: int, measure: str, title: str) -> str:
         """Name and scale of a pair, and what the methods reached on it."""
-        values = (f"{m.name} {self.scores[m.name][index][measure]:.3g}" for m in self.methods)
+        values = []
+        for method in self.methods:
+            score = self.scores[method.name][index]
+            values.append(f"{method.name} {score[measure]:.3g}")
         return f"{_caption(self.pairs, index)}; {title}: {', '.join(values)}"
 
 
@@ -53,24 +56,36 @@ def write_pictures(folder: Path, results: Results, count: int) -> None:
         results: What to show.
         count: Rows of the first two.
     """
-    pairs, names = results.pairs, [method.name for method in results.methods]
-    chosen = evenly_spaced(len(pairs), count)
-    maps, overlays = [], []
+    chosen = evenly_spaced(len(results.pairs), count)
+    _write_grids(folder, results, chosen)
+    errors_of_raw = _errors(results.scores[RAW])
+    gains = {}
+    for method in results.methods[1:]:
+        gains[method.name] = errors_of_raw - _errors(results.scores[method.name])
+    label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
+    plot_boxes(folder / "differences.png", gains, label)
+
+
+def _write_grids(folder: Path, results: Results, chosen: Sequence[int]) -> None:
+    """Write ``maps.png`` and ``overlays.png`` of the chosen pairs."""
+    pairs = results.pairs
+    names = [method.name for method in results.methods]
+    maps = []
+    overlays = []
     for i in chosen:
         truth: BoolArray = pairs.cad[i] > 127
         masks = [np.asarray(method.predict(pairs, i)) >= THRESHOLD for method in results.methods]
-        maps.append([pairs.slam[i], *(_drawn(mask) for mask in masks[1:]), pairs.cad[i]])
+        drawings = [_drawn(mask) for mask in masks[1:]]
+        maps.append([pairs.slam[i], *drawings, pairs.cad[i]])
         overlays.append([draw_agreement(_aligned(mask, truth), truth) for mask in masks])
     captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
     write_picture(folder / "maps.png", draw_grid([*names, "CAD map"], maps, captions))
     captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
     write_picture(folder / "overlays.png", draw_grid(names, overlays, captions))
-    errors = {
-        name: np.array([score.mse for score in rows]) for name, rows in results.scores.items()
-    }
-    gains = {name: errors[RAW] - errors[name] for name in names[1:]}
-    label = "MSE2 - MSE1 (positive: nearer to the CAD map than the SLAM map is)"
-    plot_boxes(folder / "differences.png", gains, label)
+
+
+def _errors(scores: Sequence[MapScore]) -> FloatArray:
+    return np.array([score.mse for score in scores])
 
 
 def write_generated_grid(
@@ -86,12 +101,13 @@ def write_generated_grid(
     """
     chosen = evenly_spaced(len(pairs), count)
     black = np.zeros_like(pairs.cad[0])
-    rows = [
-        [pairs.cad[i], *(maps.get(i, black) for maps in kinds.values()), pairs.slam[i]]
-        for i in chosen
-    ]
+    rows = []
+    for i in chosen:
+        generated = [maps.get(i, black) for maps in kinds.values()]
+        rows.append([pairs.cad[i], *generated, pairs.slam[i]])
+    headings = ["CAD map", *kinds, "simulated SLAM map"]
     captions = [_caption(pairs, i) for i in chosen]
-    write_picture(path, draw_grid(["CAD map", *kinds, "simulated SLAM map"], rows, captions))
+    write_picture(path, draw_grid(headings, rows, captions))
 
 
 def _aligned(mask: BoolArray, truth: BoolArray) -> BoolArray:

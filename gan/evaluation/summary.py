@@ -34,12 +34,7 @@ MEASURES: dict[str, str] = {
 """Name of a measure to the heading of its column."""
 
 TABLE_I_MAPS = 21
-_IMPROVEMENTS = (
-    ("", "mse", "mse"),
-    ("_rigid", "mse_rigid", "mse_rigid"),
-    ("_grey", "mse_grey", "mse"),
-)
-"""Which error of a translation is compared with which of the SLAM map."""
+"""Maps in the paper's Table I."""
 
 
 def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
@@ -61,16 +56,28 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
             entry[measure] = asdict(mean_interval(_column(rows, measure), groups=plans))
         entry["dimensions"] = summarise_dimensions(rows)
         if method != RAW:
-            for suffix, measure, of_raw in _IMPROVEMENTS:
-                better = improvement(_column(rows, measure), _column(scores[RAW], of_raw), plans)
-                entry[f"improvement{suffix}"] = asdict(better)
-            some = evenly_spaced(len(rows), TABLE_I_MAPS)
-            mse1, mse2 = (_column(of, "mse")[some] for of in (rows, scores[RAW]))
-            entry["improvement_table_one"] = asdict(
-                improvement(mse1, mse2, [plans[i] for i in some])
-            )
+            entry |= _improvements(rows, scores[RAW])
         summary[method] = entry
     return summary
+
+
+def _improvements(rows: Sequence[MapScore], raw: Sequence[MapScore]) -> dict[str, Any]:
+    """A method's errors against those of the SLAM maps, of which greys have no error of their own."""
+
+    def compared(measure: str, of_raw: str, chosen: Sequence[int]) -> dict[str, Any]:
+        errors = _column(rows, measure)[chosen]
+        raw_errors = _column(raw, of_raw)[chosen]
+        plans = [rows[i].plan_id for i in chosen]
+        return asdict(improvement(errors, raw_errors, plans))
+
+    everything = range(len(rows))
+    some = evenly_spaced(len(rows), TABLE_I_MAPS)
+    return {
+        "improvement": compared("mse", "mse", everything),
+        "improvement_rigid": compared("mse_rigid", "mse_rigid", everything),
+        "improvement_grey": compared("mse_grey", "mse", everything),
+        "improvement_table_one": compared("mse", "mse", some),
+    }
 
 
 def _column(rows: Sequence[MapScore], measure: str) -> FloatArray:
@@ -79,74 +86,73 @@ def _column(rows: Sequence[MapScore], measure: str) -> FloatArray:
 
 def summarise_dimensions(rows: Sequence[MapScore]) -> dict[str, Any]:
     """Errors of lengths and openings of all maps together, in metres; None where nothing was measured."""
-    summary: dict[str, Any] = {}
-    for name in ("room_width", "wall_length", "wall_thickness"):
-        summary[name] = _length_summary(
-            np.concatenate([getattr(row.dimensions, name) for row in rows])
-        )
-    summary["door_width"] = _length_summary(
-        np.concatenate([row.openings.door_width for row in rows])
-    )
-    for name in ("doors", "doors_kept", "doors_closed", "doors_invented", "walls", "walls_opened"):
-        summary[name] = sum(getattr(row.openings, name) for row in rows)
-    return summary
+    dimensions = [row.dimensions for row in rows]
+    openings = [row.openings for row in rows]
+    return {
+        "room_width": _length_summary([found.room_width for found in dimensions]),
+        "wall_length": _length_summary([found.wall_length for found in dimensions]),
+        "wall_thickness": _length_summary([found.wall_thickness for found in dimensions]),
+        "door_width": _length_summary([found.door_width for found in openings]),
+        "doors": sum(found.doors for found in openings),
+        "doors_kept": sum(found.doors_kept for found in openings),
+        "doors_closed": sum(found.doors_closed for found in openings),
+        "doors_invented": sum(found.doors_invented for found in openings),
+        "walls": sum(found.walls for found in openings),
+        "walls_opened": sum(found.walls_opened for found in openings),
+    }
 
 
-def _length_summary(errors: FloatArray) -> dict[str, Any]:
+def _length_summary(errors_by_map: Sequence[FloatArray]) -> dict[str, Any]:
     """Number, median, median of the absolute value, and the shares within the tolerances."""
+    errors = np.concatenate(errors_by_map)
     if len(errors) == 0:
         return {"count": 0}
-    within = {
-        f"within_{round(100 * t)}cm": float((np.abs(errors) <= t).mean()) for t in LENGTH_TOLERANCES
-    }
-    return {
+    sizes = np.abs(errors)
+    summary = {
         "count": len(errors),
         "median": float(np.median(errors)),
-        "median_absolute": float(np.median(np.abs(errors))),
-        **within,
+        "median_absolute": float(np.median(sizes)),
     }
+    for tolerance in LENGTH_TOLERANCES:
+        name = f"within_{round(100 * tolerance)}cm"
+        summary[name] = float((sizes <= tolerance).mean())
+    return summary
 
 
 def dimensions_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: what is left after a rigid alignment, and the dimensions."""
-    headings = ["method", "MSE ratio, rigid", "F1 5 cm", "F1 10 cm", "room F1", "room width [cm]"]
-    headings += ["in 2 / 5 / 10 cm"]
-    headings += [
-        "wall length [cm]",
-        "in 5 cm",
-        "thickness [cm]",
-        "area",
-        "doors kept",
-        "door width [cm]",
-    ]
-    headings += ["walls opened", "doors invented", "never seen"]
     rows = []
+    columns: dict[str, str] = {}
     for method, entry in summary.items():
-        found = entry["dimensions"]
-        width, length = found["room_width"], found["wall_length"]
-        ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
-        row = [method, ratio]
-        row += [
-            f"{entry[f'{m}_rigid']['value']:.2f}"
-            for m in ("wall_f1_5cm", "wall_f1_10cm", "room_f1")
-        ]
-        row += [
-            _cm(width, "median"),
-            " / ".join(_share(width, f"within_{n}cm") for n in (2, 5, 10)),
-        ]
-        row += [
-            _cm(length, "median"),
-            _share(length, "within_5cm"),
-            _cm(found["wall_thickness"], "median"),
-        ]
-        row += [f"{entry['area_ratio']['value']:.3f}", _of(found["doors_kept"], found["doors"])]
-        row += [
-            _cm(found["door_width"], "median_absolute"),
-            _of(found["walls_opened"], found["walls"]),
-        ]
-        row += [str(found["doors_invented"]), f"{100 * entry['unseen_share']['value']:.1f} %"]
-        rows.append(row)
-    return headings, rows
+        columns = _dimensions_row(method, entry)
+        rows.append(list(columns.values()))
+    return list(columns), rows
+
+
+def _dimensions_row(method: str, entry: dict[str, Any]) -> dict[str, str]:
+    """A method's cells by their headings."""
+    found = entry["dimensions"]
+    width = found["room_width"]
+    length = found["wall_length"]
+    ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
+    return {
+        "method": method,
+        "MSE ratio, rigid": ratio,
+        "F1 5 cm": f"{entry['wall_f1_5cm_rigid']['value']:.2f}",
+        "F1 10 cm": f"{entry['wall_f1_10cm_rigid']['value']:.2f}",
+        "room F1": f"{entry['room_f1_rigid']['value']:.2f}",
+        "room width [cm]": _cm(width, "median"),
+        "in 2 / 5 / 10 cm": " / ".join(_share(width, f"within_{cm}cm") for cm in (2, 5, 10)),
+        "wall length [cm]": _cm(length, "median"),
+        "in 5 cm": _share(length, "within_5cm"),
+        "thickness [cm]": _cm(found["wall_thickness"], "median"),
+        "area": f"{entry['area_ratio']['value']:.3f}",
+        "doors kept": _of(found["doors_kept"], found["doors"]),
+        "door width [cm]": _cm(found["door_width"], "median_absolute"),
+        "walls opened": _of(found["walls_opened"], found["walls"]),
+        "doors invented": str(found["doors_invented"]),
+        "never seen": f"{100 * entry['unseen_share']['value']:.1f} %",
+    }
 
 
 def _cm(lengths: dict[str, Any], name: str) -> str:
@@ -168,29 +174,37 @@ def main_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list
     shown = ["wall_f1_10cm", "wall_f1_20cm", "free_iou", "hausdorff_95", "room_error", "room_f1"]
     rows = []
     for method, entry in summary.items():
-        row = [method, f"{entry['mse']['value']:.4f}"]
-        if method == RAW:
-            row += ["1", "-", "-", "-", "1", "-"]
-        else:
-            better, grey = entry["improvement"], entry["improvement_grey"]
-            row += [_interval(better["ratio_of_means"], 2), _percentage(better["share_improved"])]
-            row += [_p_value(better["sign_p"]), _p_value(better["wilcoxon_p"])]
-            row += [_interval(grey["ratio_of_means"], 2), _percentage(grey["share_improved"])]
-        row += [_interval(entry[measure], 2) for measure in shown]
-        rows.append(row)
+        gains = ["1", "-", "-", "-", "1", "-"]
+        if method != RAW:
+            gains = _gains(entry["improvement"], entry["improvement_grey"])
+        intervals = [_interval(entry[measure], 2) for measure in shown]
+        rows.append([method, f"{entry['mse']['value']:.4f}", *gains, *intervals])
     return headings + [MEASURES[measure] for measure in shown], rows
+
+
+def _gains(better: dict[str, Any], by_grey: dict[str, Any]) -> list[str]:
+    """A method's cells about its improvement on the SLAM maps: of the masks, and of the images as drawn."""
+    return [
+        _interval(better["ratio_of_means"], 2),
+        _percentage(better["share_improved"]),
+        _p_value(better["sign_p"]),
+        _p_value(better["wilcoxon_p"]),
+        _interval(by_grey["ratio_of_means"], 2),
+        _percentage(by_grey["share_improved"]),
+    ]
 
 
 def table_one(scores: dict[str, list[MapScore]]) -> tuple[list[str], list[list[str]]]:
     """As the paper's Table I: the errors of 21 maps, one by one, chosen evenly over the sorted names."""
-    methods = list(scores)
-    rows = [
-        [scores[RAW][i].name, *(f"{scores[method][i].mse:.4f}" for method in methods)]
-        for i in evenly_spaced(len(scores[RAW]), TABLE_I_MAPS)
-    ]
-    means = [np.mean([float(row[k + 1]) for row in rows]) for k in range(len(methods))]
-    rows.append(["mean", *(f"{mean:.4f}" for mean in means)])
-    return ["map", *(f"MSE2: {m}" if m == RAW else f"MSE1: {m}" for m in methods)], rows
+    chosen = evenly_spaced(len(scores[RAW]), TABLE_I_MAPS)
+    headings = ["map"]
+    columns = [[*(scores[RAW][i].name for i in chosen), "mean"]]
+    for method, maps in scores.items():
+        headings.append(f"MSE2: {method}" if method == RAW else f"MSE1: {method}")
+        errors = [f"{maps[i].mse:.4f}" for i in chosen]
+        mean = np.mean([float(error) for error in errors])
+        columns.append([*errors, f"{mean:.4f}"])
+    return headings, [list(row) for row in zip(*columns, strict=True)]
 
 
 def scores_csv(scores: dict[str, list[MapScore]]) -> str:
@@ -201,17 +215,20 @@ def scores_csv(scores: dict[str, list[MapScore]]) -> str:
     writer.writerow(["method", "name", "plan_id", "metres_per_px", *names])
     for method, rows in scores.items():
         for row in rows:
-            values = [row.name, row.plan_id, row.metres_per_px, *row.measures.values()]
-            writer.writerow([method, *(f"{v:.6g}" if isinstance(v, float) else v for v in values)])
+            values = [row.metres_per_px, *row.measures.values()]
+            numbers = [f"{value:.6g}" if isinstance(value, float) else value for value in values]
+            writer.writerow([method, row.name, row.plan_id, *numbers])
     return text.getvalue()
 
 
 def _interval(interval: dict[str, float], digits: int) -> str:
-    return f"{interval['value']:.{digits}f} [{interval['low']:.{digits}f}, {interval['high']:.{digits}f}]"
+    value, low, high = (f"{interval[name]:.{digits}f}" for name in ("value", "low", "high"))
+    return f"{value} [{low}, {high}]"
 
 
 def _percentage(share: dict[str, float]) -> str:
-    return f"{100 * share['value']:.1f} % [{100 * share['low']:.1f}, {100 * share['high']:.1f}]"
+    value, low, high = (f"{100 * share[name]:.1f}" for name in ("value", "low", "high"))
+    return f"{value} % [{low}, {high}]"
 
 
 def _p_value(p: float) -> str:

@@ -26,7 +26,8 @@ class SpectralConv2d(nn.Conv2d):
 
     def __init__(self, inputs: int, outputs: int, kernel: int, padding: int = 0) -> None:
         super().__init__(inputs, outputs, kernel, padding=padding, bias=False)
-        self.register_buffer("u", functional.normalize(torch.randn(outputs), dim=0))
+        direction = torch.randn(outputs)
+        self.register_buffer("u", functional.normalize(direction, dim=0))
 
     def normalised_weight(self) -> Tensor:
         """The weight with spectral norm 1, by the present estimate; updates the estimate in training."""
@@ -58,8 +59,10 @@ def minibatch_stddev(features: Tensor) -> Tensor:
     """
     wide = features.float()
     # The small number keeps the gradient of the root finite where all samples agree (a batch of one).
-    deviation = (wide.var(dim=0, unbiased=False) + 1e-8).sqrt().mean()
-    channel = deviation.to(features.dtype).expand(features.shape[0], 1, *features.shape[2:])
+    variance = wide.var(dim=0, unbiased=False) + 1e-8
+    deviation = variance.sqrt().mean().to(features.dtype)
+    samples, _, rows, cols = features.shape
+    channel = deviation.expand(samples, 1, rows, cols)
     return torch.cat([features, channel], dim=1)
 
 
@@ -78,14 +81,7 @@ class DiscriminatorBody(nn.Module):
         channels = [channels_at(SCORE_SIDE << level, width) for level in range(levels)]
         self.entrances = nn.ModuleList(SpectralConv2d(in_channels, count, 1) for count in channels)
         self.blocks = nn.ModuleList(
-            nn.Sequential(
-                SpectralConv2d(channels[level], channels[level - 1], 3, padding=1),
-                nn.LeakyReLU(LEAK),
-                SpectralConv2d(channels[level - 1], channels[level - 1], 3, padding=1),
-                nn.LeakyReLU(LEAK),
-                nn.AvgPool2d(2),
-            )
-            for level in range(1, levels)
+            _halving_block(channels[level], channels[level - 1]) for level in range(1, levels)
         )
         deepest = channels[0]
         self.gather = SpectralConv2d(deepest + 1, deepest, 3, padding=1)
@@ -111,8 +107,10 @@ class DiscriminatorBody(nn.Module):
             if inner == level - 1 and fade < 1.0:
                 passed = blend(passed, self._enter(halve(images), inner), fade)
             features.append(passed)
-        features.append(functional.leaky_relu(self.gather(minibatch_stddev(features[-1])), LEAK))
-        features.append(functional.leaky_relu(self.condense(features[-1]), LEAK))
+        gathered = self.gather(minibatch_stddev(features[-1]))
+        features.append(functional.leaky_relu(gathered, LEAK))
+        condensed = self.condense(features[-1])
+        features.append(functional.leaky_relu(condensed, LEAK))
         features.append(self.score(features[-1]))
         return features
 
@@ -120,9 +118,21 @@ class DiscriminatorBody(nn.Module):
         return functional.leaky_relu(self.entrances[level](images), LEAK)
 
 
+def _halving_block(inputs: int, outputs: int) -> nn.Sequential:
+    """Two convolutions and a mean of 2 x 2 pixels: (B, in, H, W) to (B, out, H / 2, W / 2)."""
+    return nn.Sequential(
+        SpectralConv2d(inputs, outputs, 3, padding=1),
+        nn.LeakyReLU(LEAK),
+        SpectralConv2d(outputs, outputs, 3, padding=1),
+        nn.LeakyReLU(LEAK),
+        nn.AvgPool2d(2),
+    )
+
+
 def channels_at(depth: int, width: int) -> int:
     """Channels of the level of this depth: ``min(16 * 256 / depth, 128)``, scaled by ``width / 128``."""
-    return max(1, min(16 * 256 * width // (128 * depth), width))
+    scaled = 16 * 256 * width // (128 * depth)
+    return max(1, min(scaled, width))
 
 
 def copy_depths(resolution: int, fade: float = 1.0) -> list[int]:
@@ -164,11 +174,11 @@ class DomainDiscriminator(nn.Module):
         """
         pair = torch.cat([x, y], dim=1)
         resolution = y.shape[-1]
-        depths = copy_depths(resolution, fade)
-        return [
-            copy(functional.avg_pool2d(pair, resolution // depth), depth, fade)
-            for copy, depth in zip(self.copies, depths, strict=False)
-        ]
+        features = []
+        for copy, depth in zip(self.copies, copy_depths(resolution, fade), strict=False):
+            coarse = functional.avg_pool2d(pair, resolution // depth)
+            features.append(copy(coarse, depth, fade))
+        return features
 
 
 class RealFakeDiscriminator(nn.Module):
@@ -197,5 +207,7 @@ class RealFakeDiscriminator(nn.Module):
         Returns:
             For each copy its features, the last one the scores (B, 1, P, P).
         """
-        depths = copy_depths(y.shape[-1], fade)
-        return [copy(y, depth, fade) for copy, depth in zip(self.copies, depths, strict=False)]
+        features = []
+        for copy, depth in zip(self.copies, copy_depths(y.shape[-1], fade), strict=False):
+            features.append(copy(y, depth, fade))
+        return features

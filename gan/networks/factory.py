@@ -31,7 +31,8 @@ def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator
         config: What it is.
         seed: Equal seeds give equal weights; None lets torch draw them, for a network that will be loaded.
     """
-    inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
+    inputs = CHANNELS[config.input_encoding]
+    outputs = CHANNELS[config.output_encoding]
     if config.generator.kind == "residual":
         unet = ResidualUNet(inputs, outputs, config.generator)
         if seed is not None:
@@ -47,15 +48,12 @@ def build_discriminators(
     config: TranslatorConfig, parts: DiscriminatorConfig, seed: int = 0
 ) -> nn.ModuleDict:
     """The discriminators (``domain``, ``real_fake``), with freshly drawn weights, on the CPU."""
-    inputs, outputs = CHANNELS[config.input_encoding], CHANNELS[config.output_encoding]
-    networks = nn.ModuleDict(
-        {
-            "domain": DomainDiscriminator(inputs, outputs, config.output_size, parts.width),
-            "real_fake": RealFakeDiscriminator(
-                outputs, config.output_size, parts.width, parts.patch_width
-            ),
-        }
-    )
+    inputs = CHANNELS[config.input_encoding]
+    outputs = CHANNELS[config.output_encoding]
+    side = config.output_size
+    domain = DomainDiscriminator(inputs, outputs, side, parts.width)
+    real_fake = RealFakeDiscriminator(outputs, side, parts.width, parts.patch_width)
+    networks = nn.ModuleDict({"domain": domain, "real_fake": real_fake})
     initialise(networks, torch.Generator().manual_seed(seed + 1))
     return networks
 
@@ -76,9 +74,8 @@ def initialise(network: nn.Module, generator: torch.Generator) -> None:
             nn.init.normal_(module.weight, 1.0, INITIAL_STD, generator=generator)
             nn.init.zeros_(module.bias)
         if isinstance(module, SpectralConv2d):
-            module.u.copy_(
-                functional.normalize(torch.randn(module.u.shape, generator=generator), dim=0)
-            )
+            direction = torch.randn(module.u.shape, generator=generator)
+            module.u.copy_(functional.normalize(direction, dim=0))
 
 
 def count_parameters(network: nn.Module) -> int:
@@ -109,7 +106,10 @@ def run_generator(
     images = []
     with torch.inference_mode(), compute.autocast():
         for first in range(0, len(inputs), TRANSLATION_BATCH):
-            cells = torch.from_numpy(inputs[first : first + TRANSLATION_BATCH]).to(compute.device)
-            x = encode(cells, config.input_encoding).contiguous(memory_format=compute.memory_format)
-            images.append(generator(x, resolution).image.float().cpu().numpy())
+            some = inputs[first : first + TRANSLATION_BATCH]
+            cells = torch.from_numpy(some).to(compute.device)
+            x = encode(cells, config.input_encoding)
+            x = x.contiguous(memory_format=compute.memory_format)
+            image = generator(x, resolution).image
+            images.append(image.float().cpu().numpy())
     return np.concatenate(images)

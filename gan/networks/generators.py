@@ -38,6 +38,7 @@ FINE_CHANNELS = 8
 COPIED_LOG_ODDS = 2.0
 """Log odds that the untrained network gives to floor where the input is free, and to walls where it is occupied."""
 WIDENING = (1.0, 2.0, 3.0, 4.0, 4.0, 4.0, 4.0, 4.0)
+"""Channels of each level of the residual U-Net, in multiples of ``width``."""
 LEAK = 0.2
 """Slope of the leaky rectifiers (anime2clothing)."""
 
@@ -88,17 +89,12 @@ class ProgressiveGenerator(nn.Module):
         super().__init__()
         self.input_size = input_size
         self.halvings = (input_size // INNERMOST_SIDE).bit_length() - 1  # 7 for 256 px
-        fine, middle, coarse = width, 2 * width, 4 * width
-        # Encoder level i has side input_size / 2**i; the levels from the fourth halving on are wide.
-        encoder = [fine] + [
-            middle if level <= 3 else coarse for level in range(1, self.halvings + 1)
-        ]
-        self.enter = DoubleConv(in_channels, fine)
+        encoder = self._encoder_channels(width)
+        decoder = self._decoder_channels(width)
+        self.enter = DoubleConv(in_channels, width)
         self.down = nn.ModuleList(
-            DoubleConv(encoder[i], encoder[i + 1]) for i in range(self.halvings)
+            DoubleConv(encoder[level], encoder[level + 1]) for level in range(self.halvings)
         )
-        sides = [INNERMOST_SIDE << step for step in range(1, self.halvings + 1)]
-        decoder = [coarse, *(self._decoder_channels(side, fine, middle, coarse) for side in sides)]
         self.grow = nn.ModuleList()
         for step in range(self.halvings):
             skip = encoder[self.halvings - step] if step > 0 else 0
@@ -107,10 +103,20 @@ class ProgressiveGenerator(nn.Module):
             nn.Conv2d(channels, out_channels, 1, bias=False) for channels in decoder[1:]
         )
 
-    def _decoder_channels(self, side: int, fine: int, middle: int, coarse: int) -> int:
-        if side == self.input_size:
-            return fine
-        return coarse if side < self.input_size // 8 else middle
+    def _encoder_channels(self, width: int) -> list[int]:
+        """Of each level: level i has side input_size / 2**i, and those from the fourth halving on are wide."""
+        narrow = min(3, self.halvings)
+        wide = self.halvings - narrow
+        return [width] + [2 * width] * narrow + [4 * width] * wide
+
+    def _decoder_channels(self, width: int) -> list[int]:
+        """Of the innermost feature and of each step, which doubles the side."""
+        channels = [4 * width]
+        for step in range(1, self.halvings):
+            is_coarse = INNERMOST_SIDE << step < self.input_size // 8
+            channels.append(4 * width if is_coarse else 2 * width)
+        channels.append(width)
+        return channels
 
     def forward(
         self, x: Tensor, resolution: int | None = None, fade: float = 1.0
@@ -127,15 +133,18 @@ class ProgressiveGenerator(nn.Module):
         features = [self.enter(x)]  # (B, 32, 256, 256)
         for block in self.down:
             features.append(block(halve(features[-1])))  # ... (B, 128, 2, 2)
-        decoded = coarser = self.grow[0](double(features[-1]))  # (B, 128, 4, 4)
+        decoded = self.grow[0](double(features[-1]))  # (B, 128, 4, 4)
+        coarser = decoded
         for step in range(1, last + 1):
+            coarser = decoded
             joined = torch.cat([features[self.halvings - step], decoded], dim=1)
-            coarser, decoded = decoded, self.grow[step](double(joined))
+            decoded = self.grow[step](double(joined))
         scores: Tensor = self.heads[last](decoded).float()  # (B, out, resolution, resolution)
-        if fade >= 1.0 or last == 0:
-            return GeneratorOutput(torch.tanh(scores))
-        old = torch.tanh(self.heads[last - 1](coarser).float())
-        return GeneratorOutput(blend(torch.tanh(scores), double(old), fade))
+        image = torch.tanh(scores)
+        if fade < 1.0 and last > 0:
+            old = torch.tanh(self.heads[last - 1](coarser).float())
+            image = blend(image, double(old), fade)
+        return GeneratorOutput(image)
 
     def _step_of(self, resolution: int) -> int:
         step = (resolution // INNERMOST_SIDE).bit_length() - 2
@@ -170,9 +179,10 @@ class ResidualUNet(nn.Module):
     def __init__(self, in_channels: int, out_channels: int, config: GeneratorConfig) -> None:
         super().__init__()
         self.depth = config.depth
-        channels = [
-            round(config.width * times / 8.0) * 8 or 8 for times in WIDENING[: self.depth + 1]
-        ]
+        channels = []
+        for times in WIDENING[: self.depth + 1]:
+            eights = round(config.width * times / 8.0)
+            channels.append(max(8, 8 * eights))
         self.enter = nn.Sequential(
             nn.PixelUnshuffle(FOLD),
             nn.Conv2d(FOLD**2 * in_channels, channels[0], 3, padding=1, bias=False),
@@ -244,11 +254,10 @@ class ResidualUNet(nn.Module):
             skips.append(self.encode[level + 1](self.shrink[level](skips[-1])))
         decoded = self.bottom(skips[-1])
         for level in range(self.depth - 1, -1, -1):
-            below = functional.interpolate(
-                self.widen[level](decoded), scale_factor=2.0, mode="nearest"
-            )
+            below = double(self.widen[level](decoded))
             decoded = self.decode[level](below + skips[level])
         fine = self.unfold(decoded)  # (B, FINE_CHANNELS, S, S)
         correction = self.refine(torch.cat([fine, x.to(fine.dtype)], dim=1))
         logits = correction.float() + self.copy(x).float()
-        return GeneratorOutput(2.0 * torch.softmax(logits, dim=1) - 1.0, logits)
+        shares = torch.softmax(logits, dim=1)
+        return GeneratorOutput(2.0 * shares - 1.0, logits)

@@ -60,7 +60,8 @@ class Learner:
         self.optimisers |= {
             name: self._optimiser(network) for name, network in self.discriminators.items()
         }
-        self.steps_done = self.images_done = 0
+        self.steps_done = 0
+        self.images_done = 0
 
     @property
     def best_generator(self) -> Generator:
@@ -93,9 +94,7 @@ class Learner:
         """
         self.generator.train()
         self.discriminators.train()
-        for optimiser in self.optimisers.values():
-            for group in optimiser.param_groups:
-                group["lr"] = self.config.optimiser.learning_rate * moment.rate
+        self._set_rate(self.config.optimiser.learning_rate * moment.rate)
         x, y, other = self._encoded(batch, moment.resolution)
         x_small = _shrunk(x, moment.resolution)
         with self.compute.autocast():
@@ -104,15 +103,15 @@ class Learner:
                 output = self.generator(x, moment.resolution, moment.fade)
                 terms = self._generator_terms(output, x_small, y, real, moment.fade)
         total = self._weighted(terms)
-        values = {name: term.detach() for name, term in terms.items()} | {"total": total.detach()}
+        values = {name: term.detach() for name, term in terms.items()}
+        values["total"] = total.detach()
         if not bool(torch.isfinite(total)):
             # The weights stay as they are; besides, some backward kernels crash on NaN.
             return {name: float(value) for name, value in values.items()}
         self._descend("generator", total)
         image = output.image.detach()
-        for name, term in self._discriminator_terms(
-            image, x_small, other, real, moment.fade
-        ).items():
+        to_discern = self._discriminator_terms(image, x_small, other, real, moment.fade)
+        for name, term in to_discern.items():
             self._descend(name, term)
             values[f"discriminator_{name}"] = term.detach()
         self._update_average()
@@ -122,21 +121,30 @@ class Learner:
         numbers = torch.stack([value.float() for value in values.values()]).tolist()
         return dict(zip(values, numbers, strict=True))
 
+    def _set_rate(self, rate: float) -> None:
+        for optimiser in self.optimisers.values():
+            for group in optimiser.param_groups:
+                group["lr"] = rate
+
     def _encoded(self, batch: Batch, resolution: int) -> tuple[Tensor, Tensor, Tensor | None]:
         """Input (B, in, S, S), target and unassociated target (B, out, R, R), if a discriminator sees such."""
-        to_cad = self.config.translator.direction == "slam2cad"
-        x, y = (batch.slam, batch.cad) if to_cad else (batch.cad, batch.slam)
-        other = batch.other_cad if to_cad else batch.other_slam
-        seen = self._on_device(x, self.config.translator.input_encoding)
+        if self.config.translator.direction == "slam2cad":
+            seen, wanted, other = batch.slam, batch.cad, batch.other_cad
+        else:
+            seen, wanted, other = batch.cad, batch.slam, batch.other_slam
+        x = self._on_device(seen, self.config.translator.input_encoding)
+        y = self._target(wanted, resolution)
         unassociated = None if other is None else self._target(other, resolution)
-        return seen, self._target(y, resolution), unassociated
+        return x, y, unassociated
 
     def _target(self, cells: ByteArray, resolution: int) -> Tensor:
-        if self.config.translator.direction == "cad2slam":
+        translator = self.config.translator
+        if translator.direction == "cad2slam":
             # Cells have one of three values at any resolution. The mean of a thin wall would be a pale grey, and a
             # generator that learns such a grey gives no wall at all once its values are classified.
             cells = np.stack([resample_slam(image, (resolution, resolution)) for image in cells])
-        return _shrunk(self._on_device(cells, self.config.translator.output_encoding), resolution)
+        images = self._on_device(cells, translator.output_encoding)
+        return _shrunk(images, resolution)
 
     def _on_device(self, cells: ByteArray, encoding: Encoding) -> Tensor:
         images = encode(torch.from_numpy(cells).to(self.compute.device), encoding)
@@ -146,8 +154,10 @@ class Learner:
         """Features of pairs, by each discriminator."""
         if not self.discriminators:
             return {}
-        domain, real_fake = self.discriminators["domain"], self.discriminators["real_fake"]
-        return {"domain": domain(x_small, y, fade), "real_fake": real_fake(y, fade)}
+        return {
+            "domain": self.discriminators["domain"](x_small, y, fade),
+            "real_fake": self.discriminators["real_fake"](y, fade),
+        }
 
     def _generator_terms(
         self,
@@ -159,7 +169,8 @@ class Learner:
     ) -> dict[str, Tensor]:
         weights = self.config.loss
         terms: dict[str, Tensor] = {}
-        if fake := self._features(x_small, output.image, fade):
+        fake = self._features(x_small, output.image, fade)
+        if fake:
             terms["domain"] = losses.taken_for_real_loss(fake["domain"])
             terms["feature_matching"] = losses.feature_matching_loss(fake["domain"], real["domain"])
             terms["real_fake"] = losses.taken_for_real_loss(fake["real_fake"])
@@ -178,9 +189,8 @@ class Learner:
         """Eq. (1): the sum of all terms, each with its weight."""
         loss = self.config.loss
         weights = {"l1": loss.l1, "cross_entropy": loss.overlap, "dice": loss.overlap}
-        return torch.stack(
-            [weights.get(name, loss.adversarial) * term for name, term in terms.items()]
-        ).sum()
+        weighted = [weights.get(name, loss.adversarial) * term for name, term in terms.items()]
+        return torch.stack(weighted).sum()
 
     def _discriminator_terms(
         self,
@@ -197,7 +207,7 @@ class Learner:
                 fakes = [fake]
                 if name == "domain" and other is not None:
                     fakes.append(self.discriminators[name](x_small, other, fade))
-                terms[name] = losses.discriminator_loss(real[name], *fakes)
+                terms[name] = losses.discriminator_loss(real[name], fakes)
         return terms
 
     def _descend(self, name: str, loss: Tensor) -> None:
@@ -212,15 +222,13 @@ class Learner:
         if self.average is None:
             return
         # Early on the average must not hang on to the first, random weights.
-        keep = min(
-            self.config.optimiser.average, (1.0 + self.steps_done) / (10.0 + self.steps_done)
-        )
+        early = (1.0 + self.steps_done) / (10.0 + self.steps_done)
+        keep = min(self.config.optimiser.average, early)
+        parameters = zip(self.average.parameters(), self.generator.parameters(), strict=True)
+        buffers = zip(self.average.buffers(), self.generator.buffers(), strict=True)
         with torch.no_grad():
-            for mean, now in zip(
-                self.average.parameters(), self.generator.parameters(), strict=True
-            ):
+            for mean, now in parameters:
                 mean.lerp_(now, 1.0 - keep)
-            buffers = zip(self.average.buffers(), self.generator.buffers(), strict=True)
             for mean_buffer, buffer in buffers:
                 mean_buffer.copy_(buffer)
 
@@ -242,15 +250,13 @@ class Learner:
         if self.compute.device.type == "cuda":
             tensors["torch.cuda"] = torch.cuda.get_rng_state(self.compute.device)
         for name, network in self.networks().items():
-            tensors |= {
-                f"network.{name}.{key}": value for key, value in network.state_dict().items()
-            }
+            for key, value in network.state_dict().items():
+                tensors[f"network.{name}.{key}"] = value
         for name, optimiser in self.optimisers.items():
             # Adam's moments and step counts, by the parameter's number; parameters not moved yet have none.
             for number, state in optimiser.state_dict()["state"].items():
-                tensors |= {
-                    f"optimiser.{name}.{number}.{key}": value for key, value in state.items()
-                }
+                for key, value in state.items():
+                    tensors[f"optimiser.{name}.{number}.{key}"] = value
         plain = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
         done = {"steps_done": self.steps_done, "images_done": self.images_done}
         header = {"format": STATE_FORMAT, "facts": json.dumps(facts | done)}
@@ -266,16 +272,14 @@ class Learner:
         for name, network in self.networks().items():
             network.load_state_dict(_below(tensors, f"network.{name}."))
         for name, optimiser in self.optimisers.items():
-            state: dict[int, dict[str, Tensor]] = {}
-            for path, value in _below(tensors, f"optimiser.{name}.").items():
-                number, key = path.split(".", 1)
-                state.setdefault(int(number), {})[key] = value
+            state = _by_parameter(_below(tensors, f"optimiser.{name}."))
             groups = optimiser.state_dict()["param_groups"]
             optimiser.load_state_dict({"state": state, "param_groups": groups})
         torch.set_rng_state(tensors["torch.cpu"])
         if "torch.cuda" in tensors and self.compute.device.type == "cuda":
             torch.cuda.set_rng_state(tensors["torch.cuda"], self.compute.device)
-        self.steps_done, self.images_done = int(facts["steps_done"]), int(facts["images_done"])
+        self.steps_done = int(facts["steps_done"])
+        self.images_done = int(facts["images_done"])
 
 
 def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
@@ -285,21 +289,35 @@ def load_training_state(path: Path) -> tuple[dict[str, Tensor], dict[str, Any]]:
         InputFileError: If it is missing, damaged or no checkpoint of a training.
     """
     header, tensors = read_tensors(path)
-    advice = "train in another folder (-o)"
     if header.get("format") != STATE_FORMAT:
         raise InputFileError(
-            path, f"is not a checkpoint of this version of `slamgym gan train`; {advice}"
+            path,
+            "is not a checkpoint of this version of `slamgym gan train`; train in another folder (-o)",
         )
     facts = parse_json(header.get("facts", ""), path)
     if not isinstance(facts, dict):
-        raise InputFileError(path, f"is damaged: its facts are no object; {advice}")
+        raise InputFileError(
+            path, "is damaged: its facts are no object; train in another folder (-o)"
+        )
     return tensors, facts
 
 
 def _below(tensors: dict[str, Tensor], prefix: str) -> dict[str, Tensor]:
-    return {
-        key.removeprefix(prefix): value for key, value in tensors.items() if key.startswith(prefix)
-    }
+    """The tensors whose names begin so, by the rest of their names."""
+    below = {}
+    for key, value in tensors.items():
+        if key.startswith(prefix):
+            below[key.removeprefix(prefix)] = value
+    return below
+
+
+def _by_parameter(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:
+    """An optimiser's state by the number of the parameter, from tensors named ``NUMBER.KEY``."""
+    state: dict[int, dict[str, Tensor]] = {}
+    for path, value in tensors.items():
+        number, key = path.split(".", 1)
+        state.setdefault(int(number), {})[key] = value
+    return state
 
 
 def _shrunk(images: Tensor, side: int) -> Tensor:

@@ -32,19 +32,20 @@ def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
 
 
 def _over_copies(copies: Features, real: bool) -> Tensor:
-    return torch.stack([adversarial_loss(features[-1], real) for features in copies]).sum()
+    terms = [adversarial_loss(features[-1], real) for features in copies]
+    return torch.stack(terms).sum()
 
 
-def discriminator_loss(real: Features, *fakes: Features) -> Tensor:
+def discriminator_loss(real: Features, fakes: Sequence[Features]) -> Tensor:
     """Eqs. (2) and (3) for a discriminator: the mean over the kinds of input of the sums over the copies.
 
     Args:
         real: Of (x, y), or of y for the real/fake discriminator.
         fakes: Of (x, G(x)) and of an unassociated target (x, y'); or of G(x).
     """
-    return torch.stack(
-        [_over_copies(real, True), *(_over_copies(fake, False) for fake in fakes)]
-    ).mean()
+    of_real = _over_copies(real, True)
+    of_fakes = [_over_copies(fake, False) for fake in fakes]
+    return torch.stack([of_real, *of_fakes]).mean()
 
 
 def taken_for_real_loss(fake: Features) -> Tensor:
@@ -64,10 +65,10 @@ def feature_matching_loss(fake: Features, reference: Features) -> Tensor:
     """
     distances = []
     for ours, theirs in zip(fake, reference, strict=True):  # one copy each
-        layers = zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False)
-        terms = [
-            weight * functional.l1_loss(a.float(), b.detach().float()) for weight, a, b in layers
-        ]
+        terms = []
+        for weight, our, their in zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False):
+            distance = functional.l1_loss(our.float(), their.detach().float())
+            terms.append(weight * distance)
         distances.append(torch.stack(terms).sum())
     return torch.stack(distances).sum()
 
@@ -90,15 +91,20 @@ def cross_entropy_loss(logits: Tensor, target: Tensor) -> Tensor:
         target: Same shape, shares in [-1, 1].
     """
     wanted = probabilities(target)
-    terms = -(wanted * functional.log_softmax(logits.float(), dim=1)).sum(dim=1, keepdim=True)
+    log_shares = functional.log_softmax(logits.float(), dim=1)
+    terms = -(wanted * log_shares).sum(dim=1, keepdim=True)
     floor = free_share(wanted)
-    weights = 1.0 + EDGE_WEIGHT * near_borders(floor) + WALL_WEIGHT * near_thin_walls(floor)
+    of_borders = EDGE_WEIGHT * near_borders(floor)
+    of_walls = WALL_WEIGHT * near_thin_walls(floor)
+    weights = 1.0 + of_borders + of_walls
     return (weights * terms).sum() / weights.sum()
 
 
 def free_share(layers: Tensor) -> Tensor:
     """Floor and doors of layers in [0, 1]: (B, 4, H, W) to (B, 1, H, W)."""
-    return layers[:, 0:1] + layers[:, 2:3]
+    floor = layers[:, 0:1]
+    doors = layers[:, 2:3]
+    return floor + doors
 
 
 def near_borders(values: Tensor, radius: int = 2) -> Tensor:
@@ -112,7 +118,8 @@ def near_borders(values: Tensor, radius: int = 2) -> Tensor:
     # A mean is far cheaper than the largest and the smallest value, and differs from 0 and 1 as soon as one pixel does.
     mean = functional.avg_pool2d(values, window, stride=1, padding=radius, count_include_pad=False)
     margin = 0.5 / window**2
-    return ((mean > margin) & (mean < 1.0 - margin)).float()
+    is_mixed = (mean > margin) & (mean < 1.0 - margin)
+    return is_mixed.float()
 
 
 THICKEST_THIN_WALL = 7
@@ -130,15 +137,19 @@ def near_thin_walls(values: Tensor, beside: int = 2) -> Tensor:
         beside: [px]
     """
     floor = (values >= 0.5).to(values.dtype)
-    window, half = THICKEST_THIN_WALL, THICKEST_THIN_WALL // 2
+    window = THICKEST_THIN_WALL
+    half = window // 2
     # Closing the floor along rows, or along columns, covers thin walls; corners of rooms stay.
-    closed = torch.zeros_like(floor)
-    for size, padding in (((1, window), (0, half)), ((window, 1), (half, 0))):
-        grown = functional.max_pool2d(floor, size, stride=1, padding=padding)
-        closed = torch.maximum(
-            closed, -functional.max_pool2d(-grown, size, stride=1, padding=padding)
-        )
-    return functional.max_pool2d(closed - floor, 2 * beside + 1, stride=1, padding=beside)
+    along_rows = _closed(floor, (1, window), (0, half))
+    along_columns = _closed(floor, (window, 1), (half, 0))
+    walls = torch.maximum(along_rows, along_columns) - floor
+    return functional.max_pool2d(walls, 2 * beside + 1, stride=1, padding=beside)
+
+
+def _closed(floor: Tensor, window: tuple[int, int], padding: tuple[int, int]) -> Tensor:
+    """Morphological closing: gaps between floor that are narrower than the window become floor."""
+    grown = functional.max_pool2d(floor, window, stride=1, padding=padding)
+    return -functional.max_pool2d(-grown, window, stride=1, padding=padding)
 
 
 def dice_loss(image: Tensor, target: Tensor) -> Tensor:
@@ -150,11 +161,19 @@ def dice_loss(image: Tensor, target: Tensor) -> Tensor:
         image: (B, 4, H, W), layers in [-1, 1].
         target: Same shape.
     """
-    a, b = free_share(probabilities(image)), free_share(probabilities(target))
-    return 1.0 - 0.5 * (_overlap(a, b) + _overlap(1.0 - a, 1.0 - b))
+    free = free_share(probabilities(image))
+    true_free = free_share(probabilities(target))
+    of_free = _overlap(free, true_free)
+    of_rest = _overlap(1.0 - free, 1.0 - true_free)
+    return 1.0 - 0.5 * (of_free + of_rest)
 
 
 def _overlap(a: Tensor, b: Tensor) -> Tensor:
-    shared = (a * b).sum(dim=(-2, -1))
-    total = a.square().sum(dim=(-2, -1)) + b.square().sum(dim=(-2, -1))
-    return ((2.0 * shared + 1.0) / (total + 1.0)).mean()
+    shared = _pixel_sum(a * b)
+    total = _pixel_sum(a.square()) + _pixel_sum(b.square())
+    overlaps = (2.0 * shared + 1.0) / (total + 1.0)
+    return overlaps.mean()
+
+
+def _pixel_sum(values: Tensor) -> Tensor:
+    return values.sum(dim=(-2, -1))

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from slamgym.core.progress import LINE_INTERVAL, duration, say
-from slamgym.core.types import FREE, ByteArray, Float32Array
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
 from slamgym.gan.config import TranslatorConfig
 from slamgym.gan.data import PairSet
 from slamgym.gan.device import Compute
@@ -44,25 +44,29 @@ def validate(
         shown, figures = _validate_cad(translated, pairs, config)
     else:
         shown, figures = _validate_slam(translated, targets, config)
-    rows = [np.hstack([inputs[i], shown[i], targets[i]]) for i in range(min(pictures, len(pairs)))]
+    count = min(pictures, len(pairs))
+    rows = [np.hstack([inputs[i], shown[i], targets[i]]) for i in range(count)]
     return figures, np.vstack(rows)
 
 
 def _validate_cad(
     translated: Float32Array, pairs: PairSet, config: TranslatorConfig
 ) -> tuple[ByteArray, dict[str, float]]:
-    rows, probabilities = [], []
+    probabilities = []
+    drawn_scores = []
+    slam_scores = []
     for index, image in enumerate(translated):
-        free = enlarge_means(free_probability(image, config.output_encoding), pairs.cad.shape[1:])
+        probability = free_probability(image, config.output_encoding)
+        free = enlarge_means(probability, pairs.cad.shape[1:])
         probabilities.append(free)
-        truth, scale = pairs.cad[index] > FREE // 2, pairs.usual_scale(index)
-        masks = free > 0.5, pairs.slam[index] == FREE
-        errors = [float(np.mean(mask != truth)) for mask in masks]
-        rows.append(
-            errors + [boundary_score(mask, truth, scale, WALL_TOLERANCE).f1 for mask in masks]
-        )
-    mse, mse_slam, f1, f1_slam = np.array(rows).T
-    return np.rint(np.stack(probabilities) * FREE).astype(np.uint8), {
+        truth = pairs.cad[index] > FREE // 2
+        scale = pairs.usual_scale(index)
+        drawn_scores.append(_error_and_f1(free > 0.5, truth, scale))
+        slam_scores.append(_error_and_f1(pairs.slam[index] == FREE, truth, scale))
+    mse, f1 = np.array(drawn_scores).T
+    mse_slam, f1_slam = np.array(slam_scores).T
+    shown = np.rint(np.stack(probabilities) * FREE).astype(np.uint8)
+    return shown, {
         "mse": float(mse.mean()),
         "mse_slam": float(mse_slam.mean()),
         "mse_ratio": float(mse.mean() / max(mse_slam.mean(), 1e-9)),
@@ -70,6 +74,12 @@ def _validate_cad(
         "wall_f1": float(f1.mean()),
         "wall_f1_slam": float(f1_slam.mean()),
     }
+
+
+def _error_and_f1(free: BoolArray, truth: BoolArray, metres_per_px: float) -> tuple[float, float]:
+    """Mean squared error of a mask, and its wall F1."""
+    error = float(np.mean(free != truth))
+    return error, boundary_score(free, truth, metres_per_px, WALL_TOLERANCE).f1
 
 
 def _validate_slam(
@@ -81,8 +91,9 @@ def _validate_slam(
     shown = cells.repeat(factor, axis=1).repeat(factor, axis=2)
     difference = np.abs(shown.astype(np.int16) - targets.astype(np.int16))
     figures = {"grey_difference": float(difference.mean())}
-    for name, value in (("occupied", 0), ("unknown", 205), ("free", 254)):
-        figures[f"{name}_excess"] = float(np.mean(shown == value) - np.mean(targets == value))
+    for name, value in (("occupied", OCCUPIED), ("unknown", UNKNOWN), ("free", FREE)):
+        excess = np.mean(shown == value) - np.mean(targets == value)
+        figures[f"{name}_excess"] = float(excess)
     return shown, figures
 
 
@@ -101,9 +112,11 @@ class ProgressLines:
             loss: Of the last step.
         """
         now = time.monotonic()
-        since, first = self._first = self._first or (now, share)
+        if self._first is None:
+            self._first = now, share
+        since, first = self._first
         if now - self._last < LINE_INTERVAL or share <= first:
             return
         self._last = now
-        left = duration(max(0.0, 1.0 - share) * (now - since) / (share - first))
-        say(f"{100.0 * share:.1f} %, loss {loss:.4g}, {left} left")
+        seconds_left = max(0.0, 1.0 - share) * (now - since) / (share - first)
+        say(f"{100.0 * share:.1f} %, loss {loss:.4g}, {duration(seconds_left)} left")

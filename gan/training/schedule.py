@@ -62,7 +62,8 @@ class Schedule:
             images = span.batch * span.steps
             if left < images:
                 fade = min(1.0, (left + span.batch) / images) if span.fading else 1.0
-                return Moment(span.resolution, span.batch, fade, self._rate(done / self.images))
+                rate = self._rate(done / self.images)
+                return Moment(span.resolution, span.batch, fade, rate)
             left -= images
         raise IndexError(f"the training draws {self.images} pairs, but none after {done:g}")
 
@@ -87,14 +88,12 @@ def plan_schedule(stages: Sequence[Stage], pairs: int, optimiser: OptimiserConfi
     for stage in stages:
         if stage.fade_epochs > 0.0:
             batch = stage.fade_batch or stage.batch
-            spans.append(
-                Span(stage.resolution, batch, _steps(stage.fade_epochs, pairs, batch), True)
-            )
+            steps = _steps(stage.fade_epochs, pairs, batch)
+            spans.append(Span(stage.resolution, batch, steps, fading=True))
         stable = stage.epochs - stage.fade_epochs
         if stable > 0.0:
-            spans.append(
-                Span(stage.resolution, stage.batch, _steps(stable, pairs, stage.batch), False)
-            )
+            steps = _steps(stable, pairs, stage.batch)
+            spans.append(Span(stage.resolution, stage.batch, steps, fading=False))
     return Schedule(tuple(spans), optimiser.warm_up, optimiser.decay)
 
 

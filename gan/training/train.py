@@ -32,7 +32,7 @@ from slamgym.core.files import append_line, own_folder, write_bytes, write_text
 from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted, duration, say
-from slamgym.gan.config import TranslatorTrainingConfig
+from slamgym.gan.config import TranslatorConfig, TranslatorTrainingConfig
 from slamgym.gan.data import PairSet, describe_data, image_side, load_training_pairs
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
@@ -43,9 +43,12 @@ from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import plan_schedule
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
 
-VALIDATION_SHARE, MAX_VALIDATION_PAIRS = 0.04, 64
-"""Share of the training plans that is held out to watch the training, and how many pairs of them are looked at."""
+VALIDATION_SHARE = 0.04
+"""Share of the training plans that is held out to watch the training."""
+MAX_VALIDATION_PAIRS = 64
+"""Most pairs of the held-out plans that are looked at."""
 MIN_PAIRS = 2
+"""Fewest pairs that a training is begun with."""
 
 
 class TrainingDivergedError(SlamgymError):
@@ -113,17 +116,18 @@ class _Training:
         compute: Compute,
         options: RunOptions,
     ) -> None:
-        self.folder, self.options, self.compute = run, options, compute
+        self.folder = run
+        self.options = options
+        self.compute = compute
         self.checkpoint = run / "checkpoint.safetensors"
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
-        start = (
-            _starting_generator(config)
-            if config.start_from and not self.checkpoint.exists()
-            else None
-        )
+        start = None
+        if config.start_from and not self.checkpoint.exists():
+            start = _starting_generator(config)
         self.images = describe_data(images)
         self.pairs, self.held_out = _training_pairs(images, run, config)
-        if scales := self.pairs.scale_percentiles():
+        scales = self.pairs.scale_percentiles()
+        if scales is not None:
             translator = dataclasses.replace(config.translator, metres_per_px=scales)
             config = dataclasses.replace(config, translator=translator)
         self.config = config
@@ -166,7 +170,8 @@ class _Training:
         return self.schedule.images * self.seconds_used / (60.0 * self.config.minutes)
 
     def _loop(self, interruption: Interruption) -> None:
-        learner, options = self.learner, self.options
+        learner = self.learner
+        options = self.options
         began = time.monotonic() - self.seconds_used
         last_save = time.monotonic()
         lines = ProgressLines()
@@ -175,10 +180,7 @@ class _Training:
                 break
             moment = self.schedule.moment(place)
             terms = learner.step(self.sampler.draw(moment.batch), moment)
-            broken = [name for name, value in terms.items() if not math.isfinite(value)]
-            if broken:
-                became = f"the loss became {terms[broken[0]]} at step {learner.steps_done}"
-                raise self._diverged(f"{became} (term {broken[0]!r})")
+            self._require_finite(terms)
             self.seconds_used = time.monotonic() - began
             lines.show(self._place() / self.schedule.images, terms["total"])
             if time.monotonic() - last_save >= 60.0 * options.checkpoint_minutes:
@@ -190,25 +192,31 @@ class _Training:
             self._validate(self.config.translator.output_size, terms)
         self._save()
 
-    def _diverged(self, what: str) -> TrainingDivergedError:
-        kept = (
-            f"the last good state is {self.checkpoint}"
-            if self.checkpoint.exists()
-            else "nothing was kept"
-        )
-        return TrainingDivergedError(
-            f"{what}; {kept}; train again with a smaller --learning-rate or in float32"
-        )
+    def _require_finite(self, terms: dict[str, float]) -> None:
+        for name, value in terms.items():
+            if not math.isfinite(value):
+                raise TrainingDivergedError(
+                    f"the loss became {value} at step {self.learner.steps_done} (term {name!r}); {self._kept()}; "
+                    "train again with a smaller --learning-rate or in float32"
+                )
+
+    def _kept(self) -> str:
+        """What is left of a training that diverged, in words."""
+        if self.checkpoint.exists():
+            return f"the last good state is {self.checkpoint}"
+        return "nothing was kept"
 
     def _validate(self, resolution: int, terms: dict[str, float]) -> None:
         if len(self.held_out) == 0:
             return
         generator = self.learner.best_generator
+        translator = self.config.translator
         self.figures, grid = validate(
-            generator, self.held_out, self.config.translator, self.compute, resolution
+            generator, self.held_out, translator, self.compute, resolution
         )
         step = self.learner.steps_done
-        write_bytes(own_folder(self.folder / "samples") / f"{step:07d}.png", encode_png(grid))
+        samples = own_folder(self.folder / "samples")
+        write_bytes(samples / f"{step:07d}.png", encode_png(grid))
         line = {"step": step, "seconds": round(self.seconds_used, 1), "resolution": resolution}
         measured = self.figures | {f"loss_{name}": value for name, value in terms.items()}
         line |= {name: round(value, 5) for name, value in measured.items()}
@@ -216,7 +224,8 @@ class _Training:
 
     def _begin(self) -> None:
         """A new run: write the settings."""
-        minutes, passes = self.config.minutes, self.schedule.images / len(self.pairs)
+        minutes = self.config.minutes
+        passes = self.schedule.images / len(self.pairs)
         length = f"{passes:.1f} passes" if minutes is None else duration(60.0 * minutes)
         say(
             f"{counted(len(self.pairs), 'training pair')}, {len(self.held_out)} held out; {length} "
@@ -252,13 +261,16 @@ class _Training:
     def _restore(self, tensors: dict[str, torch.Tensor], facts: dict[str, Any]) -> None:
         self.learner.restore(tensors, facts)
         self.sampler.restore(facts["sampler"])
-        self.seconds_used, self.figures = float(facts["seconds_used"]), dict(facts["figures"])
+        self.seconds_used = float(facts["seconds_used"])
+        self.figures = dict(facts["figures"])
 
     def _save(self) -> None:
         for name, network in self.learner.networks().items():
             if not all(bool(torch.isfinite(value).all()) for value in network.parameters()):
-                where = f"after step {self.learner.steps_done}"
-                raise self._diverged(f"the weights of the {name} are not finite {where}")
+                raise TrainingDivergedError(
+                    f"the weights of the {name} are not finite after step {self.learner.steps_done}; {self._kept()}; "
+                    "train again with a smaller --learning-rate or in float32"
+                )
         facts: dict[str, Any] = {
             "identity": self.identity,
             "sampler": self.sampler.state(),
@@ -295,14 +307,19 @@ def _training_pairs(
     named = ", ".join(folder.name for folder in images)
     say(f"reading the pairs of {named}")
     side = config.translator.input_size
-    pairs = load_training_pairs(images, max(side, _common_side(images)) if config.augment else side)
+    read_side = side
+    if config.augment:  # windows are cut at the images' own scale
+        read_side = max(side, _common_side(images))
+    pairs = load_training_pairs(images, read_side)
     if config.register:
         pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
     rest, held_out = pairs.split(VALIDATION_SHARE)
     if len(rest) < MIN_PAIRS:
-        needs = f"training needs at least {MIN_PAIRS} pairs beside the held-out ones"
-        raise ConfigError(f"{named}: {needs}, not {len(rest)}")
-    return rest, held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS))).windows(side)
+        raise ConfigError(
+            f"{named}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
+        )
+    watched = held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
+    return rest, watched.windows(side)
 
 
 def _common_side(images: Sequence[Path]) -> int:
@@ -313,9 +330,12 @@ def _common_side(images: Sequence[Path]) -> int:
     """
     first = image_side(images[0], "train")
     for folder in images:
-        if (side := image_side(folder, "train")) != first:
-            what = f"has images of {side} px but {images[0]} of {first}"
-            raise InputFileError(folder, f"{what}; render all with one --size")
+        side = image_side(folder, "train")
+        if side != first:
+            raise InputFileError(
+                folder,
+                f"has images of {side} px but {images[0]} of {first}; render all with one --size",
+            )
     return first
 
 
@@ -327,17 +347,32 @@ def _starting_generator(config: TranslatorTrainingConfig) -> Generator:
         ConfigError: If it holds a generator of other settings.
     """
     weights = load_weights(config.start_from, config.translator.direction)
-    for name in ("input_size", "output_size", "input_encoding", "output_encoding", "generator"):
-        theirs, ours = getattr(weights.config, name), getattr(config.translator, name)
-        if theirs != ours:
-            what = f"{config.start_from} can't be trained on with the preset {config.preset!r}"
-            advice = f"choose the preset it was trained with ({weights.card.preset})"
-            raise ConfigError(f"{what}: its {name} is {theirs}, not {ours}; {advice}")
+    theirs = _shape_settings(weights.config)
+    ours = _shape_settings(config.translator)
+    for name, value in theirs.items():
+        if value != ours[name]:
+            raise ConfigError(
+                f"{config.start_from} can't be trained on with the preset {config.preset!r}: its {name} is {value}, "
+                f"not {ours[name]}; choose the preset it was trained with ({weights.card.preset})"
+            )
     return weights.generator
 
 
+def _shape_settings(translator: TranslatorConfig) -> dict[str, Any]:
+    """The settings that decide what fits a network, by name."""
+    return {
+        "input_size": translator.input_size,
+        "output_size": translator.output_size,
+        "input_encoding": translator.input_encoding,
+        "output_encoding": translator.output_encoding,
+        "generator": translator.generator,
+    }
+
+
 def _checksum(pairs: PairSet) -> str:
-    return f"{zlib.crc32(pairs.slam.data, zlib.crc32(pairs.cad.data)):08x}"
+    of_cad = zlib.crc32(pairs.cad.data)
+    of_both = zlib.crc32(pairs.slam.data, of_cad)
+    return f"{of_both:08x}"
 
 
 def _identity(config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet) -> dict[str, Any]:

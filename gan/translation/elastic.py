@@ -26,15 +26,20 @@ def bend_with_field(
         (up) [m]: out(q) = in(q + d(q)).
     """
     field = _random_field(cad.shape, metres_per_px, rng)
-    upwards = np.array([metres_per_px, -metres_per_px], dtype=np.float32)[:, None, None]
-    return _pulled(_faces(cad), field, UNKNOWN), field * upwards
+    cells = _pulled(_faces(cad), field, UNKNOWN)
+    upwards = np.array([metres_per_px, -metres_per_px], dtype=np.float32)
+    return cells, field * upwards[:, None, None]
 
 
 def _faces(cad: ByteArray) -> ByteArray:
     """The values of a SLAM map that shows every wall's face."""
     free = (cad > 127).astype(np.uint8)
-    faces = cv2.dilate(free, np.ones((3, 3), np.uint8)) > free
-    return np.where(faces, OCCUPIED, np.where(free > 0, FREE, UNKNOWN)).astype(np.uint8)
+    neighbours = np.ones((3, 3), np.uint8)
+    is_face = cv2.dilate(free, neighbours) > free
+    cells = np.full(cad.shape, UNKNOWN, np.uint8)
+    cells[free > 0] = FREE
+    cells[is_face] = OCCUPIED
+    return cells
 
 
 def drifted(cad: ByteArray, metres_per_px: float, rng: np.random.Generator) -> ByteArray:
@@ -57,16 +62,16 @@ def _random_field(
 ) -> Float32Array:
     """Smoothed noise (2, H, W) [px]: columns, rows."""
     noise = rng.standard_normal((2, *shape)).astype(np.float32)
-    field = np.stack(
-        [cv2.GaussianBlur(n, (0, 0), CORRELATION_LENGTH / metres_per_px) for n in noise]
-    )
-    scale = np.float32(DISPLACEMENT / metres_per_px) / max(float(field.std()), 1e-9)
+    sigma = CORRELATION_LENGTH / metres_per_px
+    field = np.stack([cv2.GaussianBlur(component, (0, 0), sigma) for component in noise])
+    deviation = max(float(field.std()), 1e-9)
+    scale = np.float32(DISPLACEMENT / metres_per_px) / deviation
     return np.asarray(field * scale, dtype=np.float32)
 
 
 def _pulled(cells: ByteArray, field: Float32Array, fill: int) -> ByteArray:
     rows, cols = np.indices(cells.shape, dtype=np.float32)
-    bent = cv2.remap(
-        cells, cols + field[0], rows + field[1], cv2.INTER_NEAREST, borderValue=float(fill)
-    )
+    from_cols = cols + field[0]
+    from_rows = rows + field[1]
+    bent = cv2.remap(cells, from_cols, from_rows, cv2.INTER_NEAREST, borderValue=float(fill))
     return np.asarray(bent, dtype=np.uint8)

@@ -21,9 +21,9 @@ def shrunk_floor(free: Float32Array, depth_px: float) -> Float32Array:
     shrunk = free
     for number in range(DIRECTIONS if depth_px > 0.0 else 0):
         angle = 2.0 * math.pi * number / DIRECTIONS
-        shift = np.array(
-            [[1.0, 0.0, depth_px * math.cos(angle)], [0.0, 1.0, depth_px * math.sin(angle)]]
-        )
+        right = depth_px * math.cos(angle)
+        down = depth_px * math.sin(angle)
+        shift = np.array([[1.0, 0.0, right], [0.0, 1.0, down]])
         moved = cv2.warpAffine(free, shift, free.shape[::-1], flags=cv2.INTER_LINEAR)
         shrunk = np.minimum(shrunk, moved)
     return np.asarray(shrunk, dtype=np.float32)
@@ -38,9 +38,8 @@ def thinned_walls(cells: ByteArray) -> ByteArray:
     Returns:
         The same with walls one cell thick.
     """
-    from scipy.ndimage import (
-        distance_transform_edt,
-    )  # a quarter of a second of every command that translates
+    # Imported here: it takes a quarter of a second of every command that translates.
+    from scipy.ndimage import distance_transform_edt
 
     occupied = cells == OCCUPIED
     if not occupied.any() or occupied.all():
@@ -54,36 +53,27 @@ def thinned_walls(cells: ByteArray) -> ByteArray:
 def _skeleton(mask: BoolArray) -> BoolArray:
     """Zhang and Suen, *A Fast Parallel Algorithm for Thinning Digital Patterns*, CACM 27(3), 1984."""
     picture = np.pad(mask, 1)
+    inner = picture[1:-1, 1:-1]
     changed = True
     while changed:
         changed = False
-        for first in (True, False):
-            # Clockwise from above: P2 to P9.
-            ring = np.stack(
-                [
-                    np.roll(picture, shift, (0, 1))[1:-1, 1:-1]
-                    for shift in (
-                        (1, 0),
-                        (1, -1),
-                        (0, -1),
-                        (-1, -1),
-                        (-1, 0),
-                        (-1, 1),
-                        (0, 1),
-                        (1, 1),
-                    )
-                ]
-            )
-            count = ring.sum(axis=0)
-            rises = (~ring & np.roll(ring, -1, axis=0)).sum(axis=0)
-            up, right, down, left = ring[0], ring[2], ring[4], ring[6]
-            ends = (
-                ~(up & right & down) & ~(right & down & left)
-                if first
-                else ~(up & right & left) & ~(up & down & left)
-            )
-            inner = picture[1:-1, 1:-1]
-            goes = inner & (count >= 2) & (count <= 6) & (rises == 1) & ends
+        for is_first in (True, False):
+            goes = inner & _removable(picture, is_first)
             inner[goes] = False
             changed = changed or bool(goes.any())
-    return picture[1:-1, 1:-1]
+    return inner
+
+
+def _removable(picture: BoolArray, is_first: bool) -> BoolArray:
+    """Where a cell may go, by its eight neighbours, in the first or second half of a pass; without the border."""
+    # Clockwise from above: P2 to P9.
+    shifts = ((1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1))
+    ring = np.stack([np.roll(picture, shift, (0, 1))[1:-1, 1:-1] for shift in shifts])
+    count = ring.sum(axis=0)
+    rises = (~ring & np.roll(ring, -1, axis=0)).sum(axis=0)
+    up, right, down, left = ring[::2]
+    kept_at_first = right & down & (up | left)
+    kept_then = up & left & (right | down)
+    kept = kept_at_first if is_first else kept_then
+    removable: BoolArray = (count >= 2) & (count <= 6) & (rises == 1) & ~kept
+    return removable

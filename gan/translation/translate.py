@@ -47,7 +47,8 @@ def tile_starts(length: int, tile: int) -> list[int]:
     """Where tiles begin along one axis so that they cover it evenly, the last one ending at its end."""
     if length <= tile:
         return [0]
-    count = int(np.ceil((length - tile * OVERLAP) / (tile * (1.0 - OVERLAP))))
+    step = tile * (1.0 - OVERLAP)
+    count = int(np.ceil((length - tile * OVERLAP) / step))
     return [round(start) for start in np.linspace(0, length - tile, count)]
 
 
@@ -66,37 +67,51 @@ def translate_tiled(
         (C, H, W): the mean of the tiles, weighted less towards their borders; -1 where a tile would be empty.
     """
     rows, cols = cells.shape
-    above, beside = max(0, tile - rows) // 2, max(0, tile - cols) // 2
-    below, behind = max(0, tile - rows) - above, max(0, tile - cols) - beside
-    padded = np.pad(cells, ((above, below), (beside, behind)), constant_values=fill)
-    corners = [
-        (r, c)
-        for r in tile_starts(padded.shape[0], tile)
-        for c in tile_starts(padded.shape[1], tile)
-    ]
-    corners = [(r, c) for r, c in corners if (padded[r : r + tile, c : c + tile] != fill).any()]
+    above, below = _padding(rows, tile)
+    left, right = _padding(cols, tile)
+    padded = np.pad(cells, ((above, below), (left, right)), constant_values=fill)
+    tiles = _known_tiles(padded, tile, fill)
     window = _window(tile)
     total: Float32Array | None = None
     weight = np.full(padded.shape, 1e-9, np.float32)
     # Some at a time, so that only the result grows with the map.
-    for first in range(0, len(corners), TRANSLATION_BATCH):
-        some = corners[first : first + TRANSLATION_BATCH]
-        images = run(np.stack([padded[r : r + tile, c : c + tile] for r, c in some]))
+    for first in range(0, len(tiles), TRANSLATION_BATCH):
+        some = tiles[first : first + TRANSLATION_BATCH]
+        images = run(np.stack([padded[place] for place in some]))
         if total is None:  # nothing where nothing is known
             total = np.full((images.shape[1], *padded.shape), -1e-9, np.float32)
-        for (r, c), part in zip(some, images, strict=True):
-            total[:, r : r + tile, c : c + tile] += part * window
-            weight[r : r + tile, c : c + tile] += window
+        for place, image in zip(some, images, strict=True):
+            total[:, *place] += image * window
+            weight[place] += window
     if total is None:
         return np.full((1, rows, cols), -1.0, np.float32)
     blended: Float32Array = (total / weight).astype(np.float32)
-    return blended[:, above : above + rows, beside : beside + cols]
+    return blended[:, above : above + rows, left : left + cols]
+
+
+def _padding(length: int, tile: int) -> tuple[int, int]:
+    """Cells to be added before and behind so that a side is as long as a tile."""
+    missing = max(0, tile - length)
+    before = missing // 2
+    return before, missing - before
+
+
+def _known_tiles(cells: ByteArray, tile: int, fill: int) -> list[tuple[slice, slice]]:
+    """Rows and columns of the tiles that show anything."""
+    known = []
+    for top in tile_starts(cells.shape[0], tile):
+        for left in tile_starts(cells.shape[1], tile):
+            place = slice(top, top + tile), slice(left, left + tile)
+            if (cells[place] != fill).any():
+                known.append(place)
+    return known
 
 
 def _window(tile: int) -> Float32Array:
     """Weights that fall towards the borders but stay positive."""
-    ramp = np.minimum(np.arange(tile), np.arange(tile)[::-1]) + 1.0
-    ramp = np.minimum(1.0, ramp / (OVERLAP * tile))
+    pixels = np.arange(tile)
+    to_border = np.minimum(pixels, pixels[::-1]) + 1.0
+    ramp = np.minimum(1.0, to_border / (OVERLAP * tile))
     return np.asarray(np.outer(ramp, ramp), dtype=np.float32)
 
 
@@ -181,8 +196,9 @@ class LearnedTranslator:
                 "these weights draw floor alone, no layers; choose others with --weights"
             )
         image = self._drawn(slam, metres_per_px, False, angle_deg)
-        floor, wall, door = 0.5 * (image[:3] + 1.0)
-        return MapLayers(floor, wall, door, np.maximum(1.0 - floor - wall - door, 0.0))
+        floor, wall, door = _shares(image[:3])
+        unseen = np.maximum(1.0 - floor - wall - door, 0.0)
+        return MapLayers(floor, wall, door, unseen)
 
     def _drawn(
         self,
@@ -203,12 +219,13 @@ class LearnedTranslator:
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
         image = self._fitted(turned(padded, -angle), UNKNOWN, metres_per_px)
-        above, beside = ((a - b) // 2 for a, b in zip(padded.shape, slam.shape, strict=True))
         if not straighten:
-            image = np.stack(
-                [2.0 * turned_probability(0.5 * (c + 1.0), angle) - 1.0 for c in image]
-            )
-        return image[:, above : above + slam.shape[0], beside : beside + slam.shape[1]]
+            back = [turned_probability(channel, angle) for channel in _shares(image)]
+            image = _encoded(np.stack(back))
+        rows, cols = slam.shape
+        above = (padded.shape[0] - rows) // 2
+        left = (padded.shape[1] - cols) // 2
+        return image[:, above : above + rows, left : left + cols]
 
     def translate_cells(
         self,
@@ -234,7 +251,8 @@ class LearnedTranslator:
             return np.where(free >= 0.5, FREE, OCCUPIED).astype(np.uint8)
         _require_image(cells)
         if drift is not None:
-            cells = drifted(cells, metres_per_px or self.config.metres_per_px[1], drift)
+            _, usual, _ = self.config.metres_per_px
+            cells = drifted(cells, metres_per_px or usual, drift)
         image = self._fitted(cells, OCCUPIED, metres_per_px)
         # Drawn at the network's resolution a wall is as thick as its pixel, several cells of the map.
         return thinned_walls(decode_slam(image, self.config.output_encoding))
@@ -247,19 +265,17 @@ class LearnedTranslator:
             empty: Value of what isn't known (SLAM) or outside (CAD).
             metres_per_px: Scale, if it is known.
         """
-        size = self.config.input_size
-        result = np.full((CHANNELS[self.config.output_encoding], *cells.shape), -1.0, np.float32)
+        channels = CHANNELS[self.config.output_encoding]
+        result = np.full((channels, *cells.shape), -1.0, np.float32)
         rows, cols = _content(cells, empty)
         part = cells[rows, cols]
         if part.size == 0:
             return result
         shape = self._working_shape(part.shape, metres_per_px)
         resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        drawn = translate_tiled(resampled, size, empty, self._run)
-        for channel, image in enumerate(drawn):
-            result[channel, rows, cols] = (
-                2.0 * resample_probability(0.5 * (image + 1.0), part.shape) - 1.0
-            )
+        drawn = translate_tiled(resampled, self.config.input_size, empty, self._run)
+        for channel, shares in enumerate(_shares(drawn)):
+            result[channel, rows, cols] = _encoded(resample_probability(shares, part.shape))
         if self.config.direction == "slam2cad" and max(shape) > max(part.shape):
             self._close_walls(result[:, rows, cols], drawn)
         return result
@@ -268,9 +284,11 @@ class LearnedTranslator:
         """Close the walls that shrinking a drawing (C, h, w) to (C, H, W) has opened; their floor becomes wall."""
         encoding = self.config.output_encoding
         free = free_probability(image, encoding)
-        ratio = np.divide(image.shape[1:], drawn.shape[1:])[::-1]
+        row_ratio, col_ratio = np.divide(image.shape[1:], drawn.shape[1:])
+        ratio = np.array([col_ratio, row_ratio])
         matrix = np.column_stack([np.diag(ratio), 0.5 * ratio - 0.5])
-        opened = 2.0 * (free - keep_thin_walls(free, free_probability(drawn, encoding), matrix))
+        closed = keep_thin_walls(free, free_probability(drawn, encoding), matrix)
+        opened = 2.0 * (free - closed)
         if encoding == "layers":
             image[1] += opened
             image = image[:1]
@@ -280,7 +298,8 @@ class LearnedTranslator:
         self, shape: tuple[int, ...], metres_per_px: float | None
     ) -> tuple[int, int]:
         """Rows and columns at which a map goes through the network."""
-        size, longest = self.config.input_size, max(shape)
+        size = self.config.input_size
+        longest = max(shape)
         if metres_per_px is None:
             factor = max(size / longest, 1.0 / MAX_SHRINK)
         else:
@@ -288,16 +307,21 @@ class LearnedTranslator:
             # The map's own scale if it was trained: every coarser one costs walls their place.
             factor = metres_per_px / min(max(metres_per_px, low), high)
         rows, cols = (max(1, min(math.ceil(side * factor), side * size)) for side in shape)
-        return (min(rows, size), min(cols, size)) if factor * longest <= size + 1 else (rows, cols)
+        if factor * longest <= size + 1:
+            return min(rows, size), min(cols, size)
+        return rows, cols
 
     def _run(self, tiles: ByteArray) -> Float32Array:
         """Translate tiles (N, S, S) to (N, C, S, S)."""
-        size, resolution = tiles.shape[-1], self.config.output_size
+        resolution = self.config.output_size
         images = run_generator(self._generator, tiles, self.config, self._compute, resolution)
-        if images.shape[-1] == size:
+        if images.shape[-1] == tiles.shape[-1]:
             return images
-        shares = [[enlarge_means(0.5 * (c + 1.0), (size, size)) for c in image] for image in images]
-        return 2.0 * np.array(shares, dtype=np.float32) - 1.0
+        enlarged = np.empty((*images.shape[:2], *tiles.shape[1:]), np.float32)
+        for channels, larger in zip(_shares(images), enlarged, strict=True):
+            for channel, shares in enumerate(channels):
+                larger[channel] = enlarge_means(shares, tiles.shape[1:])
+        return _encoded(enlarged)
 
 
 def load_translator(
@@ -322,6 +346,16 @@ def load_translator(
     )
 
 
+def _shares(images: Float32Array) -> Float32Array:
+    """Values in [-1, 1] as shares in [0, 1]."""
+    return 0.5 * (images + 1.0)
+
+
+def _encoded(shares: Float32Array) -> Float32Array:
+    """Shares in [0, 1] as values in [-1, 1]."""
+    return 2.0 * shares - 1.0
+
+
 def _require_image(cells: ByteArray) -> None:
     if cells.ndim != 2 or cells.dtype != np.uint8 or cells.size == 0:
         raise ConfigError(
@@ -332,10 +366,13 @@ def _require_image(cells: ByteArray) -> None:
 def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
     """Rows and columns of what isn't empty, with a margin."""
     known = cells != empty
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
-    if rows.size == 0:
+    rows = np.flatnonzero(known.any(axis=1)).tolist()
+    cols = np.flatnonzero(known.any(axis=0)).tolist()
+    if not rows:
         return slice(0, 0), slice(0, 0)
-    margin = math.ceil(CONTENT_MARGIN * max(rows[-1] - rows[0], cols[-1] - cols[0]) + 1)
+    larger_side = max(rows[-1] - rows[0], cols[-1] - cols[0])
+    margin = math.ceil(CONTENT_MARGIN * larger_side + 1)
     # A slice may end beyond the image.
-    top, left = max(0, int(rows[0]) - margin), max(0, int(cols[0]) - margin)
-    return slice(top, int(rows[-1]) + margin + 1), slice(left, int(cols[-1]) + margin + 1)
+    in_rows = slice(max(0, rows[0] - margin), rows[-1] + margin + 1)
+    in_cols = slice(max(0, cols[0] - margin), cols[-1] + margin + 1)
+    return in_rows, in_cols

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.training import sampler
-from slamgym.gan.training.sampler import augment
+from slamgym.gan.training import augmentation
+from slamgym.gan.training.augmentation import augment
 from slamgym.metrics.wall_direction import (
     NO_DIRECTION,
     find_wall_direction,
@@ -41,8 +41,8 @@ def test_damaged_maps_keep_their_three_values_and_targets_are_not_damaged(seed):
 
 @pytest.fixture
 def undamaged(monkeypatch):
-    monkeypatch.setattr(sampler, "DAMAGE_PROBABILITY", 0.0)
-    monkeypatch.setattr(sampler, "TURN_DEG", 0.0)
+    monkeypatch.setattr(augmentation, "DAMAGE_PROBABILITY", 0.0)
+    monkeypatch.setattr(augmentation, "TURN_DEG", 0.0)
 
 
 def test_without_damage_the_slam_map_moves_as_the_cad_map_does(undamaged):
@@ -74,13 +74,27 @@ def test_each_kind_of_damage_does_something(damage):
     slam[::4, ::9] = OCCUPIED
     slam[40:, 40:] = UNKNOWN
     before = slam.copy()
-    damaged = [getattr(sampler, damage)(slam, np.random.default_rng(seed)) for seed in range(20)]
+    damaged = [
+        getattr(augmentation, damage)(slam, np.random.default_rng(seed)) for seed in range(20)
+    ]
     assert sum(not np.array_equal(each, slam) for each in damaged) > 10
     assert all(
         set(np.unique(each)) <= {OCCUPIED, UNKNOWN, FREE} and each.dtype == np.uint8
         for each in damaged
     )
     assert np.array_equal(slam, before)
+
+
+def test_salt_noise_has_the_amount_that_training_was_tuned_with():
+    floor = np.full((96, 96), FREE, np.uint8)
+    changed = [
+        np.mean(augmentation._speckled(floor, np.random.default_rng(seed)) != floor)
+        for seed in range(400)
+    ]
+    # A share of the pixels, up to 0.4 %, is drawn anew, and every fourth of them gets the value that it had.
+    assert max(changed) <= 0.004
+    # The share is uniform: the mean of 400 has a standard deviation of 3 %.
+    assert np.mean(changed) == pytest.approx(0.75 * 0.002, rel=0.12)
 
 
 def turned_building(angle_deg, noise=0.0):
@@ -134,7 +148,7 @@ class TestWindows:
     def test_a_window_keeps_its_scale_and_shows_some_of_the_map(
         self, monkeypatch, undamaged, rotated
     ):
-        monkeypatch.setattr(sampler, "ROTATED", rotated)
+        monkeypatch.setattr(augmentation, "ROTATED", rotated)
         for seed in range(10):
             cad, slam = augment(*self.pair(), 128, np.random.default_rng(seed))
             assert cad.shape == slam.shape == (128, 128)
@@ -143,8 +157,8 @@ class TestWindows:
             assert np.mean((slam == FREE) != (cad > 127)) < 0.02
 
     def test_a_turned_sample_is_turned(self, monkeypatch, undamaged):
-        monkeypatch.setattr(sampler, "ROTATED", 1.0)
-        monkeypatch.setattr(sampler, "RESAMPLED", 1.0)
+        monkeypatch.setattr(augmentation, "ROTATED", 1.0)
+        monkeypatch.setattr(augmentation, "RESAMPLED", 1.0)
         turned_share = [
             len(np.unique(augment(*self.pair(), 256, np.random.default_rng(seed))[0])) > 2
             for seed in range(5)

@@ -26,10 +26,10 @@ def test_a_discriminators_loss_is_the_mean_of_right_wrong_and_unassociated():
         features([[2.0]], [[2.0]]),
     )
     # Sums over the copies: 4 + 0, 1 + 0, 4 + 4.
-    assert float(losses.discriminator_loss(real, fake, other)) == pytest.approx(
+    assert float(losses.discriminator_loss(real, [fake, other])) == pytest.approx(
         (4.0 + 1.0 + 8.0) / 3
     )
-    assert float(losses.discriminator_loss(real, fake)) == pytest.approx((4.0 + 1.0) / 2)
+    assert float(losses.discriminator_loss(real, [fake])) == pytest.approx((4.0 + 1.0) / 2)
 
 
 def test_generator_terms_sum_over_the_copies():
