@@ -186,10 +186,10 @@ def tail(trial: Trial) -> float:
 
 def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:
     """Mean of a figure on each plan, shape (plans,): repetitions on one plan are no independent draws."""
-    found: dict[str, list[float]] = {}
+    by_plan: dict[str, list[float]] = {}
     for trial in trials:
-        found.setdefault(trial.plan, []).append(figure(trial))
-    return np.array([np.mean(values) for values in found.values()])
+        by_plan.setdefault(trial.plan, []).append(figure(trial))
+    return np.array([np.mean(values) for values in by_plan.values()])
 
 
 def _compare_level(

@@ -20,40 +20,44 @@ from slamgym.agents.rl.train_config import (
 from slamgym.agents.wheels import WheelsExplorer
 from slamgym.cad import FloorPlan
 from slamgym.envs.batch.env import BatchExploreEnv
-from slamgym.envs.config import ObservationConfig, resolve_config
+from slamgym.envs.config import ExploreConfig, ObservationConfig, resolve_config
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.rewards import RewardTerms
+from slamgym.sim import ClutterConfig
 
 _CONTACT_SECONDS = 300.0
 """Contacts are counted in so many seconds."""
+_EMPTY = ClutterConfig()
+"""Buildings in which nothing stands and nobody walks."""
 
 
-def make_env(config: TrainConfig, plans: Any, **changes: Any) -> ExploreFrontiersEnv:
+def make_env(config: TrainConfig, plans: Any, clutter: ClutterConfig) -> ExploreFrontiersEnv:
     """The environment in which a run chooses frontiers, without wrappers.
 
     Args:
         config: The run.
         plans: Floor plans, a sequence or a source.
-        **changes: Settings of the environment that differ from the run's.
+        clutter: What stands and walks in them.
     """
-    settings = {
-        **_simulation(config),
-        "reward": config.reward,
-        "coverage_goal": config.coverage_goal,
-        "time_limit": config.time_limit,
-        **changes,
-    }
-    return ExploreFrontiersEnv(plans, **settings)
+    return ExploreFrontiersEnv(
+        plans,
+        _simulation(config, clutter),
+        reward=config.reward,
+        coverage_goal=config.coverage_goal,
+        time_limit=config.time_limit,
+    )
 
 
-def _simulation(config: TrainConfig) -> dict[str, Any]:
+def _simulation(config: TrainConfig, clutter: ClutterConfig) -> ExploreConfig:
     """Sensors, SLAM and map of a run that chooses frontiers."""
     canvas = ObservationConfig().holding(longest_side(config.largest_area))
-    return {
+    settings = {
         "localization": config.localization,
         "slam": {"particles": TRAINING_PARTICLES, "resolution": TRAINING_RESOLUTION},
         "observation": {"map_resolution": TRAINING_RESOLUTION, "map_size": canvas.map_size},
+        "clutter": clutter,
     }
+    return resolve_config(None, settings)
 
 
 def make_batch(
@@ -85,7 +89,7 @@ def explore_plan(
     plan: FloorPlan,
     seed: int,
     avoids: bool = True,
-    **changes: Any,
+    clutter: ClutterConfig = _EMPTY,
 ) -> Trial:
     """Explore a building by trained weights, frontiers to the end and the wheels for ``evaluate_seconds``.
 
@@ -95,7 +99,7 @@ def explore_plan(
         plan: The building.
         seed: Of start and noise.
         avoids: See :class:`slamgym.agents.wheels.WheelsPilot`.
-        **changes: Settings of the environment that differ from the run's, where frontiers are chosen.
+        clutter: What stands and walks in the building, where frontiers are chosen.
     """
     if isinstance(config, WheelsConfig):
         env = resolve_config(None, {"localization": "ground_truth"})
@@ -104,10 +108,9 @@ def explore_plan(
             TrialConfig(config.evaluate_seconds / 60.0, None, env),
             lambda context: WheelsExplorer(context, policy, avoids),
         )
-    env = resolve_config(None, {**_simulation(config), **changes})
     return run_trial(
         Task("rl", plan, seed),
-        TrialConfig(config.time_limit / 60.0, None, env),
+        TrialConfig(config.time_limit / 60.0, None, _simulation(config, clutter)),
         lambda context: LearnedExplorer(context, policy),
     )
 
