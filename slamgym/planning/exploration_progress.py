@@ -25,7 +25,15 @@ class MapGrowth:
         """Take over the known area of a new map."""
         self.known_area = known_area
         if known_area > self.grown_to + LEAST_GROWTH:
-            self.grown_to, self.grown_at = known_area, time
+            self.grown_to = known_area
+            self.grown_at = time
+
+    def note_goal(self, chosen_at: float) -> None:
+        """Note the end of a goal that was chosen at some time [s]."""
+        if self.grown_at >= chosen_at:
+            self.futile = 0
+        else:
+            self.futile += 1
 
 
 @dataclass
@@ -40,19 +48,26 @@ class TargetProgress:
         """For how long the robot hasn't come nearer [s]."""
         # A target that only jitters with the map is not a new one.
         if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
-            self.target, self.distance, self.at = target, distance, time
+            self.target = target
+            self.distance = distance
+            self.at = time
         return time - self.at
 
 
 @dataclass
 class LastChoice:
-    """The last choice, and what asks for the next one."""
+    """The last choice, and when the next one may be due."""
 
     made_at: float = -math.inf  # [s]
-    is_open: bool = True  # none was made since the candidates were searched
-    is_new_map: bool = False  # since the last search of candidates
-    is_stale: bool = True  # something but the map has changed since then
     settles_at: float = -math.inf  # when the map shows what the last goal brought [s]
-    checked: tuple[Costmap, FrontierCandidate] | None = (
-        None  # a frontier that is still there on a map
-    )
+    is_outdated: bool = False  # a newer map has come since the candidates were searched
+    _still_there: tuple[Costmap, FrontierCandidate] | None = None  # known to be so
+
+    def is_still_there(self, costmap: Costmap, candidate: FrontierCandidate) -> bool:
+        """True if enough cells of a frontier are still unknown on a map; checked once for each map."""
+        known = self._still_there
+        if known is not None and known[0] is costmap and known[1] is candidate:
+            return True
+        is_there = candidate.is_still_there(costmap)
+        self._still_there = (costmap, candidate) if is_there else None
+        return is_there

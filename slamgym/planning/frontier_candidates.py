@@ -22,11 +22,17 @@ from slamgym.planning.navigator import PLAN_TOLERANCE
 
 COARSENING = 2
 """Paths to candidates are measured on a grid whose cells are so many cells of the map wide."""
+LARGEST_HOME = 100.0
+"""Known floor of a usual home [m2]; more may be a hall."""
 
+_SAME_TARGET = 0.01
+"""Places nearer to one another than this are the same [m]."""
 _BEND = 0.5
 """A frontier whose centroid is farther than this from its cells is visited at one of them [m]."""
-_NEAR, _FAR = 1.5, 4.0
-"""The unknown behind a frontier is flooded up to these distances [m]."""
+_NEAR = 1.5
+"""What is unknown within this distance behind a frontier is near [m]."""
+_FAR = 4.0
+"""The unknown behind a frontier is flooded up to this distance [m]."""
 _KEPT_WITHIN = 0.25
 """A frontier one of whose cells is so near to a place, by both coordinates, passes there [m]."""
 
@@ -42,6 +48,10 @@ class FrontierCandidate:
     path_length: float  # [m]
     path_cost: float  # the same, weighted by the costs along it [m]
     path: FloatArray  # (N, 2) the path on the coarse grid, from the robot, map frame [m]
+
+    def is_same_place(self, other: "FrontierCandidate | None") -> bool:
+        """True if the robot would go to the same place for another one."""
+        return other is not None and math.dist(self.target, other.target) < _SAME_TARGET
 
     def is_still_there(self, costmap: Costmap) -> bool:
         """True if at least half of its cells are still unknown on a newer map."""
@@ -97,6 +107,15 @@ def frontiers_in_reach(
                 is_by_wall = bool(costmap.distance[place] < np.inf)
                 found.append(FrontierInReach(one, place, number, is_by_wall))
     return found
+
+
+def walls_first(frontiers: list[FrontierInReach]) -> list[FrontierInReach]:
+    """Leave out the other parts of those frontiers that have parts by a wall.
+
+    A robot that sees no wall soon doesn't know where it is: the middle of a hall comes after its walls.
+    """
+    with_wall = {one.whole for one in frontiers if one.is_by_wall}
+    return [one for one in frontiers if one.is_by_wall or one.whole not in with_wall]
 
 
 def make_candidates(
