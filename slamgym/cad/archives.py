@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from slamgym.cad.houseexpo import parse_houseexpo
+from slamgym.cad.plan_formats import PlanOptions
 from slamgym.cad.plan_index import PlanIndex, refuse_second
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_text, sha256_of, write_text
@@ -61,6 +62,11 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
         plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)
     }
     return PlanIndex(places, parse_houseexpo)
+
+
+def open_archive(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plans of an archive."""
+    return archived_plans(path, options.wanted)
 
 
 def fetch_houseexpo(

@@ -22,6 +22,8 @@ from shapely import Polygon
 
 from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, outline_edges, stacked
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import refuse_crossings
 from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
@@ -96,6 +98,22 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
         if ring.is_valid and ring.area > 0.0
     )
     return floor_of_walls(DrawnWalls(walls, doors, windows, rooms, doubts), path.stem, str(path))
+
+
+def open_dxf(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plan of a DXF drawing."""
+    read = read_dxf if options.may_doubt else _read_certain
+    return PlanIndex({path.stem: (path, options.scale, options.layers)}, read)
+
+
+def _read_certain(path: Path, unit: float | None, layers: Sequence[str]) -> FloorPlan:
+    """The plan of a drawing that says its unit."""
+    plan = read_dxf(path, unit, layers)
+    if plan.doubts:
+        raise PlanError(
+            path, f"{plan.doubts[0]}; give the metres of a unit, as in {path.name}@0.001"
+        )
+    return plan
 
 
 def _open(path: Path) -> Any:

@@ -14,6 +14,8 @@ from shapely import Polygon
 
 from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, middle_line, stacked
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
@@ -60,6 +62,12 @@ def read_geojson(path: Path | str) -> FloorPlan:
             source, "is smaller than 5 cm: its coordinates are degrees; project it to metres first"
         )
     return floor_of_walls(DrawnWalls(walls, doors, windows, tuple(rooms)), path.stem, source)
+
+
+def open_geojson(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plan of a GeoJSON file."""
+    del options  # nothing about the format is open
+    return PlanIndex({path.stem: (path,)}, read_geojson)
 
 
 def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, Any]]]:

@@ -24,6 +24,8 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import connected_part, make_valid, polygon_parts
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import PlanError, as_plan_error
@@ -54,6 +56,12 @@ def read_houseexpo(path: Path | str) -> FloorPlan:
     path = Path(path)
     check_origin(path)
     return parse_houseexpo(read_bytes(path, DOCUMENT_BYTES), str(path), path.stem)
+
+
+def open_houseexpo(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plan of a file of HouseExpo."""
+    del options  # nothing about the format is open
+    return PlanIndex({path.stem: (path,)}, read_houseexpo)
 
 
 def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) -> FloorPlan:

@@ -24,8 +24,10 @@ from slamgym.cad.drawn_plan import (
     stacked,
 )
 from slamgym.cad.floorplan import FloorPlan, Room
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.errors import PlanError, needing_extra
+from slamgym.core.errors import InputFileError, PlanError, needing_extra
 from slamgym.core.files import require_file
 from slamgym.core.limits import DRAWING_BYTES, ENTRIES, IFC_SECONDS, PLAN_PARTS, shown
 from slamgym.core.parallel.backlog import Lost
@@ -86,6 +88,24 @@ def read_ifc(path: Path | str, storey: str | None = None) -> FloorPlan:
         PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
     """
     return _apart(_read, (Path(path), storey), Path(path))
+
+
+def open_ifc(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plans of an IFC model, one for each storey.
+
+    Raises:
+        PlanError: If it is no IFC model.
+        InputFileError: If two storeys have one name.
+    """
+    del options  # nothing about the format is open
+    storeys: dict[str, tuple[Path, str]] = {}
+    names = storeys_of(path)
+    for storey in names:
+        plan_id = path.stem if len(names) == 1 else f"{path.stem}-{storey}"
+        if plan_id in storeys:
+            raise InputFileError(path, f"has two storeys called {shown(storey)}; rename one")
+        storeys[plan_id] = (path, storey)
+    return PlanIndex(storeys, read_ifc)
 
 
 def _read(file: tuple[Path, str | None]) -> FloorPlan:

@@ -12,8 +12,10 @@ import shapely
 from shapely import Polygon
 
 from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import connected_part, polygon_parts
-from slamgym.core.errors import PlanError, as_plan_error
+from slamgym.core.errors import InputFileError, PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.geometry import transform_points
 from slamgym.core.limits import PLAN_PARTS, RUNS, VERTICES
@@ -81,6 +83,25 @@ def read_image_plan(
     height, width = inside.shape
     frame = GridFrame(resolution, 0.0, 0.0, height, width)
     return trace_plan(inside, frame, path.stem, str(path), smoothing)
+
+
+def open_ros_plan(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plan of a ROS map."""
+    del options  # nothing about the format is open
+    return PlanIndex({path.stem: (path,)}, read_ros_plan)
+
+
+def open_picture(path: Path, options: PlanOptions) -> PlanIndex:
+    """The plan of a picture.
+
+    Raises:
+        InputFileError: If its metres per pixel are not given.
+    """
+    if options.scale is None:
+        raise InputFileError(
+            path, f"a picture needs its metres per pixel; write {path}@0.05, for example"
+        )
+    return PlanIndex({path.stem: (path, options.scale)}, read_image_plan)
 
 
 def trace_plan(

@@ -19,6 +19,8 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
+from slamgym.cad.plan_formats import PlanOptions
+from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import connected_part, make_valid, refuse_crowded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
@@ -57,6 +59,12 @@ def build_floor(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPla
             return _build(floor, plan_id, source)
     except malformed as error:
         raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
+
+
+def open_room_lines(path: Path, options: PlanOptions) -> PlanIndex:
+    """The floors of a file."""
+    del options  # nothing about the format is open
+    return PlanIndex(read_lines(path), build_floor)
 
 
 def read_lines(path: Path) -> dict[str, tuple[Any, str, str]]:

@@ -5,21 +5,16 @@ from pathlib import Path
 
 import numpy as np
 
-from slamgym.cad.archives import archived_plans
-from slamgym.cad.dxf import read_dxf
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.generator import Kind, PlanGeneratorConfig, generate_plan
-from slamgym.cad.geojson import read_geojson
 from slamgym.cad.houseexpo import read_houseexpo
-from slamgym.cad.ifc import read_ifc, storeys_of
-from slamgym.cad.image_plan import read_image_plan, read_ros_plan
+from slamgym.cad.image_plan import read_ros_plan
+from slamgym.cad.plan_formats import PLAN_FILES, PlanFormat, PlanOptions, plan_format
 from slamgym.cad.plan_index import PlanIndex, PlanSource, mixed_plans, refuse_second, some_plans
-from slamgym.cad.room_lines import build_floor, read_lines
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError, InputFileError, PlanError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.limits import shown
-from slamgym.core.pictures import PICTURE_SUFFIXES
 
 BUNDLED = Path(__file__).parent / "bundled"
 """The plans that come with the package."""
@@ -55,54 +50,20 @@ def _generate(seeds: tuple[int, int], config: PlanGeneratorConfig, plan_id: str)
     return generate_plan(np.random.default_rng(seeds), config, plan_id)
 
 
-def open_drawing(spec: str, layers: Sequence[str] = ()) -> PlanIndex | None:
-    """The plans of a DXF, IFC or GeoJSON drawing, each with what is doubtful about it.
+def open_drawing(spec: str, layers: Sequence[str] = ()) -> PlanSource:
+    """The same as :func:`open_plans`, but of a drawing that doesn't say its unit the plan says what is doubtful.
 
     Args:
-        spec: The file; a DXF drawing perhaps with the metres of its unit behind it, as in ``plan.dxf@0.001``.
+        spec: As :func:`open_plans` takes it.
         layers: Of a DXF drawing's walls, see :func:`slamgym.cad.read_dxf`.
 
-    Returns:
-        The plan of a DXF or GeoJSON drawing, or those of an IFC model's storeys; None for anything else.
-
     Raises:
-        InputFileError: If it is missing, or an IFC model with two storeys of one name.
-        ConfigError: If the unit makes no sense, or there are layers and no DXF drawing.
+        InputFileError: If a file is missing, unreadable or holds no plans.
+        ConfigError: If ``spec`` is neither a file nor a known name, or there are layers and no DXF drawing.
     """
-    name, _, unit = spec.rpartition("@")
-    if not name.lower().endswith(".dxf"):
-        name, unit = spec, ""
-    path = Path(name)
-    suffix = path.suffix.lower()
-    if layers and suffix != ".dxf":
-        raise ConfigError("--layers needs a DXF drawing")
-    if suffix not in (".dxf", ".ifc", ".geojson") or path.is_dir():
-        return None
-    _existing(name)
-    if suffix == ".dxf":
-        metres = _metres_per_pixel(spec, unit) if unit else None
-        return PlanIndex({path.stem: (path, metres, layers)}, read_dxf)
-    if suffix == ".geojson":
-        return PlanIndex({path.stem: (path,)}, read_geojson)
-    storeys: dict[str, tuple[Path, str]] = {}
-    names = storeys_of(path)
-    for storey in names:
-        plan_id = path.stem if len(names) == 1 else f"{path.stem}-{storey}"
-        if plan_id in storeys:
-            raise InputFileError(path, f"has two storeys called {shown(storey)}; rename one")
-        storeys[plan_id] = (path, storey)
-    return PlanIndex(storeys, read_ifc)
-
-
-def _load_certain(drawing: PlanSource, plan_id: str) -> FloorPlan:
-    """A plan of a drawing that says its unit."""
-    plan = drawing.load(plan_id)
-    if plan.doubts:
-        example = f"{Path(plan.source).name}@0.001"
-        raise PlanError(
-            plan.source, f"{plan.doubts[0]}; give the metres of a unit, as in {example}"
-        )
-    return plan
+    source = _open(spec, PlanOptions(layers=tuple(layers), may_doubt=True))
+    _refuse_empty(source, spec)
+    return source
 
 
 def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSource:
@@ -111,12 +72,9 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
     Args:
         spec: ``bundled``; ``procedural``, plans that the generator makes on the fly, and behind it, each
             after a colon, ``home`` or ``office`` for one kind only, ``loops`` for a loop in every
-            plan, and a seed, as in ``procedural:office:loops:7``; a HouseExpo JSON file, a folder of them, or
-            an archive of them (``.tar.gz``); a ROS map's ``.yaml``, or a
-            folder of them; floors as rooms with portals (``.jsonl``
-            or ``.jsonl.xz``); a black/white picture with its metres per pixel, as in ``plan.png@0.05``; a DXF drawing,
-            with the metres of its unit behind it where it doesn't say them, as in ``plan.dxf@0.001``; an IFC model,
-            each storey a plan; walls as GeoJSON.
+            plan, and a seed, as in ``procedural:office:loops:7``; a file of one of the
+            :data:`~slamgym.cad.plan_formats.PLAN_FORMATS`, with the metres of a picture's pixel or a drawing's unit
+            behind it, as in ``plan.png@0.05``; a folder of HouseExpo files or ROS maps.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
 
     Returns:
@@ -127,10 +85,9 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
         ConfigError: If ``spec`` is neither a file nor a known name.
     """
     wanted = read_ids(ids_file) if ids_file is not None else None
-    source = _open(str(spec), frozenset(wanted) if wanted is not None else None)
+    source = _open(str(spec), PlanOptions(wanted=None if wanted is None else frozenset(wanted)))
     if wanted is None:
-        if not source.ids:
-            raise InputFileError(spec, "holds no floor plans; a plan is a HouseExpo .json file")
+        _refuse_empty(source, spec)
         return source
     there = set(source.ids)
     missing = [plan_id for plan_id in wanted if plan_id not in there]
@@ -140,6 +97,11 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
             f"{len(missing)} of its {len(wanted)} ids are not in {spec}, the first is {shown(missing[0])}",
         )
     return some_plans(source, wanted)
+
+
+def _refuse_empty(source: PlanSource, spec: Path | str) -> None:
+    if not source.ids:
+        raise InputFileError(spec, "holds no floor plans; a plan is a HouseExpo .json file")
 
 
 def read_ids(path: Path | str) -> list[str]:
@@ -153,13 +115,6 @@ def read_ids(path: Path | str) -> list[str]:
     if not ids:
         raise InputFileError(path, "has no plan ids; give one a line")
     return ids
-
-
-def _existing(name: str) -> Path:
-    path = Path(name)
-    if not path.exists():
-        raise InputFileError(name, "there is no such file or folder")
-    return path
 
 
 def _metres_per_pixel(spec: str, text: str) -> float:
@@ -198,45 +153,38 @@ def _procedural(spec: str) -> PlanIndex:
     return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
-def _open(spec: str, wanted: frozenset[str] | None) -> PlanSource:
+def _open(spec: str, options: PlanOptions) -> PlanSource:
     """Choose the reader by what ``spec`` looks like."""
+    name, kind, scale = _split_scale(spec)
+    if options.layers and not (kind and kind.has_layers):
+        raise ConfigError("--layers needs a DXF drawing")
     if spec == "bundled":
         # In turns, by their numbers: a dataset begins with homes, and soon has its share of offices.
-        kinds = [plan_files(BUNDLED.glob(f"{kind}_*.json")) for kind in ("home", "office")]
-        return mixed_plans(kinds, [len(kind) for kind in kinds])
+        homes = plan_files(BUNDLED.glob("home_*.json"))
+        offices = plan_files(BUNDLED.glob("office_*.json"))
+        return mixed_plans([homes, offices], [len(homes), len(offices)])
     if spec == "procedural" or spec.startswith("procedural:"):
         return _procedural(spec)
-    name, _, resolution = spec.rpartition("@")
-    if name.lower().endswith(PICTURE_SUFFIXES):
-        metres_per_pixel = _metres_per_pixel(spec, resolution)
-        return PlanIndex({Path(name).stem: (_existing(name), metres_per_pixel)}, read_image_plan)
-    if (drawing := open_drawing(spec)) is not None:
-        return PlanIndex({plan_id: (drawing, plan_id) for plan_id in drawing.ids}, _load_certain)
-    path = Path(spec)
+    path = Path(name)
     if path.is_dir():
         return _open_folder(path)
     if not path.exists():
         if path.suffix or "/" in spec:
-            _existing(spec)
+            raise InputFileError(name, "there is no such file or folder")
         names = suggest(spec, ["bundled", "procedural"])
         raise ConfigError(f"there are no plans called {spec!r}; give a path or a name; {names}")
-    if path.name.endswith((".tar.gz", ".tgz", ".tar")):
-        return archived_plans(path, wanted)
-    if path.suffix == ".json":
-        return plan_files([path])
-    if path.name.endswith((".jsonl", ".jsonl.xz")):
-        return PlanIndex(read_lines(path), build_floor)
-    if path.suffix in (".yaml", ".yml"):
-        return PlanIndex({path.stem: (path,)}, read_ros_plan)
-    if spec.lower().endswith(PICTURE_SUFFIXES):
-        raise InputFileError(
-            spec, f"a picture needs its metres per pixel; write {spec}@0.05, for example"
-        )
-    raise InputFileError(
-        spec,
-        "is no known kind of floor plan; give .json, .dxf, .ifc, .geojson, a folder, .tar.gz, .jsonl, a ROS .yaml "
-        "or a picture",
-    )
+    if kind is None:
+        raise InputFileError(spec, f"is no known kind of floor plan; give {PLAN_FILES}")
+    return kind.open(path, options._replace(scale=scale))
+
+
+def _split_scale(spec: str) -> tuple[str, PlanFormat | None, float | None]:
+    """The name of a file, its format, and the metres of a pixel or unit if they stand behind the ``@``."""
+    name, _, text = spec.rpartition("@")
+    kind = plan_format(name)
+    if kind is None or not kind.has_scale:
+        return spec, plan_format(spec), None
+    return name, kind, _metres_per_pixel(spec, text)
 
 
 def _open_folder(path: Path) -> PlanSource:

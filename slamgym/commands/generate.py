@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
+from slamgym.cad.plan_formats import PLANS_HELP
 from slamgym.commands.frame import Out
-from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
@@ -22,6 +23,13 @@ if TYPE_CHECKING:
     from slamgym.dataset.generate.recipe import DatasetConfig
 
 
+SEVERAL_PLANS_HELP = (
+    f"{PLANS_HELP} May be given several times or with commas; ``=WEIGHT`` behind a source makes it come more often, as "
+    "in ``json.tar.gz=8``. By default ``bundled``."
+)
+"""What the option --plans takes."""
+
+
 class GenerateArguments(Arguments):
     """Explore floor plans with a simulated robot and write SLAM/CAD map pairs.
 
@@ -31,10 +39,9 @@ class GenerateArguments(Arguments):
 
     out: Out
     """Folder of the dataset; made if it is missing, continued if it holds one made with the same settings."""
-    plans: Annotated[tuple[str, ...], tyro.conf.UseAppendAction] = ()
-    """Floor plans: a file, a folder or a .tar.gz of HouseExpo plans, a ROS map's yaml, ``bundled`` (the
-    default), or ``procedural``, also ``procedural:home`` or ``procedural:office:loops``. May be given several
-    times or with commas; ``=WEIGHT`` behind a source makes it come more often, as in ``json.tar.gz=8``."""
+    plans: Annotated[
+        tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(help=SEVERAL_PLANS_HELP)
+    ] = ()
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
     plans_filter: PlanFilter | None = None
@@ -108,8 +115,14 @@ def dataset_config(arguments: GenerateArguments) -> DatasetConfig:
     """The settings that decide the content."""
     from slamgym.dataset.generate.recipe import DatasetConfig, open_recipe
 
-    options = given(arguments, "seed plans_filter trajectories explorer minutes")
-    options["recipe"] = arguments.recipe and open_recipe(arguments.recipe)
+    options = {
+        "seed": arguments.seed,
+        "plans_filter": arguments.plans_filter,
+        "trajectories": arguments.trajectories,
+        "explorer": arguments.explorer,
+        "minutes": arguments.minutes,
+        "recipe": arguments.recipe and open_recipe(arguments.recipe),
+    }
     return arguments.settings.configured(DatasetConfig(), options)
 
 

@@ -6,10 +6,11 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import tyro
 
+from slamgym.cad.plan_formats import PLANS_HELP
 from slamgym.commands.frame import MaybeOut, Out
 from slamgym.core.config import Arguments, Count
 from slamgym.core.errors import ConfigError, PlanError
@@ -29,9 +30,7 @@ MAX_NAMED = 10
 class _Selection(Arguments):
     """Which plans."""
 
-    plans: tyro.conf.Positional[str] = "bundled"
-    """``bundled``; ``procedural`` or ``procedural:SEED``; a HouseExpo file, a folder or a .tar.gz of them; a
-    ROS map's yaml; a picture and its metres per pixel, as in plan.png@0.05."""
+    plans: Annotated[str, tyro.conf.Positional, tyro.conf.arg(help=PLANS_HELP)] = "bundled"
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
     count: Count | None = None
@@ -116,7 +115,8 @@ def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
             f"{len(ids)} plans are too many for one picture; add --count 24, for example"
         )
     console = Console(stderr=True)
-    radius, extent = RobotConfig().radius, ObservationConfig().largest_extent
+    radius = RobotConfig().radius
+    extent = ObservationConfig().largest_extent
     rejections: _Rejections = []
 
     def usable() -> Iterator[FloorPlan]:

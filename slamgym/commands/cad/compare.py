@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 
+from slamgym.cad.plan_formats import PLAN_FILES
 from slamgym.commands.frame import Out, require_folder, require_plan, show_table
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive
@@ -28,9 +29,7 @@ class CompareArguments(Arguments):
     Where the map lies on the plan is found by itself. Exit status 1 if the two don't fit together.
     """
 
-    plan: tyro.conf.Positional[str]
-    """DXF, IFC, GeoJSON, HouseExpo JSON, a ROS map's yaml, or a picture with its metres per pixel (plan.png@0.05);
-    a DXF that doesn't say its unit is read as plan.dxf@0.001."""
+    plan: Annotated[str, tyro.conf.Positional, tyro.conf.arg(help=f"The plan: {PLAN_FILES}.")]
     map: tyro.conf.Positional[Path]
     """The map: a ROS yaml or its folder, Valetudo's JSON or PNG, or a picture (--resolution)."""
     out: Out
@@ -77,9 +76,9 @@ def main(arguments: CompareArguments, typed: str) -> int:
 
 def _read_plan(arguments: CompareArguments) -> FloorPlan:
     """The plan, with what is doubtful about it."""
-    from slamgym.cad.sources import open_drawing, open_plans
+    from slamgym.cad.sources import open_drawing
 
-    source = open_drawing(arguments.plan, arguments.layers) or open_plans(arguments.plan)
+    source = open_drawing(arguments.plan, arguments.layers)
     ids = list(source.ids)
     wanted = arguments.storey or ids[0]
     fitting = (plan_id for plan_id in ids if plan_id.endswith(f"-{wanted}"))
@@ -106,7 +105,9 @@ def _report(found: PlanComparison, folder: Path) -> None:
 
 
 def _row(change: PlanFinding) -> list[str]:
-    x, y = 0.5 * (change.line[0] + change.line[2]), 0.5 * (change.line[1] + change.line[3])
+    x0, y0, x1, y1 = change.line
+    x = 0.5 * (x0 + x1)
+    y = 0.5 * (y0 + y1)
     lengths = change.offset, change.error, change.raw_offset
     moved = ["" if length is None else f"{100.0 * length:.0f}" for length in lengths]
     return [
