@@ -244,7 +244,7 @@ def test_the_example_learns_a_few_updates(recurrent):
     assert len(coverages) == 3
     assert all(0.0 < coverage < 1.0 and math.isfinite(coverage) for coverage in coverages)
     lines = (ROOT / "examples" / "ppo_wheels.py").read_text().splitlines()
-    assert len(lines) <= 200
+    assert len(lines) <= 220
 
 
 def test_the_memory_of_the_example_ends_with_an_episode():
