@@ -57,7 +57,8 @@ def candidates(
     """
     space = FreeSpace(floor)
     lines = candidate_lines(space)
-    door = (layers.door / np.maximum(layers.free, 0.1)).astype(np.float32)
+    among_free = layers.door / np.maximum(layers.free, 0.1)
+    door = among_free.astype(np.float32)
     return lines, boundary_signs(lines, space, free, door, frame)
 
 
@@ -69,7 +70,8 @@ def candidate_lines(space: FreeSpace) -> FloatArray:
     usable = np.flatnonzero(_runs_inside(lines, space) & _is_unobstructed(lines, space))
     chosen = _spread(lines, usable.tolist())
     chosen = chosen[np.argsort(lines.width[chosen], kind="stable")]
-    return np.stack([lines.start[chosen], lines.end[chosen]], axis=1)
+    lines = lines.take(chosen)
+    return np.stack([lines.start, lines.end], axis=1)
 
 
 class _Lines(NamedTuple):
@@ -101,11 +103,12 @@ def _lines_from_corners(space: FreeSpace) -> _Lines:
     share /= np.maximum(space.length[edge] ** 2, 1e-12)
     share = np.clip(share, 0.0, 1.0)
     end = space.start[edge] + share[:, None] * along
-    width = np.hypot(*(end - start).T)
+    width = line_widths(np.stack([start, end], axis=1))
     is_end = (share < 1e-6) | (share > 1.0 - 1e-6)
     nearer_end = np.where(share < 0.5, edge, space.after[edge])
     may_end_there = space.is_wall_corner[nearer_end] | ~is_end
-    good = np.flatnonzero((width > NARROWEST) & (width < WIDEST) & may_end_there)
+    may_be_boundary = (width > NARROWEST) & (width < WIDEST)
+    good = np.flatnonzero(may_be_boundary & may_end_there)
     return _Lines(corner, start, end, width).take(good)
 
 
@@ -144,7 +147,8 @@ def _spread(lines: _Lines, usable: Sequence[int]) -> IntArray:
 
 def line_widths(lines: FloatArray) -> FloatArray:
     """Widths of lines (N, 2, 2), from end to end."""
-    return np.asarray(np.hypot(*(lines[:, 1] - lines[:, 0]).T))
+    x, y = (lines[:, 1] - lines[:, 0]).T
+    return np.asarray(np.hypot(x, y))
 
 
 def boundary_signs(
@@ -165,13 +169,15 @@ def boundary_signs(
         frame: Where the cells lie.
     """
     width = line_widths(lines)
-    along = (lines[:, 1] - lines[:, 0]) / width[:, None]
+    start = lines[:, 0]
+    end = lines[:, 1]
+    along = (end - start) / width[:, None]
     aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
     on_line = _doors_along(lines, door, frame)
     depth = _depth(lines, aside, space)
     other_depth = _depth(lines, -aside, space)
-    wall_before = _wall_beyond(lines[:, 0], -along, free, frame)
-    wall_after = _wall_beyond(lines[:, 1], along, free, frame)
+    wall_before = _wall_beyond(start, -along, free, frame)
+    wall_after = _wall_beyond(end, along, free, frame)
     return np.column_stack(
         [
             _log_odds(on_line.min(axis=1)),
@@ -187,8 +193,10 @@ def _doors_along(lines: FloatArray, door: Float32Array, frame: GridFrame) -> Flo
     """Largest probabilities of a door around places along lines, (N, places)."""
     size = 2 * round(DOOR_REACH / frame.resolution) + 1
     around = cv2.dilate(door, np.ones((size, size), np.uint8))
+    start = lines[:, :1]
+    end = lines[:, 1:]
     share = np.linspace(0.05, 0.95, 13)[None, :, None]
-    places = lines[:, :1] + share * (lines[:, 1:] - lines[:, :1])
+    places = start + share * (end - start)
     return values_at(around, frame, places, 0.0)
 
 
@@ -210,7 +218,8 @@ def _wall_beyond(
 
 def _log_odds(share: FloatArray) -> FloatArray:
     """Log odds of shares in [0, 1], which stay finite."""
-    return np.asarray(np.log((share + 0.01) / (1.01 - share)))
+    odds = (share + 0.01) / (1.01 - share)
+    return np.asarray(np.log(odds))
 
 
 def boundary_log_odds(signs: FloatArray) -> FloatArray:

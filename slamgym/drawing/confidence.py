@@ -75,13 +75,17 @@ def wall_signs(walls: Sequence[WallPiece], evidence: Evidence) -> FloatArray:
     """
     seen = [float(evidence.seen_along(wall).mean()) for wall in walls]
     hidden = [evidence.hidden_behind(wall) for wall in walls]
-    ends = np.array([wall.centre_line for wall in walls]).reshape(-1, 2, 2)
+    count = len(walls)
+    centre_lines = [wall.centre_line for wall in walls]
+    ends = np.array(centre_lines).reshape(-1, 2, 2)
     lines: Any = shapely.linestrings(ends)
     tree = shapely.STRtree(lines)
     one, other = tree.query(lines, predicate="dwithin", distance=NEAR_WALL)
-    metres_around = np.bincount(one, shapely.length(lines)[other], minlength=len(walls))
-    pieces_around = np.bincount(one, minlength=len(walls))
-    return np.column_stack([seen, hidden, np.log(pieces_around / metres_around)])
+    length = shapely.length(lines)
+    metres_around = np.bincount(one, length[other], minlength=count)
+    pieces_around = np.bincount(one, minlength=count)
+    pieces_per_metre = np.log(pieces_around / metres_around)
+    return np.column_stack([seen, hidden, pieces_per_metre])
 
 
 def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
@@ -94,7 +98,8 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
 def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
     """Where runs of the seen and of the unseen begin and end; shorter ones are joined with their neighbours."""
     changes = np.flatnonzero(np.diff(seen)) + 1
-    runs = list(itertools.pairwise([0, *changes.tolist(), len(seen)]))
+    marks = [0, *changes.tolist(), len(seen)]
+    runs = list(itertools.pairwise(marks))
     while len(runs) > 1:
         lengths = [high - low for low, high in runs]
         if min(lengths) >= least:

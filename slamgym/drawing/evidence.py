@@ -88,7 +88,8 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     inside = filled(floor, grid.frame)
     unseen = inside & (grid.cells == UNKNOWN)
     three = np.ones((3, 3), np.uint8)
-    closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, three) & inside
+    closed = cv2.morphologyEx(unseen.astype(np.uint8), cv2.MORPH_CLOSE, three)
+    closed &= inside
     # Between the map's last free cell and a wall's face there may be a single cell of unknown: patches have a width.
     two = np.ones((2, 2), np.uint8)
     wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, two) > 0
@@ -121,7 +122,8 @@ def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
 
 def share_seen_open(line: FloatArray, grid: OccupancyGrid) -> float:
     """Share of a line (2, 2) [m] that the map shows as free."""
+    start, end = line
     share = np.linspace(0.1, 0.9, 17)[:, None]
-    points = line[0] + share * (line[1] - line[0])
+    points = start + share * (end - start)
     cells = values_at(grid.cells, grid.frame, points, UNKNOWN)
     return float((cells == FREE).mean())

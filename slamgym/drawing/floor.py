@@ -123,7 +123,8 @@ def floor_of_rooms(
     Returns:
         Probability of being floor, (H, W).
     """
-    known = distance_to(echoes | (seen & (free >= 0.5))) <= SEEN_WITHIN / cell
+    is_floor_seen = seen & (free >= 0.5)
+    known = distance_to(echoes | is_floor_seen) <= SEEN_WITHIN / cell
     opened = _rejected_rooms(free, seen, known, cell)
     free = np.where(opened, np.maximum(free, faces_within_cells(seen)), free)
     floor = (free >= 0.5) & ~_thin_walls(seen, rooms, cell)
@@ -195,7 +196,8 @@ def _doubted(
     labels, closed = _patches(floor & away, known)
     count = len(closed)
     sizes = np.bincount(labels.ravel())
-    mean = np.bincount(labels.ravel(), free.ravel(), count) / np.maximum(sizes, 1)
+    total = np.bincount(labels.ravel(), free.ravel(), count)
+    mean = total / np.maximum(sizes, 1)
     reach = math.ceil(2.0 * BESIDE_SEEN / cell)
     rooms_beside = _rooms_beside(_widened(labels, reach), rooms, count)
     is_unsure = mean < SURE_OF_UNSEEN

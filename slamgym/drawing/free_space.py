@@ -18,14 +18,18 @@ class FreeSpace:
         following = [np.roll(ring, -1, axis=0) for ring in rings]
         self.start = np.concatenate(rings)
         self.along = np.concatenate(following) - self.start
-        self.length = np.hypot(*self.along.T)
-        self.direction = self.along / np.maximum(self.length, 1e-12)[:, None]
+        x, y = self.along.T
+        self.length = np.hypot(x, y)
+        divisor = np.maximum(self.length, 1e-12)
+        self.direction = self.along / divisor[:, None]
         self.before = _numbers_before([len(ring) for ring in rings])
         self.after: IntArray = np.argsort(self.before)
-        ends = np.stack([self.start, self.start + self.along], axis=1)
+        end = self.start + self.along
+        ends = np.stack([self.start, end], axis=1)
         edges = shapely.linestrings(ends)
         self._edges = shapely.STRtree(np.asarray(edges))
-        self.turn = cross(self.direction[self.before], self.direction)
+        direction_before = self.direction[self.before]
+        self.turn = cross(direction_before, self.direction)
         """Sine of the angle by which the outline turns to the left where each edge starts."""
         self.is_wall_corner: BoolArray = self.turn < -math.sin(math.radians(15.0))
 
@@ -40,12 +44,14 @@ class FreeSpace:
         edges = self._edges.geometries
         edge, other = self._edges.query(edges, predicate="dwithin", distance=distance)
         order = np.lexsort((other, edge))
-        firsts = np.searchsorted(edge[order], np.arange(1, len(self.start)))
+        following = np.arange(1, len(self.start))
+        firsts = np.searchsorted(edge[order], following)
         return np.split(other[order], firsts)
 
     def reach(self, places: FloatArray, directions: FloatArray, most: float) -> FloatArray:
         """How far one can go from places (N, 2) in directions (N, 2) until an edge is met, ``most`` at most [m]."""
-        ends = np.stack([places, places + most * directions], axis=1)
+        farthest = places + most * directions
+        ends = np.stack([places, farthest], axis=1)
         ray, edge = self._edges.query(shapely.linestrings(ends))
         way = directions[ray]
         along = self.along[edge]

@@ -83,12 +83,13 @@ def likely_gaps(
     lines = lines[order]
     odds = odds[order]
     stays = np.ones(len(lines), np.bool_)
-    for likelier, other in sorted(_rivals(lines).T.tolist()):
+    rivals = _rivals(lines).T.tolist()
+    for likelier, other in sorted(rivals):
         stays[other] &= not stays[likelier]
     gaps = []
-    for line, value in zip(lines[stays].tolist(), odds[stays].tolist(), strict=True):
-        (x0, y0), (x1, y1) = line
-        gaps.append(Gap((x0, y0), (x1, y1), value))
+    for index in np.flatnonzero(stays):
+        (x0, y0), (x1, y1) = lines[index].tolist()
+        gaps.append(Gap((x0, y0), (x1, y1), float(odds[index])))
     return gaps
 
 
@@ -123,14 +124,21 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
         if min(a, b) >= 0 and room[a] != room[b]:
             kept.append(gap)
     rooms = _cut(floor, kept)
-    rooms.sort(key=lambda part: (-round(part.centroid.y, 3), part.centroid.x))
+    rooms.sort(key=_from_top_left)
     doors = []
     joins = []
-    for gap, (a, b) in zip(kept, joined_rooms(rooms, kept).tolist(), strict=True):
+    sides = joined_rooms(rooms, kept)
+    for gap, (a, b) in zip(kept, sides.tolist(), strict=True):
         if min(a, b) >= 0 and a != b:
             doors.append(gap)
             joins.append((a, b))
     return Division(tuple(rooms), tuple(doors), tuple(joins))
+
+
+def _from_top_left(part: Polygon) -> tuple[float, float]:
+    """Key that orders rooms line by line."""
+    centre = part.centroid
+    return -round(centre.y, 3), centre.x
 
 
 def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
@@ -148,7 +156,9 @@ def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
     odds = odds[is_inside]
     while True:
         pairs = np.sort(room[pairs], axis=1)
-        is_apart = pairs[:, 0] != pairs[:, 1]
+        low = pairs[:, 0]
+        high = pairs[:, 1]
+        is_apart = low != high
         code, number = np.unique(pairs[is_apart] @ (count, 1), return_inverse=True)
         pairs = np.stack(np.divmod(code, count), axis=1)
         odds = np.bincount(number, odds[is_apart]).astype(np.float64)
@@ -177,11 +187,14 @@ def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
 
 def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> IntArray:
     """Which part of a floor lies on either side of each gap, (G, 2); -1 for none."""
-    ends = np.array([(gap.start, gap.end) for gap in gaps]).reshape(-1, 2, 2)
+    pairs = [(gap.start, gap.end) for gap in gaps]
+    ends = np.array(pairs).reshape(-1, 2, 2)
     along = ends[:, 1] - ends[:, 0]
-    aside = along[:, ::-1] * (-INTO_WALLS, INTO_WALLS) / line_widths(ends)[:, None]
+    normal = along[:, ::-1] * (-INTO_WALLS, INTO_WALLS)
+    aside = normal / line_widths(ends)[:, None]
     middles = ends.mean(axis=1)
-    places = shapely.points(middles[None] + np.stack([aside, -aside]))
+    beside = middles[None] + np.stack([aside, -aside])
+    places = shapely.points(beside)
     tree = shapely.STRtree(list(parts))
     sides = np.full(places.shape, -1)
     for side, row in zip(places, sides, strict=True):

@@ -1,6 +1,7 @@
 """From outlines to valid polygons with straight edges: the floor."""
 
 import cmath
+import itertools
 import math
 
 import numpy as np
@@ -59,7 +60,7 @@ def ring_corners(edges: list[Edge], most: float) -> FloatArray:
         (N, 2), one that two edges share twice [m].
     """
     ends = []
-    for edge, following in zip(edges, [*edges[1:], *edges[:1]], strict=True):
+    for edge, following in itertools.pairwise([*edges, edges[0]]):
         gap = edge.end - following.start
         place = 0.5 * (edge.end + following.start)
         corner = crossing(edge, following)

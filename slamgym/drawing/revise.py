@@ -28,7 +28,8 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
     changed: BaseGeometry = floor
     for entry in corrections.of("remove_wall"):
         body = _removed(entry)
-        if body.difference(floor).area < 0.1 * body.area or not body.intersects(floor):
+        solid = body.difference(floor)
+        if solid.area < 0.1 * body.area or not body.intersects(floor):
             raise corrections.error(entry, "no wall stands there")
         changed = changed.union(body)
     for entry in corrections.of("add_wall"):
@@ -37,11 +38,13 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
         added = _added(entry, floor).intersection(changed)
         changed = changed.difference(_parts_at(entry.shape, added))
     for entry in corrections.of("add_door"):
-        solid = entry.shape.buffer(THICKEST_WALL, cap_style="flat").difference(changed)
-        passage = _parts_at(entry.shape, solid)
+        line = entry.shape
+        widened = line.buffer(THICKEST_WALL, cap_style="flat")
+        passage = _parts_at(line, widened.difference(changed))
+        rim = changed.intersection(passage.buffer(1e-3))
         # In a wall with rooms on both sides.
-        beside = changed.intersection(passage.buffer(1e-3)).area / 1e-3
-        if _share_within(entry.shape, changed) < 0.5 and beside > 1.5 * entry.shape.length:
+        joins_rooms = rim.area / 1e-3 > 1.5 * line.length
+        if _share_within(line, changed) < 0.5 and joins_rooms:
             changed = changed.union(passage)
     return floor if changed is floor else _without_slits(changed)
 

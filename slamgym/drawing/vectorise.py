@@ -229,8 +229,9 @@ def _dimensions(
     for k, axis in enumerate(axes):
         beside = 1 - k
         aside = (spans[beside].min() - 0.8) * axes[beside]
-        ends = [place * axis + aside for place in (spans[k].min(), spans[k].max())]
-        found.append((LineString(ends), "building"))
+        first = spans[k].min() * axis + aside
+        last = spans[k].max() * axis + aside
+        found.append((LineString([first, last]), "building"))
     dimensions = []
     for line, of in found:
         (x0, y0), (x1, y1) = line.coords

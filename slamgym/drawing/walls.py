@@ -58,7 +58,8 @@ class WallPiece:
     @property
     def body(self) -> Polygon:
         """A rectangle, corners included."""
-        shares = np.array([-self.before, self.length + self.after]) / self.length
+        ends = np.array([-self.before, self.length + self.after])
+        shares = ends / self.length
         face = self.places(shares, 0.0)
         other = self.places(shares, self.thickness)
         return Polygon([face[0], *other, face[1]])
@@ -125,19 +126,22 @@ class _Faces:
     def longest_first(self) -> list[int]:
         """The numbers of all faces."""
         numbers = range(len(self.lengths))
-        return sorted(numbers, key=lambda number: (-round(self.lengths[number], 4), number))
+        return sorted(numbers, key=lambda number: -round(self.lengths[number], 4))
 
     def behind(self, face: int) -> Iterator[tuple[int, _Stretch]]:
         """Faces that stand back to back with one, the nearest first."""
         near = self._near[face]
         start = self._start[near]
-        ends = np.stack([start, start + self._length[near] * self._direction[near]])
+        direction = self._direction[near]
+        end = start + self._length[near] * direction
+        ends = np.stack([start, end])
         turn = self._direction[face].conjugate()
         places = (ends - self._start[face]) * turn
-        low = np.maximum(places.real.min(axis=0), 0.0)
-        high = np.minimum(places.real.max(axis=0), self._length[face])
+        along = places.real
+        low = np.maximum(along.min(axis=0), 0.0)
+        high = np.minimum(along.max(axis=0), self._length[face])
         depth = -places.imag.mean(axis=0)
-        is_opposite = (self._direction[near] * turn).real < -ANTIPARALLEL
+        is_opposite = (direction * turn).real < -ANTIPARALLEL
         is_wall = (depth > 0.005) & (depth <= THICKEST_WALL)
         good = is_opposite & is_wall & (high - low > SHORTEST)
         for k in sorted(np.flatnonzero(good).tolist(), key=depth.__getitem__):
@@ -159,8 +163,10 @@ class _Faces:
         last = complex(start + part.high * direction)
         # Longer at the corners of its room, so that bodies meet.
         corner = max(part.thickness, OUTER_THICKNESS)
-        from_corner = part.low < 1e-6 and self._is_convex[face]
-        to_corner = part.high > self.lengths[face] - 1e-6 and self._is_convex[self._after[face]]
+        is_at_start = part.low < 1e-6
+        is_at_end = part.high > self.lengths[face] - 1e-6
+        from_corner = is_at_start and self._is_convex[face]
+        to_corner = is_at_end and self._is_convex[self._after[face]]
         before = corner if from_corner else 0.0
         after = corner if to_corner else 0.0
         return WallPiece(first, last, part.thickness, part.known, before, after)
@@ -168,8 +174,10 @@ class _Faces:
     def covered(self, face: int, piece: WallPiece) -> tuple[float, float]:
         """From where to where a wall lies along a face behind it [m]."""
         ends = np.array([piece.end, piece.start])
-        places = (ends - self._start[face]) * self._direction[face].conjugate()
-        low, high = np.clip(places.real, 0.0, self.lengths[face]).tolist()
+        turn = self._direction[face].conjugate()
+        places = (ends - self._start[face]) * turn
+        along = np.clip(places.real, 0.0, self.lengths[face])
+        low, high = along.tolist()
         return low, high
 
 
@@ -188,9 +196,8 @@ def _stretches(
             cells.append(_nearest_behind(behind, low, high))
     merged: list[_Stretch] = []
     for cell, following in itertools.zip_longest(cells, cells[1:]):
-        last = merged[-1] if merged else None
-        if last and abs(last.high - cell.low) < 1e-6 and _is_one_wall(last, cell, following, whole):
-            merged[-1] = last._replace(high=cell.high)
+        if merged and _is_one_wall(merged[-1], cell, following, whole):
+            merged[-1] = merged[-1]._replace(high=cell.high)
         else:
             merged.append(cell)
     return merged
@@ -207,6 +214,8 @@ def _nearest_behind(behind: Sequence[_Stretch], low: float, high: float) -> _Str
 
 def _is_one_wall(last: _Stretch, cell: _Stretch, following: _Stretch | None, whole: bool) -> bool:
     """True if a stretch continues the one before it, or only bridges the place where a wall meets from behind."""
+    if abs(last.high - cell.low) >= 1e-6:
+        return False
     if last.continues(cell):
         return True
     may_bridge = whole and not cell.known and cell.high - cell.low <= THICKEST_WALL

@@ -80,9 +80,9 @@ def measure_dimensions(
     drawn = np.asarray(floor, dtype=np.float32)
     truth = np.asarray(true_floor, dtype=np.float32)
     rooms = label_rooms(truth >= FLOOR, metres_per_px)
-    widths = []
-    lengths = []
-    thicknesses = []
+    widths = list[float]()
+    lengths = list[float]()
+    thicknesses = list[float]()
     for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
         widths += _width_errors(a, b, labels, metres_per_px)
         thicknesses += _thickness_errors(a, b, metres_per_px)
@@ -165,8 +165,7 @@ def floor_runs(line: Float32Array) -> list[Run]:
     padded = np.concatenate([[0.0], line.astype(np.float64), [0.0]])
     starts = firsts + 0.5 - padded[firsts + 1] - padded[firsts]
     ends = lasts - 0.5 + padded[lasts + 1] + padded[lasts + 2]
-    found = zip(firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist(), strict=True)
-    return [Run(first, last, start, end) for first, last, start, end in found]
+    return list(map(Run, firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist()))
 
 
 def wall_runs(line: Float32Array) -> list[Run]:

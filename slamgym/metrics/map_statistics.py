@@ -15,13 +15,20 @@ COARSEST_CELL = 0.06
 """Maps of larger cells are not compared: finer cells can't bring back what they never held [m]."""
 _MIN_OCCUPIED = 0.2
 """A wall one cell thick, drawn at 1 or 2 cm, stays closed wherever it lies on the coarser grid."""
-_MARGIN_CELLS = 2  # both rows of a wall that SLAM has drawn twice
+_MARGIN_CELLS = 2
+"""Margin round the floor: both rows of a wall that SLAM has drawn twice."""
 _SPECK_CELLS = 3
-_RAY_CELLS = 6  # shortest thin part of the free space that counts as a ray
-_NEIGHBOURHOOD = 2.0  # [cells] of the structure tensor, standard deviation
-_STRAIGHT = 0.5  # coherence below which a wall cell is part of a corner or clutter
+"""Most cells of a speck or a dot."""
+_RAY_CELLS = 6
+"""Shortest thin part of the free space that counts as a ray."""
+_NEIGHBOURHOOD = 2.0
+"""Standard deviation of the structure tensor's neighbourhood [cells]."""
+_STRAIGHT = 0.5
+"""Coherence below which a wall cell is part of a corner or clutter."""
 _SQUARE = np.ones((3, 3), np.uint8)
-_UNIFORM = (0, 40, 80)  # codes of the 2 x 2 patterns of one value
+"""A cell and its eight neighbours."""
+_UNIFORM = (0, 40, 80)
+"""Codes of the 2 x 2 patterns of one value."""
 
 LOOK_NAMES = {
     "open_border": "open border (share)",
@@ -60,7 +67,9 @@ def at_look_cell(cells: ByteArray, resolution: float) -> ByteArray:
     """
     if abs(resolution - LOOK_CELL) < 0.02 * LOOK_CELL:
         return cells
-    rows, cols = (max(1, round(n * resolution / LOOK_CELL)) for n in cells.shape)
+    height, width = cells.shape
+    rows = max(1, round(height * resolution / LOOK_CELL))
+    cols = max(1, round(width * resolution / LOOK_CELL))
     return resample_slam(cells, (rows, cols), _MIN_OCCUPIED)
 
 
@@ -197,7 +206,8 @@ def _run_lengths(occupied: BoolArray) -> dict[str, float]:
 
 def _patterns(cells: ByteArray) -> dict[str, float]:
     """Share of each 2 x 2 pattern among the patterns that are not uniform."""
-    level = np.where(cells == FREE, 2, np.where(cells == UNKNOWN, 1, 0))
+    not_free = np.where(cells == UNKNOWN, 1, 0)
+    level = np.where(cells == FREE, 2, not_free)
     upper = level[:-1, :-1] + 3 * level[:-1, 1:]
     lower = level[1:, :-1] + 3 * level[1:, 1:]
     code = upper + 9 * lower
@@ -249,7 +259,8 @@ def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
     )
     of_cell = labels.ravel()
     count = np.bincount(of_cell, minlength=len(stats))
-    share = np.bincount(of_cell, near.ravel(), len(stats)) / np.maximum(count, 1)
+    unknown_near = np.bincount(of_cell, near.ravel(), len(stats))
+    share = unknown_near / np.maximum(count, 1)
     is_small = stats[:, cv2.CC_STAT_AREA] <= _SPECK_CELLS
     is_dot = is_small & (share > 0.5)
     return int(is_dot[1:].sum())

@@ -86,7 +86,9 @@ def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray:
     cols = np.flatnonzero(known.any(axis=0))
     if len(rows) == 0:
         return cells
-    part = cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
+    in_rows = slice(rows[0], rows[-1] + 1)
+    in_cols = slice(cols[0], cols[-1] + 1)
+    part = cells[in_rows, in_cols]
     return np.pad(part, margin_px, constant_values=UNKNOWN)
 
 
@@ -102,16 +104,19 @@ def resample_slam(
     """
     if cells.shape == shape:
         return cells
-    size = (shape[1], shape[0])
-    if shape[0] >= cells.shape[0] and shape[1] >= cells.shape[1]:
+    rows, cols = shape
+    size = (cols, rows)
+    if rows >= cells.shape[0] and cols >= cells.shape[1]:
         grown = cv2.resize(cells, size, interpolation=cv2.INTER_NEAREST_EXACT)
         return np.asarray(grown, dtype=np.uint8)
     occupied = _shrunk(cells == OCCUPIED, size)
     free = _shrunk(cells == FREE, size)
-    result = np.where(free >= 0.5 * (1.0 - occupied), FREE, UNKNOWN)
+    is_occupied = occupied >= min_occupied
+    is_free = free >= 0.5 * (1.0 - occupied)
+    result = np.where(is_free, FREE, UNKNOWN)
     # Nothing of it known: neither share may decide.
-    result[(free == 0.0) & (occupied < min_occupied)] = UNKNOWN
-    return np.where(occupied >= min_occupied, OCCUPIED, result).astype(np.uint8)
+    result[(free == 0.0) & ~is_occupied] = UNKNOWN
+    return np.where(is_occupied, OCCUPIED, result).astype(np.uint8)
 
 
 def _shrunk(mask: BoolArray, size: tuple[int, int]) -> Float32Array:

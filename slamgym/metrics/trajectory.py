@@ -104,7 +104,9 @@ def align_se2(points: FloatArray, target: FloatArray) -> Pose2D:
     target_centre = target.mean(axis=0)
     a = points - centre
     b = target - target_centre
-    cross = (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]).sum()
+    a_x, a_y = a.T
+    b_x, b_y = b.T
+    cross = (a_x * b_y - a_y * b_x).sum()
     dot = (a * b).sum()
     theta = float(np.arctan2(cross, dot))
     cos = np.cos(theta)
@@ -130,7 +132,8 @@ def absolute_trajectory_error(
     """
     reference, poses = _paired(estimate, truth)
     if align and len(poses):
-        poses = transform_poses(align_se2(poses[:, :2], reference[:, :2]), poses)
+        motion = align_se2(poses[:, :2], reference[:, :2])
+        poses = transform_poses(motion, poses)
     error = poses - reference
     error[:, 2] = wrap_angle(error[:, 2])
     return _pose_error(error)
@@ -156,7 +159,8 @@ def relative_pose_error(
         ValueError: If the shared path is shorter than ``delta``.
     """
     reference, poses = _paired(estimate, truth)
-    steps = np.hypot(*np.diff(reference[:, :2], axis=0).T)
+    dx, dy = np.diff(reference[:, :2], axis=0).T
+    steps = np.hypot(dx, dy)
     travelled = np.concatenate([[0.0], steps.cumsum()])
     ends = np.searchsorted(travelled, travelled + delta - 1e-9)
     starts = np.flatnonzero(ends < len(travelled))

@@ -108,7 +108,8 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
         pieces: (N, 2), differences of their ends.
         shortest: Shortest length of the pieces that count; what is longer counts with its length beyond this.
     """
-    lengths = np.hypot(*pieces.T)
+    x, y = pieces.T
+    lengths = np.hypot(x, y)
     is_long = lengths > shortest
     pieces = pieces[is_long]
     lengths = lengths[is_long]
@@ -151,7 +152,7 @@ def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
     first = int(np.argmin(kept))
     points = np.roll(points, -first, axis=0)
     kept = np.roll(kept, -first)
-    changes = np.diff(np.concatenate([[0], kept.astype(np.int8), [0]]))
+    changes = np.diff(kept, prepend=False, append=False)
     ends = np.flatnonzero(changes).reshape(-1, 2)
     runs = [points[start:end] for start, end in ends]
     return [run for run in runs if len(run) >= SHORTEST_PX]
@@ -160,16 +161,20 @@ def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
 def _fitted(run: np.ndarray) -> FloatArray:
     """Straight pieces of a stretch of an outline, each along the line that fits its cells best."""
     corners = cv2.approxPolyDP(run.astype(np.int32), TOLERANCE_PX, False)[:, 0, :]
-    places = {(int(x), int(y)): index for index, (x, y) in reversed(list(enumerate(run)))}
+    places: dict[tuple[int, int], int] = {}
+    for index, (x, y) in enumerate(run.tolist()):
+        places.setdefault((x, y), index)
     found = []
     for (x0, y0), (x1, y1) in itertools.pairwise(corners.tolist()):
-        length = math.hypot(x1 - x0, y1 - y0)
+        right = x1 - x0
+        up = y0 - y1
+        length = math.hypot(right, up)
         if length < SHORTEST_PX:
             continue
         first = places[x0, y0]
         last = places[x1, y1]
         if last - first < 2:
-            found.append((x1 - x0, y0 - y1))
+            found.append((right, up))
             continue
         angle = _angle(run[first : last + 1].astype(np.float64))
         found.append((length * math.cos(angle), -length * math.sin(angle)))
@@ -179,7 +184,9 @@ def _fitted(run: np.ndarray) -> FloatArray:
 def _angle(points: FloatArray) -> float:
     """Direction of the line that fits points (N, 2) best [rad]."""
     x, y = (points - points.mean(axis=0)).T
-    return 0.5 * math.atan2(2.0 * float(x @ y), float(x @ x - y @ y))
+    mixed = float(x @ y)
+    difference = float(x @ x - y @ y)
+    return 0.5 * math.atan2(2.0 * mixed, difference)
 
 
 def angle_to_undo_deg(cells: ByteArray) -> float:
@@ -254,7 +261,8 @@ def transformed(
         fill: Value of what comes from beyond the border.
         method: OpenCV's interpolation.
     """
-    size = (image.shape[1], image.shape[0])
+    rows, cols = image.shape[:2]
+    size = (cols, rows)
     return cv2.warpAffine(
         image, matrix, size, flags=method, borderMode=cv2.BORDER_CONSTANT, borderValue=fill
     )

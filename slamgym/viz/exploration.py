@@ -179,7 +179,8 @@ def _averaged(colours: ByteArray, shrink: int) -> ByteArray:
     cols = math.ceil(width / shrink)
     padded = blank((rows * shrink, cols * shrink), UNKNOWN_TINT)
     padded[rows * shrink - height :, :width] = colours
-    return np.asarray(cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA))
+    averaged = cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA)
+    return np.asarray(averaged)
 
 
 def panel_of(picture: ByteArray, index: int) -> ByteArray:
@@ -246,7 +247,8 @@ def _draw_beams(panel: ByteArray, scene: Scene, view: _View) -> None:
     """The area that the scanner overlooks, see-through."""
     mount = compose(scene.true_pose, scene.scan.geometry.mount)
     ends = beam_ends(scene.scan, scene.true_pose, scene.true_ranges)
-    outline = view.pixels(np.vstack([[mount.x, mount.y], ends]))
+    corners = np.vstack([[mount.x, mount.y], ends])
+    outline = view.pixels(corners)
     whole = outline >> SHIFT
     low = np.maximum(whole.min(axis=0) - 2, 0)
     high = whole.max(axis=0) + 3
@@ -264,7 +266,8 @@ def _draw_robot(
     """A disc with a line to where it looks."""
     nose_x = pose.x + radius * math.cos(pose.theta)
     nose_y = pose.y + radius * math.sin(pose.theta)
-    middle, tip = view.pixels(np.array([[pose.x, pose.y], [nose_x, nose_y]])).tolist()
+    ends = np.array([[pose.x, pose.y], [nose_x, nose_y]])
+    middle, tip = view.pixels(ends).tolist()
     size = round(max(radius * view.scale, 7.0) * (1 << SHIFT))
     if filled:
         cv2.circle(panel, middle, size, colour, -1, cv2.LINE_AA, SHIFT)

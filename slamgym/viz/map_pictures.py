@@ -196,7 +196,8 @@ class GrowingView:
         left = round((grid_left - min_x) * scale)
         top = round((max_y - grid_top) * scale)
         cells = rescaled(colour_cells(grid.cells), scale * grid.frame.resolution)
-        paste(np.moveaxis(view, 2, 0), np.moveaxis(cells, 2, 0), -top, -left)
+        channels = np.moveaxis(view, 2, 0)
+        paste(channels, np.moveaxis(cells, 2, 0), -top, -left)
         best, *others = (frame_pixels(path, frame, scale * frame.resolution) for path in paths)
         for pixels in others:
             cv2.polylines(view, [fixed_point(pixels)], False, PARTICLE, 1, cv2.LINE_AA, SHIFT)
@@ -232,7 +233,8 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
         return
     fixed = fixed_point(pixels)
     pieces = min(64, max(1, len(fixed) - 1))
-    bounds = np.linspace(0, len(fixed) - 1, pieces + 1).round().astype(int)
+    places = np.linspace(0, len(fixed) - 1, pieces + 1)
+    bounds = places.round().astype(int)
     colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces).tolist()
     for (first, last), colour in zip(itertools.pairwise(bounds), colours, strict=True):
         piece = fixed[first : last + 1]

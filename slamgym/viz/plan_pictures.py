@@ -67,7 +67,8 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     _paint_rooms(picture, plan, inside, frame)
     door_px = max(2, round(0.08 / frame.resolution))
     for door in plan.doors:
-        start, end = _to_px(np.array([door.start, door.end]), frame).tolist()
+        ends = np.array([door.start, door.end])
+        start, end = _to_px(ends, frame).tolist()
         cv2.line(picture, start, end, _DOOR, door_px, cv2.LINE_AA)
     resized = cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA)
     small = np.asarray(resized, dtype=np.uint8)
@@ -85,7 +86,7 @@ def draw_plan_sheet(plans: Sequence[FloorPlan], columns: int = 6, size_px: int =
         size_px: Width of one plan.
     """
     cards = []
-    categories = set()
+    categories = set[str]()
     for plan in plans:
         cards.append(Card([draw_floor_plan(plan, size_px)], [_caption(plan)]))
         categories.update(room.category for room in plan.rooms)

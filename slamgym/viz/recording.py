@@ -122,7 +122,8 @@ class Recording:
         self._stream.set_time("robot time", duration=scene.figures.time)
         if scene.plan is not self._plan:
             self._plan = scene.plan
-            self._lines("world/plan", scene.plan.segments().reshape(-1, 2, 2), WALL_TINT)
+            segments = scene.plan.segments()
+            self._lines("world/plan", segments.reshape(-1, 2, 2), WALL_TINT)
             outlines = [np.vstack([piece, piece[:1]]) for piece in scene.furniture]
             self._lines("world/furniture", outlines, FURNITURE_COLOUR)
         self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
@@ -190,11 +191,12 @@ class Recording:
 
     def _robot(self, name: str, pose: Pose2D, radius: float, colour: Colour) -> None:
         length = 2.0 * radius
-        nose = [length * math.cos(pose.theta), length * math.sin(pose.theta), 0.0]
+        x = length * math.cos(pose.theta)
+        y = length * math.sin(pose.theta)
         place = np.array([pose[:2]])
         self._points(name, place, colour, radius)
         origin = _lifted(place, _MARK)
-        arrow = self._rerun.Arrows3D(origins=origin, vectors=[nose], colors=[colour])
+        arrow = self._rerun.Arrows3D(origins=origin, vectors=[[x, y, 0.0]], colors=[colour])
         self._stream.log(f"{name}/heading", arrow)
 
     def _grid(self, name: str, picture: ByteArray, frame: GridFrame, order: float) -> None:

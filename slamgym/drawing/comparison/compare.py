@@ -113,10 +113,12 @@ def _extra_walls(
     walls = measured.plan
     # A wall that has moved is looked for where it is now, and the place that it left is no wall either.
     moved_by = measured.drift + [wall.offset or 0.0 for wall in judged]
-    left = walls.points + (measured.drift[:, None] * walls.normals)[walls.wall]
-    now = walls.points + (moved_by[:, None] * walls.normals)[walls.wall]
-    jambs = np.array([(door.start, door.end) for door in plan.doors]).reshape(-1, 2)
-    explained_by = np.vstack([left, now, jambs])
+    drift = measured.drift[:, None] * walls.normals
+    shift = moved_by[:, None] * walls.normals
+    left = walls.points + drift[walls.wall]
+    now = walls.points + shift[walls.wall]
+    jambs = [(door.start, door.end) for door in plan.doors]
+    explained_by = np.vstack([left, now, np.array(jambs).reshape(-1, 2)])
     for line in extra_walls(plan.free_space, evidence, explained_by):
         yield _straight("wall_extra", "wall", line)
 
@@ -144,9 +146,10 @@ def _states_along(
     door: Door, along: FloatArray, plan: FloorPlan, measured: Survey, evidence: MapEvidence
 ) -> IntArray:
     """At places along a door's wall (N,) [m]: 1 open, -1 closed, 0 unknown, or beyond the ends of the wall."""
-    line: Line = (*door.start, *door.end)
-    places = _along(line, along)
-    normal = np.array([line[1] - line[3], line[2] - line[0]]) / max(door.width, 1e-6)
+    x0, y0 = door.start
+    x1, y1 = door.end
+    places = _along((x0, y0, x1, y1), along)
+    normal = np.array([y0 - y1, x1 - x0]) / max(door.width, 1e-6)
     shift = measured.drift_at(0.5 * np.add(door.start, door.end))
     states = evidence.across(places + shift, normal)
     # Beyond the ends of the wall lie other rooms.

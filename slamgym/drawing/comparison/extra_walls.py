@@ -89,7 +89,8 @@ def _is_seen_from_both_sides(line: LineString, evidence: MapEvidence) -> bool:
     """True if there is free space within the thickness of a wall on either side of most of it."""
     start, end = np.array(line.coords)
     along = end - start
-    normal = np.array([start[1] - end[1], end[0] - start[0]]) / line.length
+    along_x, along_y = along
+    normal = np.array([-along_y, along_x]) / line.length
     count = max(5, round(line.length / 0.05))
     points = start + np.linspace(0.05, 0.95, count)[:, None] * along
     depths = np.arange(0.1, THICKEST + 0.1, 0.05)[:, None] * normal

@@ -91,7 +91,8 @@ def _map_below(comparison: PlanComparison, grid: OccupancyGrid, frame: GridFrame
 def _draw_change(picture: ByteArray, change: PlanFinding, frame: GridFrame) -> None:
     colour, _ = COLOURS[change.kind]
     if change.kind == "room_unexplored":
-        x, y = frame_pixels(np.array([change.line[:2]]), frame, 1.0)[0].astype(int)
+        place = np.array([change.line[:2]])
+        x, y = frame_pixels(place, frame, 1.0)[0].tolist()
         draw_text(picture, f"{change.what}: not explored", int(x) - 60, int(y), 0.5, colour)
         return
     line = np.array(change.line).reshape(2, 2)
@@ -108,7 +109,8 @@ def _shift(change: PlanFinding) -> FloatArray:
     """By how much what was built lies beside what was planned, with the map's own distortion, (2,) [m]."""
     offset = change.raw_offset or 0.0
     start, end = np.array(change.line).reshape(2, 2)
-    unit = (end - start) / max(float(np.hypot(*(end - start))), 1e-9)
+    along = end - start
+    unit = along / max(float(np.hypot(*along)), 1e-9)
     if change.kind == "wall_moved":
         return offset * np.array([-unit[1], unit[0]])
     if change.kind == "door_moved":

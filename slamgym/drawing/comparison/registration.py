@@ -19,6 +19,7 @@ from slamgym.cad.floorplan import FloorPlan, fill_segments
 from slamgym.core.geometry import compose, transform_points, wrap_angle
 from slamgym.core.types import FREE, Float32Array, FloatArray, GridFrame, Pose2D
 from slamgym.drawing.comparison.faces import MapEvidence, PlanWalls
+from slamgym.drawing.free_space import cross
 from slamgym.metrics.maps import distance_to
 
 ANGLES = 120
@@ -144,9 +145,10 @@ class _Fitter:
                 break
             step, scale = _best_step(moved[good], normal[good], residual[good], gate)
             # About the middle of the points, not about the origin.
-            centre = moved[good].mean(axis=0)
-            about = Pose2D(pose.x - centre[0], pose.y - centre[1], pose.theta)
-            pose = compose(Pose2D(centre[0] + step.x, centre[1] + step.y, step.theta), about)
+            x, y = moved[good].mean(axis=0)
+            about = Pose2D(pose.x - x, pose.y - y, pose.theta)
+            moved_by = Pose2D(x + step.x, y + step.y, step.theta)
+            pose = compose(moved_by, about)
         return pose, scale
 
     def rate(self, pose: Pose2D, scale: float) -> Registration:
@@ -195,13 +197,15 @@ def _best_step(
         gate: The largest of these [m].
     """
     arm = moved - moved.mean(axis=0)
-    turning = normal[:, 1] * arm[:, 0] - normal[:, 0] * arm[:, 1]
+    turning = cross(arm, normal)
     scaling = (normal * arm).sum(axis=1)
     # Faces that all stand a little before or behind their place are no scale.
     before = np.ones(len(arm))
     left = np.column_stack([normal, turning, scaling, before])
     weight = np.sqrt(1.0 / (1.0 + (residual / (0.4 * gate)) ** 2))
-    solution = np.linalg.lstsq(left * weight[:, None], -residual * weight, rcond=1e-6)[0]
+    weighted_left = left * weight[:, None]
+    weighted_right = -residual * weight
+    solution, *_ = np.linalg.lstsq(weighted_left, weighted_right, rcond=1e-6)
     x, y, angle, larger, _ = solution.tolist()
     return Pose2D(x, y, angle), 1.0 + larger
 
@@ -248,9 +252,10 @@ def _highest_peaks(scores: Float32Array, cell: float) -> list[tuple[int, int, in
     size = (2 * turns_apart + 1, side, side)
     highest_around = maximum_filter(scores, size, mode=("wrap", "nearest", "nearest"))
     is_peak = scores >= highest_around
-    best = np.argsort(np.where(is_peak, scores, -np.inf), axis=None)[-REFINED:]
-    turn, row, col = np.unravel_index(best, scores.shape)
-    return list(zip(turn.tolist(), row.tolist(), col.tolist(), strict=True))
+    of_peaks = np.where(is_peak, scores, -np.inf)
+    best = np.argsort(of_peaks, axis=None)[-REFINED:]
+    peaks = np.stack(np.unravel_index(best, scores.shape), axis=1)
+    return [(turn, row, col) for turn, row, col in peaks.tolist()]
 
 
 def _plan_image(walls: PlanWalls, plan: FloorPlan, frame: GridFrame) -> Float32Array:
@@ -266,8 +271,11 @@ def _plan_image(walls: PlanWalls, plan: FloorPlan, frame: GridFrame) -> Float32A
 def _shares(places: FloatArray, half: int) -> Float32Array:
     """Shares of places (N, 2) [cells] in the cells about the origin, row 0 at the top."""
     edges = np.arange(-half, half + 2) - 0.5
-    counts, _, _ = np.histogram2d(-places[:, 1], places[:, 0], (edges, edges))
-    return (counts / max(len(places), 1)).astype(np.float32)
+    down = -places[:, 1]
+    right = places[:, 0]
+    counts, _, _ = np.histogram2d(down, right, (edges, edges))
+    shares = counts / max(len(places), 1)
+    return shares.astype(np.float32)
 
 
 def _are_distinct(first: Pose2D, second: Pose2D, middle: FloatArray) -> bool:

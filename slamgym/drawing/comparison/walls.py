@@ -15,6 +15,7 @@ from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import FACE_STEP, MapEvidence, PlanWalls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED
+from slamgym.drawing.free_space import cross
 from slamgym.drawing.settings import ComparisonConfig
 
 LATERAL = 0.045
@@ -52,7 +53,8 @@ class Survey:
 
     def drift_at(self, place: FloatArray) -> FloatArray:
         """The map's shift at a place (2,), (2,) [m]."""
-        along_axes, _ = self.field.predict(np.tile(place, (2, 1)), np.eye(2))
+        twice = np.tile(place, (2, 1))
+        along_axes, _ = self.field.predict(twice, np.eye(2))
         return along_axes
 
 
@@ -104,15 +106,18 @@ def judge_wall(found: Survey, wall: int, config: ComparisonConfig) -> PlanFindin
 def _share_seen(found: Survey, own: IntArray) -> float:
     """Share of the points of a wall that are in view, on the side that shows more."""
     sides = found.plan.side[own]
-    shares = [found.in_view[own[sides == side]].mean() for side in np.unique(sides)]
+    in_view = found.in_view[own]
+    shares = [in_view[sides == side].mean() for side in np.unique(sides)]
     return float(max(shares))
 
 
 def _kind_at(place: "_Place", error: float, config: ComparisonConfig) -> FindingKind:
     """What a wall is that stands at a place so far from its own, with a standard error [m]."""
-    if place.support < MOST or abs(place.offset) <= max(config.moved, config.sure * error):
+    least = max(config.moved, config.sure * error)
+    if place.support < MOST or abs(place.offset) <= least:
         return "wall_present"
-    if len(place.sides) == 1 and FURNITURE[0] < place.sides[0] * place.offset < FURNITURE[1]:
+    nearest, farthest = FURNITURE
+    if len(place.sides) == 1 and nearest < place.sides[0] * place.offset < farthest:
         return "wall_unclear"
     return "wall_moved"
 
@@ -140,7 +145,7 @@ def _pairs(plan: PlanWalls, evidence: MapEvidence) -> tuple[IntArray, FloatArray
     other = near["j"]
     normal = plan.point_normals[index]
     difference = evidence.points[other] - plan.points[index]
-    sideways = np.abs(difference[:, 0] * normal[:, 1] - difference[:, 1] * normal[:, 0])
+    sideways = np.abs(cross(difference, normal))
     forward = (difference * normal).sum(axis=1)
     alike = (evidence.normals[other] * normal).sum(axis=1) > ALIKE
     keep = alike & (sideways < LATERAL)

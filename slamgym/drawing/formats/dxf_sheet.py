@@ -49,7 +49,8 @@ def fitting_paper(width: float, height: float) -> Paper:
         longer, shorter, _ = PAGE_SIZES[f"ISO {size}"]
         across, up = (longer, shorter) if width > height else (shorter, longer)
         paper = Paper(size, across, up, scale)
-        if max(width / paper.view[0], height / paper.view[1]) < 0.98:
+        view_width, view_height = paper.view
+        if max(width / view_width, height / view_height) < 0.98:
             break
     return paper
 
@@ -78,7 +79,8 @@ class _Sheet:
         """Length of a metre of the building on paper [mm]."""
         self._frame = np.array([paper.width, paper.height]) - 2.0 * BORDER
         """Width and height within the margins [mm]."""
-        self._corner = middle - 0.5 * (self._frame + np.array([0.0, TITLE])) / self._metre
+        with_title = self._frame + np.array([0.0, TITLE])
+        self._corner = middle - 0.5 * with_title / self._metre
         """The lower left corner within the margins, in the building's coordinates [m]."""
 
     def set_up(self) -> None:
@@ -108,12 +110,14 @@ class _Sheet:
         right = width - 10.0
         end = width - 24.0
         start = end - bar * self._metre
-        self._add_line([(0.0, 0.0), (width, 0.0), (width, height), (0.0, height), (0.0, 0.0)])
-        self._add_line([(0.0, TITLE), (width, TITLE)])
-        self._add_line([(start, 11.0), (start, 9.0), (end, 9.0), (end, 11.0)])
-        self._add_line(
-            [(right, 5.0), (right, 17.0), (right - 1.5, 13.0), (right + 1.5, 13.0), (right, 17.0)]
-        )
+        border_x = [0.0, width, width, 0.0, 0.0]
+        border_y = [0.0, 0.0, height, height, 0.0]
+        self._add_line(border_x, border_y)
+        self._add_line([0.0, width], [TITLE, TITLE])
+        self._add_line([start, start, end, end], [11.0, 9.0, 9.0, 11.0])
+        arrow_x = [right, right, right - 1.5, right + 1.5, right]
+        arrow_y = [5.0, 17.0, 13.0, 13.0, 17.0]
+        self._add_line(arrow_x, arrow_y)
         area = f"{drawing.area:.1f} m² of floor"
         rooms = counted(len(drawing.rooms), "room")
         scale = f"1:{self._paper.scale} on {self._paper.name}"
@@ -124,9 +128,9 @@ class _Sheet:
         self._add_text(start, 4.0, f"{bar:g} m")
         self._add_text(right + 2.0, 5.0, "y")
 
-    def _add_line(self, points: list[tuple[float, float]]) -> None:
+    def _add_line(self, x: list[float], y: list[float]) -> None:
         """A line through points from the corner [mm]."""
-        places = self._corner + np.array(points) / self._metre
+        places = self._corner + np.column_stack([x, y]) / self._metre
         self._layout.add_lwpolyline(places, dxfattribs={"layer": SHEET_LAYER})
 
     def _add_text(self, x: float, y: float, words: str, letters: float = 2.5) -> None:
@@ -141,5 +145,6 @@ def add_text(
     """A line of text at a point."""
     from ezdxf.enums import TextEntityAlignment
 
-    text = space.add_text(words, height=height, dxfattribs={"style": "PLAN", "layer": layer})
+    attributes = {"style": "PLAN", "layer": layer}
+    text = space.add_text(words, height=height, dxfattribs=attributes)
     text.set_placement(tuple(at), align=TextEntityAlignment[align])

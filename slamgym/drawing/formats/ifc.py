@@ -197,7 +197,8 @@ class _Builder:
     def _in_gap(self, kind: str, name: str, door: DrawnDoor, depth: float) -> Any:
         """A solid that fills a door's gap to a depth [m]."""
         evidence = {"Width": door.width, "Confidence": door.confidence, "Layer": door.layer}
-        box = shapely.box(0.0, -0.5 * depth, door.width, 0.5 * depth)
+        half = 0.5 * depth
+        box = shapely.box(0.0, -half, door.width, half)
         matrix = _placement(door.start, door.end)
         return self._solid(kind, name, matrix, box, DOOR_HEIGHT, evidence)
 
@@ -213,8 +214,11 @@ class _Builder:
         """A named thing with a body, its style and its evidence."""
         entity = self._create(kind, name)
         self.run("geometry.edit_object_placement", product=entity, matrix=matrix)
-        rings = [shapely.get_coordinates(ring)[:-1].tolist() for ring in shapely.get_rings(base)]
-        outline, *voids = [self.shapes.polyline(ring, closed=True) for ring in rings]
+        lines = []
+        for ring in shapely.get_rings(base):
+            corners = shapely.get_coordinates(ring)[:-1]
+            lines.append(self.shapes.polyline(corners.tolist(), closed=True))
+        outline, *voids = lines
         profile = self.shapes.profile(outline, inner_curves=voids)
         solid = self.shapes.extrude(profile, height)
         shape = self.shapes.get_representation(self.body, [solid])

@@ -280,7 +280,8 @@ def _tries(wanted: _Wanted, letters: float, turned: bool) -> Iterator[DrawnLabel
     sin = (y1 - y0) / line.length
     turn = 0.0
     if turned and wanted.kind == "size":
-        turn = (float(np.degrees(np.arctan2(sin, cos))) + 89.9) % 180.0 - 89.9
+        along = float(np.degrees(np.arctan2(sin, cos)))
+        turn = (along + 89.9) % 180.0 - 89.9
     for step in _STEPS[wanted.kind]:
         in_letters = step.along * (len(wanted.words) + 0.5)
         far = step.share * line.length + in_letters * LETTER_WIDTH * letters
@@ -295,6 +296,7 @@ def _name(room: DrawnRoom, width: float) -> _Wanted:
     radius = shapely.maximum_inscribed_circle(room.polygon, tolerance=0.1)
     (x, y), (x1, y1) = shapely.get_coordinates(radius)
     words = f"{room.name} {room.area:.1f} m²"
-    fits = width * len(words) <= 2.0 * float(np.hypot(x1 - x, y1 - y))
+    diameter = 2.0 * float(np.hypot(x1 - x, y1 - y))
+    fits = width * len(words) <= diameter
     line = Dimension((x - 0.5, y), (x + 0.5, y), room.id)
     return _Wanted(words if fits else room.name, "name", line)

@@ -131,12 +131,14 @@ def _written(page: ByteArray, labels: Sequence[DrawnLabel], frame: GridFrame) ->
     """A page with labels, each with a halo."""
     texts = []
     for label in labels:
-        col, row = (_to_page(np.array([label.at]), frame)[0] >> SHIFT).tolist()
+        place = _to_page(np.array([label.at]), frame)[0]
+        col, row = (place >> SHIFT).tolist()
         texts.append(_text(label, col, row, page.shape[1]))
     halo = np.zeros_like(page)
     for text in texts:
         draw_text(halo, text.words, text.left, text.baseline, text.size, WHITE)
-    page = np.maximum(page, cv2.dilate(halo, np.ones((3, 3), np.uint8)))
+    around = np.ones((3, 3), np.uint8)
+    page = np.maximum(page, cv2.dilate(halo, around))
     for text in texts:
         draw_text(page, text.words, text.left, text.baseline, text.size, text.colour)
     return page

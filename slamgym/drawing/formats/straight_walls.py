@@ -30,7 +30,8 @@ def straight_walls(
     Returns:
         The walls, as thick and as sure as their longest piece, and for each piece the number of its wall.
     """
-    ends = np.array([(piece.start, piece.end) for piece in pieces]).reshape(-1, 2, 2)
+    pairs = [(piece.start, piece.end) for piece in pieces]
+    ends = np.array(pairs).reshape(-1, 2, 2)
     thickness = np.array([piece.thickness for piece in pieces])
     length = np.array([piece.length for piece in pieces])
     beside = _pieces_beside(pieces, doors)
@@ -85,8 +86,10 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
     along = (longest.end - start) / longest.length
 
     def stretch(shapes: list[BaseGeometry]) -> list[DrawnPoint]:
-        places = (shapely.get_coordinates(shapes) - start) @ along
-        ends = start + np.outer([places.min(), places.max()], along)
+        corners = shapely.get_coordinates(shapes)
+        places = (corners - start) @ along
+        outermost = [places.min(), places.max()]
+        ends = start + np.outer(outermost, along)
         return [(float(x), float(y)) for x, y in ends]
 
     low, high = stretch([piece.line for piece in pieces])
