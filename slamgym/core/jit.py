@@ -20,8 +20,10 @@ import numpy as np
 _F = TypeVar("_F", bound=Callable[..., Any])
 _T = TypeVar("_T", bound=tuple[Any, ...])
 
-_EXPLORATION, _ADDITIONS = 900.0, 1_000_000
-"""The kernels of an exploration take so many loops of so many additions to compile."""
+_ADDITIONS = 1_000_000
+"""Additions of the loop that measures how fast this machine is."""
+_EXPLORATION = 900.0
+"""The kernels of an exploration take as long to compile as so many of these loops."""
 
 
 def kernel(function: _F) -> _F:
@@ -77,27 +79,39 @@ class Kernel:
 
 
 def _prepared(dispatcher: Any) -> Any:
-    """Change two habits of numba's dispatcher.
+    """Change two habits of numba's dispatcher, for which numba has no option."""
+    _share_between_literals(dispatcher)
+    _pass_over_unreadable_index(dispatcher)
+    return dispatcher
 
-    Kernels that call this one with a literal number share what is compiled for any number. An index of the
-    cache that can't be read counts as none: numba unpickles it before it compares the source's stamp, and that of a
-    former version may name classes that are gone.
+
+def _share_between_literals(dispatcher: Any) -> None:
+    """Let kernels that call this one with literal numbers share what is compiled for any number."""
+    from numba.types import unliteral
+
+    find = dispatcher.get_call_template
+
+    def find_for_any_number(args: Any, keywords: Any) -> Any:
+        return find([unliteral(each) for each in args], keywords)
+
+    dispatcher.get_call_template = find_for_any_number
+
+
+def _pass_over_unreadable_index(dispatcher: Any) -> None:
+    """Let an index of the cache that can't be read count as none.
+
+    numba unpickles it before it compares the source's stamp, and it may name classes that have been renamed since.
     """
-    from numba.core.types.misc import unliteral
+    cache_file = dispatcher._cache._cache_file
+    load = cache_file._load_index
 
-    find, load = dispatcher.get_call_template, dispatcher._cache._cache_file._load_index
-
-    def load_index() -> Any:
+    def load_if_readable() -> Any:
         try:
             return load()
         except Exception:  # noqa: BLE001 - unpickling may raise anything
             return {}
 
-    dispatcher.get_call_template = lambda args, keywords: find(
-        [unliteral(each) for each in args], keywords
-    )
-    dispatcher._cache._cache_file._load_index = load_index
-    return dispatcher
+    cache_file._load_index = load_if_readable
 
 
 @kernel
@@ -115,19 +129,22 @@ def use_temporary_cache() -> str:
     user = os.getuid() if sys.platform != "win32" else 0
     folder = Path(tempfile.gettempdir()) / f"slamgym-kernels-{user}"
     folder.mkdir(mode=0o700, exist_ok=True)
-    found = folder.stat(follow_symlinks=False)
     # Compiled kernels are programs: take none from a folder that somebody else has made or can write to.
-    if (
-        found.st_uid != user
-        or found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-        or not stat.S_ISDIR(found.st_mode)
-    ):
+    if not _is_private(folder, user):
         folder = Path(tempfile.mkdtemp(prefix="slamgym-kernels-"))
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     sys.stderr.write(
         f"slamgym: no cache folder is writable; compiled kernels are kept in {folder}\n"
     )
     return str(folder)
+
+
+def _is_private(folder: Path, user: int) -> bool:
+    """True if it is a folder of the user's, no link, into which nobody else can write."""
+    found = folder.stat(follow_symlinks=False)
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != user:
+        return False
+    return not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
 def kernel_cache(function: Callable[..., Any]) -> Path:
@@ -149,7 +166,8 @@ def announce_compilation(function: Callable[..., Any]) -> None:
         function: A kernel that stands for those that will be called.
     """
     if not is_compiled(function):
-        began, total = time.perf_counter(), 0
+        began = time.perf_counter()
+        total = 0
         for number in range(_ADDITIONS):
             total += number
         seconds = _EXPLORATION * (time.perf_counter() - began)
