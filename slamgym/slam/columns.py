@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 FIRST_ROWS = 64
+"""Rows of new arrays."""
 
 
 class Columns:
@@ -18,10 +19,11 @@ class Columns:
     def __init__(self, types: dict[str, Any] | None = None, **shapes: tuple[int, ...]) -> None:
         self._length = 0
         self._capacity = FIRST_ROWS
-        self._arrays = {
-            name: np.zeros((FIRST_ROWS, *shape), (types or {}).get(name, np.float64))
-            for name, shape in shapes.items()
-        }
+        types = types or {}
+        self._arrays: dict[str, Any] = {}
+        for name, shape in shapes.items():
+            kind = types.get(name, np.float64)
+            self._arrays[name] = np.zeros((FIRST_ROWS, *shape), kind)
 
     def __len__(self) -> int:
         return self._length
@@ -38,9 +40,8 @@ class Columns:
     def append(self, **values: Any) -> None:
         """Add a row; an array that is not named gets zeros."""
         if self._length == self._capacity:
-            self._arrays = {
-                name: np.concatenate([a, np.zeros_like(a)]) for name, a in self._arrays.items()
-            }
+            for name, array in self._arrays.items():
+                self._arrays[name] = np.concatenate([array, np.zeros_like(array)])
             self._capacity *= 2
         for name, value in values.items():
             self._arrays[name][self._length] = value

@@ -9,6 +9,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray, IntArray, Pose2D
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import MotionNoise, SlamConfig
+from slamgym.slam.graph.relative import placed_points
 
 
 def add_way(distance: float, turn: float, increment: Pose2D) -> tuple[float, float]:
@@ -116,10 +117,7 @@ def _carried(
     """Every scan's pose by odometry from the processed scan ``anchor``."""
     motion = relative_poses(odometry[indices[anchor]], odometry[every])
     base = poses[anchor]
-    cos = np.cos(base[:, 2])
-    sin = np.sin(base[:, 2])
-    x = base[:, 0] + cos * motion[:, 0] - sin * motion[:, 1]
-    y = base[:, 1] + sin * motion[:, 0] + cos * motion[:, 1]
+    x, y = placed_points(base, motion)
     heading = wrap_angle(base[:, 2] + motion[:, 2])
     return np.column_stack([x, y, heading])
 

@@ -25,8 +25,10 @@ PAIR_SECONDS = 0.3
 """Least time between the scans of a pair [s]: a robot at 0.3 m/s drives 0.1 m meanwhile."""
 LEAST_FIT = 0.5
 """A pair that fits worse says nothing."""
-MOVED = (0.05, 0.08)
-"""Motion of a pair that says something about wheels [m], [rad]."""
+MOVED_METRES = 0.05
+"""Distance of a pair that says something about wheels [m]."""
+MOVED_RADIANS = 0.08
+"""Turn of a pair that says something about wheels [rad]."""
 FEWEST_MOVING = 20
 """So many pairs must have moved before the wheels are judged."""
 STILL = 0.1
@@ -143,11 +145,12 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
     order = np.argsort(log.track.stamps, kind="stable")
     stamps = log.track.stamps[order]
     headings = np.unwrap(log.track.poses[order, 2])
-    turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
+    turning = np.abs(pairs.laser[:, 2]) > MOVED_RADIANS
     first, second = pairs.stamps[:, turning]
     begin = np.interp(first + OFFSETS[:, None], stamps, headings)
     end = np.interp(second + OFFSETS[:, None], stamps, headings)
-    error = np.abs(wrap_angle(pairs.laser[turning, 2] - (end - begin)))
+    turned = end - begin
+    error = np.abs(wrap_angle(pairs.laser[turning, 2] - turned))
     costs = np.minimum(error, OUTLIER_TURN) ** 2
     best = int(np.argmin(costs.sum(axis=1)))
     now = costs[len(OFFSETS) // 2]
@@ -163,13 +166,18 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
 
 def odometry_shares(pairs: PairMotions) -> tuple[float, float, float]:
     """The odometry's share of the laser's turns and of its distances, and its direction [rad]; nan if unknown."""
-    turning = np.abs(pairs.laser[:, 2]) > MOVED[1]
-    turns = pairs.odometry[turning, 2] / pairs.laser[turning, 2]
-    laser = pairs.laser[:, 0] + 1j * pairs.laser[:, 1]
-    odometry = pairs.odometry[:, 0] + 1j * pairs.odometry[:, 1]
-    driving = np.abs(laser) > MOVED[0]
+    x, y, turn = pairs.laser.T
+    wheel_x, wheel_y, wheel_turn = pairs.odometry.T
+    turning = np.abs(turn) > MOVED_RADIANS
+    turns = wheel_turn[turning] / turn[turning]
+    # As complex numbers, a quotient of two motions is their scale and the angle between them.
+    laser = x + 1j * y
+    odometry = wheel_x + 1j * wheel_y
+    driving = np.abs(laser) > MOVED_METRES
     ways = odometry[driving] / laser[driving]
-    angle = math.atan2(_middle(ways.imag), _middle(ways.real))
+    along = _middle(ways.real)
+    across = _middle(ways.imag)
+    angle = math.atan2(across, along)
     return _middle(turns), _middle(np.abs(ways)), angle
 
 
@@ -234,7 +242,8 @@ def _contradicted(pairs: PairMotions) -> list[tuple[float, float]]:
     """Begin and end of the stretches of time in which most pairs contradict the odometry [s]."""
     laser = _sizes(pairs.laser)
     wheels = _sizes(pairs.odometry)
-    has_moved = (np.maximum(laser, wheels) > MOVED).any(axis=1)
+    larger = np.maximum(laser, wheels)
+    has_moved = (larger[:, 0] > MOVED_METRES) | (larger[:, 1] > MOVED_RADIANS)
     deviations = _deviations(pairs, wheels)
     # What lies between the two says nothing.
     agrees = deviations < 0.5 * CONTRADICTION
@@ -262,9 +271,11 @@ def _deviations(pairs: PairMotions, wheels: FloatArray) -> FloatArray:
     errors = pairs.laser - pairs.odometry
     errors[:, 2] = wrap_angle(errors[:, 2])
     spread = WHEEL_ERROR + WHEEL_ERROR_SHARE * wheels[:, [0, 0, 1]]
-    information = pairs.information / MATCH_ERRORS**2
-    each = zip(errors, information, spread**-2, strict=True)
-    return np.array([_deviation(error, laser, by_wheels) for error, laser, by_wheels in each])
+    by_wheels = spread**-2
+    by_laser = pairs.information / MATCH_ERRORS**2
+    each = zip(errors, by_laser, by_wheels, strict=True)
+    deviations = [_deviation(error, laser, wheel) for error, laser, wheel in each]
+    return np.array(deviations)
 
 
 def _deviation(error: FloatArray, laser: FloatArray, wheels: FloatArray) -> float:

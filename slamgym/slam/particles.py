@@ -154,16 +154,18 @@ class ParticleMaps:
         max_x, max_y = poses[:, :2].max(axis=0).tolist()
         row, col = self._corner
         particles, rows, cols = self.tables.shape
-        needed_rows = (math.floor((min_y - radius) / side), math.floor((max_y + radius) / side) + 1)
-        needed_cols = (math.floor((min_x - radius) / side), math.floor((max_x + radius) / side) + 1)
+        needed_rows = _tiles_between(min_y - radius, max_y + radius, side)
+        needed_cols = _tiles_between(min_x - radius, max_x + radius, side)
+        if rows:
+            needed_rows = _grown((row, row + rows), needed_rows)
+            needed_cols = _grown((col, col + cols), needed_cols)
         first_row, end_row = needed_rows
         first_col, end_col = needed_cols
-        if rows:
-            first_row, end_row = _grown((row, row + rows), needed_rows)
-            first_col, end_col = _grown((col, col + cols), needed_cols)
-            if (end_row - first_row, end_col - first_col) == (rows, cols):
-                return
-        tables = np.zeros((particles, end_row - first_row, end_col - first_col), dtype=np.int32)
+        height = end_row - first_row
+        width = end_col - first_col
+        if rows and height == rows and width == cols:
+            return
+        tables = np.zeros((particles, height, width), dtype=np.int32)
         below = row - first_row
         left = col - first_col
         tables[:, below : below + rows, left : left + cols] = self.tables
@@ -213,6 +215,11 @@ class ParticleMaps:
     def resample(self, ancestors: IntArray) -> None:
         """Give each particle the map of its ancestor, (particles,)."""
         copy_maps(self.pool, self.tables, ancestors)
+
+
+def _tiles_between(low: float, high: float, side: float) -> tuple[int, int]:
+    """First and end of the rows or columns of tiles, so large [m], that reach from one place to another [m]."""
+    return math.floor(low / side), math.floor(high / side) + 1
 
 
 def _grown(now: tuple[int, int], needed: tuple[int, int]) -> tuple[int, int]:

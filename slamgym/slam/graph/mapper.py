@@ -26,7 +26,14 @@ from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.recovery import Recovery
-from slamgym.slam.graph.relative import Match, match_with, moved_by, seen_from, turned_matrix
+from slamgym.slam.graph.relative import (
+    Match,
+    match_with,
+    moved_by,
+    placed_points,
+    seen_from,
+    turned_matrix,
+)
 from slamgym.slam.graph.submaps import Submap, known_submap, known_surfaces, sides_of
 from slamgym.slam.graph.wheels import WheelStep
 from slamgym.slam.mapper import Mapper
@@ -168,35 +175,41 @@ class PoseGraphMapper(Mapper):
         self._graph.append(self._start, step, np.zeros((3, 3)))
 
     def _predicted(self, step: WheelStep) -> FloatArray:
-        return moved_by(self._graph.poses[-1], self._graph.wheels.expected(step))
+        """Pose (3,) by odometry from the newest node."""
+        expected = self._graph.wheels.expected(step)
+        return moved_by(self._graph.poses[-1], expected)
 
     def _information(self, step: WheelStep) -> FloatArray:
         """Information (3, 3) of the predicted pose, in the map frame."""
-        return turned_matrix(self._graph.wheels.information(step), float(self._graph.poses[-1, 2]))
+        information = self._graph.wheels.information(step)
+        heading = float(self._graph.poses[-1, 2])
+        return turned_matrix(information, heading)
 
     def _place(self, step: WheelStep, points: FloatArray, sides: FloatArray) -> None:
         """Find where a scan was taken, and make it a node with its edges."""
+        graph = self._graph
         predicted = self._predicted(step)
         known = self._information(step)
         count = len(self._submaps)
-        newest = list(range(max(0, count - 2), count))
+        older = max(0, count - 2)  # than the newest two
+        newest = list(range(older, count))
         most = MOST_SUBMAPS - len(newest)
-        numbers = newest + self._overlapping(predicted, points, sides, newest[0], most)
+        numbers = newest + self._overlapping(predicted, points, sides, older, most)
         target = self._target(numbers)
         placed = target.align(points, sides, predicted, predicted, known)
         if len(points) >= FEW_POINTS:
-            last = self._graph.poses[-1]
+            last = graph.poses[-1]
             placed = self._recovery.check(target, points, sides, predicted, known, placed, last)
             self._stats.recovered_matches = self._recovery.recovered
-        matches = self._matches(len(self._graph), numbers, placed)
+        matches = self._matches(len(graph), numbers, placed)
         information = known
         for match in matches:
-            heading = float(self._graph.poses[match.old, 2])
+            heading = float(graph.poses[match.old, 2])
             information = information + turned_matrix(match.information, heading)
-        self._graph.append(placed.pose, step, information)
-        first_sure = self._submaps[newest[0]].first
+        graph.append(placed.pose, step, information)
+        first_sure = self._submaps[older].first
         for match in matches:
-            self._graph.tie(match, is_sure=match.old >= first_sure)
+            graph.tie(match, is_sure=match.old >= first_sure)
 
     def _overlapping(
         self, pose: FloatArray, points: FloatArray, sides: FloatArray, count: int, most: int
@@ -218,15 +231,16 @@ class PoseGraphMapper(Mapper):
         """Those of the first ``count`` submaps that are in reach of a place and tied to the newest node."""
         firsts = self._closed["first"][:count]
         centres = self._closed["centre"][:count]
-        frames = self._graph.poses[firsts]
-        cos = np.cos(frames[:, 2])
-        sin = np.sin(frames[:, 2])
-        x = frames[:, 0] + cos * centres[:, 0] - sin * centres[:, 1]
-        y = frames[:, 1] + sin * centres[:, 0] + cos * centres[:, 1]
+        x, y = placed_points(self._graph.poses[firsts], centres)
         away = np.hypot(x - place[0], y - place[1])
         nearest = np.argsort(away, kind="stable")[:MOST_TRIED]
-        in_reach = nearest[away[nearest] < self._reach].tolist()
-        return [number for number in in_reach if self._graph.is_tied(int(firsts[number]))]
+        is_in_reach = away[nearest] < self._reach
+        near = []
+        for number in nearest[is_in_reach].tolist():
+            first = int(firsts[number])
+            if self._graph.is_tied(first):
+                near.append(number)
+        return near
 
     def _target(self, numbers: list[int]) -> AlignmentTarget:
         """Submaps as they are now: drawn again where their scans have moved."""
@@ -248,9 +262,12 @@ class PoseGraphMapper(Mapper):
         if float(moved.sum(axis=1).max()) < STALE_METRES:
             return
         submap.clear()
+        counts = self._scans["counts"]
+        points = self._scans["points"]
+        sides = self._scans["sides"]
         for node, pose in enumerate(now, first):
-            size = self._scans["counts"][node]
-            submap.add(pose, self._scans["points"][node, :size], self._scans["sides"][node, :size])
+            size = counts[node]
+            submap.add(pose, points[node, :size], sides[node, :size])
 
     def _matches(self, node: int, numbers: list[int], placed: Alignment) -> list[Match]:
         """What each submap says of a node's place."""
@@ -296,9 +313,13 @@ class PoseGraphMapper(Mapper):
 
     def _judge(self, numbers: Iterable[int]) -> None:
         """Say which scans are in doubt, after some submaps were held against those before."""
+        stamps = self._scans["stamps"]
+        ranges = self._scans["ranges"]
         for number in numbers:
-            self._consistency.judge(number, self._submaps, self._graph, self._scans["ranges"])
-        self._stats.doubtful, self._stats.broken = self._consistency.stamps(self._scans["stamps"])
+            self._consistency.judge(number, self._submaps, self._graph, ranges)
+        doubtful, broken = self._consistency.stamps(stamps)
+        self._stats.doubtful = doubtful
+        self._stats.broken = broken
 
     # --- the whole path ---
 
@@ -317,10 +338,13 @@ class PoseGraphMapper(Mapper):
         """Draw the scans that are new, and again those that have moved."""
         # On a lattice, so that the map follows from the path, however often it was drawn before.
         poses = np.round(self._graph.poses / DRAWN_LATTICE) * DRAWN_LATTICE
-        drawn = len(self._drawn_poses)
         ranges = self._scans["ranges"]
-        moved = np.flatnonzero((poses[:drawn] != self._drawn_poses).any(axis=1))
-        self._map.draw(self._drawn_poses[moved], ranges[moved], sign=-1)
-        again = np.concatenate([moved, np.arange(drawn, len(poses))])
+        before = self._drawn_poses
+        drawn = len(before)
+        has_moved = (poses[:drawn] != before).any(axis=1)
+        moved = np.flatnonzero(has_moved)
+        self._map.draw(before[moved], ranges[moved], sign=-1)
+        new = np.arange(drawn, len(poses))
+        again = np.concatenate([moved, new])
         self._map.draw(poses[again], ranges[again])
         self._drawn_poses = poses

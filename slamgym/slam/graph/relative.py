@@ -105,6 +105,15 @@ def moved_by(frame: FloatArray, motion: FloatArray) -> FloatArray:
     return np.array([frame[0] + cos * x - sin * y, frame[1] + sin * x + cos * y, heading])
 
 
+def placed_points(frames: FloatArray, points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """X and y, both (N,), of points (N, 2 or more) that are each given in a frame of its own (N, 3)."""
+    cos = np.cos(frames[:, 2])
+    sin = np.sin(frames[:, 2])
+    x = frames[:, 0] + cos * points[:, 0] - sin * points[:, 1]
+    y = frames[:, 1] + sin * points[:, 0] + cos * points[:, 1]
+    return x, y
+
+
 @kernel
 def sandwich(jacobian: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
     """Add J M J^T to ``out``, all (3, 3)."""

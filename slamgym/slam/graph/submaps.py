@@ -21,6 +21,8 @@ from slamgym.slam.graph.relative import seen_from
 
 SUBMAP_CELL = 0.1
 """Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
+BORDER = 5
+"""Cells round the surfaces of a submap to which no more scans are added."""
 VACANT = -1
 """Number of a piece that a cell of the grid doesn't have."""
 ENOUGH = 4.0
@@ -78,8 +80,10 @@ class Submap:
             points: (n, 2) end points in the robot frame [m].
             sides: (n, 3) their sides in the robot frame.
         """
-        if self._used + len(points) > len(self.pieces):
-            more = np.zeros(len(self.pieces) + len(points), dtype=PIECE)
+        capacity = len(self.pieces)
+        count = len(points)
+        if self._used + count > capacity:
+            more = np.zeros(capacity + count, dtype=PIECE)
             self.pieces = np.concatenate([self.pieces, more])
         self.poses.append(pose)
         self._lines = None
@@ -99,20 +103,24 @@ class Submap:
         if len(rows) == 0:
             return
         # A border lets the scans move a little when the path is corrected.
-        top = max(rows[0] - 5, 0)
-        left = max(cols[0] - 5, 0)
-        self.grid = self.grid[top : rows[-1] + 6, left : cols[-1] + 6].copy()
-        self.pieces = self.pieces[: self._used].copy()
+        top = max(rows[0] - BORDER, 0)
+        left = max(cols[0] - BORDER, 0)
+        end_row = rows[-1] + 1 + BORDER
+        end_col = cols[-1] + 1 + BORDER
+        self.grid = self.grid[top:end_row, left:end_col].copy()
         self.corner = self.corner + np.array([left, top]) * SUBMAP_CELL
-        sums = np.array([self.pieces["x"].sum(), self.pieces["y"].sum()])
-        self.centre = sums / self.pieces["count"].sum()
+        self.pieces = self.pieces[: self._used].copy()
+        x = self.pieces["x"].sum()
+        y = self.pieces["y"].sum()
+        self.centre = np.array([x, y]) / self.pieces["count"].sum()
 
     @property
     def means(self) -> tuple[FloatArray, FloatArray]:
         """Means of all pieces (n, 2) in the submap's frame [m], and vectors (n, 2) to the side they were seen from."""
         pieces = self.pieces[: self._used]
         means = np.column_stack([pieces["own_x"], pieces["own_y"]])
-        return means, np.column_stack([pieces["side_x"], pieces["side_y"]])
+        sides = np.column_stack([pieces["side_x"], pieces["side_y"]])
+        return means, sides
 
     def lines(self) -> tuple[FloatArray, FloatArray]:
         """Means (n, 2) of the pieces with a line in the submap's frame [m], and their sides (n, 3)."""
@@ -123,8 +131,8 @@ class Submap:
             means, sides = self.means
             straight = np.ones(len(lines))
             normals = np.column_stack([lines["normal_x"], lines["normal_y"], straight])
-            is_away = (normals[:, :2] * sides[has_line]).sum(axis=1) < 0.0
-            normals[is_away, :2] *= -1.0
+            facing = (normals[:, :2] * sides[has_line]).sum(axis=1)
+            normals[facing < 0.0, :2] *= -1.0
             self._lines = means[has_line], normals
         return self._lines
 

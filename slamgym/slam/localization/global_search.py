@@ -29,9 +29,12 @@ SAME_TURN = 0.25
 
 def is_same(poses: FloatArray, pose: FloatArray) -> np.ndarray:
     """True (n,) for those of some poses (n, 3 or more) that are the same place as another (3,)."""
-    distances = np.hypot(poses[:, 0] - pose[0], poses[:, 1] - pose[1])
-    turns = np.abs(wrap_angle(poses[:, 2] - pose[2]))
-    return np.asarray((distances < SAME) & (turns < SAME_TURN))
+    x, y, heading = pose[:3]
+    distances = np.hypot(poses[:, 0] - x, poses[:, 1] - y)
+    turns = np.abs(wrap_angle(poses[:, 2] - heading))
+    is_near = distances < SAME
+    is_alike = turns < SAME_TURN
+    return np.asarray(is_near & is_alike)
 
 
 def find_places(known: KnownMap, points: FloatArray) -> list[FloatArray]:
@@ -48,14 +51,15 @@ def find_places(known: KnownMap, points: FloatArray) -> list[FloatArray]:
     last = (cols - 1, rows - 1)
     nowhere = (0.0, 0.0, 0.0)
     found = search_blocks(known.levels, known.floors, us, vs, 0, last, 0, margin + 1, nowhere)
-    cells = found[:, :2] + 0.5
+    middles = found[:, :2] + 0.5
+    numbers = found[:, 2].astype(np.int64)
     scores = found[:, 3]
-    places = np.empty((len(found), 3))
-    places[:, :2] = known.field.corner + cells * SUBMAP_CELL
-    places[:, 2] = headings[found[:, 2].astype(np.int64)]
+    points_on_map = known.field.corner + middles * SUBMAP_CELL
+    places = np.column_stack([points_on_map, headings[numbers]])
+    least = scores.max(initial=0.0) - margin
     ranking = np.argsort(-scores, kind="stable")
-    is_good = scores >= scores.max(initial=0.0) - margin
-    return _different(places[ranking[is_good[ranking]]])
+    is_good = scores[ranking] >= least
+    return _different(places[ranking[is_good]])
 
 
 def _different(places: FloatArray) -> list[FloatArray]:

@@ -68,13 +68,15 @@ class KnownMap:
         cols, rows = ((points - corner) / frame.resolution).astype(np.int64).T
         is_surface = np.zeros(cells.shape, dtype=bool)
         is_surface[rows, cols] = True
-        distance = (distance_transform_edt(~is_surface) * frame.resolution).astype(np.float32)
+        cells_away = distance_transform_edt(~is_surface)
+        distance = (cells_away * frame.resolution).astype(np.float32)
         self.field = SurfaceField(distance, cells == UNKNOWN, corner, float(frame.resolution))
         """What scans are explained by."""
         ratio = SUBMAP_CELL / frame.resolution
         middles = [np.arange(0.5 * ratio, size, ratio).astype(np.int64) for size in cells.shape]
         sampled = np.ix_(*middles)
-        score = HIT * np.exp(-0.5 * np.square(distance[sampled] / SEARCH_SIGMA))
+        deviations = distance[sampled] / SEARCH_SIGMA
+        score = HIT * np.exp(-0.5 * np.square(deviations))
         self.levels = maxima(np.rint(score).astype(np.uint8), LEVELS)
         """Maxima of the score of a point in cells (rows, cols) of ``SUBMAP_CELL`` from the same corner."""
         is_free = cells[sampled] == FREE
@@ -104,7 +106,9 @@ def _distance_at(field: SurfaceField, x: float, y: float) -> tuple[float, bool]:
     rows, cols = field.distance.shape
     if row < 0 or col < 0 or row >= rows or col >= cols:
         return math.inf, True
-    return float(field.distance[row, col]), bool(field.is_unknown[row, col])
+    distance = float(field.distance[row, col])
+    is_unknown = bool(field.is_unknown[row, col])
+    return distance, is_unknown
 
 
 @kernel
