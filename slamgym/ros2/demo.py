@@ -40,8 +40,12 @@ class DemoNode(RosNode):
         self, parameters: DemoParameters, nodes: dict[str, subprocess.Popen[bytes]]
     ) -> None:
         super().__init__("slamgym_demo", parameters)
-        self._nodes, self._truth = nodes, PoseHistory()
-        self.coverage, self.error, self.stamp, self.ended = 0.0, float("nan"), 0.0, ""
+        self._nodes = nodes
+        self._truth = PoseHistory()
+        self.coverage = 0.0
+        self.error = math.nan
+        self.stamp = 0.0
+        self.ended = ""
         self.listen(Float32, "ground_truth/coverage", self._take_coverage)
         self.listen(PoseStamped, "ground_truth/pose", self._take_truth)
         self.listen(PoseWithCovarianceStamped, "pose", self._take_pose)
@@ -55,17 +59,18 @@ class DemoNode(RosNode):
 
     def _take_pose(self, message: Any) -> None:
         self.stamp = stamp_of(message.header, 0.0)
-        truth, pose = self._truth.at(self.stamp), pose_of(message.pose.pose, "pose")
+        truth = self._truth.at(self.stamp)
+        pose = pose_of(message.pose.pose, "pose")
         if truth is not None:
             self.error = math.dist(pose[:2], truth[:2])
 
     def _look(self) -> None:
         """End as soon as one of the nodes has ended."""
-        self.ended = next(
-            (name for name, node in self._nodes.items() if node.poll() is not None), ""
-        )
-        if self.ended:
-            self.worker.end()
+        for name, node in self._nodes.items():
+            if node.poll() is not None:
+                self.ended = name
+                self.worker.end()
+                return
 
 
 def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
@@ -77,20 +82,8 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
     Raises:
         SlamgymError: If another node has ended before it.
     """
-    begun, out = time.monotonic(), str(parameters.out)
-    where = _words(parameters, "plans", "plan", "start", "seed", "speed")
-    commands = {
-        "sim": where,
-        "map": ["--out", out],
-        "explore": [*_words(parameters, "explorer", "out", "rerun", "video"), "--exit"],
-    }
-    nodes = {
-        name: subprocess.Popen(
-            [sys.executable, "-P", "-m", "slamgym", "ros2", name, *words, *ros_arguments],
-            start_new_session=True,  # Ctrl-C reaches this process alone, which ends them in order
-        )
-        for name, words in commands.items()
-    }
+    begun = time.monotonic()
+    nodes = _start_nodes(parameters, ros_arguments)
     watched: list[DemoNode] = []
 
     def make() -> DemoNode:
@@ -109,18 +102,45 @@ def run_demo(parameters: DemoParameters, ros_arguments: Sequence[str]) -> int:
         f"{100.0 * seen.coverage:.1f} % of the floor seen in {duration(seen.stamp)} of robot time "
         f"({duration(time.monotonic() - begun)} here); the robot is {seen.error:.2f} m from where it believes to be"
     )
-    tell(out)
+    tell(str(parameters.out))
     return int(nodes["explore"].returncode)
 
 
-def _words(parameters: DemoParameters, *names: str) -> list[str]:
-    """Options as they are typed; those that are empty are left out."""
-    given = {name: value for name in names if (value := getattr(parameters, name)) not in ("", ())}
-    return [
-        word
-        for name, value in given.items()
-        for word in (f"--{name}", *map(str, value if isinstance(value, tuple) else (value,)))
-    ]
+def _start_nodes(
+    parameters: DemoParameters, ros_arguments: Sequence[str]
+) -> dict[str, subprocess.Popen[bytes]]:
+    """Start the processes, by the names of their commands."""
+    commands = {
+        "sim": [
+            *_option("plans", parameters.plans),
+            *_option("plan", parameters.plan),
+            *_option("start", *parameters.start),
+            *_option("seed", parameters.seed),
+            *_option("speed", parameters.speed),
+        ],
+        "map": ["--out", str(parameters.out)],
+        "explore": [
+            *_option("explorer", parameters.explorer),
+            *_option("out", parameters.out),
+            *_option("rerun", parameters.rerun),
+            *_option("video", parameters.video),
+            "--exit",
+        ],
+    }
+    nodes = {}
+    for name, words in commands.items():
+        nodes[name] = subprocess.Popen(
+            [sys.executable, "-P", "-m", "slamgym", "ros2", name, *words, *ros_arguments],
+            start_new_session=True,  # Ctrl-C reaches this process alone, which ends them in order
+        )
+    return nodes
+
+
+def _option(name: str, *values: object) -> list[str]:
+    """An option as it is typed; nothing if it is empty."""
+    if values in ((), ("",)):
+        return []
+    return [f"--{name}", *map(str, values)]
 
 
 def _end(node: subprocess.Popen[bytes]) -> None:

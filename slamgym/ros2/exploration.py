@@ -94,7 +94,8 @@ class Exploration:
 
     def __init__(self, settings: ExploreParameters) -> None:
         self.settings = settings
-        self.state, self.text = ExplorationState.WAITING, "waiting for a map"
+        self.state = ExplorationState.WAITING
+        self.text = "waiting for a map"
         self.start: Pose2D | None = None
         self._context = ExplorerContext(
             GridFrame(LATTICE_CELL, 0.0, 0.0, 1, 1),
@@ -108,7 +109,8 @@ class Exploration:
         )
         _make_pilot(settings.explorer, self._context)
         self._grid: OccupancyGrid | None = None
-        self._clock, self._complete_at = RobotClock(), -math.inf
+        self._clock = RobotClock()
+        self._complete_at = -math.inf  # by that clock, when nothing was missing last [s]
         self._desk = GoalDesk()
         self._is_paused = False
         self._begin()
@@ -149,10 +151,11 @@ class Exploration:
     def return_to_start(self) -> None:
         """Drive to where the exploration began, if it has; it is paused then, if it isn't done."""
         if self._pilot is not None and self.start is not None:
-            self._back = WayBack(
-                self._context, self.start, self._pilot.loop.navigator.inscribed_radius
-            )
-            self._is_paused, self._notes = False, self._notes if self._is_over else []
+            radius = self._pilot.loop.navigator.inscribed_radius
+            self._back = WayBack(self._context, self.start, radius)
+            self._is_paused = False
+            if not self._is_over:
+                self._notes = []
 
     def step(self, pose: Pose2D | None, scan: LaserScan | None, stamp: float) -> DriveOrder:
         """Decide about the next control step.
@@ -165,13 +168,11 @@ class Exploration:
         if self._clock.tick(stamp, self._is_paused):
             self.start = None
             self._begin()
-        scan, grid = usable_scan(scan), self._grid
+        scan = usable_scan(scan)
+        grid = self._grid
         missing = self._find_missing(pose, scan)
         if missing or pose is None or grid is None:
-            self.state, self.text = ExplorationState.WAITING, f"waiting for {missing}"
-            if self._clock.now - self._complete_at < _PATIENCE and not self._is_paused:
-                return DriveOrder(STOP, *self._desk.last)
-            return self._desk.order(STOP, None)
+            return self._wait(missing)
         self._complete_at = self._clock.now
         self.start = self.start or pose
         if self._pilot is None:
@@ -180,7 +181,8 @@ class Exploration:
             self._pilot = _make_pilot(self.settings.explorer, self._context)
         ranges = fit_ranges(scan, self._context.geometry)
         if self._is_paused:
-            return self._stand(ExplorationState.PAUSED, "; ".join(["paused", *self._notes]))
+            text = "; ".join(["paused", *self._notes])
+            return self._stand(ExplorationState.PAUSED, text)
         if self._back is not None:
             return self._return(self._back, grid, pose, ranges)
         if self._is_over:
@@ -188,6 +190,14 @@ class Exploration:
         return self._explore(self._pilot, grid, pose, ranges)
 
     # The states.
+
+    def _wait(self, missing: str) -> DriveOrder:
+        """Wait for something; for a moment the last goal is kept."""
+        self.state = ExplorationState.WAITING
+        self.text = f"waiting for {missing}"
+        if self._clock.now - self._complete_at < _PATIENCE and not self._is_paused:
+            return DriveOrder(STOP, self._desk.pose, self._desk.number)
+        return self._desk.order(STOP, None)
 
     def _find_missing(self, pose: Pose2D | None, scan: LaserScan | None) -> str:
         """What a step waits for, in words; empty if nothing is missing."""
@@ -205,60 +215,68 @@ class Exploration:
     def _explore(
         self, pilot: FrontierPilot, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
     ) -> DriveOrder:
-        loop, trials, now = pilot.loop, self._trials, self._clock.now
+        loop = pilot.loop
+        now = self._clock.now
         if loop.finished:
-            if now < trials.again_at:
-                return self._stand(*self._describe_end(loop))
+            if now < self._trials.again_at:
+                return self._stand_between_tries(loop)
             loop.forgive()
         observation = {"map": grid, "scan": ranges, "pose": np.array(pose), "time": np.array([now])}
         twist = pilot.act(observation)
         if not loop.finished:
-            trials.note(loop)
-            known = f"{counted(loop.num_frontiers, 'frontier')}, {loop.known_area:.0f} m2 known"
-            self.state = (
-                ExplorationState.BLOCKED if trials.is_blocked else ExplorationState.EXPLORING
-            )
-            self.text = f"{self.state.value}: {known}"
+            self._trials.note(loop)
+            is_blocked = self._trials.is_blocked
+            self.state = ExplorationState.BLOCKED if is_blocked else ExplorationState.EXPLORING
+            frontiers = counted(loop.num_frontiers, "frontier")
+            self.text = f"{self.state.value}: {frontiers}, {loop.known_area:.0f} m2 known"
             return self._order(twist, loop.navigator)
-        is_lost = loop.navigator.reachable is None or not knows_place(
-            grid, pose, self.settings.robot_radius
-        )
-        if not trials.is_over(loop, is_lost, now):
-            return self._stand(*self._describe_end(loop))
-        self._is_over, count = True, len(loop.unreached())
+        has_place = knows_place(grid, pose, self.settings.robot_radius)
+        is_lost = loop.navigator.reachable is None or not has_place
+        if not self._trials.is_over(loop, is_lost, now):
+            return self._stand_between_tries(loop)
+        return self._end(loop)
+
+    def _end(self, loop: ExplorationLoop) -> DriveOrder:
+        """End the exploration, or return to the start first."""
+        self._is_over = True
         self._notes = [f"{loop.known_area:.0f} m2 known"]
-        self._notes += [f"places not reached: {count}"] if count else []
+        count = len(loop.unreached())
+        if count > 0:
+            self._notes.append(f"places not reached: {count}")
         if self.settings.return_to_start:
             self.return_to_start()
             return self._stand(ExplorationState.RETURNING, "returning to the start")
         return self._stand(ExplorationState.DONE, f"done: {'; '.join(self._notes)}")
 
-    def _describe_end(self, loop: ExplorationLoop) -> tuple[ExplorationState, str]:
-        """State and text between an end that isn't final and the next try."""
+    def _stand_between_tries(self, loop: ExplorationLoop) -> DriveOrder:
+        """Stand between an end that isn't final and the next try."""
         count = len(loop.unreached())
-        again = f"trying again after {self._trials.pause:.0f} s"
-        if not count:
-            text = f"waiting for a map with a frontier that the robot can get to; {again}"
-            return ExplorationState.WAITING, text
-        if self._trials.is_blocked:
-            return (
-                ExplorationState.BLOCKED,
-                f"blocked: no place was reached, left are {count}; {again}",
-            )
-        return ExplorationState.EXPLORING, f"exploring: places not reached: {count}; {again}"
+        if count == 0:
+            state = ExplorationState.WAITING
+            text = "waiting for a map with a frontier that the robot can get to"
+        elif self._trials.is_blocked:
+            state = ExplorationState.BLOCKED
+            text = f"blocked: no place was reached, left are {count}"
+        else:
+            state = ExplorationState.EXPLORING
+            text = f"exploring: places not reached: {count}"
+        return self._stand(state, f"{text}; trying again after {self._trials.pause:.0f} s")
 
     def _return(
         self, back: WayBack, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array
     ) -> DriveOrder:
         twist = back.step(grid, pose, ranges, self._clock.now)
         if back.result:
-            self._back, self._is_paused = None, not self._is_over
+            self._back = None
+            self._is_paused = not self._is_over
             self._notes.append(back.result)
-        self.state, self.text = ExplorationState.RETURNING, "returning to the start"
+        self.state = ExplorationState.RETURNING
+        self.text = "returning to the start"
         return self._order(twist, back.navigator)
 
     def _stand(self, state: ExplorationState, text: str) -> DriveOrder:
-        self.state, self.text = state, text
+        self.state = state
+        self.text = text
         return self._desk.order(STOP, None)
 
     def _order(self, twist: Twist2D, navigator: Navigator) -> DriveOrder:
@@ -281,7 +299,9 @@ class Exploration:
 
     def unreached(self) -> list[Point]:
         """Middles of the frontiers that were given up, which takes a search of the map's frontiers."""
-        return [one.frontier.middle for one in self._pilot.loop.unreached()] if self._pilot else []
+        if self._pilot is None:
+            return []
+        return [one.frontier.middle for one in self._pilot.loop.unreached()]
 
 
 def _make_pilot(name: str, context: ExplorerContext) -> FrontierPilot:

@@ -76,29 +76,29 @@ class ExploreNode(RosNode):
             exploration.pause()
         self._frames = RobotFrames(names)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
-        self._laser = LaserReader(self._frames, Pose2D(*names.laser_mount), self.once)
+        self._laser = LaserReader(self._frames, names.mount, self.once)
         self._foreign = ForeignMap("map")
         self._map = _Map()
         self._due: _Due | None = None
-        self._stamp, self._stepped_at = 0.0, time.monotonic()
-        self._is_saved, self._is_moving = False, True
+        self._stamp = 0.0
+        self._stepped_at = time.monotonic()
+        self._is_saved = False
+        self._is_moving = True
         self._goals = GoalSender(self, self._end_goal) if names.drive == "goals" else None
         if self._goals is None:
             self._velocity = VelocityTopic(self)
         self._display = Display(self, names)
         self._listen()
-        services = {
-            "start": (exploration.resume, "exploring"),
-            "stop": (exploration.pause, "the robot stands"),
-            "return_to_start": (exploration.return_to_start, "returning to the start"),
-        }
-        for name, (action, answer) in services.items():
-            self.serve(name, functools.partial(self._tell, action, answer))
+        self.serve("start", self._start)
+        self.serve("stop", self._stop)
+        self.serve("return_to_start", self._return_to_start)
         self.create_timer(0.1, self._look, clock=self.wall_clock)
 
     def _listen(self) -> None:
-        for topic in ("odom", "map", "scan")[: 2 + (self._goals is None)]:
-            self.need(topic)
+        self.need("odom")
+        self.need("map")
+        if self._goals is None:
+            self.need("scan")
         KeptTopic(self, OccupancyGrid, "map", self._take_map)
         if OccupancyGridUpdate:
             self.listen(OccupancyGridUpdate, "map_updates", self._take_update)
@@ -132,7 +132,8 @@ class ExploreNode(RosNode):
             self._go()
 
     def _go(self) -> None:
-        due, self._due = self._due, None
+        due = self._due
+        self._due = None
         if due is not None:
             self.worker.put(functools.partial(self._step, due))
 
@@ -149,9 +150,17 @@ class ExploreNode(RosNode):
         """Start or stop, as explore_lite's users do."""
         self.worker.put(self._exploration.resume if message.data else self._exploration.pause)
 
-    def _tell(self, action: Callable[[], None], answer: str) -> str:
-        action()
-        return answer
+    def _start(self) -> str:
+        self._exploration.resume()
+        return "exploring"
+
+    def _stop(self) -> str:
+        self._exploration.pause()
+        return "the robot stands"
+
+    def _return_to_start(self) -> str:
+        self._exploration.return_to_start()
+        return "returning to the start"
 
     def _end_goal(self, number: int, reached: bool) -> None:
         self.worker.put(functools.partial(self._exploration.goal_ended, number, reached))
@@ -160,7 +169,8 @@ class ExploreNode(RosNode):
 
     def _read_map(self, message: Any) -> None:
         def read() -> Grid:
-            info, origin = message.info, pose_of(message.info.origin, "map")
+            info = message.info
+            origin = pose_of(info.origin, "map")
             return self._foreign.take(
                 message.data, info.width, info.height, info.resolution, origin
             )
@@ -168,8 +178,12 @@ class ExploreNode(RosNode):
         self._use_map(read, stamp_of(message.header, 0.0))
 
     def _patch_map(self, message: Any) -> None:
-        place = message.x, message.y, message.width, message.height
-        self._use_map(lambda: self._foreign.patch(message.data, *place), self._map.stamp)
+        def read() -> Grid | None:
+            return self._foreign.patch(
+                message.data, message.x, message.y, message.width, message.height
+            )
+
+        self._use_map(read, self._map.stamp)
 
     def _use_map(self, read: Callable[[], Grid | None], stamp: float) -> None:
         try:
@@ -183,14 +197,18 @@ class ExploreNode(RosNode):
 
     def _forget_map(self) -> None:
         """Wait for the next map: the last one is of a run that has ended."""
-        self._foreign, grid = ForeignMap("map"), self._map.grid
+        self._foreign = ForeignMap("map")
+        grid = self._map.grid
         if grid is not None:
-            self._exploration.take_map(Grid(np.full_like(grid.cells, UNKNOWN), grid.frame))
+            unknown = np.full_like(grid.cells, UNKNOWN)
+            self._exploration.take_map(Grid(unknown, grid.frame))
         self._map = _Map()
 
     def _step(self, due: _Due | None) -> None:
         """Do what the exploration asks for now; without a scan it knows the robot's place at most."""
-        exploration, frames, pose, scan = self._exploration, self._frames, None, None
+        frames = self._frames
+        pose = None
+        scan = None
         if due is not None:
             try:
                 scan = self._laser.read(due.message, due.stamp)
@@ -199,7 +217,8 @@ class ExploreNode(RosNode):
                 return
             if due.stamp < min(self._stamp, self._map.stamp) - CLOCK_JUMP:
                 self._forget_map()
-            self._stamp, self._stepped_at = due.stamp, time.monotonic()
+            self._stamp = due.stamp
+            self._stepped_at = time.monotonic()
             pose = frames.on_map(due.odometry)
         elif frames.odometry.newest > self._stamp:
             self._stamp = frames.odometry.newest
@@ -207,30 +226,34 @@ class ExploreNode(RosNode):
         if self._stamp - frames.map_stamp > POSES_END:
             pose = None  # the mapper has ended
         self._act(pose, scan)
-        self._display.show(exploration, self._map.grid, pose, scan)
-        if exploration.state is ExplorationState.DONE and not self._is_saved:
+        self._display.show(self._exploration, self._map.grid, pose, scan)
+        state = self._exploration.state
+        if state is ExplorationState.DONE and not self._is_saved:
             self._finish()
-        self._is_saved &= exploration.state is not ExplorationState.EXPLORING
+        if state is ExplorationState.EXPLORING:
+            self._is_saved = False
 
     def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
         """Ask what is to be done now, and send it."""
         order = self._exploration.step(pose, scan, self._stamp)
-        names, is_moving = self._options, order.twist != STOP
+        is_moving = order.twist != STOP
         if self._goals is not None:
-            self._goals.send(
-                order.number, order.goal, pose, self.header(self._stamp, names.map_frame)
-            )
+            header = self.header(self._stamp, self._options.map_frame)
+            self._goals.send(order.number, order.goal, pose, header)
         elif self._is_moving or is_moving or self._exploration.state not in STANDING:
-            self._velocity.send(order.twist, self.header(self._stamp, names.base_frame))
+            header = self.header(self._stamp, self._options.base_frame)
+            self._velocity.send(order.twist, header)
         self._is_moving = is_moving
 
     def _finish(self) -> None:
         """Save the map, and begin its drawing."""
-        self._is_saved, out = True, self._options.out
-        if self._map.grid is not None:
+        self._is_saved = True
+        out = self._options.out
+        grid = self._map.grid
+        if grid is not None:
             with storage_errors(out):
                 out.mkdir(parents=True, exist_ok=True)
-            write_ros_map(out, self._map.grid)
+            write_ros_map(out, grid)
             self.get_logger().info(f"the map is in {out}; its drawing follows")
             self.worker.start(self._draw)
 

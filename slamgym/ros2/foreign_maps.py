@@ -13,7 +13,17 @@ from numpy.typing import NDArray
 
 from slamgym.core.errors import InputFileError
 from slamgym.core.limits import MAP_CELLS, shown
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, ByteArray, GridFrame, OccupancyGrid, Pose2D
+from slamgym.core.types import (
+    FREE,
+    OCCUPIED,
+    UNKNOWN,
+    BoolArray,
+    ByteArray,
+    Float32Array,
+    GridFrame,
+    OccupancyGrid,
+    Pose2D,
+)
 from slamgym.interop.ros_map import MAX_ORIGIN
 
 LATTICE_CELL = 0.05
@@ -24,8 +34,10 @@ _MARGIN = 10
 """So many unknown cells are left around a map: what ends at its border is a frontier, too."""
 _UNDECIDED = 5
 """Probabilities nearer to 50 % than this are unknown: one hit in Cartographer is 55 %, one miss 49 %."""
-_LETHAL, _INSCRIBED = 100, 99
-"""Values of a published costmap (nav2_costmap_2d): walls, and where the robot's centre would touch one."""
+_LETHAL = 100
+"""Value of walls in a published costmap (nav2_costmap_2d)."""
+_INSCRIBED = 99
+"""Value there of cells in which the robot's centre would make it touch a wall."""
 _VALUES = np.array([UNKNOWN, FREE, OCCUPIED], np.uint8)
 """Our values, each winning over those before."""
 
@@ -40,7 +52,8 @@ class ForeignMap:
     def __init__(self, name: str) -> None:
         self.name = name
         self._values: NDArray[np.int8] | None = None  # (H, W), row 0 at the bottom
-        self._resolution, self._origin = LATTICE_CELL, (0.0, 0.0)
+        self._resolution = LATTICE_CELL  # [m]
+        self._origin = Pose2D(0.0, 0.0, 0.0)
 
     def take(
         self, data: Any, width: int, height: int, resolution: float, origin: Pose2D
@@ -71,13 +84,12 @@ class ForeignMap:
                 f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0"
             )
         resolution = round(resolution, 7)  # the message has it in single precision
-        MAP_CELLS.check(self.name, width * height * max(1.0, resolution / LATTICE_CELL) ** 2)
+        growth = max(1.0, resolution / LATTICE_CELL)
+        MAP_CELLS.check(self.name, width * height * growth**2)
         values = self._checked(data, width, height)
-        self._values, self._resolution, self._origin = (
-            values.copy(),
-            resolution,
-            (origin.x, origin.y),
-        )
+        self._values = values.copy()
+        self._resolution = resolution
+        self._origin = origin
         return self._on_lattice(self._values)
 
     def patch(self, data: Any, x: int, y: int, width: int, height: int) -> OccupancyGrid | None:
@@ -95,7 +107,8 @@ class ForeignMap:
         """
         if self._values is None:
             return None
-        values, (rows, cols) = self._checked(data, width, height), self._values.shape
+        values = self._checked(data, width, height)
+        rows, cols = self._values.shape
         if not (0 <= x <= cols - width and 0 <= y <= rows - height):
             raise self._error(
                 f"is {cols} x {rows} cells, but its update is of {width} x {height} from ({x}, {y}) on; "
@@ -120,25 +133,26 @@ class ForeignMap:
 
     def _on_lattice(self, values: NDArray[np.int8]) -> OccupancyGrid:
         """The map on our lattice: occupied wins over free, and that over unknown."""
+        size = self._resolution / LATTICE_CELL
         ranks = classify_values(values)
-        frame: list[tuple[int, int]] = []
-        for axis, start in ((1, self._origin[0]), (0, self._origin[1])):
-            ranks, first = _onto_lattice(
-                ranks, start / LATTICE_CELL, self._resolution / LATTICE_CELL, axis
-            )
-            low = (first - _MARGIN) // _BLOCK * _BLOCK
-            high = -((first + ranks.shape[axis] + _MARGIN) // -_BLOCK) * _BLOCK
-            margins = [(0, 0), (0, 0)]
-            margins[axis] = (first - low, high - first - ranks.shape[axis])
-            ranks = np.pad(ranks, margins)
-            frame.append((low, high - low))
-        (left, width), (bottom, height) = frame
+        ranks, left = _onto_lattice(ranks, self._origin.x / LATTICE_CELL, size, axis=1)
+        ranks, bottom = _onto_lattice(ranks, self._origin.y / LATTICE_CELL, size, axis=0)
+        before, behind = _margins(left, ranks.shape[1])
+        below, above = _margins(bottom, ranks.shape[0])
+        ranks = np.pad(ranks, ((below, above), (before, behind)))
         cells = np.ascontiguousarray(_VALUES[ranks[::-1]])
         cells.flags.writeable = False
-        return OccupancyGrid(
-            cells,
-            GridFrame(LATTICE_CELL, left * LATTICE_CELL, bottom * LATTICE_CELL, height, width),
-        )
+        height, width = cells.shape
+        x = (left - before) * LATTICE_CELL
+        y = (bottom - below) * LATTICE_CELL
+        return OccupancyGrid(cells, GridFrame(LATTICE_CELL, x, y, height, width))
+
+
+def _margins(first: int, count: int) -> tuple[int, int]:
+    """Unknown cells to add before and behind cells of these numbers, so that the map ends at blocks."""
+    low = (first - _MARGIN) // _BLOCK * _BLOCK
+    high = -((first + count + _MARGIN) // -_BLOCK) * _BLOCK
+    return first - low, high - first - count
 
 
 def classify_values(values: NDArray[np.int8]) -> ByteArray:
@@ -148,18 +162,25 @@ def classify_values(values: NDArray[np.int8]) -> ByteArray:
     100, so only 100 is a wall; the seam lies on the unknown behind it, too, and is known where it is nearer to free
     space than to the unknown. Otherwise they are probabilities, with nothing but 0 and 100 in trinary maps.
     """
-    import cv2
-
     known = (values >= 0) & (values <= _LETHAL)
     if _is_costmap(values):
-        open_space, unknown = known & (values < _INSCRIBED), ~known
-        to_open, to_unknown = (
-            cv2.distanceTransform((~mask).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_3)
-            for mask in (open_space, unknown)
-        )
-        return np.where(values == _LETHAL, 2, known & (to_open <= to_unknown)).astype(np.uint8)
-    occupied, free = values > 50 + _UNDECIDED, values < 50 - _UNDECIDED
-    return np.where(occupied & known, 2, free & known).astype(np.uint8)
+        to_open = _distance_to(known & (values < _INSCRIBED))
+        to_unknown = _distance_to(~known)
+        occupied = values == _LETHAL
+        free = known & (to_open <= to_unknown)
+    else:
+        occupied = known & (values > 50 + _UNDECIDED)
+        free = known & (values < 50 - _UNDECIDED)
+    return np.where(occupied, 2, free).astype(np.uint8)
+
+
+def _distance_to(mask: BoolArray) -> Float32Array:
+    """From each cell to the nearest cell of a mask [cells]."""
+    import cv2
+
+    elsewhere = (~mask).view(np.uint8)
+    distance = cv2.distanceTransform(elsewhere, cv2.DIST_L2, cv2.DIST_MASK_3)
+    return np.asarray(distance, dtype=np.float32)
 
 
 def _is_costmap(values: NDArray[np.int8]) -> bool:
@@ -167,9 +188,11 @@ def _is_costmap(values: NDArray[np.int8]) -> bool:
     import cv2
 
     wall = (values == _LETHAL).view(np.uint8)
-    around = values[cv2.dilate(wall, np.ones((3, 3), np.uint8)) > wall]
+    neighbours = np.ones((3, 3), np.uint8)
+    around = values[cv2.dilate(wall, neighbours) > wall]
     seam = around == _INSCRIBED
-    return bool(seam.any()) and float(np.mean(seam | (around < 0))) > 0.95
+    unknown = around < 0
+    return bool(seam.any()) and float(np.mean(seam | unknown)) > 0.95
 
 
 def _onto_lattice(ranks: ByteArray, start: float, size: float, axis: int) -> tuple[ByteArray, int]:
@@ -187,9 +210,13 @@ def _onto_lattice(ranks: ByteArray, start: float, size: float, axis: int) -> tup
     count = ranks.shape[axis]
     fuzz = 1e-6  # a centre on a border of two cells belongs to the same one every time
     if size < 1.0 - fuzz:
-        cells = np.floor(start + size * (np.arange(count) + 0.5) + fuzz).astype(np.int64)
+        centres = start + size * (np.arange(count) + 0.5)
+        cells = np.floor(centres + fuzz).astype(np.int64)
         begins = np.flatnonzero(np.diff(cells, prepend=cells[0] - 1))
         return np.maximum.reduceat(ranks, begins, axis=axis), int(cells[0])
-    first, end = math.floor(start + 0.5 + fuzz), math.floor(start + size * count + 0.5 + fuzz)
-    taken = np.floor((np.arange(first, end) + 0.5 - start) / size + fuzz).astype(np.int64)
-    return np.take(ranks, np.clip(taken, 0, count - 1), axis=axis), first
+    first = math.floor(start + 0.5 + fuzz)
+    end = math.floor(start + size * count + 0.5 + fuzz)
+    centres = np.arange(first, end) + 0.5
+    shown_there = np.floor((centres - start) / size + fuzz).astype(np.int64)
+    taken = np.clip(shown_there, 0, count - 1)
+    return np.take(ranks, taken, axis=axis), first

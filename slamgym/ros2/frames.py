@@ -71,9 +71,10 @@ class PoseHistory:
         if later - earlier > OLDEST:
             return None
         share = (stamp - earlier) / (later - earlier)
-        moved = between(self.poses[after - 1], self.poses[after])
+        before = self.poses[after - 1]
+        moved = between(before, self.poses[after])
         part = Pose2D(share * moved.x, share * moved.y, share * moved.theta)
-        return compose(self.poses[after - 1], part)
+        return compose(before, part)
 
 
 class RobotFrames:
@@ -106,8 +107,11 @@ class RobotFrames:
 
     def _move(self, message: Any, pose: Pose2D) -> None:
         """Take a pose by odometry; on a clock that has jumped back the map's place isn't known any more."""
-        if self.odometry.add(stamp_of(message.header, 0.0), pose) and self.map_stamp < math.inf:
-            self.map_from_odom, self.pose_stamp, self.map_stamp = None, -math.inf, -math.inf
+        has_jumped = self.odometry.add(stamp_of(message.header, 0.0), pose)
+        if has_jumped and self.map_stamp < math.inf:
+            self.map_from_odom = None
+            self.pose_stamp = -math.inf
+            self.map_stamp = -math.inf
 
     def take_transforms(self, message: Any, *, static: bool) -> bool:
         """Take a TFMessage; a transform with broken numbers is left out.
@@ -115,19 +119,21 @@ class RobotFrames:
         Returns:
             True if it had odometry.
         """
-        names, moved = self._names, False
+        names = self._names
+        moved = False
         for entry in message.transforms:
-            parent, child = clean_frame(entry.header.frame_id), clean_frame(entry.child_frame_id)
+            parent = clean_frame(entry.header.frame_id)
+            child = clean_frame(entry.child_frame_id)
+            transform = entry.transform
             try:
-                matrix = matrix_of(
-                    entry.transform.translation, entry.transform.rotation, "transform"
-                )
+                matrix = matrix_of(transform.translation, transform.rotation, "transform")
             except (BrokenMessageError, ValueError):
                 continue
             self._tree.add(parent, child, 0.0, matrix, static=static)
             if parent == names.odom_frame:
                 if not self.has_tf:
-                    self.odometry, self.has_tf = PoseHistory(), True
+                    self.odometry = PoseHistory()
+                    self.has_tf = True
                 self._move(entry, planar(matrix))
                 moved = True
             elif (parent, child) == (names.map_frame, names.odom_frame):
@@ -138,9 +144,11 @@ class RobotFrames:
     def take_pose(self, message: Any) -> None:
         """Take a PoseWithCovarianceStamped on the map; raises as :meth:`take_odometry`."""
         stamp = stamp_of(message.header, 0.0)
-        pose, odometry = pose_of(message.pose.pose, "pose"), self.odometry.at(stamp)
+        pose = pose_of(message.pose.pose, "pose")
+        odometry = self.odometry.at(stamp)
         if odometry is not None:
-            self.map_from_odom, self.pose_stamp = compose(pose, inverse(odometry)), stamp
+            self.map_from_odom = compose(pose, inverse(odometry))
+            self.pose_stamp = stamp
             self.map_stamp = max(self.map_stamp, self.odometry.newest)
 
     def on_map(self, odometry: Pose2D) -> Pose2D | None:
@@ -150,7 +158,10 @@ class RobotFrames:
     def mount(self, laser_frame: str) -> tuple[Pose2D, bool] | None:
         """The laser on the robot, and true if it hangs upside down; None where no transform says it."""
         matrix = self._tree.lookup(laser_frame, self._names.base_frame)
-        return None if matrix is None else (planar(matrix), bool(matrix[2, 2] < 0.0))
+        if matrix is None:
+            return None
+        hangs = bool(matrix[2, 2] < 0.0)
+        return planar(matrix), hangs
 
 
 class ScanSync:
@@ -165,7 +176,9 @@ class ScanSync:
     def __init__(
         self, frames: RobotFrames, deliver: Callable[[Any, float, Pose2D], None], warn: Warn
     ) -> None:
-        self._frames, self._deliver, self._warn = frames, deliver, warn
+        self._frames = frames
+        self._deliver = deliver
+        self._warn = warn
         self._waiting: deque[tuple[float, Any]] = deque()
         self._first = math.inf  # [s]
         self.dropped = 0
@@ -203,9 +216,8 @@ class ScanSync:
         while self._waiting:
             stamp, message = self._waiting[0]
             odometry = self._frames.odometry.at(stamp)
-            if odometry is not None and self._is_placed(
-                stamp, clean_frame(message.header.frame_id)
-            ):
+            laser_frame = clean_frame(message.header.frame_id)
+            if odometry is not None and self._is_placed(stamp, laser_frame):
                 self._waiting.popleft()
                 self._deliver(message, stamp, odometry)
             elif stamp > self._frames.odometry.newest:

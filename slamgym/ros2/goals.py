@@ -17,7 +17,7 @@ except ImportError:  # no wheel has it: it comes with Nav2
     NavigateToPose = None
 
 SUCCEEDED = 4
-"""Of action_msgs/GoalStatus."""
+"""Status of a goal that was reached (action_msgs/GoalStatus)."""
 
 
 class GoalSender:
@@ -29,10 +29,11 @@ class GoalSender:
     """
 
     def __init__(self, node: RosNode, ended: Callable[[int, bool], None]) -> None:
-        self._node, self._ended = node, ended
-        self._action = (
-            ActionClient(node, NavigateToPose, "navigate_to_pose") if NavigateToPose else None
-        )
+        self._node = node
+        self._ended = ended
+        self._action = None
+        if NavigateToPose:
+            self._action = ActionClient(node, NavigateToPose, "navigate_to_pose")
         self._topic = node.create_publisher(PoseStamped, "goal_pose", 10)
         self._number = 0
         self._handle: Any = None
@@ -48,19 +49,16 @@ class GoalSender:
         """
         if number == self._number:
             return
-        self._number, place = number, goal or here
-        message = (
-            None
-            if place is None
-            else fill(PoseStamped(), {"header": header, "pose": pose_fields(place)})
-        )
+        self._number = number
         if self._action is None:
-            if message is not None:
-                self._topic.publish(message)
+            place = goal or here
+            if place is not None:
+                self._topic.publish(_stamped(place, header))
         elif goal is None:
             self.cancel()
         elif self._action.server_is_ready():
-            answer = self._action.send_goal_async(NavigateToPose.Goal(pose=message))
+            message = NavigateToPose.Goal(pose=_stamped(goal, header))
+            answer = self._action.send_goal_async(message)
             answer.add_done_callback(functools.partial(self._take_answer, number))
         else:
             self._node.once(
@@ -83,6 +81,11 @@ class GoalSender:
         if number != self._number:  # it isn't wanted any more
             self.cancel()
         result = handle.get_result_async()
-        result.add_done_callback(
-            lambda done: self._ended(number, done.result().status == SUCCEEDED)
-        )
+        result.add_done_callback(functools.partial(self._take_result, number))
+
+    def _take_result(self, number: int, result: Any) -> None:
+        self._ended(number, result.result().status == SUCCEEDED)
+
+
+def _stamped(pose: Pose2D, header: Fields) -> PoseStamped:
+    return fill(PoseStamped(), {"header": header, "pose": pose_fields(pose)})

@@ -9,6 +9,7 @@ from slamgym.core.types import (
     OCCUPIED,
     UNKNOWN,
     Float32Array,
+    FloatArray,
     LaserGeometry,
     LaserScan,
     OccupancyGrid,
@@ -23,19 +24,27 @@ def fence(grid: OccupancyGrid, area: tuple[Point, ...]) -> OccupancyGrid:
         return grid
     import cv2
 
-    row, col = grid.frame.to_cell(*np.array(area).T)
+    x, y = np.array(area).T
+    row, col = grid.frame.to_cell(x, y)
+    corners = np.column_stack([col, row]).astype(np.int32)
     inside = np.zeros(grid.frame.shape, np.uint8)
-    cv2.fillPoly(inside, [np.column_stack([col, row]).astype(np.int32)], 1)
-    beside = cv2.dilate((grid.cells == FREE).view(np.uint8), np.ones((3, 3), np.uint8))
+    cv2.fillPoly(inside, [corners], 1)
+    free = (grid.cells == FREE).view(np.uint8)
+    neighbours = np.ones((3, 3), np.uint8)
+    beside = cv2.dilate(free, neighbours)
     closed = (grid.cells == UNKNOWN) & (inside == 0) & (beside > 0)
-    return OccupancyGrid(np.where(closed, np.uint8(OCCUPIED), grid.cells), grid.frame)
+    cells = grid.cells.copy()
+    cells[closed] = OCCUPIED
+    return OccupancyGrid(cells, grid.frame)
 
 
 def knows_place(grid: OccupancyGrid, pose: Pose2D, radius: float) -> bool:
     """True if a map shows free space where a robot of a radius [m] stands."""
     row, col = grid.frame.to_cell(pose.x, pose.y)
     half = math.ceil(radius / grid.frame.resolution)
-    around = grid.cells[max(0, row - half) : row + half + 1, max(0, col - half) : col + half + 1]
+    rows = slice(max(0, row - half), row + half + 1)
+    cols = slice(max(0, col - half), col + half + 1)
+    around = grid.cells[rows, cols]
     return bool((around == FREE).any())
 
 
@@ -43,18 +52,20 @@ def usable_scan(scan: LaserScan | None) -> LaserScan | None:
     """The scan with its beams counter-clockwise, as many as it has; None if it says nothing."""
     if scan is None or not len(scan.ranges):
         return None
-    count, ranges, geometry = len(scan.ranges), scan.ranges, scan.geometry
-    step, reach = geometry.angle_increment, geometry.range_max
-    if (
-        not all(map(math.isfinite, (geometry.angle_min, step, reach)))
-        or step == 0.0
-        or reach <= 0.0
-    ):
+    ranges = np.asarray(scan.ranges, np.float32)
+    geometry = scan.geometry._replace(num_beams=len(ranges))
+    first = geometry.angle_min
+    step = geometry.angle_increment
+    reach = geometry.range_max
+    if not all(map(math.isfinite, (first, step, reach))):
+        return None
+    if step == 0.0 or reach <= 0.0:
         return None
     if step < 0.0:
-        ranges, first = ranges[::-1], geometry.angle_min + step * (count - 1)
-        geometry = geometry._replace(angle_min=first, angle_increment=-step)
-    return LaserScan(scan.stamp, np.asarray(ranges, np.float32), geometry._replace(num_beams=count))
+        last = first + step * (len(ranges) - 1)
+        ranges = ranges[::-1]
+        geometry = geometry._replace(angle_min=last, angle_increment=-step)
+    return LaserScan(scan.stamp, ranges, geometry)
 
 
 def fit_ranges(scan: LaserScan | None, geometry: LaserGeometry) -> Float32Array:
@@ -64,13 +75,21 @@ def fit_ranges(scan: LaserScan | None, geometry: LaserGeometry) -> Float32Array:
     """
     if scan is None:
         return np.zeros(0, np.float32)
-    ranges, theirs = scan.ranges, scan.geometry
-    if theirs[:3] != geometry[:3]:
-        index = np.rint(
-            (geometry.angles - theirs.angle_min) % (2.0 * math.pi) / theirs.angle_increment
-        )
-        index = index.astype(np.int64) % max(1, round(2.0 * math.pi / theirs.angle_increment))
-        measured = index < len(ranges)
-        ranges = np.where(measured, np.append(ranges, 0.0)[np.where(measured, index, -1)], 0.0)
+    ranges = scan.ranges
+    if scan.geometry[:3] != geometry[:3]:
+        ranges = _resampled(scan, geometry.angles)
     usable = ranges >= np.float32(geometry.range_min)
-    return np.where(usable, np.minimum(ranges, geometry.range_max), 0.0).astype(np.float32)
+    limited = np.minimum(ranges, geometry.range_max)
+    return np.where(usable, limited, 0.0).astype(np.float32)
+
+
+def _resampled(scan: LaserScan, angles: FloatArray) -> Float32Array:
+    """Ranges of the beams nearest to these angles [rad]; 0 where there is none."""
+    step = scan.geometry.angle_increment
+    turned = (angles - scan.geometry.angle_min) % (2.0 * math.pi)
+    beams_a_turn = max(1, round(2.0 * math.pi / step))
+    index = np.rint(turned / step).astype(np.int64) % beams_a_turn
+    measured = index < len(scan.ranges)
+    ranges = np.zeros(len(angles), np.float32)
+    ranges[measured] = scan.ranges[index[measured]]
+    return ranges

@@ -27,7 +27,9 @@ class LaserReader:
     """
 
     def __init__(self, frames: RobotFrames, mount: Pose2D, warn: Warn) -> None:
-        self._frames, self._mount, self._warn = frames, mount, warn
+        self._frames = frames
+        self._mount = mount
+        self._warn = warn
         self.geometry: LaserGeometry | None = None
         self._flipped = False
 
@@ -40,22 +42,29 @@ class LaserReader:
         check_scan(message)
         if self.geometry is None:
             self.geometry = self._first(message)
-        beams, usual = len(message.ranges), self.geometry.num_beams
+        beams = len(message.ranges)
+        usual = self.geometry.num_beams
         if abs(beams - usual) > OTHER_BEAMS * usual:
-            what = f"a scan has {beams} beams where the first had {usual}: what the first didn't see is left out"
-            self._warn("beams", f"{what}; call the service reset if the laser was changed")
-        return LaserScan(stamp, ranges_of(message, self.geometry, self._flipped), self.geometry)
+            self._warn(
+                "beams",
+                f"a scan has {beams} beams where the first had {usual}: what the first didn't see is left out; "
+                "call the service reset if the laser was changed",
+            )
+        ranges = ranges_of(message, self.geometry, self._flipped)
+        return LaserScan(stamp, ranges, self.geometry)
 
     def _first(self, message: Any) -> LaserGeometry:
         frame = clean_frame(message.header.frame_id)
         found = self._frames.mount(frame)
         if found is None:
-            what = f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame)"
-            self._warn("mount", f"{what}: laser_mount is taken, {tuple(self._mount)}")
+            self._warn(
+                "mount",
+                f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame): "
+                f"laser_mount is taken, {tuple(self._mount)}",
+            )
         mount, self._flipped = found or (self._mount, False)
-        limit, findings = range_limit(
-            [np.array(message.ranges, np.float32)], float(message.range_max), None
-        )
+        ranges = np.array(message.ranges, np.float32)
+        limit, findings = range_limit([ranges], float(message.range_max), None)
         for finding in findings:
             self._warn(finding.kind, finding.sentence)
         return geometry_of(message, mount, self._flipped, limit)

@@ -66,9 +66,11 @@ class MapRun:
         self.mapper: Mapper | None = None
         self.map_from_odom: Pose2D | None = None
         self.stamp = -np.inf
-        self._parameters, self._configure, self._known = parameters, configure, known
+        self._parameters = parameters
+        self._configure = configure
+        self._known = known
         self._warn = warn
-        self._laser = LaserReader(frames, Pose2D(*parameters.laser_mount), warn)
+        self._laser = LaserReader(frames, parameters.mount, warn)
         self._tracker: LaserTracker | None = None
         self.odometry = Pose2D(0.0, 0.0, 0.0)
         self._log: IO[str] | None = None
@@ -85,40 +87,47 @@ class MapRun:
             StorageError: If the log can't be made.
         """
         scan = self._laser.read(message, stamp)
-        self.stamp, self.odometry = stamp, self._by_laser(scan) if odometry is None else odometry
+        self.stamp = stamp
+        self.odometry = self._by_laser(scan) if odometry is None else odometry
         if self.mapper is None:
             self.mapper = self._make_mapper(scan)
-            with storage_errors(self._parameters.out):
-                self._parameters.out.mkdir(parents=True, exist_ok=True)
-                self._log = gzip.open(self._parameters.out / LOG, "wt", compresslevel=1)  # noqa: SIM115 - close() does
+            self._open_log()
         processed = self.mapper.update(self.odometry, scan)
         self.map_from_odom = compose(self.mapper.pose, inverse(self.odometry))
         if self._log is not None and np.isfinite(scan.ranges).any():
             self._write(scan)
         return processed
 
+    def _open_log(self) -> None:
+        out = self._parameters.out
+        with storage_errors(out):
+            out.mkdir(parents=True, exist_ok=True)
+            self._log = gzip.open(out / LOG, "wt", compresslevel=1)  # noqa: SIM115 - close() does
+
     def _by_laser(self, scan: LaserScan) -> Pose2D:
         if self._tracker is None:
             self._tracker = LaserTracker(scan)
             return self.odometry
-        return Pose2D(*moved_by(np.array(self.odometry), self._tracker.move(scan).step).tolist())
+        step = self._tracker.move(scan).step
+        x, y, theta = moved_by(np.array(self.odometry), step).tolist()
+        return Pose2D(x, y, theta)
 
     def _make_mapper(self, scan: LaserScan) -> Mapper:
-        geometry, known, start = scan.geometry, self._known, self.odometry
+        geometry = scan.geometry
         config = self._configure(SlamConfig.for_log(geometry.range_max, geometry.num_beams))
-        if known is not None:
-            localization = replace(config.localization, start="known" if known.start else "global")
-            config, start = (
-                replace(config, mode="map", localization=localization),
-                known.start or start,
-            )
-        finished = None if known is None else known.grid
-        return make_mapper(config, geometry, start, np.random.default_rng(0), finished)
+        rng = np.random.default_rng(0)
+        if self._known is None:
+            return make_mapper(config, geometry, self.odometry, rng, None)
+        grid, start = self._known
+        localization = replace(config.localization, start="known" if start else "global")
+        config = replace(config, mode="map", localization=localization)
+        return make_mapper(config, geometry, start or self.odometry, rng, grid)
 
     def _write(self, scan: LaserScan) -> None:
         """Note a scan; a disk that is full ends the log, not the map."""
         assert self._log is not None
-        lines = [*carmen_lines([LogRecord(scan.stamp, self.odometry, scan)], scan.geometry)]
+        record = LogRecord(scan.stamp, self.odometry, scan)
+        lines = list(carmen_lines([record], scan.geometry))
         try:
             with storage_errors(self._parameters.out / LOG):
                 self._log.writelines(lines[self._is_logged :])  # the head once
@@ -146,7 +155,8 @@ class MapRun:
 
     def close(self) -> None:
         """Complete the log."""
-        log, self._log = self._log, None
+        log = self._log
+        self._log = None
         if log is not None:
             with storage_errors(self._parameters.out / LOG):
                 log.close()
@@ -161,7 +171,8 @@ class MapRun:
             self.close()
             return "there was no map yet" if self._known is None else "the map stays"
         out = self._parameters.out
-        folder = next(path for n in itertools.count(1) if not (path := out / f"run{n}").exists())
+        runs = (out / f"run{number}" for number in itertools.count(1))
+        folder = next(path for path in runs if not path.exists())
         self.save(folder)
         self.close()
         with storage_errors(folder):

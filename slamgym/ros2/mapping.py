@@ -31,8 +31,10 @@ from slamgym.ros2.parameters import MapParameters
 from slamgym.ros2.topics import listen_to_odometry, listen_to_scans
 from slamgym.slam import Mapper
 
-TRANSFORM_INTERVAL, TRANSFORM_AHEAD = 0.05, 0.1
-"""``map`` -> ``odom`` is published so often, as true until so much later [s]: others look it up for newer scans."""
+TRANSFORM_INTERVAL = 0.05
+"""Time between two transforms ``map`` -> ``odom`` [s]."""
+TRANSFORM_AHEAD = 0.1
+"""A transform is published as true until so much later [s]: others look it up for newer scans."""
 
 
 class MapNode(RosNode):
@@ -51,7 +53,8 @@ class MapNode(RosNode):
         self._options = names = self.read_parameters(parameters)
         self._configure = configure
         self._known = KnownPlace(read_ros_map(names.map)) if names.map else None
-        self._is_paused, self._is_new, self._drawn_at = False, False, -np.inf
+        self._is_paused = False
+        self._is_new = False
         self._grids = self.offer(OccupancyGrid, "map", LATCHED)
         self._poses = self.offer(PoseWithCovarianceStamped, "pose")
         self._diagnostics = self.offer(DiagnosticArray, "/diagnostics")
@@ -63,20 +66,24 @@ class MapNode(RosNode):
         self._frames = RobotFrames(names)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
         self._begin()
-        self.need("scan")
-        if names.odometry == "tf":
-            self.need("odom")
+        self._listen()
         self.create_timer(TRANSFORM_INTERVAL, self._send_transform)
-        listen_to_odometry(self, self._frames, self._sync.flush)
-        listen_to_scans(self, self._take_scan)
         if self._known is not None:
-            self.listen(PoseWithCovarianceStamped, "initialpose", self._begin_at)
             self._grids(grid_fields(self._header(0.0), self._known.grid))
         self.serve("save", self.save)
         self.serve("draw", self._draw)
         self.serve("reset", self._reset)
         self.serve_switch("pause", self._pause)
         self.create_timer(1.0, lambda: self.worker.put(self._diagnose), clock=self.wall_clock)
+
+    def _listen(self) -> None:
+        self.need("scan")
+        if self._options.odometry == "tf":
+            self.need("odom")
+        listen_to_odometry(self, self._frames, self._sync.flush)
+        listen_to_scans(self, self._take_scan)
+        if self._known is not None:
+            self.listen(PoseWithCovarianceStamped, "initialpose", self._begin_at)
 
     def _begin(self) -> None:
         """Begin a map, or look for the robot, anew."""
@@ -106,8 +113,10 @@ class MapNode(RosNode):
         if run is not self._run:
             return  # from before a reset
         if stamp < run.stamp - CLOCK_JUMP:
-            jump = f"the clock jumped back by {run.stamp - stamp:.1f} s"
-            self.get_logger().warning(f"{jump}: begun again; {self._restart()}")
+            passed = run.stamp - stamp
+            self.get_logger().warning(
+                f"the clock jumped back by {passed:.1f} s: begun again; {self._restart()}"
+            )
             run = self._run
         if stamp <= run.stamp:
             self.once(
@@ -127,13 +136,15 @@ class MapNode(RosNode):
             header = self.header(stamp, names.odom_frame)
             self._transforms(transform_fields(header, names.base_frame, run.odometry))
         if self._is_new and self._known is None and stamp - self._drawn_at >= names.map_interval:
-            self._is_new, self._drawn_at = False, stamp
+            self._is_new = False
+            self._drawn_at = stamp
             self._grids(grid_fields(self._header(stamp), mapper.occupancy_grid()))
 
     def _send_pose(self, mapper: Mapper, stamp: float) -> None:
         """Publish the pose at a scan."""
         covariance = np.zeros((6, 6))
-        covariance[np.ix_((0, 1, 5), (0, 1, 5))] = mapper.covariance
+        planar = (0, 1, 5)  # x, y and yaw of x, y, z, roll, pitch, yaw
+        covariance[np.ix_(planar, planar)] = mapper.covariance
         pose = {"pose": pose_fields(mapper.pose), "covariance": covariance.ravel()}
         self._poses({"header": self._header(stamp), "pose": pose})
 
@@ -185,11 +196,8 @@ class MapNode(RosNode):
         if mapper is None:
             return
         stats = mapper.stats
-        level, text = (
-            (DiagnosticStatus.WARN, "in doubt")
-            if stats.is_doubtful
-            else (DiagnosticStatus.OK, "sure")
-        )
+        level = DiagnosticStatus.WARN if stats.is_doubtful else DiagnosticStatus.OK
+        text = "in doubt" if stats.is_doubtful else "sure"
         figures = {
             "scans": stats.scans,
             "processed": stats.processed,
@@ -216,6 +224,8 @@ def draw_saved_map(folder: Any) -> int:
     """Draw a folder's map as `slamgym cad` does, without the network where torch is missing; returns its exit code."""
     import importlib.util
 
-    model = [] if importlib.util.find_spec("torch") else ["--model", "none"]
-    draw = "cad", "draw", f"{folder}/map.yaml", "-o", f"{folder}/drawing", *model
-    return subprocess.run([sys.executable, "-P", "-m", "slamgym", *draw], check=False).returncode
+    words = ["cad", "draw", f"{folder}/map.yaml", "-o", f"{folder}/drawing"]
+    if not importlib.util.find_spec("torch"):
+        words += ["--model", "none"]
+    command = [sys.executable, "-P", "-m", "slamgym", *words]
+    return subprocess.run(command, check=False).returncode

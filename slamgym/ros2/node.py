@@ -34,9 +34,11 @@ except ImportError:  # no wheel has it: it comes with a ROS installation
     TFMessage = None
 
 RELIABLE = QoSProfile(depth=10)
+"""Of topics whose messages all arrive."""
 SENSOR = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Of sensors' data, which may get lost."""
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""Of what is sent on demand, of sensors' data, and of the last message that late subscribers get, too."""
+"""Of topics whose last message late subscribers get, too."""
 PATIENCE = 3.0
 """A node says what it waits for after so long [s]."""
 MOST_PENDING = 10
@@ -56,6 +58,16 @@ def fill(message: Any, fields: Fields) -> Any:
         else:
             setattr(message, name, value)
     return message
+
+
+def _as_type_of(default: Any, value: Any) -> Any:
+    """A parameter's value in the type of its default; as it is where it can't be, which its field refuses."""
+    with contextlib.suppress(TypeError, ValueError):
+        if isinstance(default, tuple):
+            return tuple(map(float, value))
+        if isinstance(default, str | Path | float) and not isinstance(value, bool):
+            return type(default)(value)
+    return value
 
 
 class Worker:
@@ -156,18 +168,9 @@ class RosNode(Node):
         changes = {}
         for field in dataclasses.fields(parameters):
             if self.has_parameter(field.name):
-                default, value = (
-                    getattr(parameters, field.name),
-                    self.get_parameter(field.name).value,
-                )
-                with contextlib.suppress(
-                    TypeError, ValueError
-                ):  # its field refuses what it can't be
-                    if isinstance(default, tuple):
-                        value = tuple(map(float, value))
-                    elif isinstance(default, str | Path | float) and not isinstance(value, bool):
-                        value = type(default)(value)
-                changes[field.name] = value
+                default = getattr(parameters, field.name)
+                value = self.get_parameter(field.name).value
+                changes[field.name] = _as_type_of(default, value)
         return dataclasses.replace(parameters, **changes)
 
     def once(self, kind: str, sentence: str) -> None:
@@ -179,13 +182,15 @@ class RosNode(Node):
 
     def is_on_map(self, message: Any, topic: str) -> bool:
         """False, with a warning, if a message is in another frame than the map's."""
-        frame, wanted = clean_frame(message.header.frame_id), self.get_parameter("map_frame").value
-        if frame != wanted:
-            self.once(
-                topic,
-                f"{topic} is in the frame {frame!r}, not {wanted!r} (parameter map_frame): left out",
-            )
-        return bool(frame == wanted)
+        frame = clean_frame(message.header.frame_id)
+        wanted = self.get_parameter("map_frame").value
+        if frame == wanted:
+            return True
+        self.once(
+            topic,
+            f"{topic} is in the frame {frame!r}, not {wanted!r} (parameter map_frame): left out",
+        )
+        return False
 
     def _wake(self) -> None:
         """Have the executor look whether the node is to end."""
@@ -263,7 +268,8 @@ class RosNode(Node):
                     response.message = action()
                 response.success = True
             except SlamgymError as error:
-                response.success, response.message = False, str(error)
+                response.success = False
+                response.message = str(error)
             self.get_logger().info(response.message)
             return response
 
@@ -274,7 +280,8 @@ class RosNode(Node):
 
         def answer(request: Any, response: Any) -> Any:
             with self.worker.lock:
-                response.message, response.success = switch(request.data), True
+                response.message = switch(request.data)
+            response.success = True
             return response
 
         self.create_service(SetBool, f"~/{name}", answer)

@@ -21,34 +21,40 @@ class GoalDesk:
     """Hands the goals of navigators over to another navigation, by numbers.
 
     Attributes:
-        last: The goal as it was last handed over, and its number.
+        pose: Of the goal as it was last handed over; None for nowhere.
+        number: Of that goal.
     """
 
     def __init__(self) -> None:
-        self.last: tuple[Pose2D | None, int] = (None, 0)
+        self.pose: Pose2D | None = None
+        self.number = 0
         self._goal: Goal | None = None
         self._owner: Navigator | None = None
 
     def order(self, twist: Twist2D, navigator: Navigator | None) -> DriveOrder:
         """The order of a velocity and the goal of a navigator; None for no goal."""
-        goal = navigator.goal if navigator is not None and navigator.is_active else None
+        goal = None
+        if navigator is not None and navigator.is_active:
+            goal = navigator.goal
         if goal is not self._goal:
-            self._goal, self._owner = goal, navigator
-            place = (
-                _pose_at(goal, navigator) if goal is not None and navigator is not None else None
-            )
-            self.last = place, self.last[1] + 1
-        return DriveOrder(twist, *self.last)
+            self._goal = goal
+            self._owner = navigator
+            self.pose = None
+            if goal is not None and navigator is not None:
+                self.pose = _pose_at(goal, navigator)
+            self.number += 1
+        return DriveOrder(twist, self.pose, self.number)
 
     def end(self, number: int, reached: bool) -> None:
         """Tell the navigator what became of the goal of a number; what became of older ones is passed over."""
-        if number == self.last[1] and self._owner is not None:
+        if number == self.number and self._owner is not None:
             self._owner.end(reached)
 
 
 def _pose_at(goal: Goal, navigator: Navigator) -> Pose2D:
     """The end of the path to a goal, looking where the goal wants, or along the path."""
     path = navigator.follower.path
-    x, y = path[-1].tolist()
-    to_x, to_y = goal.look_at or (2.0 * path[-1] - path[-2]).tolist()
+    end = path[-1]
+    x, y = end.tolist()
+    to_x, to_y = goal.look_at or (2.0 * end - path[-2]).tolist()
     return Pose2D(x, y, math.atan2(to_y - y, to_x - x))

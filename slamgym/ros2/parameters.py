@@ -7,6 +7,7 @@ import tyro
 
 from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.errors import ConfigError
+from slamgym.core.types import Pose2D
 
 RosOut = Annotated[Path, tyro.conf.arg(aliases=["-o"])]
 
@@ -22,6 +23,12 @@ class FrameNames(Arguments):
     """Frame of the robot."""
     laser_mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
     """The laser on the robot (x, y [m], yaw [rad]) until /tf_static says it; TurtleBot3 Waffle Pi's."""
+
+    @property
+    def mount(self) -> Pose2D:
+        """The laser on the robot until /tf_static says it."""
+        x, y, yaw = self.laser_mount
+        return Pose2D(x, y, yaw)
 
 
 class SimParameters(Arguments):

@@ -53,18 +53,20 @@ def begin_robot(
         ConfigError: If there is no such plan, or the start leaves no room for the robot.
         PlanError: If the plan can't be explored.
     """
-    start = parameters.start
-    if len(start) not in (0, 3):
-        raise ConfigError(f"start must be x, y, theta or nothing, not {start}")
-    wanted = ResetOptions(parameters.plan or None, Pose2D(*start) if start else None)
+    start = None
+    if len(parameters.start) == 3:
+        x, y, theta = parameters.start
+        start = Pose2D(x, y, theta)
+    elif parameters.start:
+        raise ConfigError(f"start must be x, y, theta or nothing, not {parameters.start}")
+    wanted = ResetOptions(parameters.plan or None, start)
     rng, _ = seeding.np_random(parameters.seed)
     streams = Streams.spawn(rng)
     prepared, pose = plans.choose_site(wanted, streams, config.clutter)
     robot = SimulatedRobot(prepared, pose, config, lidar, streams)
     floor = prepared.floor
-    coverage = Coverage(
-        floor.mask(pose.x, pose.y), floor.frame, lidar.geometry, config.usable_range
-    )
+    reachable = floor.mask(pose.x, pose.y)
+    coverage = Coverage(reachable, floor.frame, lidar.geometry, config.usable_range)
     return robot, prepared.plan, coverage
 
 
@@ -78,11 +80,11 @@ class SimNode(RosNode):
 
     def __init__(self, parameters: SimParameters, config: ExploreConfig) -> None:
         super().__init__("slamgym_sim", parameters)
-        self._defaults, self._config = parameters, config
+        self._defaults = parameters
+        self._config = config
         self._lidar = Lidar(config.lidar)
-        self._plans = PlanCache(
-            self.read_parameters(parameters).plans, config.robot, config.lidar.surfaces
-        )
+        plans = self.read_parameters(parameters).plans
+        self._plans = PlanCache(plans, config.robot, config.lidar.surfaces)
         self._send = {
             "scan": self.offer(LaserScan, "scan", SENSOR),
             "odom": self.offer(Odometry, "odom"),
@@ -108,15 +110,15 @@ class SimNode(RosNode):
             self._plans, parameters, self._config, self._lidar
         )
         self._options = parameters
-        self._command, self._commanded_at = Twist2D(0.0, 0.0), 0.0
-        self._unanswered, self._placed_at = (
-            0,
-            -math.inf,
-        )  # scans without a command, stamp of the newest pose on the map
-        header, start = self.header(BEGIN, "map"), self.robot.start
+        self._command = Twist2D(0.0, 0.0)
+        self._commanded_at = 0.0
+        self._unanswered = 0  # scans without a command
+        self._placed_at = -math.inf  # stamp of the newest pose on the map
+        start = self.robot.start
         grid = plan.raster(self._config.slam.resolution, offset=(start.x, start.y))
-        self._send["map"](grid_fields(header, grid))
-        on_robot, mount = self.header(BEGIN, "base_footprint"), self._lidar.geometry.mount
+        self._send["map"](grid_fields(self.header(BEGIN, "map"), grid))
+        on_robot = self.header(BEGIN, "base_footprint")
+        mount = self._lidar.geometry.mount
         self._send["tf_static"](transform_fields(on_robot, "base_scan", mount))
         self.get_logger().info(f"plan {plan.id}, seed {self._options.seed}, start {start}")
 
@@ -127,7 +129,8 @@ class SimNode(RosNode):
 
     def command(self, command: Twist2D) -> None:
         """Drive so from the next step on."""
-        self._command, self._commanded_at = command, self.robot.time
+        self._command = command
+        self._commanded_at = self.robot.time
         self._unanswered = max(0, self._unanswered - 1)
         self._answered.set()
 
@@ -155,46 +158,56 @@ class SimNode(RosNode):
         while self._is_awaited():
             self._answered.clear()
             if self._is_awaited() and not self._answered.wait(LONGEST_WAIT):
-                self._unanswered *= self._unanswered == scans
+                if self._unanswered != scans:
+                    self._unanswered = 0
                 return
 
     def publish(self) -> None:
         """Publish the newest scan, odometry, transform and truth."""
         self._unanswered += 1
-        robot, stamp = self.robot, BEGIN + self.robot.time
+        robot = self.robot
+        stamp = BEGIN + robot.time
         self._tick(stamp)
-        header, pose = self.header(stamp, "odom"), robot.odometry_pose
+        header = self.header(stamp, "odom")
+        pose = robot.odometry_pose
         twist = np.array(robot.velocity)
         self._send["tf"](transform_fields(header, "base_footprint", pose))
         self._send["odom"](odometry_fields(header, "base_footprint", pose, twist))
-        self._send["pose"](
-            {"header": self.header(stamp, "map"), "pose": pose_fields(robot.true_map_pose)}
-        )
+        true_pose = pose_fields(robot.true_map_pose)
+        self._send["pose"]({"header": self.header(stamp, "map"), "pose": true_pose})
         self._coverage.add(robot.true_pose, robot.true_ranges)
         self._send["coverage"]({"data": float(self._coverage.share)})
-        scan, laser = robot.scan, self._lidar.geometry
         at_laser = self.header(stamp, "base_scan")
-        self._send["scan"](scan_fields(at_laser, scan.ranges, laser, self._config.control_step))
+        ranges = robot.scan.ranges
+        laser = self._lidar.geometry
+        self._send["scan"](scan_fields(at_laser, ranges, laser, self._config.control_step))
 
     def _tick(self, stamp: float) -> None:
-        self._send["clock"]({"clock": self.header(stamp, "")["stamp"]})
+        header = self.header(stamp, "")
+        self._send["clock"]({"clock": header["stamp"]})
 
     def _run(self) -> None:
         """Step at the speed that is wanted, until the program ends."""
         self.publish()
         due = time.monotonic()
         while not self.worker.is_over:
-            speed, now = self._options.speed, self.robot.time
+            speed = self._options.speed
             if speed > 0.0:
-                tick = self._config.control_step / TICKS
                 due = max(due, time.monotonic() - LONGEST_WAIT)  # what can't be caught up is left
-                for number in range(1, TICKS + 1):
-                    due += tick / speed
-                    time.sleep(max(0.0, due - time.monotonic()))
-                    if number < TICKS:
-                        self._tick(BEGIN + now + number * tick)
+                due = self._sleep_through_step(due, speed)
             else:
                 self._wait_for_answers()
             with self.worker.lock:
                 if not self.worker.is_over:
                     self.step()
+
+    def _sleep_through_step(self, due: float, speed: float) -> float:
+        """Wait as long as a step takes that was due at a time, while the clock ticks; returns when the next is due."""
+        now = self.robot.time
+        tick = self._config.control_step / TICKS
+        for number in range(1, TICKS + 1):
+            due += tick / speed
+            time.sleep(max(0.0, due - time.monotonic()))
+            if number < TICKS:
+                self._tick(BEGIN + now + number * tick)
+        return due

@@ -63,23 +63,20 @@ class KeptTopic:
     def __init__(
         self, node: RosNode, kind: Any, topic: str, callback: Callable[[Any], None]
     ) -> None:
-        self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
+        self._node = node
+        self._subscribe = functools.partial(node.create_subscription, kind, topic, callback)
+        self._full_name = node.resolve_topic_name(topic)
         self._is_kept = True
-        self._subscription = node.create_subscription(kind, topic, callback, LATCHED)
+        self._subscription = self._subscribe(LATCHED)
         node.create_timer(0.5, self._adapt, clock=node.wall_clock)
 
     def _adapt(self) -> None:
-        publishers = self._node.get_publishers_info_by_topic(
-            self._node.resolve_topic_name(self._topic)
-        )
+        publishers = self._node.get_publishers_info_by_topic(self._full_name)
         kept = {end.qos_profile.durability != DurabilityPolicy.VOLATILE for end in publishers}
         if len(kept) == 1 and kept != {self._is_kept}:
             self._node.destroy_subscription(self._subscription)
             self._is_kept = not self._is_kept
-            qos = LATCHED if self._is_kept else RELIABLE
-            self._subscription = self._node.create_subscription(
-                self._kind, self._topic, self._callback, qos
-            )
+            self._subscription = self._subscribe(LATCHED if self._is_kept else RELIABLE)
 
 
 class VelocityTopic:
@@ -91,7 +88,8 @@ class VelocityTopic:
     """
 
     def __init__(self, node: RosNode, receive: Callable[[Twist2D], None] | None = None) -> None:
-        self._node, self._receive = node, receive
+        self._node = node
+        self._receive = receive
         self._kind: Any = None
         self._end: Any = None
         self._open(Twist)
@@ -99,23 +97,26 @@ class VelocityTopic:
         node.create_timer(0.5, self._adapt, clock=node.wall_clock)
 
     def _open(self, kind: Any) -> None:
-        node, self._kind = self._node, kind
+        self._kind = kind
         if self._receive is None:
-            self._end = node.create_publisher(kind, "cmd_vel", 10)
+            self._end = self._node.create_publisher(kind, "cmd_vel", 10)
         else:
-            self._end = node.create_subscription(kind, "cmd_vel", self._take, 10)
+            self._end = self._node.create_subscription(kind, "cmd_vel", self._take, 10)
 
     def _adapt(self) -> None:
         """Change the type if the other side has only the other one."""
-        node, is_sender = self._node, self._receive is None
-        others = (
-            node.get_subscriptions_info_by_topic if is_sender else node.get_publishers_info_by_topic
-        )
-        ends = others(node.resolve_topic_name("cmd_vel"))
+        node = self._node
+        topic = node.resolve_topic_name("cmd_vel")
+        if self._receive is None:
+            ends = node.get_subscriptions_info_by_topic(topic)
+            close = node.destroy_publisher
+        else:
+            ends = node.get_publishers_info_by_topic(topic)
+            close = node.destroy_subscription
         stamped = {end.topic_type.endswith("TwistStamped") for end in ends}
         if len(stamped) == 1 and stamped != {self._kind is TwistStamped}:
             with node.worker.lock:  # which may be sending
-                (node.destroy_publisher if is_sender else node.destroy_subscription)(self._end)
+                close(self._end)
                 self._open(TwistStamped if self._kind is Twist else Twist)
 
     def _take(self, message: Any) -> None:

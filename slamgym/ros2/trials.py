@@ -7,8 +7,10 @@ from slamgym.planning.exploration_progress import LEAST_GROWTH
 
 MOST_TRIES = 2
 """Places that weren't reached in so many more tries, while the robot could drive elsewhere, count as unreachable."""
-FIRST_PAUSE, _LONGEST_PAUSE = 5.0, 60.0
-"""Before the first of them, and the longest to which it doubles [s]: people walk on within a minute."""
+FIRST_PAUSE = 5.0
+"""Pause before the first of these tries [s]; it doubles from try to try."""
+_LONGEST_PAUSE = 60.0
+"""Longest pause before a try [s]: people walk on within a minute."""
 _JUMP = 5.0
 """A clock that steps farther back than this began again, and no step ahead counts for more [s]."""
 
@@ -37,11 +39,10 @@ class Trials:
         self.again_at = -math.inf  # [s]
         self.pause = 0.0  # [s]
         self.is_blocked = False  # the robot reached none of what was left
-        self._tried, self._in_vain = (
-            0,
-            0,
-        )  # with another goal reached meanwhile, and in a row without any
-        self._reached, self._known_area = 0, math.nan  # by the loop when this try began
+        self._tried = 0  # with another goal reached meanwhile
+        self._in_vain = 0  # in a row without any
+        self._reached = 0  # by the loop when this try began
+        self._known_area = math.nan  # to the loop when this try began [m2]
 
     def note(self, loop: ExplorationLoop) -> None:
         """Note a step of the loop: what it reaches, or adds to the map, shows that the robot can drive."""
@@ -62,8 +63,10 @@ class Trials:
             time: Now [s].
         """
         if loop.known_area > self._known_area + LEAST_GROWTH:
-            self._tried = self._in_vain = 0
-        is_driving, left = self._is_driving(loop), bool(loop.unreached())
+            self._tried = 0
+            self._in_vain = 0
+        is_driving = self._is_driving(loop)
+        left = bool(loop.unreached())
         tries = self._tried if is_driving else self._in_vain
         enough = tries >= MOST_TRIES or (is_driving and not left)
         if enough and not is_lost and (is_driving or not left):
@@ -72,9 +75,7 @@ class Trials:
         self._in_vain = 0 if is_driving else self._in_vain + 1
         self.is_blocked = left and not is_driving
         self.pause = min(FIRST_PAUSE * 2.0 ** min(tries, 10), _LONGEST_PAUSE)
-        self.again_at, self._reached, self._known_area = (
-            time + self.pause,
-            loop.reached,
-            loop.known_area,
-        )
+        self.again_at = time + self.pause
+        self._reached = loop.reached
+        self._known_area = loop.known_area
         return False

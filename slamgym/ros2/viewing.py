@@ -20,8 +20,15 @@ from slamgym.viz.films import open_film
 from slamgym.viz.map_pictures import GrowingView
 from slamgym.viz.recording import Deliberation, RobotBelief, open_recording
 
-FRAMES_PER_SECOND, FRAME_INTERVAL = 20.0, 1.0
-"""The film shows so much robot time [s] in each picture."""
+FRAMES_PER_SECOND = 20.0
+"""Pictures of the film in a second."""
+FRAME_INTERVAL = 1.0
+"""Robot time between two pictures of the film [s]."""
+
+_GREEN = {"r": 0.1, "g": 0.8, "b": 0.2, "a": 1.0}
+"""Colour of the frontier that the robot drives to."""
+_BLUE = {"r": 0.1, "g": 0.4, "b": 1.0, "a": 1.0}
+"""Colour of the other frontiers."""
 
 
 class Display:
@@ -36,18 +43,23 @@ class Display:
     """
 
     def __init__(self, node: RosNode, parameters: ExploreParameters) -> None:
-        self._node, self._parameters = node, parameters
+        self._node = node
+        self._parameters = parameters
         self._status = node.offer(String, "explore/status", LATCHED)
         self._markers = node.offer(MarkerArray, "explore/frontiers")
         self._paths = node.offer(Path, "explore/path")
-        self._text, self._filmed_at = "", -np.inf
+        self._text = ""
+        self._filmed_at = -np.inf  # [s]
         self._driven: list[Pose2D] = []
         self._files = contextlib.ExitStack()
-        rerun, video = FilePath(parameters.rerun), FilePath(parameters.video)
-        film = open_film(video, FRAMES_PER_SECOND) if parameters.video else contextlib.nullcontext()
-        self._film = self._files.enter_context(film)
-        recording = open_recording(rerun) if parameters.rerun else contextlib.nullcontext()
-        self._recording = self._files.enter_context(recording)
+        self._film = None
+        if parameters.video:
+            film = open_film(FilePath(parameters.video), FRAMES_PER_SECOND)
+            self._film = self._files.enter_context(film)
+        self._recording = None
+        if parameters.rerun:
+            recording = open_recording(FilePath(parameters.rerun))
+            self._recording = self._files.enter_context(recording)
         self._view = GrowingView()
 
     def show(
@@ -66,37 +78,40 @@ class Display:
             self._publish(exploration, self._node.header(stamp, self._parameters.map_frame))
         if pose is None or grid is None or scan is None:
             return
-        if (
-            not self._driven
-            or math.dist(pose[:2], self._driven[-1][:2]) > self._parameters.robot_radius
-        ):
-            self._driven.append(pose)
+        self._note_pose(pose)
         if self._recording is not None:
-            view = exploration.view()
-            shown, chosen = view.frontiers, None
-            if view.chosen is not None:
-                shown, chosen = (*shown, view.chosen), len(shown)
-            weighed = Deliberation(np.array([pose]), shown, chosen, view.path)
-            driven, radius = np.array(self._driven)[:, :2], self._parameters.robot_radius
-            self._recording.believe(stamp, RobotBelief(grid, pose, scan, driven, radius), weighed)
+            driven = np.array(self._driven)[:, :2]
+            belief = RobotBelief(grid, pose, scan, driven, self._parameters.robot_radius)
+            self._recording.believe(stamp, belief, _deliberation(exploration, pose))
         if self._film is not None and abs(stamp - self._filmed_at) >= FRAME_INTERVAL:
-            self._filmed_at, path = stamp, exploration.view().path
-            self._film(
-                self._view.draw(grid, [np.array(self._driven), *[path][: len(path)]], self._text)
-            )
+            self._filmed_at = stamp
+            lines = [np.array(self._driven)]
+            path = exploration.view().path
+            if len(path) > 0:
+                lines.append(path)
+            self._film(self._view.draw(grid, lines, self._text))
+
+    def _note_pose(self, pose: Pose2D) -> None:
+        """Add a pose to the way driven, if it isn't where the last one was."""
+        if self._driven:
+            moved = math.dist(pose[:2], self._driven[-1][:2])
+            if moved <= self._parameters.robot_radius:
+                return
+        self._driven.append(pose)
 
     def _publish(self, exploration: Exploration, header: Fields) -> None:
         """Publish frontiers and the path."""
         view = exploration.view()
         markers = [Marker(action=Marker.DELETEALL)]
-        markers += [
-            _marker(number, points, False) for number, points in enumerate(view.frontiers, 1)
-        ]
+        for number, points in enumerate(view.frontiers, 1):
+            markers.append(_marker(number, points, is_chosen=False))
         if view.chosen is not None:
-            markers.append(_marker(0, view.chosen, True))
+            markers.append(_marker(0, view.chosen, is_chosen=True))
         self._markers({"markers": [fill(marker, {"header": header}) for marker in markers]})
-        way = [pose_fields(Pose2D(x, y, 0.0)) for x, y in view.path[:, :2].tolist()]
-        poses = [fill(PoseStamped(), {"header": header, "pose": pose}) for pose in way]
+        poses = []
+        for x, y in view.path[:, :2].tolist():
+            pose = pose_fields(Pose2D(x, y, 0.0))
+            poses.append(fill(PoseStamped(), {"header": header, "pose": pose}))
         self._paths({"header": header, "poses": poses})
 
     def close(self) -> None:
@@ -108,8 +123,20 @@ def _marker(number: int, points: FloatArray, is_chosen: bool) -> Any:
     """A frontier as points: green if the robot drives to it, else blue."""
     marker = Marker(ns="frontiers", id=number, type=Marker.POINTS, action=Marker.ADD)
     marker.points = [Point(x=x, y=y, z=0.0) for x, y in points.tolist()]
-    colour = {"r": 0.1, "g": 0.8 if is_chosen else 0.4, "b": 0.2 if is_chosen else 1.0, "a": 1.0}
-    scale = {"x": 0.05, "y": 0.05, "z": 0.05}
-    return fill(
-        marker, {"color": colour, "scale": scale, "pose": pose_fields(Pose2D(0.0, 0.0, 0.0))}
-    )
+    fields = {
+        "color": _GREEN if is_chosen else _BLUE,
+        "scale": {"x": 0.05, "y": 0.05, "z": 0.05},
+        "pose": pose_fields(Pose2D(0.0, 0.0, 0.0)),
+    }
+    return fill(marker, fields)
+
+
+def _deliberation(exploration: Exploration, pose: Pose2D) -> Deliberation:
+    """Frontiers, the chosen one among them, and the path, as recordings take them."""
+    view = exploration.view()
+    shown = view.frontiers
+    chosen = None
+    if view.chosen is not None:
+        chosen = len(shown)
+        shown = (*shown, view.chosen)
+    return Deliberation(np.array([pose]), shown, chosen, view.path)

@@ -21,13 +21,17 @@ class WayBack:
 
     def __init__(self, context: ExplorerContext, start: Pose2D, radius: float) -> None:
         self.result = ""
-        self._context, self._start, self._radius = context, start, radius
-        self._tries, self._again_at = 0, -math.inf
+        self._context = context
+        self._start = start
+        self._radius = radius
+        self._tries = 0
+        self._again_at = -math.inf  # [s]
         self._grid: OccupancyGrid | None = None
         self._begin()
 
     def _begin(self) -> None:
-        self._grid, self.navigator = None, Navigator(self._context)
+        self._grid = None
+        self.navigator = Navigator(self._context)
         self.navigator.inscribed_radius = self._radius
 
     def step(self, grid: OccupancyGrid, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
@@ -37,17 +41,16 @@ class WayBack:
             self._grid = grid
             navigator.update_map(grid, pose, time)
         if navigator.status is GoalStatus.IDLE and time >= self._again_at:
-            x, y, theta = self._start
-            ahead = x + math.cos(theta), y + math.sin(theta)
-            navigator.set_goal(Goal(*self._nearest(), look_at=ahead), pose, time)
+            start = self._start
+            ahead = start.x + math.cos(start.theta), start.y + math.sin(start.theta)
+            x, y = self._nearest()
+            navigator.set_goal(Goal(x, y, look_at=ahead), pose, time)
         twist = navigator.step(pose, ranges, time)
         if navigator.status is GoalStatus.SUCCEEDED:
             apart = math.dist(pose[:2], self._start[:2])
-            self.result = (
-                "at the start"
-                if apart < 1.0
-                else f"{apart:.1f} m from the start, the nearest place"
-            )
+            self.result = "at the start"
+            if apart >= 1.0:
+                self.result = f"{apart:.1f} m from the start, the nearest place"
         elif navigator.status is GoalStatus.ABORTED:
             self._again_at = time + FIRST_PAUSE * 2.0**self._tries
             self._tries += 1
@@ -58,10 +61,14 @@ class WayBack:
 
     def _nearest(self) -> Point:
         """The place nearest to the start where the robot can get to: corrections of the map move its walls."""
-        costmap, space = self.navigator.costmap, self.navigator.reachable
+        costmap = self.navigator.costmap
+        space = self.navigator.reachable
         if costmap is None or space is None:
             return self._start[:2]
         frame = costmap.frame
-        places = frame.to_points(*np.divmod(space.order[: space.num_centre], frame.width_px))
-        x, y = places[np.argmin(np.hypot(*(places - self._start[:2]).T))].tolist()
+        rows, cols = np.divmod(space.order[: space.num_centre], frame.width_px)
+        places = frame.to_points(rows, cols)
+        right, up = (places - self._start[:2]).T
+        nearest = np.argmin(np.hypot(right, up))
+        x, y = places[nearest].tolist()
         return x, y
