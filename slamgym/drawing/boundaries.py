@@ -99,10 +99,11 @@ def _lines_from_corners(space: FreeSpace) -> _Lines:
     corner = corners[number]
     start = space.start[corner]
     along = space.along[edge]
-    share = ((start - space.start[edge]) * along).sum(axis=1)
+    edge_start = space.start[edge]
+    share = ((start - edge_start) * along).sum(axis=1)
     share /= np.maximum(space.length[edge] ** 2, 1e-12)
     share = np.clip(share, 0.0, 1.0)
-    end = space.start[edge] + share[:, None] * along
+    end = edge_start + share[:, None] * along
     width = line_widths(np.stack([start, end], axis=1))
     is_end = (share < 1e-6) | (share > 1.0 - 1e-6)
     nearer_end = np.where(share < 0.5, edge, space.after[edge])
@@ -122,15 +123,19 @@ def _shortest_of_each(corner: IntArray, width: FloatArray, most: int) -> IntArra
 
 def _runs_inside(lines: _Lines, space: FreeSpace) -> BoolArray:
     """True for lines that leave their corner to the floor's side of one of its edges at least."""
-    before = cross(space.direction[space.before[lines.corner]], lines.direction)
-    behind = cross(space.direction[lines.corner], lines.direction)
+    direction = lines.direction
+    edge_before = space.before[lines.corner]
+    before = cross(space.direction[edge_before], direction)
+    behind = cross(space.direction[lines.corner], direction)
     return np.maximum(before, behind) > -1e-3
 
 
 def _is_unobstructed(lines: _Lines, space: FreeSpace) -> BoolArray:
     """True for lines that meet no edge before their end."""
-    start = lines.start + 1e-4 * lines.direction
-    return space.reach(start, lines.direction, 1.1 * WIDEST) > lines.width - 0.02
+    direction = lines.direction
+    start = lines.start + 1e-4 * direction
+    reach = space.reach(start, direction, 1.1 * WIDEST)
+    return reach > lines.width - 0.02
 
 
 def _spread(lines: _Lines, usable: Sequence[int]) -> IntArray:

@@ -52,7 +52,8 @@ class Evidence:
 
     def hidden_behind(self, piece: WallPiece) -> float:
         """Share of the space just behind a wall that is unknown."""
-        places = _places(piece, [piece.thickness + depth for depth in HIDDEN_DEPTHS])
+        depths = [piece.thickness + depth for depth in HIDDEN_DEPTHS]
+        places = _places(piece, depths)
         cells = values_at(self.grid.cells, self.grid.frame, places, UNKNOWN)
         return float((cells == UNKNOWN).mean())
 
@@ -61,7 +62,8 @@ def _places(piece: WallPiece, depths: list[float]) -> FloatArray:
     """Where a wall is looked at: N places along it, :data:`STEP` apart, at depths D behind its face, (D, N, 2) [m]."""
     count = max(2, math.ceil(piece.length / STEP))
     shares = (np.arange(count) + 0.5) / count
-    return np.stack([piece.places(shares, depth) for depth in depths])
+    places = [piece.places(shares, depth) for depth in depths]
+    return np.stack(places)
 
 
 def values_at(
@@ -74,7 +76,8 @@ def values_at(
     inside = in_rows & in_cols
     any_row = np.where(inside, rows, 0)
     any_col = np.where(inside, cols, 0)
-    return np.where(inside, picture[any_row, any_col], beyond)
+    values = picture[any_row, any_col]
+    return np.where(inside, values, beyond)
 
 
 def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
@@ -99,9 +102,10 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:
     """Patches of cells as smooth polygons of at least an area [m2]."""
     rings = trace_outlines(cells.astype(np.float32), frame, smallest, smallest)
-    polygons = [Polygon(ring) for ring in rings]
-    valid = shapely.make_valid(MultiPolygon(polygons))
-    simple = shapely.make_valid(valid.simplify(0.5 * frame.resolution))
+    shape = MultiPolygon([Polygon(ring) for ring in rings])
+    valid = shapely.make_valid(shape)
+    coarse = valid.simplify(0.5 * frame.resolution)
+    simple = shapely.make_valid(coarse)
     return [part for part in polygon_parts(simple) if part.area >= smallest]
 
 

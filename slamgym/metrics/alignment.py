@@ -343,8 +343,9 @@ def _distinct(found: list[FloatArray]) -> list[FloatArray]:
 def _is_near(values: FloatArray, other: FloatArray) -> bool:
     """True if two motions hardly differ."""
     shift_x, shift_y, angle, log_scale = (values - other).tolist()
+    shift = math.hypot(shift_x, shift_y)
     turn = abs(float(wrap_angle(angle)))
-    return turn < 0.05 and math.hypot(shift_x, shift_y) < 0.02 and abs(log_scale) < 0.05
+    return turn < 0.05 and shift < 0.02 and abs(log_scale) < 0.05
 
 
 def _centroid(image: Float32Array) -> FloatArray:

@@ -32,9 +32,11 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
     Returns:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
-    free = _fill_furniture(slam == FREE, LARGEST_FURNITURE / metres_per_px)
+    furniture_px = LARGEST_FURNITURE / metres_per_px
+    free = _fill_furniture(slam == FREE, furniture_px)
+    walls = (~free).astype(np.uint8)
     gap = disc(WIDEST_WALL_GAP / metres_per_px)
-    walls = cv2.morphologyEx((~free).astype(np.uint8), cv2.MORPH_CLOSE, gap)
+    walls = cv2.morphologyEx(walls, cv2.MORPH_CLOSE, gap)
     floor = disc(NARROWEST_FLOOR / metres_per_px)
     opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, floor)
     return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
@@ -44,8 +46,9 @@ def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     """Fill holes in the free space that fit into a square of this side [px]."""
     others = (~free).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(others, connectivity=8)
-    side = np.maximum(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT])
-    small = side <= size_px
+    width = stats[:, cv2.CC_STAT_WIDTH]
+    height = stats[:, cv2.CC_STAT_HEIGHT]
+    small = np.maximum(width, height) <= size_px
     small[0] = False  # the background of the labelling: the free space itself
     return free | small[labels]
 
@@ -60,7 +63,8 @@ def without_small(free: BoolArray, min_px: float) -> BoolArray:
 
 def odd(diameter_px: float) -> int:
     """The nearest odd number, 1 at least."""
-    return max(1, 2 * round((diameter_px - 1.0) / 2.0) + 1)
+    half = round((diameter_px - 1.0) / 2.0)
+    return max(1, 2 * half + 1)
 
 
 def disc(diameter_px: float) -> np.ndarray:

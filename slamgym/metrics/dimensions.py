@@ -163,8 +163,11 @@ def floor_runs(line: Float32Array) -> list[Run]:
     firsts = np.flatnonzero(change == 1)
     lasts = np.flatnonzero(change == -1) - 1
     padded = np.concatenate([[0.0], line.astype(np.float64), [0.0]])
-    starts = firsts + 0.5 - padded[firsts + 1] - padded[firsts]
-    ends = lasts - 0.5 + padded[lasts + 1] + padded[lasts + 2]
+    shares = padded[1:]
+    before = padded[firsts]
+    behind = padded[lasts + 2]
+    starts = firsts + 0.5 - shares[firsts] - before
+    ends = lasts - 0.5 + shares[lasts] + behind
     return list(map(Run, firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist()))
 
 

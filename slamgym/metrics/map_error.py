@@ -31,7 +31,8 @@ _CELL = 0.025
 _MARGIN = 1.0
 """The field extends this far beyond the building [m]; farther off, the distance at its border is taken."""
 
-_SHIFT = 6  # fractional bits of OpenCV's drawing coordinates
+_SHIFT = 6
+"""Fractional bits of OpenCV's drawing coordinates."""
 
 
 def wall_faces(free: BoolArray) -> BoolArray:
@@ -69,7 +70,8 @@ class ObstacleDistance:
         ends = segments.reshape(-1, 2)
         low_x, low_y = ends.min(axis=0)
         high_x, high_y = ends.max(axis=0)
-        self.frame = GridFrame.covering((low_x, low_y, high_x, high_y), _CELL, _MARGIN)
+        bounds = (low_x, low_y, high_x, high_y)
+        self.frame = GridFrame.covering(bounds, _CELL, _MARGIN)
         canvas = np.full(self.frame.shape, 255, dtype=np.uint8)
         # Pixels with row 0 at the bottom; a pixel's centre is at a whole number.
         origin = [self.frame.origin_x, self.frame.origin_y]
@@ -77,8 +79,9 @@ class ObstacleDistance:
         fixed_point = np.rint(pixels * (1 << _SHIFT)).astype(np.int32)
         lines = list(fixed_point.reshape(-1, 2, 2))
         cv2.polylines(canvas, lines, False, 0, 1, cv2.LINE_8, _SHIFT)
-        pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[::-1]
-        self._field: Float32Array = (pixels_away * _CELL).astype(np.float32)
+        pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+        metres_away = pixels_away[::-1] * _CELL
+        self._field: Float32Array = metres_away.astype(np.float32)
 
     def mean_error(self, grid: OccupancyGrid, world_from_map: Pose2D) -> float:
         """Mean distance of a map's occupied cells from the nearest obstacle [m]; 0 if there are none.
@@ -87,10 +90,12 @@ class ObstacleDistance:
             grid: The map, map frame.
             world_from_map: The map frame in the world.
         """
-        places = grid.frame.to_points(*np.nonzero(grid.cells == OCCUPIED))
+        occupied_row, occupied_col = np.nonzero(grid.cells == OCCUPIED)
+        places = grid.frame.to_points(occupied_row, occupied_col)
         if not len(places):
             return 0.0
-        row, col = self.frame.to_cell(*transform_points(world_from_map, places).T)
+        x, y = transform_points(world_from_map, places).T
+        row, col = self.frame.to_cell(x, y)
         rows, cols = self.frame.shape
         nearest_row = np.clip(row, 0, rows - 1)
         nearest_col = np.clip(col, 0, cols - 1)

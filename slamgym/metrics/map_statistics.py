@@ -208,9 +208,10 @@ def _patterns(cells: ByteArray) -> dict[str, float]:
     """Share of each 2 x 2 pattern among the patterns that are not uniform."""
     not_free = np.where(cells == UNKNOWN, 1, 0)
     level = np.where(cells == FREE, 2, not_free)
-    upper = level[:-1, :-1] + 3 * level[:-1, 1:]
-    lower = level[1:, :-1] + 3 * level[1:, 1:]
-    code = upper + 9 * lower
+    left = level[:, :-1]
+    right = level[:, 1:]
+    pair = left + 3 * right
+    code = pair[:-1] + 9 * pair[1:]
     counts = np.bincount(code.ravel(), minlength=81).astype(np.float64)
     counts[list(_UNIFORM)] = 0.0
     shares = counts / max(counts.sum(), 1.0)
@@ -244,9 +245,12 @@ def _count_of_rays(thin: BoolArray) -> int:
     """Number of long parts among thin free space that fill no more than their diagonal."""
     _, _, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
     parts = stats[1:]
-    length = np.maximum(parts[:, cv2.CC_STAT_WIDTH], parts[:, cv2.CC_STAT_HEIGHT])
+    width = parts[:, cv2.CC_STAT_WIDTH]
+    height = parts[:, cv2.CC_STAT_HEIGHT]
+    length = np.maximum(width, height)
+    is_long = length >= _RAY_CELLS
     is_narrow = parts[:, cv2.CC_STAT_AREA] <= 2 * length
-    return int(((length >= _RAY_CELLS) & is_narrow).sum())
+    return int((is_long & is_narrow).sum())
 
 
 def _dots(occupied: BoolArray, unknown: BoolArray) -> int:

@@ -29,6 +29,7 @@ MIN_OCCUPIED_SHARE = 0.3
 """A shrunk cell is occupied if this share of it was: a wall one cell thick survives shrinking to a third."""
 
 CROSS = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+"""A cell and its four neighbours."""
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,12 @@ TRIMMED = 0.2
 """Length left out at both ends of a wall, where a door's jamb may be drawn elsewhere [m]."""
 
 
+_Pair = tuple[int, int]
+"""Numbers of two rooms, the lower first."""
+_Cell = tuple[int, int]
+"""Row and column."""
+
+
 class Doorway(NamedTuple):
     """Where two rooms meet, in cells; the opening lies across its line."""
 
@@ -141,9 +147,9 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     return doors
 
 
-def room_borders(rooms: IntArray) -> list[tuple[tuple[int, int], list[tuple[int, int]]]]:
+def room_borders(rooms: IntArray) -> list[tuple[_Pair, list[_Cell]]]:
     """Pairs of rooms that meet, and the cells (row, col) along which they do."""
-    borders: dict[tuple[int, int], list[tuple[int, int]]] = defaultdict(list)
+    borders: dict[_Pair, list[_Cell]] = defaultdict(list)
     rows, cols = rooms.shape
     for down, right in ((0, 1), (1, 0)):
         here = rooms[: rows - down, : cols - right]
@@ -151,11 +157,12 @@ def room_borders(rooms: IntArray) -> list[tuple[tuple[int, int], list[tuple[int,
         both_rooms = (here > 0) & (there > 0)
         is_border = (here != there) & both_rooms
         for row, col in np.argwhere(is_border).tolist():
-            borders[_pair(here[row, col], there[row, col])].append((row, col))
+            pair = _pair(here[row, col], there[row, col])
+            borders[pair].append((row, col))
     return sorted(borders.items())
 
 
-def _pair(room: np.int64, other: np.int64) -> tuple[int, int]:
+def _pair(room: np.int64, other: np.int64) -> _Pair:
     """The numbers of two rooms, the lower first."""
     low, high = sorted((int(room), int(other)))
     return low, high
@@ -174,10 +181,11 @@ def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: fl
     rows = slice(max(0, door.row - reach), door.row + reach + 1)
     cols = slice(max(0, door.col - reach), door.col + reach + 1)
     floor = drawn[rows, cols]
+    near_cores = cores[rows, cols]
     _, parts = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
     room, other = door.rooms
-    of_room = parts[floor & (cores[rows, cols] == room)]
-    of_other = parts[floor & (cores[rows, cols] == other)]
+    of_room = parts[floor & (near_cores == room)]
+    of_other = parts[floor & (near_cores == other)]
     return bool(np.isin(of_room, of_other).any())
 
 
@@ -194,8 +202,9 @@ def _narrowest_through(values: Float32Array, line: int, place: int, metres_per_p
     low = place - 4.0
     high = place + 4.0
     narrowest = math.nan
-    for number in range(max(0, line - reach), min(len(values), line + reach + 1)):
-        runs = floor_runs(values[number])
+    first = max(0, line - reach)
+    for row in values[first : line + reach + 1]:
+        runs = floor_runs(row)
         through = max(runs, key=lambda run: run.overlap(low, high), default=None)
         if through is not None and through.overlap(low, high) > 0.0:
             narrowest = np.fmin(narrowest, through.length)

@@ -126,7 +126,8 @@ def ks_distance(first: ArrayLike, second: ArrayLike) -> float:
     # The distance alone is wanted; the exact p-value costs more and warns on small samples.
     a = np.asarray(first, dtype=np.float64).ravel()
     b = np.asarray(second, dtype=np.float64).ravel()
-    return float(ks_2samp(a, b, method="asymp").statistic)
+    test = ks_2samp(a, b, method="asymp")
+    return float(test.statistic)
 
 
 def _deal(group: IntArray, of_second: BoolArray, folds: int, rng: np.random.Generator) -> IntArray:

@@ -39,6 +39,7 @@ APART_DEG = 10.0
 SECOND_PEAK = 0.7
 """A second peak of at least this share of the first makes the direction doubtful."""
 _STEP_DEG = 0.5
+"""Between two directions whose support is compared."""
 MIN_TURN_DEG = 0.3
 """About the error of the angle itself."""
 MAX_DRIFT_DEG = 8.0

@@ -36,7 +36,9 @@ FRAME_HEIGHT = 720
 SHIFT = 4
 """Fractional bits of drawing coordinates."""
 _FONT = cv2.FONT_HERSHEY_DUPLEX
+"""OpenCV's font of all words."""
 _SMALLEST = 0.3
+"""Size below which words can't be read."""
 
 
 def blank(shape: tuple[int, ...], colour: Colour = WHITE) -> ByteArray:
@@ -48,8 +50,9 @@ def draw_text(
     picture: ByteArray, text: str, left: int, baseline: int, size: float, colour: Colour = INK
 ) -> None:
     """Write a line into a picture."""
+    words = printable(text)
     place = (left, baseline)
-    cv2.putText(picture, printable(text), place, _FONT, size, colour, 1, cv2.LINE_AA)
+    cv2.putText(picture, words, place, _FONT, size, colour, 1, cv2.LINE_AA)
 
 
 def text_width(text: str, size: float) -> int:

@@ -177,7 +177,8 @@ def _changed_gap(
 
 def _best_gap(states: IntArray, along: FloatArray, width: float) -> tuple[float, float] | None:
     """The gap that overlaps the door most, or else is nearest to it: its ends along the wall [m]."""
-    ends = along[0] + _STEP * (runs_of(states == 1) - 0.5)
+    is_open = states == 1
+    ends = along[0] + _STEP * (runs_of(is_open) - 0.5)
     runs = [(start, stop) for start, stop in ends.tolist() if stop - start >= NARROWEST_DOOR]
 
     def overlap(run: tuple[float, float]) -> float:

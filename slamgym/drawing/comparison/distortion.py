@@ -17,6 +17,7 @@ LEAST_DRIFT = 0.01
 DRIFT_REACH = 4.0
 """Distance over which the drift changes [m]."""
 ROUNDS = 2
+"""How often walls that don't fit are weighed anew."""
 _OUTLIER = 2.0
 """A wall this many standard errors off what the others say counts half [1]."""
 
@@ -59,9 +60,11 @@ class Drift:
     def predict(self, places: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Its parts along normals (Q, 2) at places (Q, 2), and their standard errors, (Q,) [m]."""
         cross = self._covariance(places, normals)
-        explained = ((cross @ self._inverse) * cross).sum(axis=1)
+        weights = cross @ self._inverse
+        explained = (weights * cross).sum(axis=1)
         variance = np.maximum(self._size**2 - explained, 1e-6)
-        return cross @ self._pulled, np.sqrt(variance)
+        expected = cross @ self._pulled
+        return expected, np.sqrt(variance)
 
     def _covariance(self, places: FloatArray, normals: FloatArray) -> FloatArray:
         """Covariance with the offsets, (Q, M); smooth at short distances (Matern 3/2)."""

@@ -68,7 +68,8 @@ def plan_walls(plan: FloorPlan) -> PlanWalls:
         depth = piece.thickness if piece.known else 0.0
         count = max(round(piece.length / FACE_STEP), 1)
         shares = (np.arange(count) + 0.5) / count
-        lines.append(piece.places(np.array([0.0, 1.0]), 0.5 * depth).ravel())
+        middle_line = piece.places(np.array([0.0, 1.0]), 0.5 * depth)
+        lines.append(middle_line.ravel())
         points.append(piece.places(shares, 0.0))
         wall += [number] * count
         side += [1.0] * count
@@ -124,11 +125,14 @@ class MapEvidence:
 
     def across(self, points: FloatArray, normals: FloatArray) -> IntArray:
         """At points (N, 2) [m] of walls with normals (N, 2) or (2,): 1 open, -1 closed, 0 unknown."""
-        steps = ACROSS[:, None] * np.atleast_2d(normals)[:, None]
+        along = np.atleast_2d(normals)[:, None]
+        steps = ACROSS[:, None] * along
         cells = self.values(points[:, None] + steps)
         is_closed = (cells == OCCUPIED).any(axis=1)
         is_open = (cells == FREE).mean(axis=1) > 0.8
-        return np.where(is_closed, -1, np.where(is_open, 1, 0))
+        states = np.where(is_open, 1, 0)
+        states[is_closed] = -1
+        return states
 
 
 def map_evidence(grid: OccupancyGrid) -> MapEvidence:
@@ -151,7 +155,9 @@ def map_evidence(grid: OccupancyGrid) -> MapEvidence:
         to_free_cell = [col_step, -row_step]
         wrong = normal @ to_free_cell <= 0.0
         normal[wrong] = to_free_cell
-        normal /= np.maximum(np.hypot(*normal.T), 1e-6)[:, None]
+        x, y = normal.T
+        length = np.maximum(np.hypot(x, y), 1e-6)
+        normal /= length[:, None]
         points.append(grid.frame.to_points(row, col))
         normals.append(normal.astype(np.float64))
     return MapEvidence(grid, np.vstack(points), np.vstack(normals))

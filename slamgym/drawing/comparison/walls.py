@@ -125,9 +125,10 @@ def _kind_at(place: "_Place", error: float, config: ComparisonConfig) -> Finding
 def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, float]]:
     """Gaps in a wall through which the map is free: first and last place along it [m]."""
     plan = found.plan
-    own = np.flatnonzero((plan.wall == wall) & (plan.side > 0.0))
-    step = plan.lengths[wall] / len(own)
-    runs = step * runs_of(found.is_open[own])
+    is_own = (plan.wall == wall) & (plan.side > 0.0)
+    is_open = found.is_open[is_own]
+    step = plan.lengths[wall] / len(is_open)
+    runs = step * runs_of(is_open)
     return [(start, stop) for start, stop in runs.tolist() if stop - start >= shortest]
 
 

@@ -136,7 +136,8 @@ class _Sheet:
     def _add_text(self, x: float, y: float, words: str, letters: float = 2.5) -> None:
         """Words at a place from the corner, with letters of a height [mm]."""
         place = self._corner + np.array([x, y]) / self._metre
-        add_text(self._layout, words, place, letters / self._metre, SHEET_LAYER)
+        height = letters / self._metre
+        add_text(self._layout, words, place, height, SHEET_LAYER)
 
 
 def add_text(

@@ -41,9 +41,10 @@ def straight_walls(
         if wall_of[first] >= 0:
             continue
         start, end = ends[first]
-        along = (end - start) / length[first]
-        normal = [-along[1], along[0]]
-        astray = np.abs((ends - start) @ normal).max(axis=1)
+        x, y = (end - start) / length[first]
+        normal = [-y, x]
+        away = np.abs((ends - start) @ normal)
+        astray = away.max(axis=1)
         thicker = np.abs(thickness - thickness[first])
         agrees = np.maximum(astray, thicker) <= SAME_THICKNESS
         members = _connected(first, beside, agrees & (wall_of < 0))
@@ -93,9 +94,11 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
         return [(float(x), float(y)) for x, y in ends]
 
     low, high = stretch([piece.line for piece in pieces])
-    axis = LineString(stretch([piece.polygon for piece in pieces]))
+    with_corners = stretch([piece.polygon for piece in pieces])
+    axis = LineString(with_corners)
     body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
     lengths = [piece.length for piece in pieces]
-    seen = float(np.average([piece.share_seen for piece in pieces], weights=lengths))
+    shares = [piece.share_seen for piece in pieces]
+    seen = float(np.average(shares, weights=lengths))
     layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
     return replace(longest, polygon=body, start=low, end=high, share_seen=seen, layer=layer)
