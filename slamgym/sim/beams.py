@@ -18,36 +18,47 @@ from slamgym.core.types import Float32Array, FloatArray, IntArray
 from slamgym.sim.raycast import beam_directions, next_hit
 from slamgym.sim.surfaces import GLASS, MIRROR, PLAIN, Surfaces
 
-# Glass returns a beam from straight ahead, and where it is dirty or has something stuck to it.
 _SPECULAR_COS = math.cos(math.radians(4.0))
+"""Glass returns a beam from straight ahead: where the cosine of its incidence is more than this."""
 _DIRTY_SHARE = 0.08
-_DIRT_SIZE = 0.08  # [m]
-# Twice through a pane [share of the echo that is left].
+"""Share of glass that returns beams from any side: it is dirty or has something stuck to it."""
+_DIRT_SIZE = 0.08
+"""Size of a dirty place [m]."""
 _THROUGH_GLASS = 0.6
-# Panes that a beam passes at most, and the thickest wall that holds one [m].
+"""Share of the echo that is left after a pane was passed twice."""
 _MOST_PANES = 3
+"""A beam passes so many panes at most."""
 _THICKEST_WALL = 0.6
+"""The thickest wall that holds a pane [m]."""
 
-# Two surfaces in one footprint blend into a range in between where they are less than this apart [m]; of others the
-# larger part counts. In the logs the share of jumps with a beam in between falls by half at 0.6 to 1.2 m and again
-# beyond.
 _BLENDING = 0.8
-# Neighbours' ranges that differ by less are one surface [m, share of the range].
-_JUMP, _JUMP_RELATIVE = 0.05, 0.05
+"""Two surfaces in one footprint blend into a range in between where they are less than this apart [m]; of others the
+larger part counts. In the logs the share of jumps with a beam in between falls by half at 0.6 to 1.2 m and again
+beyond."""
+_JUMP = 0.05
+"""Neighbours' ranges that differ by less are one surface, with :data:`_JUMP_RELATIVE` [m]."""
+_JUMP_RELATIVE = 0.05
+"""Neighbours' ranges that differ by less are one surface, with :data:`_JUMP` [share of the range]."""
 
-# Lattices of what varies with the place [m], and the scatter of echoes over places and over scans (of the logarithm).
 _UNEVENNESS = 0.25
+"""Cell of the lattice over which a wall's evenness varies [m]."""
 _BIAS_SIZE = 0.5
+"""Cell of the lattice over which the constant part of the error varies [m]."""
 _ECHO_SIZE = 0.1
-_ECHO_BY_PLACE, _ECHO_BY_SCAN = 0.4, 0.15
-# Flattest incidence at which a wall's unevenness is stretched along the beam (cosine).
+"""Cell of the lattice over which echoes scatter [m]."""
+_ECHO_BY_PLACE = 0.4
+"""Scatter of the logarithm of an echo over places."""
+_ECHO_BY_SCAN = 0.15
+"""Scatter of the logarithm of an echo over scans."""
 _FLATTEST = 0.2
-# Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area.
+"""Flattest incidence at which a wall's unevenness is stretched along the beam (cosine)."""
 _TO_DEVIATION = 1.0 / 0.385
+"""Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area."""
 
-# The weakest echo that scatter produces, except for draws below so many standard deviations.
 _LEAST_NORMAL = -6.0
+"""Draws below so many standard deviations are rare."""
 _WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
+"""The weakest echo that scatter produces, except for draws below :data:`_LEAST_NORMAL`."""
 
 
 Ray = tuple[float, float, float, float]
@@ -91,24 +102,35 @@ def measure_beams(
         normal: Standard normal draws, shape (2, N): of the range, and of the echo's strength.
         out: Receives the ranges, shape (N,) [m].
     """
-    surfaces, model = Surfaces(*surfaces), BeamModel(*model)
-    rough, biased, echoing = _no_corners(), _no_corners(), _no_corners()
+    surfaces = Surfaces(*surfaces)
+    model = BeamModel(*model)
+    rough = _no_corners()
+    biased = _no_corners()
+    echoing = _no_corners()
     directions = beam_directions(len(true), model.angle_min, model.angle_increment)
-    last, x, y, cos, sin = -1, 0.0, 0.0, 1.0, 0.0
+    last = -1
+    x = 0.0
+    y = 0.0
+    cos = 1.0
+    sin = 0.0
     for i in range(len(true)):
         sensor = i * len(sensors) // len(true)
         if sensor != last:
-            last, x, y = sensor, sensors[sensor, 0], sensors[sensor, 1]
-            cos, sin = math.cos(sensors[sensor, 2]), math.sin(sensors[sensor, 2])
+            last = sensor
+            x = sensors[sensor, 0]
+            y = sensors[sensor, 1]
+            cos = math.cos(sensors[sensor, 2])
+            sin = math.sin(sensors[sensor, 2])
         ux = cos * directions[i, 0] - sin * directions[i, 1]
         uy = sin * directions[i, 0] + cos * directions[i, 1]
-        distance, cosine, echo, depth = true[i], 1.0, 1.0, 0.0
+        distance = true[i]
+        cosine = 1.0
+        echo = 1.0
+        depth = 0.0
         if hits[i] >= 0:
-            kind, cosine = PLAIN, _cosine(ux, uy, segments, hits[i])
-            if (
-                hits[i] + 1 < len(surfaces.first)
-                and surfaces.first[hits[i]] < surfaces.first[hits[i] + 1]
-            ):
+            kind = PLAIN
+            cosine = _cosine(ux, uy, segments, hits[i])
+            if _has_patches(surfaces, hits[i]):
                 along = _along(x, y, ux, uy, true[i], segments, hits[i])
                 kind, echo, depth = _patch(surfaces, hits[i], along)
             if kind != PLAIN:
@@ -122,7 +144,8 @@ def measure_beams(
         if distance > model.range_max:
             out[i] = np.inf
             continue
-        px, py = x + distance * ux, y + distance * uy
+        px = x + distance * ux
+        py = y + distance * uy
         if model.attenuation > 0.0:
             loss = model.attenuation * (distance / model.range_max) ** 2
             strength = max(cosine, 1e-9) * echo
@@ -167,9 +190,12 @@ def fail_beams(
 def write_rep117(ranges: FloatArray, range_min: float, range_max: float, out: Float32Array) -> None:
     """Write ranges as REP 117 has them: too near to measure is -inf, nothing in range is +inf."""
     for i in range(len(ranges)):
-        out[i] = (
-            np.inf if ranges[i] > range_max else (-np.inf if ranges[i] < range_min else ranges[i])
-        )
+        if ranges[i] > range_max:
+            out[i] = np.inf
+        elif ranges[i] < range_min:
+            out[i] = -np.inf
+        else:
+            out[i] = ranges[i]
 
 
 @kernel
@@ -189,28 +215,22 @@ def _trace_beam(
     for _ in range(_MOST_PANES + 2):
         scene = surfaces.outside if outdoors else segments
         cosine = _cosine(ux, uy, scene, hit)
-        kind, own_echo, depth = 0.0, 1.0, 0.0
-        if (
-            not outdoors
-            and hit + 1 < len(surfaces.first)
-            and surfaces.first[hit] < surfaces.first[hit + 1]
-        ):
-            kind, own_echo, depth = _patch(
-                surfaces, hit, _along(x, y, ux, uy, length, segments, hit)
-            )
-        if kind == GLASS and (
-            cosine > _SPECULAR_COS or _is_dirty(surfaces, x + length * ux, y + length * uy)
-        ):
-            kind = 0.0
-        is_back = (
-            pane >= 0.0
-            and length - pane < _THICKEST_WALL
-            and hit < surfaces.num_walls
-            and not outdoors
-        )
+        kind = PLAIN
+        own_echo = 1.0
+        depth = 0.0
+        if not outdoors and _has_patches(surfaces, hit):
+            along = _along(x, y, ux, uy, length, segments, hit)
+            kind, own_echo, depth = _patch(surfaces, hit, along)
+        if kind == GLASS:
+            returns = cosine > _SPECULAR_COS
+            if returns or _is_dirty(surfaces, x + length * ux, y + length * uy):
+                kind = PLAIN
+        is_near_pane = pane >= 0.0 and length - pane < _THICKEST_WALL
+        is_back = is_near_pane and hit < surfaces.num_walls and not outdoors
         if kind == MIRROR and cosine < _SPECULAR_COS:
             passed += length
-            x, y = x + length * ux, y + length * uy
+            x = x + length * ux
+            y = y + length * uy
             ux, uy = _mirrored(ux, uy, segments, hit)
             length, hit = next_hit(x, y, ux, uy, 1e-6, segments, model.range_max - passed)
             pane = -1.0
@@ -219,13 +239,14 @@ def _trace_beam(
             pane = -1.0 if is_back else length
             if kind == GLASS and not is_back:
                 echo *= _THROUGH_GLASS
-            before = length
-            length, hit = next_hit(x, y, ux, uy, before + 1e-6, segments, model.range_max - passed)
-            far, thing = next_hit(
-                x, y, ux, uy, before + 1e-6, surfaces.outside, model.range_max - passed
-            )
+            beyond = length + 1e-6
+            reach = model.range_max - passed
+            length, hit = next_hit(x, y, ux, uy, beyond, segments, reach)
+            far, thing = next_hit(x, y, ux, uy, beyond, surfaces.outside, reach)
             if far < length:
-                outdoors, length, hit = True, far, thing
+                outdoors = True
+                length = far
+                hit = thing
         else:
             return passed + length, cosine, echo * own_echo, depth
         if hit < 0:
@@ -236,7 +257,9 @@ def _trace_beam(
 @kernel
 def _cosine(ux: float, uy: float, segments: FloatArray, s: int) -> float:
     """Cosine of the angle between a beam and the normal of a segment."""
-    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
+    x0, y0, x1, y1 = segments[s]
+    ex = x1 - x0
+    ey = y1 - y0
     return abs(ux * ey - uy * ex) / math.sqrt(ex * ex + ey * ey)
 
 
@@ -245,41 +268,54 @@ def _along(
     x: float, y: float, ux: float, uy: float, length: float, segments: FloatArray, s: int
 ) -> float:
     """Distance along a segment at which a beam meets it [m]."""
-    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
-    dx, dy = x + length * ux - segments[s, 0], y + length * uy - segments[s, 1]
+    x0, y0, x1, y1 = segments[s]
+    ex = x1 - x0
+    ey = y1 - y0
+    dx = x + length * ux - x0
+    dy = y + length * uy - y0
     return (dx * ex + dy * ey) / math.sqrt(ex * ex + ey * ey)
 
 
 @kernel
 def _mirrored(ux: float, uy: float, segments: FloatArray, s: int) -> tuple[float, float]:
     """A direction after a reflection in a segment."""
-    ex, ey = segments[s, 2] - segments[s, 0], segments[s, 3] - segments[s, 1]
+    x0, y0, x1, y1 = segments[s]
+    ex = x1 - x0
+    ey = y1 - y0
     twice = 2.0 * (ux * ex + uy * ey) / (ex * ex + ey * ey)
     return twice * ex - ux, twice * ey - uy
+
+
+@kernel
+def _has_patches(surfaces: Surfaces, s: int) -> bool:
+    """True if the table holds patches of a segment."""
+    return s + 1 < len(surfaces.first) and surfaces.first[s] < surfaces.first[s + 1]
 
 
 @kernel
 def _patch(surfaces: Surfaces, s: int, along: float) -> tuple[float, float, float]:
     """Kind, echo and depth of a place on a segment that the table holds."""
     for k in range(surfaces.first[s], surfaces.first[s + 1]):
-        if surfaces.patches[k, 0] <= along < surfaces.patches[k, 1]:
-            return surfaces.patches[k, 2], surfaces.patches[k, 3], surfaces.patches[k, 4]
-    return 0.0, 1.0, 0.0
+        begin, end, kind, echo, depth = surfaces.patches[k]
+        if begin <= along < end:
+            return kind, echo, depth
+    return PLAIN, 1.0, 0.0
 
 
 @kernel
 def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
     """True if glass returns a beam at a place from any side."""
-    return (
-        _hash(surfaces.seed + 3, math.floor(x / _DIRT_SIZE), math.floor(y / _DIRT_SIZE))
-        < _DIRTY_SHARE
-    )
+    col = math.floor(x / _DIRT_SIZE)
+    row = math.floor(y / _DIRT_SIZE)
+    return _hash(surfaces.seed + 3, col, row) < _DIRTY_SHARE
 
 
 @kernel
 def _is_jump(true: FloatArray, i: int, j: int) -> bool:
     """True if beams i and j, where there is such a one, meet different surfaces."""
-    return 0 <= j < len(true) and abs(true[j] - true[i]) > _JUMP + _JUMP_RELATIVE * true[i]
+    if j < 0 or j >= len(true):
+        return False
+    return abs(true[j] - true[i]) > _JUMP + _JUMP_RELATIVE * true[i]
 
 
 @kernel
@@ -302,7 +338,8 @@ def _blend(
         # The edge is the end of the nearer segment that lies between the two beams.
         off = np.inf
         for end in (0, 2):
-            ex, ey = segments[s, end] - x, segments[s, end + 1] - y
+            ex = segments[s, end] - x
+            ey = segments[s, end + 1] - y
             angle = math.atan2(ux * ey - uy * ex, ux * ex + uy * ey) * (j - i)
             if -1e-9 <= angle <= model.angle_increment:
                 off = min(off, max(0.0, angle))
@@ -345,12 +382,17 @@ def _smooth_noise(seed: int, x: float, y: float, corners: FloatArray) -> float:
         y: The place [cells of the lattice].
         corners: The last cell and the values at its corners, shape (6,): neighbouring beams mostly meet the same one.
     """
-    col, row = math.floor(x), math.floor(y)
-    fx, fy = x - col, y - row
+    col = math.floor(x)
+    row = math.floor(y)
+    fx = x - col
+    fy = y - row
     if corners[0] != col or corners[1] != row:
-        corners[0], corners[1] = col, row
-        corners[2], corners[3] = _hash(seed, col, row), _hash(seed, col + 1, row)
-        corners[4], corners[5] = _hash(seed, col, row + 1), _hash(seed, col + 1, row + 1)
+        corners[0] = col
+        corners[1] = row
+        corners[2] = _hash(seed, col, row)
+        corners[3] = _hash(seed, col + 1, row)
+        corners[4] = _hash(seed, col, row + 1)
+        corners[5] = _hash(seed, col + 1, row + 1)
     low = (1.0 - fx) * corners[2] + fx * corners[3]
     high = (1.0 - fx) * corners[4] + fx * corners[5]
     return _TO_DEVIATION * (2.0 * ((1.0 - fy) * low + fy * high) - 1.0)

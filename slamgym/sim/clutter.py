@@ -1,5 +1,6 @@
 """Things in a building that its drawing doesn't have: furniture, doors' leaves, people."""
 
+import itertools
 import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -28,23 +29,20 @@ if TYPE_CHECKING:
 
 _logger = logging.getLogger(__name__)
 
-# Doors' surroundings stay free of furniture for this far to either side [m].
 _DOOR_ROOM = 0.45
-
-# Places of chairs and doors' leaves that change while the robot drives, the first one among them; and how often
-# another hinge is tried where a leaf doesn't fit.
+"""Doors' surroundings stay free of furniture for this far to either side [m]."""
 _PLACES = 3
+"""Places of chairs and doors' leaves that change while the robot drives, the first one among them."""
 _HINGES = 3
-
-# Furniture keeps the passages this much wider than the robot on either side: a hand's breadth [m].
+"""So many hinges are tried where a door's leaf doesn't fit."""
 _PASSAGE = 0.1
-
-# People walk at least this far from walls [m], and at these speeds: unhurried indoors to brisk [m/s].
+"""Furniture keeps the passages this much wider than the robot on either side: a hand's breadth [m]."""
 _WALKING_GAP = 0.05
+"""People walk at least this far from walls [m]."""
 _WALKING_SPEED = (0.4, 1.2)
-
-# What is smaller than this is seen as its two diagonals, which have the same shadow as the square about them [m].
+"""Least and largest speed of people: unhurried indoors to brisk [m/s]."""
 _LEG = 0.1
+"""What is smaller than this is seen as its two diagonals, which have the same shadow as the square about them [m]."""
 
 
 class ClutterConfig(Settings, section="clutter"):
@@ -125,28 +123,26 @@ class Clutter:
     def _segments(self) -> FloatArray:
         if not self.changes:
             return outlines_of(self.solids())
-        parts = [outlines_of(self.furniture), *(outlines_of(places[0]) for places in self.movables)]
+        parts = [outlines_of(self.furniture)]
+        parts += [outlines_of(places[0]) for places in self.movables]
         return np.vstack(parts)
 
     def solids(self) -> tuple[FloatArray, ...]:
         """Everything that stands on the floor at first: corners of each, shape (K, 2) [m]."""
-        return (*self.furniture, *(solid for places in self.movables for solid in places[0]))
+        movable = itertools.chain.from_iterable(places[0] for places in self.movables)
+        return (*self.furniture, *movable)
 
 
 def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
     """Segments of solids that contacts and scanners meet, shape (S, 4) [m]: diagonals of legs, and others' edges."""
-    parts = [np.empty((0, 4))]
     boxes = np.array([corners for corners in solids if len(corners) == 4]).reshape(-1, 4, 2)
     is_leg = np.ptp(boxes, axis=1).max(axis=1, initial=0.0) < _LEG
-    legs = boxes[is_leg]
-    parts += [legs.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3).reshape(-1, 4)]
+    diagonals = boxes[is_leg].reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3)
     others = boxes[~is_leg]
-    parts += [np.concatenate([others, np.roll(others, -1, axis=1)], axis=2).reshape(-1, 4)]
-    parts += [
-        np.hstack([corners, np.roll(corners, -1, axis=0)])
-        for corners in solids
-        if len(corners) != 4
-    ]
+    edges = np.concatenate([others, np.roll(others, -1, axis=1)], axis=2)
+    parts = [diagonals.reshape(-1, 4), edges.reshape(-1, 4)]
+    rest = [corners for corners in solids if len(corners) != 4]
+    parts += [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in rest]
     return np.vstack(parts)
 
 
@@ -162,12 +158,13 @@ class Changes:
         self._clutter = clutter
         self.movables = clutter.movables if clutter.changes else ()
         self._places = [[outlines_of(solids) for solids in places] for places in self.movables]
-        self._rows = rows[len(rows) - sum(len(places[0]) for places in self._places) :]
-        ends = np.cumsum([len(places[0]) for places in self._places])
-        self._slices = [
-            slice(int(end) - len(places[0]), int(end))
-            for end, places in zip(ends, self._places, strict=True)
-        ]
+        sizes = [len(places[0]) for places in self._places]
+        self._rows = rows[len(rows) - sum(sizes) :]
+        self._slices = []
+        first = 0
+        for size in sizes:
+            self._slices.append(slice(first, first + size))
+            first += size
         self.reset()
 
     def reset(self) -> None:
@@ -181,11 +178,10 @@ class Changes:
         """Solids that stand on the floor now: corners of each solid, shape (K, 2) [m]."""
         if not self.movables:
             return self._clutter.solids()
-        moved = zip(self.movables, self._now, strict=True)
-        return (
-            *self._clutter.furniture,
-            *(solid for places, now in moved for solid in places[now]),
-        )
+        standing = list(self._clutter.furniture)
+        for places, now in zip(self.movables, self._now, strict=True):
+            standing += places[now]
+        return tuple(standing)
 
     def advance(self, span: float, discs: FloatArray) -> bool:
         """Let time pass, in which something may be moved, but nothing that would come near to somebody.
@@ -210,12 +206,13 @@ class Changes:
 
     def _is_away(self, index: int, place: int, discs: FloatArray) -> bool:
         """True if no person is on the way of a piece: in the box about its old and its new place."""
-        points = np.vstack([self._rows[self._slices[index]], self._places[index][place]]).reshape(
-            -1, 2
-        )
-        low, high = points.min(axis=0), points.max(axis=0)
-        gap = discs[:, :2] - np.clip(discs[:, :2], low, high)
-        return bool((np.hypot(*gap.T) > discs[:, 2]).all())
+        old = self._rows[self._slices[index]]
+        new = self._places[index][place]
+        points = np.vstack([old, new]).reshape(-1, 2)
+        middles = discs[:, :2]
+        nearest = np.clip(middles, points.min(axis=0), points.max(axis=0))
+        distances = np.hypot(*(middles - nearest).T)
+        return bool((distances > discs[:, 2]).all())
 
     def _put(self, index: int, place: int) -> None:
         self._now[index] = place
@@ -257,7 +254,11 @@ def make_clutter(
             passages.reserve(_surroundings(door))
     placed, left_out = _place_pieces(passages, rooms, radius, config, rng)
     furniture, chairs = put_down(placed)
-    pieces = [piece.box for piece in placed]
+    outlines = [piece.box for piece in placed]
+    doors_as_movables = []
+    for places in leaves:
+        outlines += places
+        doors_as_movables.append(tuple((_corners(leaf),) for leaf in places))
     lost = before - _rooms_with(labels, reach(radius))
     people, walkable = _populate(passages, walking, config, rng)
     if left_out:
@@ -266,10 +267,8 @@ def make_clutter(
         )
     return Clutter(
         furniture=furniture,
-        outlines=np.array([*pieces, *(leaf for places in leaves for leaf in places)]).reshape(
-            -1, 6
-        ),
-        movables=(*chairs, *(tuple((_corners(leaf),) for leaf in places) for places in leaves)),
+        outlines=np.array(outlines).reshape(-1, 6),
+        movables=(*chairs, *doors_as_movables),
         people=people,
         walkable=walkable,
         passages=passages,
@@ -294,24 +293,17 @@ def _hang_leaves(
 ) -> list[list[FloatArray]]:
     """Put leaves into doors: of each the boxes where it may stand, none of which is in the robot's way."""
     leaves = []
-    radii = np.array([radius])
+    closed_share = (config.closed_doors, config.ajar_doors)
     for door in doors:
         if not has_leaf(door) or rng.random() >= config.doors:
             continue
         for _ in range(_HINGES):
             places: list[FloatArray] = []
-            for leaf in leaf_boxes(door, (config.closed_doors, config.ajar_doors), rng, _PLACES):
-                if is_closed(door, leaf):
-                    stands = passages.is_clear(leaf) and (
-                        config.cut_off or not _cuts_off(passages, leaf, radius)
-                    )
-                    if stands:
-                        passages.block(leaf)
-                else:
-                    stands = passages.first_fit(leaf[None], radii, reserve=False) == 0
-                if stands:
-                    places.append(leaf)
-                if stands and config.changes == 0.0:
+            for leaf in leaf_boxes(door, closed_share, rng, _PLACES):
+                if not _hang(passages, door, leaf, radius, config.cut_off):
+                    continue
+                places.append(leaf)
+                if config.changes == 0.0:
                     break
             if places:
                 leaves.append(places)
@@ -321,24 +313,42 @@ def _hang_leaves(
     return leaves
 
 
+def _hang(
+    passages: Passages, door: "Door", leaf: FloatArray, radius: float, may_cut_off: bool
+) -> bool:
+    """Put a leaf somewhere unless it is in the robot's way; returns True if it stands."""
+    if not is_closed(door, leaf):
+        return passages.first_fit(leaf[None], np.array([radius]), reserve=False) == 0
+    if not passages.is_clear(leaf):
+        return False
+    if not may_cut_off and _cuts_off(passages, leaf, radius):
+        return False
+    passages.block(leaf)
+    return True
+
+
 def _cuts_off(passages: Passages, leaf: FloatArray, radius: float) -> bool:
     """True if a closed door would cut the building in two."""
-    count = passages.parts(radius)[1].max()
-    return bool(passages.with_box(leaf).parts(radius)[1].max() > count)
+    _, before = passages.parts(radius)
+    _, after = passages.with_box(leaf).parts(radius)
+    return bool(after.max() > before.max())
 
 
 def _surroundings(door: "Door") -> FloatArray:
     """A door with the space that furniture keeps free on either side of it."""
-    (x0, y0), (x1, y1) = door.start, door.end
-    ux, uy = (x1 - x0) / door.width, (y1 - y0) / door.width
-    return np.array(
-        [0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, 0.5 * door.width + _DOOR_ROOM, _DOOR_ROOM]
-    )
+    x0, y0 = door.start
+    x1, y1 = door.end
+    ux = (x1 - x0) / door.width
+    uy = (y1 - y0) / door.width
+    half_length = 0.5 * door.width + _DOOR_ROOM
+    return np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1), ux, uy, half_length, _DOOR_ROOM])
 
 
 def _corners(box: FloatArray) -> FloatArray:
     """The corners of a box, shape (4, 2) [m]."""
-    along, across = box[2:4] * box[4], np.array([-box[3], box[2]]) * box[5]
+    _, _, ux, uy, half_length, half_width = box
+    along = box[2:4] * half_length
+    across = np.array([-uy, ux]) * half_width
     return box[:2] + np.array([-along - across, along - across, along + across, across - along])
 
 
@@ -354,7 +364,8 @@ def _place_pieces(
         return [], 0
     places = _PLACES if config.changes else 1
     wish = Wish(config.furniture, np.array([radius + _PASSAGE, radius]), places, config.untidiness)
-    placed, left_out = [], 0
+    placed = []
+    left_out = 0
     for room in rooms:
         pieces, missing = furnish(passages, room, wish, rng)
         placed += pieces
@@ -371,12 +382,9 @@ def _populate(
     cells = passages.largest_part(radius)
     if not cells.any():
         return (), None
-    people = tuple(
-        Person(
-            passages.sample_point(cells, rng),
-            float(rng.uniform(*_WALKING_SPEED)),
-            int(rng.integers(2**32)),
-        )
-        for _ in range(config.people)
-    )
-    return people, Walkable(cells, passages.origin)
+    people = []
+    for _ in range(config.people):
+        start = passages.sample_point(cells, rng)
+        speed = float(rng.uniform(*_WALKING_SPEED))
+        people.append(Person(start, speed, int(rng.integers(2**32))))
+    return tuple(people), Walkable(cells, passages.origin)

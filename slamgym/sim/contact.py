@@ -24,19 +24,22 @@ SUBSTEP_DISTANCE = 0.008
 """Furthest that a point of the body may move between two looks at the contacts [m]: less than the skin, so
 that no obstacle is passed unseen."""
 
-# Overlap of skin and obstacle that is left standing, so that resting contacts persist [m].
 _SLOP = 0.001
+"""Overlap of skin and obstacle that is left standing, so that resting contacts persist [m]."""
 
-# Sequential-impulse iterations; two walls of a corner converge to 1e-6 m/s in about ten.
 _ITERATIONS = 30
+"""Sequential-impulse iterations; two walls of a corner converge to 1e-6 m/s in about ten."""
 
-# Nominal duration of a solver step [s]. It is the same for every substep, however long: the solver starts
-# from the impulses of its last step, scaled by the ratio of the durations, but here an impulse takes away a
-# velocity, not a force.
 _SOLVER_STEP = 0.01
+"""Nominal duration of a solver step [s]. It is the same for every substep, however long: the solver starts
+from the impulses of its last step, scaled by the ratio of the durations, but here an impulse takes away a
+velocity, not a force."""
 
 Velocity = tuple[float, float, float]
 """Velocity of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
+
+Box = tuple[float, float, float, float]
+"""Left, bottom, right and top [m]."""
 
 _set_position = vars(pymunk.Body)["position"].__set__
 _set_angle = vars(pymunk.Body)["angle"].__set__
@@ -59,16 +62,16 @@ class ContactSolver:
         self._space.iterations = _ITERATIONS
         self._space.collision_slop = _SLOP
         # The robot with its skin; the base frame's origin is the body's.
-        moment = pymunk.moment_for_circle(ROBOT_MASS, 0.0, robot.radius)
-        self._inertia = ROBOT_MASS, moment
-        self._body = pymunk.Body(ROBOT_MASS, moment)
+        self._moment = pymunk.moment_for_circle(ROBOT_MASS, 0.0, robot.radius)
+        self._body = pymunk.Body(ROBOT_MASS, self._moment)
         shape = pymunk.Circle(self._body, robot.radius + SKIN)
         self._people = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
         people = [
-            pymunk.Circle(body, float(disc[2]))
-            for body, disc in zip(self._people, discs, strict=True)
+            pymunk.Circle(body, float(radius))
+            for body, radius in zip(self._people, discs[:, 2], strict=True)
         ]
-        self._space.add(self._body, shape, *self._people, *_walls(self._space, segments), *people)
+        walls = _walls(self._space, segments)
+        self._space.add(self._body, shape, *self._people, *walls, *people)
 
     def place_people(self, discs: FloatArray) -> None:
         """Move the people, shape (P, 3)."""
@@ -86,25 +89,26 @@ class ContactSolver:
             The part of the wished velocity that contact allows, and the slow push that ends an overlap of the skin.
             The body moves by the sum of both.
         """
-        body, (mass, moment) = self._body, self._inertia
+        body = self._body
         # By the properties themselves: pymunk's __setattr__ takes longer than what they do.
         _set_position(body, (pose.x, pose.y))
         _set_angle(body, pose.theta)
         _set_velocity(body, (0.0, 0.0))
         _set_angular_velocity(body, 0.0)
-        _set_force(body, (wish[0] * mass / _SOLVER_STEP, wish[1] * mass / _SOLVER_STEP))
-        _set_torque(body, wish[2] * moment / _SOLVER_STEP)
+        force_x = wish[0] * ROBOT_MASS / _SOLVER_STEP
+        force_y = wish[1] * ROBOT_MASS / _SOLVER_STEP
+        _set_force(body, (force_x, force_y))
+        _set_torque(body, wish[2] * self._moment / _SOLVER_STEP)
         self._space.step(_SOLVER_STEP)
-        velocity, position = body.velocity, body.position
+        velocity = body.velocity
+        position = body.position
         # The step moved the body before it solved, from rest: that is the push which the last overlap asked
         # for.
-        push_x, push_y, push_turn = (
-            position.x - pose.x,
-            position.y - pose.y,
-            body.angle - pose.theta,
-        )
-        push = push_x / _SOLVER_STEP, push_y / _SOLVER_STEP, push_turn / _SOLVER_STEP
-        return (velocity.x, velocity.y, body.angular_velocity), push
+        push_x = (position.x - pose.x) / _SOLVER_STEP
+        push_y = (position.y - pose.y) / _SOLVER_STEP
+        push_turn = (body.angle - pose.theta) / _SOLVER_STEP
+        left = (velocity.x, velocity.y, body.angular_velocity)
+        return left, (push_x, push_y, push_turn)
 
 
 def _walls(space: pymunk.Space, segments: FloatArray) -> list[pymunk.Segment]:
@@ -120,15 +124,39 @@ def wall_order(segments: FloatArray) -> IntArray:
     walls = _walls(space, segments)
     space.add(*walls)
     everywhere = pymunk.BB(-math.inf, -math.inf, math.inf, math.inf)
-    index_of = {wall: index for index, wall in enumerate(walls)}
-    return np.array(
-        [index_of[wall] for wall in space.bb_query(everywhere, pymunk.ShapeFilter())], np.int64
-    )  # type: ignore[index]
+    index_of: dict[pymunk.Shape, int] = {wall: index for index, wall in enumerate(walls)}
+    listed = space.bb_query(everywhere, pymunk.ShapeFilter())
+    return np.array([index_of[wall] for wall in listed], np.int64)
 
 
-_PERSISTENCE = 3  # steps after which a contact is forgotten
-_WIDENED = float(np.float32(0.1))  # share of its side by which a moving box is widened
-_BUILT, _STEPS, _PAIRS = range(3)
+_PERSISTENCE = 3
+"""So many steps after the last one a contact is forgotten."""
+_WIDENED = float(np.float32(0.1))
+"""Share of its side by which a moving box is widened."""
+
+_BUILT = 0
+"""Entry of :attr:`DiscContacts.marks`: whether the solver has begun."""
+_STEPS = 1
+"""Entry of :attr:`DiscContacts.marks`: steps so far."""
+_PAIRS = 2
+"""Entry of :attr:`DiscContacts.marks`: number of pairs."""
+
+_NORMAL_X = 0
+"""Entry of a contact: its normal, from the robot to the wall."""
+_NORMAL_Y = 1
+"""Entry of a contact: its normal."""
+_ARM_X = 2
+"""Entry of a contact: from the middle of the robot to where it touches [m]."""
+_ARM_Y = 3
+"""Entry of a contact: from the middle of the robot to where it touches [m]."""
+_MASS = 4
+"""Entry of a contact: mass that resists an impulse along the normal [kg]."""
+_BIAS = 5
+"""Entry of a contact: velocity that is to end the overlap [m/s]."""
+_PUSHED = 6
+"""Entry of a contact: impulse that ends the overlap, so far [N s]."""
+_ENTRIES = 7
+"""Number of entries of a contact."""
 
 
 class DiscBody(NamedTuple):
@@ -161,10 +189,16 @@ class DiscContacts(NamedTuple):
     @classmethod
     def none(cls, count: int, walls: int) -> "DiscContacts":
         """State of so many robots that have touched nothing, among so many walls at most."""
-        order, pairs, stamps = (np.zeros((count, walls), dtype=np.int64) for _ in range(3))
-        near, push = np.zeros((count, 4)), np.zeros((count, 3))
-        marks = np.zeros((count, 3), dtype=np.int64)
-        return cls(order, pairs, np.zeros((count, walls)), stamps, near, push, marks)
+        by_wall = (count, walls)
+        return cls(
+            order=np.zeros(by_wall, np.int64),
+            pairs=np.zeros(by_wall, np.int64),
+            impulses=np.zeros(by_wall),
+            stamps=np.zeros(by_wall, np.int64),
+            near=np.zeros((count, 4)),
+            push=np.zeros((count, 3)),
+            marks=np.zeros((count, 3), np.int64),
+        )
 
 
 @kernel
@@ -189,70 +223,96 @@ def solve_disc(
     Returns:
         The part of the wished velocity that contact allows, and the slow push that ends an overlap of the skin.
     """
-    marks, push, radius = contacts.marks[i], contacts.push[i], disc.radius
-    pairs, impulses, stamps = contacts.pairs[i], contacts.impulses[i], contacts.stamps[i]
+    marks = contacts.marks[i]
+    push = contacts.push[i]
+    radius = disc.radius
+    pairs = contacts.pairs[i]
+    impulses = contacts.impulses[i]
+    stamps = contacts.stamps[i]
     if not marks[_BUILT]:
         # As the solver is made: the robot is at the origin before it is put to its place.
-        marks[_BUILT], marks[_STEPS] = 1, 0
-        contacts.push[i], contacts.stamps[i] = 0.0, 0
+        marks[_BUILT] = 1
+        marks[_STEPS] = 0
+        contacts.push[i] = 0.0
+        contacts.stamps[i] = 0
         _list_pairs(contacts, i, walls, (-radius, -radius, radius, radius), np.arange(len(walls)))
     marks[_STEPS] += 1
     # The body moves by the push that the last step asked for, then contacts are found where it stands.
-    x, y = state[0] + push[0] * _SOLVER_STEP, state[1] + push[1] * _SOLVER_STEP
+    x = state[0] + push[0] * _SOLVER_STEP
+    y = state[1] + push[1] * _SOLVER_STEP
     turned = state[2] + push[2] * _SOLVER_STEP
-    box, near = (x - radius, y - radius, x + radius, y + radius), contacts.near[i]
+    box = (x - radius, y - radius, x + radius, y + radius)
+    near = contacts.near[i]
     # A new list is gone through as the tree lists the walls, an old one backwards.
-    is_new = not (
-        near[0] <= box[0] and near[2] >= box[2] and near[1] <= box[1] and near[3] >= box[3]
-    )
+    is_new = not _holds((near[0], near[1], near[2], near[3]), box)
     if is_new:
         _list_pairs(contacts, i, walls, box, contacts.order[i, : len(walls)])
     count = marks[_PAIRS]
-    found, walls_met, met = np.empty((count, 8)), np.empty(count, dtype=np.int64), 0
+    found = np.empty((count, _ENTRIES))
+    walls_met = np.empty(count, dtype=np.int64)
+    met = 0
     for k in range(count):
         s = pairs[k] if is_new else pairs[count - 1 - k]
         if _meet(x, y, walls[s], disc, found[met]):
             walls_met[met] = s
             met += 1
 
-    per_mass, per_moment = 1.0 / ROBOT_MASS, 1.0 / disc.moment
+    per_mass = 1.0 / ROBOT_MASS
+    per_moment = 1.0 / disc.moment
     vx = wish[0] * ROBOT_MASS / _SOLVER_STEP * per_mass * _SOLVER_STEP
     vy = wish[1] * ROBOT_MASS / _SOLVER_STEP * per_mass * _SOLVER_STEP
     w = wish[2] * disc.moment / _SOLVER_STEP * per_moment * _SOLVER_STEP
     for k in range(met):
         s = walls_met[k]
-        nx, ny, rx, ry = found[k, 0], found[k, 1], found[k, 2], found[k, 3]
+        nx = found[k, _NORMAL_X]
+        ny = found[k, _NORMAL_Y]
+        rx = found[k, _ARM_X]
+        ry = found[k, _ARM_Y]
         age = marks[_STEPS] - stamps[s]
         if stamps[s] == 0 or age > _PERSISTENCE:
             impulses[s] = 0.0
         elif age == 1:
-            jx, jy = -(nx * impulses[s]), -(ny * impulses[s])
-            vx, vy = vx + jx * per_mass, vy + jy * per_mass
+            jx = -(nx * impulses[s])
+            jy = -(ny * impulses[s])
+            vx = vx + jx * per_mass
+            vy = vy + jy * per_mass
             w += per_moment * (rx * jy - ry * jx)
         stamps[s] = marks[_STEPS]
-    bx, by, turn = 0.0, 0.0, 0.0
+    bx = 0.0
+    by = 0.0
+    turn = 0.0
     for _ in range(_ITERATIONS):
         is_settled = True
         for k in range(met):
             s = walls_met[k]
-            nx, ny, rx, ry = found[k, 0], found[k, 1], found[k, 2], found[k, 3]
+            nx = found[k, _NORMAL_X]
+            ny = found[k, _NORMAL_Y]
+            rx = found[k, _ARM_X]
+            ry = found[k, _ARM_Y]
             away = (0.0 - (bx + -ry * turn)) * nx + (0.0 - (by + rx * turn)) * ny
             onto = (0.0 - (vx + -ry * w)) * nx + (0.0 - (vy + rx * w)) * ny
-            pushed, held = found[k, 6], impulses[s]
-            found[k, 6] = max(pushed + (found[k, 5] - away) * found[k, 4], 0.0)
-            impulses[s] = max(held - onto * found[k, 4], 0.0)
-            more = found[k, 6] - pushed
-            jx, jy = -(nx * more), -(ny * more)
-            bx, by = bx + jx * per_mass, by + jy * per_mass
+            pushed = found[k, _PUSHED]
+            held = impulses[s]
+            found[k, _PUSHED] = max(pushed + (found[k, _BIAS] - away) * found[k, _MASS], 0.0)
+            impulses[s] = max(held - onto * found[k, _MASS], 0.0)
+            more = found[k, _PUSHED] - pushed
+            jx = -(nx * more)
+            jy = -(ny * more)
+            bx = bx + jx * per_mass
+            by = by + jy * per_mass
             turn += per_moment * (rx * jy - ry * jx)
             more = impulses[s] - held
-            jx, jy = -(nx * more), -(ny * more)
-            vx, vy = vx + jx * per_mass, vy + jy * per_mass
+            jx = -(nx * more)
+            jy = -(ny * more)
+            vx = vx + jx * per_mass
+            vy = vy + jy * per_mass
             w += per_moment * (rx * jy - ry * jx)
-            is_settled = is_settled and found[k, 6] == pushed and more == 0.0
+            is_settled = is_settled and found[k, _PUSHED] == pushed and more == 0.0
         if is_settled:
             break  # further rounds would change nothing
-    push[0], push[1], push[2] = bx, by, turn
+    push[0] = bx
+    push[1] = by
+    push[2] = turn
     moved = (
         (x - state[0]) / _SOLVER_STEP,
         (y - state[1]) / _SOLVER_STEP,
@@ -264,57 +324,74 @@ def solve_disc(
 @kernel
 def _meet(x: float, y: float, wall: FloatArray, disc: DiscBody, contact: FloatArray) -> bool:
     """True if a disc touches a wall; writes normal, arm, effective mass, bias and no push yet."""
-    ex, ey = wall[2] - wall[0], wall[3] - wall[1]
+    ex = wall[2] - wall[0]
+    ey = wall[3] - wall[1]
     radius = disc.radius
     if not _overlap(_box(wall), (x - radius, y - radius, x + radius, y + radius)):
         return False
     along = (ex * (x - wall[0]) + ey * (y - wall[1])) / (ex * ex + ey * ey)
     along = along if along < 1.0 else 1.0
     along = 0.0 if along < 0.0 else along
-    cx, cy = wall[0] + ex * along, wall[1] + ey * along
-    dx, dy = cx - x, cy - y
+    cx = wall[0] + ex * along
+    cy = wall[1] + ey * along
+    dx = cx - x
+    dy = cy - y
     squared = dx * dx + dy * dy
     if squared >= radius * radius or squared == 0.0:
         return False
     scale = 1.0 / math.sqrt(squared)
-    nx, ny = dx * scale, dy * scale
-    rx, ry = (x + nx * radius) - x, (y + ny * radius) - y
+    nx = dx * scale
+    ny = dy * scale
+    rx = (x + nx * radius) - x
+    ry = (y + ny * radius) - y
     across = rx * ny - ry * nx
     distance = ((cx - rx) - x) * nx + ((cy - ry) - y) * ny
-    contact[0], contact[1], contact[2], contact[3] = nx, ny, rx, ry
-    contact[4] = 1.0 / (1.0 / ROBOT_MASS + 1.0 / disc.moment * across * across)
-    contact[5] = -disc.bias * min(0.0, distance + _SLOP) / _SOLVER_STEP
-    contact[6] = 0.0
+    contact[_NORMAL_X] = nx
+    contact[_NORMAL_Y] = ny
+    contact[_ARM_X] = rx
+    contact[_ARM_Y] = ry
+    contact[_MASS] = 1.0 / (1.0 / ROBOT_MASS + 1.0 / disc.moment * across * across)
+    contact[_BIAS] = -disc.bias * min(0.0, distance + _SLOP) / _SOLVER_STEP
+    contact[_PUSHED] = 0.0
     return True
 
 
 @kernel
-def _box(wall: FloatArray) -> tuple[float, float, float, float]:
-    return (
-        min(wall[0], wall[2]),
-        min(wall[1], wall[3]),
-        max(wall[0], wall[2]),
-        max(wall[1], wall[3]),
-    )
+def _box(wall: FloatArray) -> Box:
+    x0, y0, x1, y1 = wall
+    return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
 @kernel
-def _overlap(a: tuple[float, float, float, float], b: tuple[float, float, float, float]) -> bool:
-    return a[0] <= b[2] and b[0] <= a[2] and a[1] <= b[3] and b[1] <= a[3]
+def _overlap(first: Box, second: Box) -> bool:
+    left, bottom, right, top = first
+    other_left, other_bottom, other_right, other_top = second
+    meet_across = left <= other_right and other_left <= right
+    return meet_across and bottom <= other_top and other_bottom <= top
+
+
+@kernel
+def _holds(outer: Box, inner: Box) -> bool:
+    """True if a box lies within another one."""
+    left, bottom, right, top = inner
+    outer_left, outer_bottom, outer_right, outer_top = outer
+    holds_across = outer_left <= left and outer_right >= right
+    return holds_across and outer_bottom <= bottom and outer_top >= top
 
 
 @kernel
 def _list_pairs(
-    contacts: DiscContacts,
-    i: int,
-    walls: FloatArray,
-    box: tuple[float, float, float, float],
-    order: IntArray,
+    contacts: DiscContacts, i: int, walls: FloatArray, box: Box, order: IntArray
 ) -> None:
     """Note the walls near the box about the robot, widened so that the list holds for a while."""
-    near, marks = contacts.near[i], contacts.marks[i]
-    wide, high = (box[2] - box[0]) * _WIDENED, (box[3] - box[1]) * _WIDENED
-    near[0], near[1], near[2], near[3] = box[0] - wide, box[1] - high, box[2] + wide, box[3] + high
+    near = contacts.near[i]
+    marks = contacts.marks[i]
+    wide = (box[2] - box[0]) * _WIDENED
+    high = (box[3] - box[1]) * _WIDENED
+    near[0] = box[0] - wide
+    near[1] = box[1] - high
+    near[2] = box[2] + wide
+    near[3] = box[3] + high
     marks[_PAIRS] = 0
     for s in order:
         if _overlap(_box(walls[s]), (near[0], near[1], near[2], near[3])):

@@ -15,32 +15,43 @@ Form = Literal["solid", "legs", "panels", "column", "round", "wavy"]
 """``panels``: a back and two sides, as desks and open shelves have; ``column``: one leg in the middle, as of
 round tables and office chairs; ``wavy``: a curtain."""
 
-# Sides of the legs of tables, beds and sofas, and of chairs; thickness of a panel [m].
 _LEG = 0.06
+"""Side of a leg of a table, bed or sofa [m]."""
 _CHAIR_LEG = 0.04
+"""Side of a chair's leg [m]."""
 _PANEL = 0.03
+"""Thickness of a panel [m]."""
 
-# Side of a seat, and the room before a table in which its chairs are moved about [m].
 _SEAT = 0.42
+"""Side of a seat [m]."""
 _SEAT_ROOM = 0.55
+"""Depth of the room before a table in which its chairs are moved about [m]."""
 
-# How far chairs are pushed in (below 0) or pulled out, and to the side [m]; how much they are turned [rad].
-_PULLED_OUT = (-0.15, 0.2)
+_PUSHED_IN = -0.15
+"""Least distance of a tidy chair from its place at the table [m]: it is pushed in."""
+_PULLED_OUT = 0.2
+"""Largest distance of a tidy chair from its place at the table [m]."""
 _ASIDE = 0.05
+"""Largest distance of a tidy chair from its place to the side [m]."""
 _TURNED = 0.2
+"""Largest angle by which a tidy chair is turned [rad]."""
 
-# What untidiness adds to these: chairs stand anywhere about their table, at any angle; tables are moved a little.
 _UNTIDY_OUT = 0.3
+"""Untidy chairs are pulled out farther by this at most [m]."""
 _UNTIDY_ASIDE = 0.2
+"""Untidy chairs stand farther to the side by this at most [m]."""
 _UNTIDY_TURNED = math.pi
+"""Untidy chairs are turned by this more at most [rad]: they stand at any angle."""
 UNTIDY_TABLES = 0.3
 """Standard deviation of the angle of what stands in the middle of an untidy room [rad]."""
 
-# Corners of what is round.
 _CORNERS = 8
+"""Number of corners of what is round."""
 
-# Depth and width of a curtain's folds [m].
-_FOLD = (0.06, 0.1)
+_FOLD_DEPTH = 0.06
+"""Depth of a curtain's folds [m]."""
+_FOLD_WIDTH = 0.1
+"""Width of a curtain's folds [m]."""
 
 
 @dataclass(frozen=True)
@@ -55,12 +66,11 @@ class Piece:
     place: Literal["wall", "middle", "anywhere"] = "wall"
     seats: int = 0  # chairs at each long side that isn't at a wall
     turned: float = 0.0  # standard deviation of its angle [rad]
-    share_of_wall: float = (
-        0.0  # its width is at least this share of its wall, if the range allows it
-    )
+    share_of_wall: float = 0.0  # that its width takes at least, if the range allows it
 
 
 Corners = Sequence[tuple[float, float]]
+"""Corners of a solid [m]."""
 
 
 @dataclass(frozen=True)
@@ -97,64 +107,100 @@ def shape_of(
     # With its back to a wall a table has chairs on one side only.
     back = _SEAT_ROOM if piece.place != "wall" else 0.0
     middles = [((seat + 0.5) / piece.seats - 0.5) * width for seat in range(piece.seats)]
-    sides = [(back + depth, 1.0)] + ([(back, -1.0)] if back else [])
-    draws = iter(rng.random((len(sides) * piece.seats, places, 3)).tolist())
-    chair_legs = "column" if piece.place == "wall" and rng.random() < 0.6 else "legs"
-    chairs = tuple(
-        tuple(_chair(chair_legs, edge, outwards, middle, draw, untidiness) for draw in next(draws))
-        for edge, outwards in sides
-        for middle in middles
-    )
-    reach = max(width, middles[-1] - middles[0] + _SEAT * 1.5 + 2.0 * _ASIDE)
-    return Shape(back + depth + _SEAT_ROOM, reach, _solids(form, back, width, depth), chairs)
+    front = back + depth
+    # Where each side with chairs lies, and which way leads out of it.
+    sides = [(front, 1.0)]
+    if back:
+        sides.append((back, -1.0))
+    draws = rng.random((len(sides) * piece.seats, places, 3)).tolist()
+    legs = "column" if piece.place == "wall" and rng.random() < 0.6 else "legs"
+    chairs: list[list[Sequence[Corners]]] = []
+    for edge, outwards in sides:
+        for middle in middles:
+            of_places = draws[len(chairs)]
+            chairs.append(
+                [_chair(legs, edge, outwards, middle, draw, untidiness) for draw in of_places]
+            )
+    row_of_chairs = middles[-1] - middles[0] + _SEAT * 1.5 + 2.0 * _ASIDE
+    solids = _solids(form, back, width, depth)
+    return Shape(front + _SEAT_ROOM, max(width, row_of_chairs), solids, chairs)
 
 
 def _chair(
     legs: str, edge: float, outwards: float, middle: float, draw: Sequence[float], untidiness: float
 ) -> Sequence[Corners]:
     """The legs of a chair at a table's edge."""
-    out = _PULLED_OUT[0] + draw[0] * (_PULLED_OUT[1] + untidiness * _UNTIDY_OUT - _PULLED_OUT[0])
+    draw_out, draw_aside, draw_turn = draw
+    out = _PUSHED_IN + draw_out * (_PULLED_OUT + untidiness * _UNTIDY_OUT - _PUSHED_IN)
     aside = _ASIDE + untidiness * _UNTIDY_ASIDE
-    x, y = edge + outwards * out, middle + (2.0 * draw[1] - 1.0) * aside
+    x = edge + outwards * out
+    y = middle + (2.0 * draw_aside - 1.0) * aside
     if legs == "column":
-        return (_square(x, y, _LEG),)
-    turn = (2.0 * draw[2] - 1.0) * (_TURNED + untidiness * _UNTIDY_TURNED)
+        return [_square(x, y, _LEG)]
+    turn = (2.0 * draw_turn - 1.0) * (_TURNED + untidiness * _UNTIDY_TURNED)
     half = 0.5 * (_SEAT - _CHAIR_LEG)
-    cos, sin = half * math.cos(turn), half * math.sin(turn)
+    cos = half * math.cos(turn)
+    sin = half * math.sin(turn)
     corners = (
         (cos - sin, cos + sin),
         (-sin - cos, cos - sin),
         (sin - cos, -cos - sin),
         (sin + cos, sin - cos),
     )
-    return tuple(_square(x + dx, y + dy, _CHAIR_LEG) for dx, dy in corners)
+    return [_square(x + dx, y + dy, _CHAIR_LEG) for dx, dy in corners]
 
 
 def _solids(form: Form, back: float, width: float, depth: float) -> Sequence[Corners]:
     """Solids of a piece whose back lies at x = ``back``."""
-    half, front, middle = 0.5 * width, back + depth, back + 0.5 * depth
-    if form == "solid":
-        return (_box(back, -half, front, half),)
-    if form == "round":
-        angles = [(corner + 0.5) * (2.0 * math.pi / _CORNERS) for corner in range(_CORNERS)]
-        return (
-            [(middle + 0.5 * depth * math.cos(angle), half * math.sin(angle)) for angle in angles],
-        )
-    if form == "column":
-        return (_square(middle, 0.0, _LEG),)
-    if form == "panels":
-        sides = [_box(back, y, front, y + _PANEL) for y in (-half, half - _PANEL)]
-        return (*sides, _box(back, -half + _PANEL, back + _PANEL, half - _PANEL))
-    if form == "wavy":
-        points = 2 * max(2, round(width / _FOLD[1])) + 1
-        front_edge = [
-            (front - (0.0 if point % 2 else _FOLD[0]), half - width * point / (points - 1))
-            for point in range(points)
-        ]
-        return ([(back, -half), (back, half), *front_edge],)
+    half = 0.5 * width
+    front = back + depth
+    middle = back + 0.5 * depth
+    match form:
+        case "solid":
+            return [_box(back, -half, front, half)]
+        case "round":
+            return [_ellipse(middle, 0.5 * depth, half)]
+        case "column":
+            return [_square(middle, 0.0, _LEG)]
+        case "panels":
+            right = _box(back, -half, front, -half + _PANEL)
+            left_edge = half - _PANEL
+            left = _box(back, left_edge, front, left_edge + _PANEL)
+            rear = _box(back, -half + _PANEL, back + _PANEL, left_edge)
+            return [right, left, rear]
+        case "wavy":
+            return [_curtain(back, front, width)]
+        case "legs":
+            return _legs(back, front, width)
+
+
+def _ellipse(middle: float, half_depth: float, half_width: float) -> Corners:
+    """A round solid about a place on the x axis."""
+    corners = []
+    for corner in range(_CORNERS):
+        angle = (corner + 0.5) * (2.0 * math.pi / _CORNERS)
+        x = middle + half_depth * math.cos(angle)
+        corners.append((x, half_width * math.sin(angle)))
+    return corners
+
+
+def _curtain(back: float, front: float, width: float) -> Corners:
+    """A solid whose front is folded."""
+    half = 0.5 * width
+    points = 2 * max(2, round(width / _FOLD_WIDTH)) + 1
+    corners = [(back, -half), (back, half)]
+    for point in range(points):
+        depth = 0.0 if point % 2 else _FOLD_DEPTH
+        corners.append((front - depth, half - width * point / (points - 1)))
+    return corners
+
+
+def _legs(back: float, front: float, width: float) -> Sequence[Corners]:
+    """Four legs in the corners; six if the piece is wide."""
     inset = 0.5 * _LEG
-    rows = [-half + inset, half - inset] if width < 1.9 else [-half + inset, 0.0, half - inset]
-    return tuple(_square(x, y, _LEG) for x in (back + inset, front - inset) for y in rows)
+    outermost = 0.5 * width - inset
+    rows = [-outermost, outermost] if width < 1.9 else [-outermost, 0.0, outermost]
+    return [_square(x, y, _LEG) for x in (back + inset, front - inset) for y in rows]
 
 
 def _square(x: float, y: float, side: float) -> Corners:
@@ -166,72 +212,99 @@ def _box(x0: float, y0: float, x1: float, y1: float) -> Corners:
     return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
 
 
-_SHELF = Piece((0.8, 1.6), (0.28, 0.4), chance=0.6)
-_BOX = Piece((0.25, 0.5), (0.2, 0.4), chance=0.3, number=2, turned=0.15)
+_APPLIANCE = Piece((0.6, 0.65), (0.6, 0.65), chance=0.5)
+_ARMCHAIR = Piece((0.75, 0.95), (0.75, 0.9), ("solid", "legs"), 0.7, number=2, turned=0.3)
+_BASIN = Piece((0.5, 0.9), (0.4, 0.5), ("solid", "column", "legs"))
+_BATHTUB = Piece((1.5, 1.75), (0.7, 0.8), chance=0.7)
+_BED = Piece((0.9, 1.8), (1.95, 2.1), ("legs", "solid"))
+_BEDSIDE_TABLE = Piece((0.4, 0.5), (0.35, 0.45), ("legs", "solid"), 0.8, number=2)
+_BICYCLE = Piece((0.1, 0.15), (1.5, 1.7), chance=0.4, number=2, turned=0.1)
 _BIN = Piece((0.2, 0.3), (0.2, 0.3), ("round",), 0.5)
+_BOX = Piece((0.25, 0.5), (0.2, 0.4), chance=0.3, number=2, turned=0.15)
+_CAR = Piece((1.75, 1.9), (4.0, 4.7), ("legs",), 0.6, place="middle")
+_CHAIR = Piece((_SEAT, _SEAT), (_SEAT, _SEAT), ("legs",), 0.5, number=2, turned=0.15)
+_CHEST = Piece((0.8, 1.4), (0.42, 0.5), ("solid", "legs"), 0.6)
+_COFFEE_TABLE = Piece((0.9, 1.2), (0.5, 0.65), ("legs", "solid"), 0.8, place="middle")
+_COUNTER = Piece((1.5, 4.2), (0.56, 0.62), share_of_wall=0.8)
+_CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.5, number=2)
+_DESK = Piece((1.2, 1.6), (0.6, 0.8), ("legs", "panels"), 0.8, seats=1)
+_DINING = Piece((1.2, 1.8), (0.75, 0.95), ("legs",), 0.9, place="middle", seats=2)
+_FRIDGE = Piece((0.6, 0.75), (0.6, 0.7))
+_LAMP = Piece((0.06, 0.06), (0.06, 0.06), ("column",), 0.4)
+_LONG_TABLE = Piece((1.4, 2.4), (0.8, 1.0), ("legs",), 0.9, place="middle", seats=3)
 _PLANT = Piece((0.22, 0.4), (0.22, 0.4), ("round",), 0.5, number=2)
 _RADIATOR = Piece((0.6, 1.6), (0.08, 0.12), chance=0.7)
-_LAMP = Piece((0.06, 0.06), (0.06, 0.06), ("column",), 0.4)
-_CHAIR = Piece((_SEAT, _SEAT), (_SEAT, _SEAT), ("legs",), 0.5, number=2, turned=0.15)
+_ROUND_TABLE = Piece((0.9, 1.1), (0.9, 1.1), ("column",), 0.3, place="middle", seats=1)
+_SECOND_COUNTER = Piece((1.2, 3.0), (0.56, 0.62), chance=0.7, share_of_wall=0.6)
+_SERVING_TABLE = Piece((1.2, 1.8), (0.4, 0.5), ("solid", "legs"), 0.7)
+_SHELF = Piece((0.8, 1.6), (0.28, 0.4), chance=0.6)
+_SHOES = Piece((0.1, 0.24), (0.27, 0.3), chance=0.7, number=3, turned=0.1)
+_SHOE_CABINET = Piece((0.6, 1.1), (0.25, 0.38), ("solid", "legs"), 0.6)
+_SIDEBOARD = Piece((1.2, 2.2), (0.38, 0.5), ("solid", "legs"), 0.9)
+_SMALL_BIN = Piece((0.12, 0.2), (0.12, 0.2), ("round",), 0.7)
+_SMALL_DESK = Piece((1.0, 1.4), (0.55, 0.7), ("legs", "panels"), 0.4, seats=1)
+_SMALL_TABLE = Piece((0.7, 1.1), (0.6, 0.75), ("legs",), 0.5, seats=1)
+_SOFA = Piece((1.7, 2.5), (0.85, 1.0), ("solid", "legs"))
+_TOILET = Piece((0.28, 0.38), (0.5, 0.7), ("round", "solid"))
 _TOYS = Piece(
     (0.1, 0.2), (0.1, 0.2), ("solid", "round"), 0.4, number=3, place="anywhere", turned=1.0
 )
-_SHOES = Piece((0.1, 0.24), (0.27, 0.3), chance=0.7, number=3, turned=0.1)
-_DINING = Piece((1.2, 1.8), (0.75, 0.95), ("legs",), 0.9, place="middle", seats=2)
-_ROUND_TABLE = Piece((0.9, 1.1), (0.9, 1.1), ("column",), 0.3, place="middle", seats=1)
-_DESK = Piece((1.2, 1.6), (0.6, 0.8), ("legs", "panels"), 0.8, seats=1)
-_SMALL_TABLE = Piece((0.7, 1.1), (0.6, 0.75), ("legs",), 0.5, seats=1)
-_TOILET = Piece((0.28, 0.38), (0.5, 0.7), ("round", "solid"))
-_BASIN = Piece((0.5, 0.9), (0.4, 0.5), ("solid", "column", "legs"))
-_CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.5, number=2)
+_UMBRELLA_STAND = Piece((0.2, 0.25), (0.2, 0.25), ("round",), 0.3)
+_WARDROBE = Piece((1.0, 2.4), (0.58, 0.65), chance=0.95)
+_WASHING_MACHINE = Piece((0.6, 0.6), (0.55, 0.65), chance=0.5)
+
+_BEDROOM = (
+    _BED,
+    _WARDROBE,
+    _BEDSIDE_TABLE,
+    _CHEST,
+    _SMALL_DESK,
+    _RADIATOR,
+    _CURTAIN,
+    _CHAIR,
+    _BOX,
+    _PLANT,
+    _TOYS,
+    _LAMP,
+)
+_BATHROOM = (_BATHTUB, _BASIN, _TOILET, _WASHING_MACHINE, _BIN, _RADIATOR)
+_KITCHEN = (_COUNTER, _SECOND_COUNTER, _FRIDGE, _SMALL_TABLE, _DINING, _BIN, _RADIATOR, _CHAIR)
+_LIVING_ROOM = (
+    _SOFA,
+    _SIDEBOARD,
+    _COFFEE_TABLE,
+    _ARMCHAIR,
+    _SHELF,
+    _RADIATOR,
+    _CURTAIN,
+    _PLANT,
+    _LAMP,
+    _CHAIR,
+    _BOX,
+    _TOYS,
+    _DINING,
+    _SHELF,
+)
+_DINING_ROOM = (_LONG_TABLE, _ROUND_TABLE, _SERVING_TABLE, _RADIATOR, _PLANT, _CHAIR, _SHELF)
+_OFFICE = (_DESK, _DESK, _SHELF, _SHELF, _BIN, _RADIATOR, _PLANT, _BOX, _CHAIR)
+_HALL = (_SHOE_CABINET, _SHOES, _RADIATOR, _PLANT, _UMBRELLA_STAND)
+_GARAGE = (_CAR, _SHELF, _SHELF, _BOX, _BOX, _BIN, _BICYCLE)
+_STORAGE = (_SHELF, _APPLIANCE, _BOX, _BOX, _BIN)
 
 _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
-    ("bed", "child", "guest"): (
-        Piece((0.9, 1.8), (1.95, 2.1), ("legs", "solid")),
-        Piece((1.0, 2.4), (0.58, 0.65), chance=0.95),
-        Piece((0.4, 0.5), (0.35, 0.45), ("legs", "solid"), 0.8, number=2),
-        Piece((0.8, 1.4), (0.42, 0.5), ("solid", "legs"), 0.6),
-        Piece((1.0, 1.4), (0.55, 0.7), ("legs", "panels"), 0.4, seats=1),
-        _RADIATOR, _CURTAIN, _CHAIR, _BOX, _PLANT, _TOYS, _LAMP,
-    ),
-    ("bath",): (
-        Piece((1.5, 1.75), (0.7, 0.8), chance=0.7), _BASIN, _TOILET,
-        Piece((0.6, 0.6), (0.55, 0.65), chance=0.5), _BIN, _RADIATOR,
-    ),
-    ("toilet", "wc", "restroom"): (_TOILET, _BASIN, Piece((0.12, 0.2), (0.12, 0.2), ("round",), 0.7)),
-    ("kitchen", "pantry"): (
-        Piece((1.5, 4.2), (0.56, 0.62), share_of_wall=0.8),
-        Piece((1.2, 3.0), (0.56, 0.62), chance=0.7, share_of_wall=0.6),
-        Piece((0.6, 0.75), (0.6, 0.7)),
-        _SMALL_TABLE, _DINING, _BIN, _RADIATOR, _CHAIR,
-    ),
-    ("living", "lounge", "family"): (
-        Piece((1.7, 2.5), (0.85, 1.0), ("solid", "legs")),
-        Piece((1.2, 2.2), (0.38, 0.5), ("solid", "legs"), 0.9),
-        Piece((0.9, 1.2), (0.5, 0.65), ("legs", "solid"), 0.8, place="middle"),
-        Piece((0.75, 0.95), (0.75, 0.9), ("solid", "legs"), 0.7, number=2, turned=0.3),
-        _SHELF, _RADIATOR, _CURTAIN, _PLANT, _LAMP, _CHAIR, _BOX, _TOYS, _DINING, _SHELF,
-    ),
-    ("dining", "meeting", "conference"): (
-        Piece((1.4, 2.4), (0.8, 1.0), ("legs",), 0.9, place="middle", seats=3), _ROUND_TABLE,
-        Piece((1.2, 1.8), (0.4, 0.5), ("solid", "legs"), 0.7), _RADIATOR, _PLANT, _CHAIR, _SHELF,
-    ),
-    ("office", "study", "work"): (
-        _DESK, _DESK, _SHELF, _SHELF, _BIN, _RADIATOR, _PLANT, _BOX, _CHAIR,
-    ),
-    ("hall", "corridor", "entry", "lobby"): (
-        Piece((0.6, 1.1), (0.25, 0.38), ("solid", "legs"), 0.6), _SHOES, _RADIATOR, _PLANT,
-        Piece((0.2, 0.25), (0.2, 0.25), ("round",), 0.3),
-    ),
-    ("garage", "parking"): (
-        Piece((1.75, 1.9), (4.0, 4.7), ("legs",), 0.6, place="middle"), _SHELF, _SHELF, _BOX, _BOX, _BIN,
-        Piece((0.1, 0.15), (1.5, 1.7), chance=0.4, number=2, turned=0.1),
-    ),
-    ("storage", "boiler", "wardrobe", "closet", "utility", "freight", "laundry"): (
-        _SHELF, Piece((0.6, 0.65), (0.6, 0.65), chance=0.5), _BOX, _BOX, _BIN,
-    ),
+    ("bed", "child", "guest"): _BEDROOM,
+    ("bath",): _BATHROOM,
+    ("toilet", "wc", "restroom"): (_TOILET, _BASIN, _SMALL_BIN),
+    ("kitchen", "pantry"): _KITCHEN,
+    ("living", "lounge", "family"): _LIVING_ROOM,
+    ("dining", "meeting", "conference"): _DINING_ROOM,
+    ("office", "study", "work"): _OFFICE,
+    ("hall", "corridor", "entry", "lobby"): _HALL,
+    ("garage", "parking"): _GARAGE,
+    ("storage", "boiler", "wardrobe", "closet", "utility", "freight", "laundry"): _STORAGE,
     ("balcony", "terrace", "veranda"): (_PLANT, _PLANT, _SMALL_TABLE, _CHAIR, _BOX),
-}  # fmt: skip
+}
+"""Pieces of each kind of room, by words in its category; the first kind that fits counts."""
 
 SMALL_THINGS = (
     Piece((0.1, 0.3), (0.1, 0.3), ("round", "solid"), turned=1.0),
@@ -243,13 +316,12 @@ SMALL_THINGS = (
 )
 """Things that lie and stand about in untidy rooms: bags, toys, shoes, stands, stools, boards, boxes."""
 
-# For rooms of no known category.
-_ANY_ROOM = (
-    Piece((1.2, 2.0), (0.4, 0.6), ("solid", "legs"), 0.8),
-    Piece((0.7, 1.0), (0.7, 0.95), ("solid", "legs"), 0.6),
-    Piece((1.0, 1.5), (0.6, 0.8), ("legs",), 0.5, place="middle", seats=1),
-    _SHELF, _RADIATOR, _CHAIR, _PLANT, _BOX, _BIN, _LAMP,
-)  # fmt: skip
+_CABINET = Piece((1.2, 2.0), (0.4, 0.6), ("solid", "legs"), 0.8)
+_SEATING = Piece((0.7, 1.0), (0.7, 0.95), ("solid", "legs"), 0.6)
+_TABLE = Piece((1.0, 1.5), (0.6, 0.8), ("legs",), 0.5, place="middle", seats=1)
+
+_ANY_ROOM = (_CABINET, _SEATING, _TABLE, _SHELF, _RADIATOR, _CHAIR, _PLANT, _BOX, _BIN, _LAMP)
+"""Pieces of rooms of no known category."""
 
 
 def pieces_for(category: str) -> tuple[Piece, ...]:

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,12 +22,17 @@ OPAQUE_SURFACES = SurfaceConfig(dark=0.1, roughness=0.005, frames=0.02)
 REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirrors=0.005)
 """The materials of the level ``real``."""
 
-# While a scan is taken the scanner's pose is kept for this far at most, in at most so many parts [m, rad].
-_PART_DISTANCE, _PART_TURN = 0.02, 0.03
+_PART_DISTANCE = 0.02
+"""While a scan is taken the scanner's pose is kept for this far at most [m]."""
+_PART_TURN = 0.03
+"""While a scan is taken the scanner's pose is kept for this turn at most [rad]."""
 _MOST_PARTS = 16
+"""So many poses of the scanner there are in a scan at most."""
 
-SHORTEST_BURST, LONGEST_BURST = 3, 12
-"""A burst of cross-talk: beams in a row, at least and at most."""
+SHORTEST_BURST = 3
+"""Least number of beams in a row that a burst of cross-talk hits."""
+LONGEST_BURST = 12
+"""Largest number of beams in a row that a burst of cross-talk hits."""
 
 
 class LidarConfig(Settings, section="lidar"):
@@ -130,20 +135,26 @@ class LidarConfig(Settings, section="lidar"):
 
 LidarLevel = Literal["exact", "gazebo", "lds01", "real"]
 
-_EXACT: dict[str, Any] = {
-    "sigma": 0.0, "sigma_relative": 0.0, "bias": 0.0, "beam_width_deg": 0.0, "attenuation": 0.0,
-    "lost": 0.0, "stray": 0.0, "bursts": 0.0, "surfaces": SurfaceConfig(),
-}  # fmt: skip
-_DATA_SHEET = {"sigma": 0.0033, "sigma_relative": 0.035 / 3.0, "bias": 1.0}
-_LEVELS: dict[LidarLevel, dict[str, Any]] = {
+_EXACT = LidarConfig(
+    sigma=0.0,
+    sigma_relative=0.0,
+    bias=0.0,
+    beam_width_deg=0.0,
+    attenuation=0.0,
+    lost=0.0,
+    stray=0.0,
+    bursts=0.0,
+    surfaces=SurfaceConfig(),
+)
+"""A scanner without errors, in a building of matt white walls."""
+
+_LEVELS: dict[LidarLevel, LidarConfig] = {
     "exact": _EXACT,
-    "gazebo": {**_EXACT, "sigma": 0.01},
-    "lds01": {**_EXACT, **_DATA_SHEET},
-    "real": {
-        **_DATA_SHEET, "beam_width_deg": 0.3, "attenuation": 0.1, "lost": 0.001, "stray": 0.001, "bursts": 0.002,
-        "surfaces": REAL_SURFACES,
-    },
-}  # fmt: skip
+    "gazebo": replace(_EXACT, sigma=0.01),
+    "lds01": replace(_EXACT, sigma=0.0033, sigma_relative=0.035 / 3.0, bias=1.0),
+    "real": LidarConfig(surfaces=REAL_SURFACES),
+}
+"""The errors of each level, with the beams and ranges of the LDS-01."""
 
 
 def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
@@ -160,9 +171,19 @@ def lidar_level(name: str, geometry: LidarConfig | None = None) -> LidarConfig:
     Raises:
         ConfigError: If there is no such level.
     """
+    beams = geometry or LidarConfig()
     for level, errors in _LEVELS.items():
         if level == name:
-            return replace(geometry or LidarConfig(), **errors)
+            return replace(
+                errors,
+                num_beams=beams.num_beams,
+                field_of_view_deg=beams.field_of_view_deg,
+                range_min=beams.range_min,
+                range_max=beams.range_max,
+                rate=beams.rate,
+                mount=beams.mount,
+                sweep=beams.sweep,
+            )
     raise ConfigError(f"unknown lidar level {name!r}; {suggest(name, _LEVELS)}")
 
 
@@ -226,19 +247,21 @@ class Lidar:
             # Always the read-only type, so that the kernel is compiled once.
             segments = segments.view()
             segments.flags.writeable = False
-        sensors = np.array([compose(base, geometry.mount) for base in self._bases(pose, velocity)])
+        bases = self._bases(pose, velocity)
+        sensors = np.array([compose(base, geometry.mount) for base in bases])
         ranges = np.empty(geometry.num_beams)
         hits = np.empty(geometry.num_beams, dtype=np.int64)
-        angle_min, increment = geometry.angle_min, geometry.angle_increment
+        angle_min = geometry.angle_min
+        increment = geometry.angle_increment
         cast_sweep(sensors, angle_min, increment, segments, geometry.range_max, ranges, hits)
         return Sighting(sensors, segments, ranges, hits)
 
     def _bases(self, pose: Pose2D, velocity: Twist2D) -> list[Pose2D]:
         """Where the base was for each part of the sweep that ends at ``pose``."""
-        distance, turn = velocity.linear * self.config.sweep, velocity.angular * self.config.sweep
-        parts = min(
-            _MOST_PARTS, math.ceil(max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN))
-        )
+        distance = velocity.linear * self.config.sweep
+        turn = velocity.angular * self.config.sweep
+        wanted = max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN)
+        parts = min(_MOST_PARTS, math.ceil(wanted))
         if parts < 1:
             return [pose]
         bases = []
@@ -297,13 +320,15 @@ class Lidar:
     def _with_errors(
         self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator
     ) -> FloatArray:
-        config, true = self.config, sighting.ranges
+        config = self.config
+        true = sighting.ranges
         normal = rng.standard_normal((2, len(true)))
         measured = np.empty(len(true))
         sensors, segments, _, hits = sighting
         measure_beams(sensors, segments, true, hits, plain(surfaces), self._law, normal, measured)
         fate = rng.random((2, len(true) + 1))
-        fail_beams(measured, fate, float(config.lost), float(config.stray), float(config.range_max))
+        lost = float(config.lost)
+        fail_beams(measured, fate, lost, float(config.stray), float(config.range_max))
         if fate[0, -1] < config.bursts:
             first, pulses = self.draw_burst(rng)
             burst = measured[first : first + len(pulses)]

@@ -13,25 +13,39 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import FloatArray
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, Velocity
 
-X, Y, THETA, LINEAR, ANGULAR, LEFT, RIGHT, DISTANCE = range(8)
-"""Drive state: pose [m, m, rad], drive velocity [m/s, rad/s], roll of each wheel and distance of the body [m]."""
+X = 0
+"""Entry of the drive state: place of the body [m]."""
+Y = 1
+"""Entry of the drive state: place of the body [m]."""
+THETA = 2
+"""Entry of the drive state: heading of the body [rad]."""
+LINEAR = 3
+"""Entry of the drive state: speed of the drive [m/s]."""
+ANGULAR = 4
+"""Entry of the drive state: turning rate of the drive [rad/s]."""
+LEFT = 5
+"""Entry of the drive state: roll of the left wheel [m]."""
+RIGHT = 6
+"""Entry of the drive state: roll of the right wheel [m]."""
+DISTANCE = 7
+"""Entry of the drive state: distance of the body [m]."""
 
-# Longest time over which the drive velocity counts as constant [s]. Only the acceleration ramp is
-# approximated; its position error over a stop-to-full-speed ramp of the Waffle Pi is below 0.05 mm, and
-# heading and distance are exact.
 _RAMP_STEP = 0.02
+"""Longest time over which the drive velocity counts as constant [s]. Only the acceleration ramp is
+approximated; its position error over a stop-to-full-speed ramp of the Waffle Pi is below 0.05 mm, and
+heading and distance are exact."""
 
-# Within this distance of contact the caller has to take over [m].
 _HANDOVER = 0.01
+"""Within this distance of contact the caller has to take over [m]."""
 
 NO_TIME = 1e-9
 """Remaining time too short to move in [s]."""
 
-# Longest contact substep [s]: resolves the acceleration ramp as the free motion does.
 _SUBSTEP_TIME = 0.03
+"""Longest contact substep [s]: resolves the acceleration ramp as the free motion does."""
 
-# A velocity changed by less than this was not changed by contact [m/s, rad/s]: the iterative solver's residual.
 _CONTACT_TOLERANCE = 1e-4
+"""A velocity changed by less than this was not changed by contact [m/s, rad/s]: the iterative solver's residual."""
 
 
 @kernel
@@ -39,9 +53,12 @@ def clearance(x: float, y: float, segments: FloatArray, discs: FloatArray) -> fl
     """Distance from a point to the nearest segment or disc [m]; negative inside a disc."""
     squared = np.inf
     for s in range(segments.shape[0]):
-        ax, ay = segments[s, 0], segments[s, 1]
-        ex, ey = segments[s, 2] - ax, segments[s, 3] - ay
-        px, py = x - ax, y - ay
+        ax = segments[s, 0]
+        ay = segments[s, 1]
+        ex = segments[s, 2] - ax
+        ey = segments[s, 3] - ay
+        px = x - ax
+        py = y - ay
         length = ex * ex + ey * ey
         along = px * ex + py * ey
         if along > 0.0 and length > 0.0:
@@ -60,8 +77,12 @@ def inside(x: float, y: float, segments: FloatArray) -> bool:
     """True if a point lies within the closed outlines that the segments form, by the even-odd rule."""
     odd = False
     for s in range(segments.shape[0]):
-        ax, ay, bx, by = segments[s, 0], segments[s, 1], segments[s, 2], segments[s, 3]
-        if (ay > y) != (by > y) and x < ax + (y - ay) / (by - ay) * (bx - ax):
+        ax = segments[s, 0]
+        ay = segments[s, 1]
+        bx = segments[s, 2]
+        by = segments[s, 3]
+        passes_by = (ay > y) != (by > y)
+        if passes_by and x < ax + (y - ay) / (by - ay) * (bx - ax):
             odd = not odd
     return odd
 
@@ -97,7 +118,8 @@ def wished(
     """
     mean_linear, linear = ramp(state[LINEAR], target_linear, limits[0], span)
     mean_angular, angular = ramp(state[ANGULAR], target_angular, limits[1], span)
-    distance, turn = mean_linear * span, mean_angular * span
+    distance = mean_linear * span
+    turn = mean_angular * span
     dx, dy = chord(state[THETA], distance, turn)
     return dx, dy, distance, turn, mean_angular, linear, angular
 
@@ -153,7 +175,8 @@ def _advance(
     for _ in range(pieces):
         linear, state[LINEAR] = ramp(state[LINEAR], target_linear, limits[0], step)
         angular, state[ANGULAR] = ramp(state[ANGULAR], target_angular, limits[1], step)
-        distance, turn = linear * step, angular * step
+        distance = linear * step
+        turn = angular * step
         dx, dy = chord(state[THETA], distance, turn)
         state[X] += dx
         state[Y] += dy
@@ -197,33 +220,43 @@ def settle(
     Returns:
         True if contact changed the motion; the body's speed [m/s] and turning rate [rad/s].
     """
-    x, y, theta = state[X], state[Y], state[THETA]
+    x = state[X]
+    y = state[Y]
+    theta = state[THETA]
+    wished_dx, wished_dy, rolled, rolled_turn, wished_turning, linear, angular = drive
     left, push = solved
-    wish = (drive[0] / span, drive[1] / span, drive[4])
-    change = max(abs(left[0] - wish[0]), abs(left[1] - wish[1]), abs(left[2] - wish[2]))
-    contact = change > _CONTACT_TOLERANCE
+    left_x, left_y, left_turning = left
+    push_x, push_y, push_turning = push
+    change_x = abs(left_x - wished_dx / span)
+    change_y = abs(left_y - wished_dy / span)
+    change_turning = abs(left_turning - wished_turning)
+    contact = max(change_x, change_y, change_turning) > _CONTACT_TOLERANCE
     # Cut to what the skin allows, even if the solver returns more.
-    dx, dy, turn = (
-        (left[0] + push[0]) * span,
-        (left[1] + push[1]) * span,
-        (left[2] + push[2]) * span,
-    )
+    dx = (left_x + push_x) * span
+    dy = (left_y + push_y) * span
+    turn = (left_turning + push_turning) * span
     distance = math.hypot(dx, dy)
     if distance > SKIN:
         share = SKIN / distance
-        dx, dy, turn = dx * share, dy * share, turn * share
-    state[X], state[Y], state[THETA] = x + dx, y + dy, theta + turn
+        dx = dx * share
+        dy = dy * share
+        turn = turn * share
+    state[X] = x + dx
+    state[Y] = y + dy
+    state[THETA] = theta + turn
     if clearance(state[X], state[Y], segments, discs) < radius:
         contact = True
-        state[X], state[Y] = x, y
-    dx, dy, turn = state[X] - x, state[Y] - y, state[THETA] - theta
+        state[X] = x
+        state[Y] = y
+    dx = state[X] - x
+    dy = state[Y] - y
+    turn = state[THETA] - theta
     middle = theta + 0.5 * turn
     distance = dx * math.cos(middle) + dy * math.sin(middle)
     # The drive rolls on as it would without contact.
-    rolled = drive[2]
-    roll = 0.5 * limits[2] * drive[3]
-    state[LINEAR] = drive[5]
-    state[ANGULAR] = drive[6]
+    roll = 0.5 * limits[2] * rolled_turn
+    state[LINEAR] = linear
+    state[ANGULAR] = angular
     state[LEFT] += rolled - roll
     state[RIGHT] += rolled + roll
     state[DISTANCE] += math.hypot(dx, dy)
@@ -234,5 +267,6 @@ def settle(
 def chord(theta: float, distance: float, turn: float) -> tuple[float, float]:
     """Displacement along an arc of length ``distance`` that starts at heading ``theta`` and turns by ``turn``."""
     half = 0.5 * turn
-    length = distance * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    shortening = math.sin(half) / half if abs(half) > 1e-8 else 1.0
+    length = distance * shortening
     return length * math.cos(theta + half), length * math.sin(theta + half)

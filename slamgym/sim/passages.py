@@ -70,11 +70,9 @@ class Passages:
         Returns:
             The box's index, or -1 if none fits.
         """
-        index = -1
-        while (index := self._next_clear(boxes, index + 1)) >= 0 and not self._leaves_ways(
-            boxes[index], radii
-        ):
-            pass
+        index = self._next_clear(boxes, 0)
+        while index >= 0 and not self._leaves_ways(boxes[index], radii):
+            index = self._next_clear(boxes, index + 1)
         if index >= 0 and reserve:
             self.reserve(boxes[index])
         return index
@@ -87,26 +85,21 @@ class Passages:
         around = self._surroundings(box)
         before = self.clearance[around].copy()
         self.block(box)
-        if all(
-            _stay_connected(before >= radius, self.clearance[around] >= radius)
-            for radius in radii + ROUNDING
-        ):
-            return True
-        self.clearance[around] = before
-        return False
+        after = self.clearance[around]
+        for radius in radii + ROUNDING:
+            if not _stay_connected(before >= radius, after >= radius):
+                self.clearance[around] = before
+                return False
+        return True
 
     def _surroundings(self, box: FloatArray) -> tuple[slice, slice]:
         """Rows and columns of the cells that a box can concern, and one more about them."""
         x, y, ux, uy, half_length, half_width = box.tolist()
         half_x = abs(ux) * half_length + abs(uy) * half_width + self._far
         half_y = abs(uy) * half_length + abs(ux) * half_width + self._far
-        rows, cols = (
-            slice(
-                max(0, int((middle - half - origin) / PASSAGE_CELL) - 1),
-                max(0, int((middle + half - origin) / PASSAGE_CELL) + 2),
-            )
-            for middle, half, origin in ((y, half_y, self.origin[1]), (x, half_x, self.origin[0]))
-        )
+        left, bottom = self.origin
+        rows = _cells_between(y - half_y, y + half_y, bottom)
+        cols = _cells_between(x - half_x, x + half_x, left)
         return rows, cols
 
     def is_clear(self, box: FloatArray) -> bool:
@@ -157,13 +150,9 @@ class Passages:
 
     def cell(self, x: Any, y: Any) -> tuple[Any, Any]:
         """The cells of a point or of points, cut to the raster: row from the bottom, and column."""
-        rows, cols = (
-            np.clip(((np.asarray(values) - origin) / PASSAGE_CELL).astype(np.int64), 0, count - 1)
-            for values, origin, count in zip(
-                (y, x), self.origin[::-1], self.frame.shape, strict=True
-            )
-        )
-        return rows, cols
+        left, bottom = self.origin
+        height, width = self.frame.shape
+        return _cells_at(y, bottom, height), _cells_at(x, left, width)
 
     def floor_about(self, part: BoolArray, reach: float, frame: GridFrame) -> BoolArray:
         """The floor near a part of the cells, as far as no obstacle covers it, on another raster.
@@ -178,27 +167,44 @@ class Passages:
         """
         import cv2
 
-        distance = cv2.distanceTransform((~part).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
-        floor = (distance * PASSAGE_CELL <= reach) & (self.clearance > 0.0)
+        others = (~part).astype(np.uint8)
+        distance = cv2.distanceTransform(others, cv2.DIST_L2, cv2.DIST_MASK_5)
+        is_near = distance * PASSAGE_CELL <= reach
+        floor = is_near & (self.clearance > 0.0)
         x, _ = frame.to_point(0, np.arange(frame.width_px))
         _, y = frame.to_point(np.arange(frame.height_px)[::-1], 0)
-        return np.ascontiguousarray(floor[np.ix_(*self.cell(x, y))])
+        rows, cols = self.cell(x, y)
+        return np.ascontiguousarray(floor[np.ix_(rows, cols)])
 
     def distance_from(self, x: float, y: float) -> FloatArray:
         """Distance of each cell's centre from a point [m]."""
         height, width = self.frame.shape
-        across = self.origin[0] + (np.arange(width) + 0.5) * PASSAGE_CELL - x
-        up = self.origin[1] + (np.arange(height) + 0.5) * PASSAGE_CELL - y
+        left, bottom = self.origin
+        across = left + (np.arange(width) + 0.5) * PASSAGE_CELL - x
+        up = bottom + (np.arange(height) + 0.5) * PASSAGE_CELL - y
         return np.hypot(across[None, :], up[:, None])
 
     def sample_point(self, cells: BoolArray, rng: np.random.Generator) -> tuple[float, float]:
         """The middle of a cell drawn evenly from those that are true."""
         rows, cols = np.nonzero(cells)
         index = int(rng.integers(len(rows)))
-        x, y = self.origin
-        return x + (float(cols[index]) + 0.5) * PASSAGE_CELL, y + (
-            float(rows[index]) + 0.5
-        ) * PASSAGE_CELL
+        left, bottom = self.origin
+        x = left + (float(cols[index]) + 0.5) * PASSAGE_CELL
+        y = bottom + (float(rows[index]) + 0.5) * PASSAGE_CELL
+        return x, y
+
+
+def _cells_at(values: Any, origin: float, count: int) -> Any:
+    """Indices of the cells of coordinates [m], cut to a number of cells."""
+    cells = ((np.asarray(values) - origin) / PASSAGE_CELL).astype(np.int64)
+    return np.clip(cells, 0, count - 1)
+
+
+def _cells_between(low: float, high: float, origin: float) -> slice:
+    """Indices of the cells between two coordinates [m], and one more on either side."""
+    first = int((low - origin) / PASSAGE_CELL) - 1
+    end = int((high - origin) / PASSAGE_CELL) + 2
+    return slice(max(0, first), max(0, end))
 
 
 @kernel
@@ -209,7 +215,8 @@ def _draw_segments(
     height, width = clearance.shape
     for s in range(len(segments)):
         x0, y0, x1, y1 = segments[s]
-        ex, ey = x1 - x0, y1 - y0
+        ex = x1 - x0
+        ey = y1 - y0
         scale = 1.0 / max(ex * ex + ey * ey, 1e-18)
         row0 = max(0, int((min(y0, y1) - far - origin_y) / PASSAGE_CELL))
         row1 = min(height, int((max(y0, y1) + far - origin_y) / PASSAGE_CELL) + 1)
@@ -220,7 +227,8 @@ def _draw_segments(
             for col in range(col0, col1):
                 x = origin_x + (col + 0.5) * PASSAGE_CELL - x0
                 share = min(max((x * ex + y * ey) * scale, 0.0), 1.0)
-                dx, dy = x - share * ex, y - share * ey
+                dx = x - share * ex
+                dy = y - share * ey
                 square = dx * dx + dy * dy
                 if square < clearance[row, col] * clearance[row, col]:
                     clearance[row, col] = np.sqrt(square)
@@ -231,44 +239,68 @@ def _draw_box(
     clearance: FloatArray, row0: int, col0: int, origin_x: float, origin_y: float, box: FloatArray
 ) -> None:
     """Take the distance from a box into account, in a part of the raster that begins at a row and a column."""
-    for row in range(clearance.shape[0]):
-        for col in range(clearance.shape[1]):
-            dx = origin_x + (col0 + col + 0.5) * PASSAGE_CELL - box[0]
-            dy = origin_y + (row0 + row + 0.5) * PASSAGE_CELL - box[1]
-            along = max(abs(dx * box[2] + dy * box[3]) - box[4], 0.0)
-            across = max(abs(dy * box[2] - dx * box[3]) - box[5], 0.0)
-            clearance[row, col] = min(clearance[row, col], np.sqrt(along * along + across * across))
+    x, y, ux, uy, half_length, half_width = box
+    height, width = clearance.shape
+    for row in range(height):
+        for col in range(width):
+            dx = origin_x + (col0 + col + 0.5) * PASSAGE_CELL - x
+            dy = origin_y + (row0 + row + 0.5) * PASSAGE_CELL - y
+            along = max(abs(dx * ux + dy * uy) - half_length, 0.0)
+            across = max(abs(dy * ux - dx * uy) - half_width, 0.0)
+            distance = np.sqrt(along * along + across * across)
+            clearance[row, col] = min(clearance[row, col], distance)
 
 
 @kernel
 def _meets_segment(box: FloatArray, segment: FloatArray) -> bool:
     """True if a segment meets a box, by clipping it to the box (Liang and Barsky)."""
-    low, high = 0.0, 1.0
-    dx, dy = segment[0] - box[0], segment[1] - box[1]
-    ex, ey = segment[2] - segment[0], segment[3] - segment[1]
+    x, y, ux, uy, half_length, half_width = box
+    x0, y0, x1, y1 = segment
+    dx = x0 - x
+    dy = y0 - y
+    ex = x1 - x0
+    ey = y1 - y0
+    low = 0.0
+    high = 1.0
     for axis in range(2):
-        ux, uy = (box[2], box[3]) if axis == 0 else (-box[3], box[2])
-        start, step, half = dx * ux + dy * uy, ex * ux + ey * uy, box[4 + axis]
+        # Start and step of the segment along an axis of the box, and half the box's size along it.
+        if axis == 0:
+            start = dx * ux + dy * uy
+            step = ex * ux + ey * uy
+            half = half_length
+        else:
+            start = dx * -uy + dy * ux
+            step = ex * -uy + ey * ux
+            half = half_width
         if abs(step) < 1e-12:
             if abs(start) > half:
                 return False
             continue
-        first, second = (-half - start) / step, (half - start) / step
-        low, high = max(low, min(first, second)), min(high, max(first, second))
+        first = (-half - start) / step
+        second = (half - start) / step
+        low = max(low, min(first, second))
+        high = min(high, max(first, second))
     return low <= high
 
 
 @kernel
-def _overlap(a: FloatArray, b: FloatArray) -> bool:
+def _overlap(first: FloatArray, second: FloatArray) -> bool:
     """True if two boxes overlap, by the separating axis theorem."""
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    cos, sin = abs(a[2] * b[2] + a[3] * b[3]), abs(a[2] * b[3] - a[3] * b[2])
-    return (
-        abs(dx * a[2] + dy * a[3]) < a[4] + cos * b[4] + sin * b[5]
-        and abs(dy * a[2] - dx * a[3]) < a[5] + sin * b[4] + cos * b[5]
-        and abs(dx * b[2] + dy * b[3]) < b[4] + cos * a[4] + sin * a[5]
-        and abs(dy * b[2] - dx * b[3]) < b[5] + sin * a[4] + cos * a[5]
-    )
+    x, y, ux, uy, half_length, half_width = first
+    other_x, other_y, other_ux, other_uy, other_half_length, other_half_width = second
+    dx = other_x - x
+    dy = other_y - y
+    cos = abs(ux * other_ux + uy * other_uy)
+    sin = abs(ux * other_uy - uy * other_ux)
+    if abs(dx * ux + dy * uy) >= half_length + cos * other_half_length + sin * other_half_width:
+        return False
+    if abs(dy * ux - dx * uy) >= half_width + sin * other_half_length + cos * other_half_width:
+        return False
+    along = abs(dx * other_ux + dy * other_uy)
+    if along >= other_half_length + cos * half_length + sin * half_width:
+        return False
+    across = abs(dy * other_ux - dx * other_uy)
+    return across < other_half_width + sin * half_length + cos * half_width
 
 
 @kernel
@@ -285,7 +317,8 @@ def next_clear(
     height, width = clearance.shape
     for index in range(first, len(candidates)):
         box = candidates[index]
-        row, col = int((box[1] - origin_y) / PASSAGE_CELL), int((box[0] - origin_x) / PASSAGE_CELL)
+        row = int((box[1] - origin_y) / PASSAGE_CELL)
+        col = int((box[0] - origin_x) / PASSAGE_CELL)
         clear = 0 <= row < height and 0 <= col < width and clearance[row, col] > 0.0
         for b in range(len(boxes) if clear else 0):
             clear = clear and not _overlap(box, boxes[b])
@@ -305,4 +338,5 @@ def _stay_connected(before: BoolArray, after: BoolArray) -> bool:
     parts, labels = cv2.connectedComponents(before.view(np.uint8), connectivity=8)
     # As many parts as before, and some of each: none was cut in two.
     count, _ = cv2.connectedComponents(after.view(np.uint8), connectivity=8)
-    return count == parts and bool(np.bincount(labels[after], minlength=parts)[1:].all())
+    sizes = np.bincount(labels[after], minlength=parts)
+    return count == parts and bool(sizes[1:].all())

@@ -11,13 +11,16 @@ from slamgym.sim.passages import PASSAGE_CELL
 PERSON_RADIUS = 0.25
 """A standing or walking person seen from above [m]: half the shoulder width of 0.46 m and some clothes."""
 
-# What a scanner near the floor sees: two legs, apart by the width of the hips and swinging with the stride
-# [m].
 _LEG_RADIUS = 0.06
+"""Radius of a leg near the floor, where a scanner sees it [m]."""
 _LEG_APART = 0.1
+"""Distance of a leg from the middle of the body to the side [m]: half the width of the hips."""
 _LEG_SWING = 0.14
+"""A leg swings so far to the front and to the back [m]."""
 _STRIDE = 1.4
+"""Distance that a person walks in a full swing of a leg [m]."""
 _LEG_CORNERS = 6
+"""Number of corners of a leg."""
 
 # People keep this much more than touching distance from the robot and from each other [m].
 _POLITE_DISTANCE = 0.1
@@ -51,11 +54,11 @@ class Walkable:
 
     def covers(self, here: FloatArray, there: FloatArray) -> bool:
         """True if a straight path stays on it; points (x, y) [m]."""
-        number = 2 + int(np.hypot(*(there - here)) / (0.5 * PASSAGE_CELL))
-        path = (
-            here + np.linspace(0.0, 1.0, number)[:, None] * (there - here) - self.origin
-        ) / PASSAGE_CELL
-        cols, rows = np.floor(path).astype(np.int64).T
+        way = there - here
+        number = 2 + int(np.hypot(*way) / (0.5 * PASSAGE_CELL))
+        points = here + np.linspace(0.0, 1.0, number)[:, None] * way
+        cells = np.floor((points - self.origin) / PASSAGE_CELL)
+        cols, rows = cells.astype(np.int64).T
         height, width = self.cells.shape
         if rows.min() < 0 or cols.min() < 0 or rows.max() >= height or cols.max() >= width:
             return False
@@ -81,7 +84,8 @@ class Crowd:
         """Back to the start, to walk the same paths again."""
         number = len(self._people)
         self._rngs = [np.random.default_rng(person.seed) for person in self._people]
-        self.discs[:, :2] = np.reshape([person.start for person in self._people], (number, 2))
+        for disc, person in zip(self.discs, self._people, strict=True):
+            disc[:2] = person.start
         self.discs[:, 2] = PERSON_RADIUS
         self._targets = self.discs[:, :2].copy()
         self._headings = [float(rng.uniform(-math.pi, math.pi)) for rng in self._rngs]
@@ -91,9 +95,10 @@ class Crowd:
     def advance(self, span: float, robot_x: float, robot_y: float, robot_radius: float) -> None:
         """Let everybody walk for a time while the robot stands at a place."""
         pieces = max(1, math.ceil(span / _STEP_TIME))
+        robot = (robot_x, robot_y, robot_radius)
         for _ in range(pieces):
             for index in range(len(self._people)):
-                self._walk(index, span / pieces, (robot_x, robot_y, robot_radius))
+                self._walk(index, span / pieces, robot)
 
     def legs(self) -> FloatArray:
         """Segments that the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
@@ -102,14 +107,13 @@ class Crowd:
         outlines = []
         for index, heading in enumerate(self._headings):
             swing = _LEG_SWING * math.sin(2.0 * math.pi * self._walked[index] / _STRIDE)
-            cos, sin = math.cos(heading), math.sin(heading)
+            cos = math.cos(heading)
+            sin = math.sin(heading)
             for side in (-1.0, 1.0):
-                ahead, left = side * swing, side * _LEG_APART
-                middle = self.discs[index, :2] + (
-                    ahead * cos - left * sin,
-                    ahead * sin + left * cos,
-                )
-                corners = ring + middle
+                ahead = side * swing
+                left = side * _LEG_APART
+                from_person = (ahead * cos - left * sin, ahead * sin + left * cos)
+                corners = ring + (self.discs[index, :2] + from_person)
                 outlines.append(np.hstack([corners[:-1], corners[1:]]))
         return np.vstack(outlines) if outlines else np.empty((0, 4))
 
@@ -140,8 +144,9 @@ class Crowd:
         robot: tuple[float, float, float],
     ) -> bool:
         """True if no one is too near to a place; stepping back from someone near is always free."""
-        others = [tuple(disc) for other, disc in enumerate(self.discs.tolist()) if other != index]
-        for x, y, radius in (robot, *others):
+        discs = self.discs.tolist()
+        del discs[index]
+        for x, y, radius in (robot, *discs):
             distance = math.hypot(x - there[0], y - there[1])
             polite = radius + PERSON_RADIUS + _POLITE_DISTANCE
             if distance < polite and distance < math.hypot(x - here[0], y - here[1]):
@@ -154,11 +159,9 @@ class Crowd:
         rng = self._rngs[index]
         here = self.discs[index, :2]
         best = 0.0
-        for angle, distance in zip(
-            rng.uniform(-math.pi, math.pi, _TRIES),
-            rng.uniform(0.5, _LONGEST_PATH, _TRIES),
-            strict=True,
-        ):
+        angles = rng.uniform(-math.pi, math.pi, _TRIES)
+        distances = rng.uniform(0.5, _LONGEST_PATH, _TRIES)
+        for angle, distance in zip(angles, distances, strict=True):
             there = here + distance * np.array([math.cos(angle), math.sin(angle)])
             if distance > best and self._walkable.covers(here, there):
                 best = distance

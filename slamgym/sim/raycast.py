@@ -74,15 +74,21 @@ def cast_hits(
     for i in range(num_beams):
         out[i] = np.inf
         hits[i] = -1
-    cos, sin = math.cos(theta), math.sin(theta)
+    cos = math.cos(theta)
+    sin = math.sin(theta)
 
     for s in range(segments.shape[0]):
         # End points in the sensor frame.
-        gx, gy = segments[s, 0] - x, segments[s, 1] - y
-        ax, ay = cos * gx + sin * gy, cos * gy - sin * gx
-        gx, gy = segments[s, 2] - x, segments[s, 3] - y
-        bx, by = cos * gx + sin * gy, cos * gy - sin * gx
-        ex, ey = bx - ax, by - ay
+        gx = segments[s, 0] - x
+        gy = segments[s, 1] - y
+        ax = cos * gx + sin * gy
+        ay = cos * gy - sin * gx
+        gx = segments[s, 2] - x
+        gy = segments[s, 3] - y
+        bx = cos * gx + sin * gy
+        by = cos * gy - sin * gx
+        ex = bx - ax
+        ey = by - ay
         nearest = _distance_to_origin(ax, ay, ex, ey)
         if nearest > range_max:
             continue
@@ -147,11 +153,15 @@ def cast_sweep(
         out: The same.
         hits: The same.
     """
-    count, num_beams = len(sensors), len(out)
+    count = len(sensors)
+    num_beams = len(out)
     for k in range(count):
-        begin, end = -(-k * num_beams // count), -(-(k + 1) * num_beams // count)
+        begin = -(-k * num_beams // count)
+        end = -(-(k + 1) * num_beams // count)
         first = angle_min + begin * angle_increment if begin else angle_min
-        x, y, theta = sensors[k, 0], sensors[k, 1], sensors[k, 2]
+        x = sensors[k, 0]
+        y = sensors[k, 1]
+        theta = sensors[k, 2]
         cast_hits(
             x,
             y,
@@ -183,9 +193,11 @@ def next_hit(
     Returns:
         ``inf`` and -1 where nothing is met within ``range_max``.
     """
-    nearest, index = np.inf, -1
+    nearest = np.inf
+    index = -1
     for s in range(segments.shape[0]):
-        ax, ay = segments[s, 0] - x, segments[s, 1] - y
+        ax = segments[s, 0] - x
+        ay = segments[s, 1] - y
         # The ends lie on either side of the ray's line.
         across_a = ux * ay - uy * ax
         across_b = ux * (segments[s, 3] - y) - uy * (segments[s, 2] - x)
@@ -196,7 +208,8 @@ def next_hit(
         along_b = ux * (segments[s, 2] - x) + uy * (segments[s, 3] - y)
         distance = along_a + share * (along_b - along_a)
         if beyond < distance < nearest and distance <= range_max:
-            nearest, index = distance, s
+            nearest = distance
+            index = s
     return nearest, index
 
 
@@ -207,8 +220,10 @@ def beam_directions(num_beams: int, angle_min: float, angle_increment: float) ->
     The rounding grows by about 1e-16 a beam, a thousandth of a nanometre over a thousand beams at 3.5 m.
     """
     directions = np.empty((num_beams, 2))
-    ux, uy = math.cos(angle_min), math.sin(angle_min)
-    cos, sin = math.cos(angle_increment), math.sin(angle_increment)
+    ux = math.cos(angle_min)
+    uy = math.sin(angle_min)
+    cos = math.cos(angle_increment)
+    sin = math.sin(angle_increment)
     for i in range(num_beams):
         directions[i, 0] = ux
         directions[i, 1] = uy
@@ -223,5 +238,6 @@ def _distance_to_origin(ax: float, ay: float, ex: float, ey: float) -> float:
     along = 0.0
     if squared > 0.0:
         along = min(1.0, max(0.0, -(ax * ex + ay * ey) / squared))
-    px, py = ax + along * ex, ay + along * ey
+    px = ax + along * ex
+    py = ay + along * ey
     return math.sqrt(px * px + py * py)

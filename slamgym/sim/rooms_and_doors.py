@@ -14,40 +14,42 @@ from slamgym.sim.passages import PASSAGE_CELL, Passages
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import Door, FloorPlan
 
-# A wall counts as a room's if this far before its middle lies the room [m].
 _BEFORE_WALL = 0.1
+"""A wall counts as a room's if this far before its middle lies the room [m]."""
 
-# Shorter walls carry no furniture [m].
 _SHORTEST_WALL = 0.3
+"""Shorter walls carry no furniture [m]."""
 
-# In a plan without rooms, what is wider than this belongs to a room and not to a door [m].
 _WIDEST_DOOR = 1.3
+"""In a plan without rooms, what is wider than this belongs to a room and not to a door [m]."""
 
-# Categories that say nothing about what a room is for.
 _NAMELESS = {"", "room", "area", "other", "unknown"}
+"""Categories that say nothing about what a room is for."""
 
-# So much floor that belongs to no room is made into rooms [m2].
 _SMALLEST_REST = 4.0
+"""So much floor that belongs to no room is made into rooms [m2]."""
 
-# Smaller parts of the floor are no rooms [m2].
 _SMALLEST_ROOM = 0.8
+"""Smaller parts of the floor are no rooms [m2]."""
 
-# Openings of these clear widths have a leaf [m].
 _DOOR_WIDTH = (0.6, 1.15)
+"""Openings with a clear width between these have a leaf [m]."""
 
-# Thickness of a leaf, and the gap between it and the jambs [m].
 _LEAF = 0.04
+"""Thickness of a leaf [m]."""
 _LEAF_GAP = 0.03
+"""Gap between a leaf and the jambs [m]."""
 
-# Doors that stand open, and half open, by their angle from the closed one [deg]; and the share of the first
-# among those that aren't closed.
 _OPEN = (75.0, 90.0)
+"""Least and largest angle of a door that stands open from the closed one [deg]."""
 _HALF_OPEN = (30.0, 70.0)
+"""Least and largest angle of a door that stands half open from the closed one [deg]."""
 _OPEN_SHARE = 0.65
-
-# Doors that stand ajar [deg]: a gap of 5 to 20 cm, too narrow for a robot.
+"""Share of the doors that stand open among those that aren't closed."""
 _AJAR = (3.0, 14.0)
+"""Least and largest angle of a door that stands ajar [deg]: a gap of 5 to 20 cm, too narrow for a robot."""
 _MOST_AJAR = math.sin(math.radians(_AJAR[1] + 1.0))
+"""Sine of an angle that no door that stands ajar has."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +80,7 @@ class RoomArea:
     @cached_property
     def longest_wall(self) -> FloatArray:
         """One of ``walls``, of which there must be some."""
-        return self.walls[np.argmax(np.hypot(*(self.walls[:, 2:] - self.walls[:, :2]).T))]
+        return self.walls[np.argmax(_lengths(self.walls))]
 
 
 def room_areas(
@@ -90,7 +92,7 @@ def room_areas(
     labels[~free] = 0
     rest = free & (labels == 0)
     if np.count_nonzero(rest) * PASSAGE_CELL**2 > _SMALLEST_REST:
-        labels[rest] = (_guessed(rest) + len(plan.rooms))[rest]
+        labels[rest] = _guessed(rest)[rest] + len(plan.rooms)
     count = int(labels.max(initial=0))
     moments = _moments(labels, passages)
     walls = _oriented_walls(plan)
@@ -102,26 +104,37 @@ def room_areas(
         if area < _SMALLEST_ROOM:
             continue
         mean_x, mean_y, square_x, square_y = (total / cells for total in sums)
-        spread = max(square_x - mean_x**2, 1e-4) ** 0.5, max(square_y - mean_y**2, 1e-4) ** 0.5
+        spread_x = max(square_x - mean_x**2, 1e-4) ** 0.5
+        spread_y = max(square_y - mean_y**2, 1e-4) ** 0.5
         name = plan.rooms[label - 1].category if label <= len(plan.rooms) else ""
         category = name
         if name.lower() in _NAMELESS:
-            category = likely_category(area, max(spread) / min(spread), rng)
-        own = walls[sides == label]
-        found.append(
-            RoomArea(name or f"room {label}", category, area, (mean_x, mean_y), spread, own, label)
+            aspect = max(spread_x, spread_y) / min(spread_x, spread_y)
+            category = likely_category(area, aspect, rng)
+        room = RoomArea(
+            name=name or f"room {label}",
+            category=category,
+            area=area,
+            middle=(mean_x, mean_y),
+            spread=(spread_x, spread_y),
+            walls=walls[sides == label],
+            label=label,
         )
+        found.append(room)
     return found, labels
 
 
 def _moments(labels: IntArray, passages: Passages) -> FloatArray:
     """Number of cells, and sums of x, y, x^2 and y^2 [m], for each label, shape (labels, 5)."""
-    x, y = (
-        origin + (np.arange(count) + 0.5) * PASSAGE_CELL
-        for origin, count in zip(passages.origin, labels.shape[::-1], strict=True)
-    )
-    terms = np.broadcast_arrays(1.0, x, y[:, None], x * x, (y * y)[:, None], labels)[:-1]
-    return np.column_stack([np.bincount(labels.ravel(), weights=term.ravel()) for term in terms])
+    height, width = labels.shape
+    left, bottom = passages.origin
+    x = left + (np.arange(width) + 0.5) * PASSAGE_CELL
+    y = bottom + (np.arange(height) + 0.5) * PASSAGE_CELL
+    moments = []
+    for term in (np.ones(1), x, y[:, None], x * x, (y * y)[:, None]):
+        weights = np.broadcast_to(term, labels.shape).ravel()
+        moments.append(np.bincount(labels.ravel(), weights=weights))
+    return np.column_stack(moments)
 
 
 def _named(plan: "FloorPlan", passages: Passages) -> IntArray:
@@ -129,17 +142,18 @@ def _named(plan: "FloorPlan", passages: Passages) -> IntArray:
     from slamgym.cad.floorplan import fill_segments, ring_segments
 
     labels = np.zeros(passages.frame.shape, np.int64)
-    for index in sorted(range(len(plan.rooms)), key=lambda index: -plan.rooms[index].area):
-        polygon = plan.rooms[index].polygon
+    numbered = list(enumerate(plan.rooms, start=1))
+    for label, room in sorted(numbered, key=lambda one: -one[1].area):
+        polygon = room.polygon
         x0, y0, x1, y1 = polygon.bounds
-        (row0, row1), (col0, col1) = passages.cell([x0, x1], [y0, y1])
-        if abs((x1 - x0) * (y1 - y0) - plan.rooms[index].area) < 1e-6:
-            labels[row0 : row1 + 1, col0 : col1 + 1] = index + 1
+        is_box = abs((x1 - x0) * (y1 - y0) - room.area) < 1e-6
+        if is_box:
+            (row0, row1), (col0, col1) = passages.cell([x0, x1], [y0, y1])
+            labels[row0 : row1 + 1, col0 : col1 + 1] = label
         else:
-            inside = fill_segments(
-                ring_segments([polygon.exterior, *polygon.interiors]), passages.frame
-            )
-            labels[inside[::-1]] = index + 1
+            outline = ring_segments([polygon.exterior, *polygon.interiors])
+            inside = fill_segments(outline, passages.frame)
+            labels[inside[::-1]] = label
     return labels
 
 
@@ -147,10 +161,9 @@ def _guessed(free: BoolArray) -> IntArray:
     """Labels from 1: wide places, and to each what is nearest to it."""
     import cv2
 
-    distance = (
-        cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5) * PASSAGE_CELL
-    )
-    _, cores = cv2.connectedComponents((distance > 0.5 * _WIDEST_DOOR).astype(np.uint8))
+    distance = cv2.distanceTransform(free.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)
+    is_wide = distance * PASSAGE_CELL > 0.5 * _WIDEST_DOOR
+    _, cores = cv2.connectedComponents(is_wide.astype(np.uint8))
     _, nearest = cv2.distanceTransformWithLabels(
         (cores == 0).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -171,16 +184,24 @@ def _oriented_walls(plan: "FloorPlan") -> FloatArray:
         keeps = ring.is_ccw == (len(rings) == 0)
         rings.append(segments if keeps else segments[:, [2, 3, 0, 1]])
     walls = np.vstack(rings)
-    long_enough = np.hypot(*(walls[:, 2:] - walls[:, :2]).T) > _SHORTEST_WALL
-    return walls[long_enough]
+    return walls[_lengths(walls) > _SHORTEST_WALL]
+
+
+def _lengths(walls: FloatArray) -> FloatArray:
+    """Lengths of walls, shape (W,) [m]."""
+    along = walls[:, 2:] - walls[:, :2]
+    return np.hypot(along[:, 0], along[:, 1])
 
 
 def _labels_before(walls: FloatArray, labels: IntArray, passages: Passages) -> IntArray:
     """The room that each wall faces at its middle."""
-    along = walls[:, 2:] - walls[:, :2]
-    normal = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    x, y = (0.5 * (walls[:, :2] + walls[:, 2:]) + _BEFORE_WALL * normal).T
-    return labels[passages.cell(x, y)]
+    starts = walls[:, :2]
+    ends = walls[:, 2:]
+    along = ends - starts
+    normals = np.column_stack([-along[:, 1], along[:, 0]]) / _lengths(walls)[:, None]
+    before = 0.5 * (starts + ends) + _BEFORE_WALL * normals
+    rows, cols = passages.cell(before[:, 0], before[:, 1])
+    return labels[rows, cols]
 
 
 def doors_of(plan: "FloorPlan") -> list["Door"]:
@@ -192,14 +213,15 @@ def doors_of(plan: "FloorPlan") -> list["Door"]:
     from slamgym.cad.doors import SIMPLIFY, find_openings
 
     simple = plan.free_space.simplify(SIMPLIFY)
-    return (
-        find_openings(simple) if isinstance(simple, shapely.Polygon) and not simple.is_empty else []
-    )
+    if not isinstance(simple, shapely.Polygon) or simple.is_empty:
+        return []
+    return find_openings(simple)
 
 
 def has_leaf(door: "Door") -> bool:
     """True if an opening is as wide as one that a single leaf closes."""
-    return _DOOR_WIDTH[0] <= door.width <= _DOOR_WIDTH[1]
+    narrowest, widest = _DOOR_WIDTH
+    return narrowest <= door.width <= widest
 
 
 def leaf_boxes(
@@ -216,26 +238,31 @@ def leaf_boxes(
     Returns:
         Boxes as :mod:`slamgym.sim.passages` has them.
     """
-    start, end = np.array(door.start), np.array(door.end)
+    start = np.array(door.start)
+    end = np.array(door.end)
     if rng.random() < 0.5:
         start, end = end, start
     along = (end - start) / door.width
     side = 1.0 if rng.random() < 0.5 else -1.0
     length = door.width - 2.0 * _LEAF_GAP
+    hinge = start + _LEAF_GAP * along
     boxes = []
     for closed, wide, share in rng.random((places, 3)).tolist():
         low, high = _OPEN if wide < _OPEN_SHARE else _HALF_OPEN
         if closed < closed_share[0]:
             low, high = _AJAR if wide < closed_share[1] else (0.0, 0.0)
         angle = side * math.radians(low + share * (high - low))
-        cos, sin = math.cos(angle), math.sin(angle)
-        ux, uy = along[0] * cos - along[1] * sin, along[0] * sin + along[1] * cos
-        x, y = start + _LEAF_GAP * along + 0.5 * length * np.array([ux, uy])
+        cos = math.cos(angle)
+        sin = math.sin(angle)
+        ux = along[0] * cos - along[1] * sin
+        uy = along[0] * sin + along[1] * cos
+        x, y = hinge + 0.5 * length * np.array([ux, uy])
         boxes.append(np.array([x, y, ux, uy, 0.5 * length, 0.5 * _LEAF]))
     return boxes
 
 
 def is_closed(door: "Door", leaf: FloatArray) -> bool:
     """True if a leaf lies in its opening, or ajar."""
-    dx, dy = door.end[0] - door.start[0], door.end[1] - door.start[1]
+    dx = door.end[0] - door.start[0]
+    dy = door.end[1] - door.start[1]
     return bool(abs(dx * leaf[3] - dy * leaf[2]) < _MOST_AJAR * door.width)

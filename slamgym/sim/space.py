@@ -30,14 +30,14 @@ from slamgym.sim.surfaces import Surfaces, no_surfaces
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
-# Room to spare around the robot at the start [m].
 _MARGIN = 0.02
+"""Room to spare around the robot at the start [m]."""
 
-# Places drawn until one is away from all people.
 _DRAWS = 200
+"""So many places are drawn at most until one is away from all people."""
 
-# Detail of the plan's outline that doesn't matter for where a robot fits [m].
 _SIMPLIFICATION = 0.01
+"""Detail of the plan's outline that doesn't matter for where a robot fits [m]."""
 
 
 class Motion(NamedTuple):
@@ -143,16 +143,28 @@ class World:
             self._crowd.reset()
             self._legs[:] = self._crowd.legs()
         self._changes.reset()
-        where = f"start pose ({pose.x:.2f}, {pose.y:.2f}) in plan {self.plan.id}"
+        self._check_start(pose)
+
+    def _check_start(self, pose: Pose2D) -> None:
+        """Refuse a start from which the robot can't drive.
+
+        Raises:
+            ConfigError: If the pose is outside the plan's free space or the body would overlap something.
+        """
+        x, y, _ = pose
+        plan_id = self.plan.id
         if not np.isfinite(self._state).all():
-            raise ConfigError(f"{where} must be finite")
-        if not motion.inside(pose.x, pose.y, self._obstacles[: len(self.plan.segments())]):
+            raise ConfigError(f"start pose ({x:.2f}, {y:.2f}) in plan {plan_id} must be finite")
+        walls = self._obstacles[: len(self.plan.segments())]
+        if not motion.inside(x, y, walls):
             raise ConfigError(
-                f"{where} is outside the free space; choose another or let the start be sampled"
+                f"start pose ({x:.2f}, {y:.2f}) in plan {plan_id} is outside the free space; "
+                "choose another or let the start be sampled"
             )
-        if motion.clearance(pose.x, pose.y, self._obstacles, self._discs) < self.robot.radius:
+        if motion.clearance(x, y, self._obstacles, self._discs) < self.robot.radius:
             raise ConfigError(
-                f"{where} leaves no room for the robot's body; choose another or let the start be sampled"
+                f"start pose ({x:.2f}, {y:.2f}) in plan {plan_id} leaves no room for the robot's body; "
+                "choose another or let the start be sampled"
             )
 
     def step(self, command: Twist2D, dt: float) -> Motion:
@@ -200,16 +212,15 @@ class World:
             self._solver = None  # it holds the obstacles as they stood
 
     def _within_limits(self, command: Twist2D, dt: float) -> Twist2D:
-        linear, angular = float(command[0]), float(command[1])
+        linear = float(command[0])
+        angular = float(command[1])
         if math.isnan(linear) or math.isnan(angular):
             raise ValueError(f"command {command} is not a number")
         if not 0.0 < dt < math.inf:
             raise ValueError(f"dt must be positive and finite, not {dt}")
-        robot = self.robot
-        return Twist2D(
-            min(max(linear, -robot.max_linear), robot.max_linear),
-            min(max(angular, -robot.max_angular), robot.max_angular),
-        )
+        linear = min(max(linear, -self.robot.max_linear), self.robot.max_linear)
+        angular = min(max(angular, -self.robot.max_angular), self.robot.max_angular)
+        return Twist2D(linear, angular)
 
     def _let_people_walk(self, crowd: Crowd, dt: float) -> None:
         """People move first, about a robot that stands; then the robot moves among people who stand."""
@@ -226,7 +237,9 @@ class World:
 
     def _drive(self, target: Twist2D, dt: float) -> bool:
         """Drive freely where possible, else in contact substeps; returns True if contact changed the motion."""
-        state, contact, left = self._state, False, dt
+        state = self._state
+        contact = False
+        left = dt
         while left > motion.NO_TIME:
             before = left
             left = motion.drive_freely(
@@ -251,7 +264,8 @@ class World:
         """Move for a short time with pymunk deciding on contacts; whether they changed the motion."""
         pose = Pose2D(*self._state[: motion.LINEAR].tolist())
         drive = motion.wished(self._state, target.linear, target.angular, self._limits, span)
-        solved = self._solve_contact(pose, (drive[0] / span, drive[1] / span, drive[4]))
+        dx, dy, _, _, turning, _, _ = drive
+        solved = self._solve_contact(pose, (dx / span, dy / span, turning))
         contact, linear, angular = motion.settle(
             self._state,
             drive,
@@ -328,9 +342,10 @@ def sample_point(area: shapely.Polygon, rng: np.random.Generator) -> tuple[float
     low, high = np.reshape(area.bounds, (2, 2))
     for _ in range(100):
         points = rng.uniform(low, high, (32, 2))
-        inside = np.flatnonzero(shapely.contains_xy(area, points[:, 0], points[:, 1]))
-        if len(inside) > 0:
-            return float(points[inside[0], 0]), float(points[inside[0], 1])
+        inside = points[shapely.contains_xy(area, points[:, 0], points[:, 1])]
+        if len(inside):
+            x, y = inside[0].tolist()
+            return x, y
     # A sliver that thousands of draws miss.
     point = area.representative_point()
     return float(point.x), float(point.y)
@@ -348,9 +363,8 @@ def _sample_among(
     cells = passages.largest_part(radius)
     for _ in range(_DRAWS if cells.any() else 0):
         x, y = passages.sample_point(cells, rng)
-        if all(
-            math.dist((x, y), person.start) >= radius + PERSON_RADIUS for person in clutter.people
-        ):
+        distances = [math.dist((x, y), person.start) for person in clutter.people]
+        if all(distance >= radius + PERSON_RADIUS for distance in distances):
             return Pose2D(x, y, float(rng.uniform(-math.pi, math.pi)))
     raise _fits_nowhere(plan, robot)
 

@@ -8,6 +8,7 @@ dark or shiny as a whole. Contacts know nothing of it: glass is as solid as a wa
 
 import math
 import zlib
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -21,38 +22,57 @@ from slamgym.sim.raycast import next_hit
 if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
-PLAIN, GLASS, MIRROR = 0.0, 1.0, 2.0
-"""Kinds of patches; dark and shiny ones are plain with a weak echo."""
+PLAIN = 0.0
+"""Kind of a patch of wall; dark and shiny patches are plain with a weak echo."""
+GLASS = 1.0
+"""Kind of a patch that beams pass."""
+MIRROR = 2.0
+"""Kind of a patch that reflects beams."""
 
-_MODULE = 2.5  # [m] walls are cut into equal modules of at most this
-# Of a module that is seen through: a gap between curtains, up to a French window; drawn evenly in its logarithm.
-_NARROWEST_PANE, _WIDEST_PANE = 0.08, 0.9
-_PANE_SHARE = (_WIDEST_PANE - _NARROWEST_PANE) / math.log(
-    _WIDEST_PANE / _NARROWEST_PANE
-)  # on average
+_MODULE = 2.5
+"""Walls are cut into equal modules of at most this length [m]."""
+_NARROWEST_PANE = 0.08
+"""Least share of a module that is seen through: a gap between curtains. Shares are even in their logarithm."""
+_WIDEST_PANE = 0.9
+"""Largest share of a module that is seen through: a French window."""
+_PANE_SHARE = (_WIDEST_PANE - _NARROWEST_PANE) / math.log(_WIDEST_PANE / _NARROWEST_PANE)
+"""Share of a module that is seen through, on average."""
 _MIRROR_SHARE = 0.25
-_DARK_SHARE = 0.5  # of a module, on average
-_SHORTEST = 0.6  # [m] shorter walls have no pane and no mirror
+"""Share of a module that a mirror covers."""
+_DARK_SHARE = 0.5
+"""Share of a module that a dark patch covers, on average."""
+_SHORTEST = 0.6
+"""Shorter walls have no pane and no mirror [m]."""
 
-# The echo of a dark or shiny surface against a white wall's, drawn evenly in its logarithm: black velvet and polished
-# metal return less than a hundredth, dark varnish a third.
-_WEAKEST_ECHO, _STRONGEST_ECHO = 0.003, 0.5
+_WEAKEST_ECHO = 0.003
+"""Weakest echo of a dark or shiny surface against a white wall's: black velvet and polished metal."""
+_STRONGEST_ECHO = 0.5
+"""Strongest echo of a dark surface against a white wall's: dark varnish returns a third."""
 
-# A wall is an outer one if no other face of the plan lies within this behind it [m].
 _THICKEST_WALL = 0.6
+"""A wall is an outer one if no other face of the plan lies within this behind it [m]."""
 
-# What stands outside, before each outer pane, at most: posts of railings, plants, chairs, cars.
 _THINGS_OUTSIDE = 12
-_NEAREST_OUTSIDE, _FURTHEST_OUTSIDE = 0.3, 6.0  # [m]
-_SMALLEST_OUTSIDE, _LARGEST_OUTSIDE = 0.03, 1.0  # [m]
-# Behind it hedges, fences and other houses end the view, with gaps: pieces, their distance, and how far they reach to
-# either side for each metre of it.
+"""So many things stand before each outer pane at most: posts of railings, plants, chairs, cars."""
+_NEAREST_OUTSIDE = 0.3
+"""Least distance of a thing outside from its pane [m]."""
+_FURTHEST_OUTSIDE = 6.0
+"""Largest distance of a thing outside from its pane [m]."""
+_SMALLEST_OUTSIDE = 0.03
+"""Least width of a thing outside [m]."""
+_LARGEST_OUTSIDE = 1.0
+"""Largest width of a thing outside [m]."""
 _BACKDROP = 5
-_NEAREST_BACKDROP = 1.0  # [m]
+"""So many pieces of hedges, fences and other houses end the view outside."""
+_NEAREST_BACKDROP = 1.0
+"""Least distance of what ends the view from its pane [m]."""
 _BACKDROP_REACH = 0.8
-_BACKDROP_GAPS = 0.25  # share of its length
+"""What ends the view reaches so far to either side for each metre of its distance [m]."""
+_BACKDROP_GAPS = 0.25
+"""Share of gaps in what ends the view."""
 
-_FRAME_WIDTH = 0.08  # [m] of a door's frame
+_FRAME_WIDTH = 0.08
+"""Width of the frame of a door or window [m]."""
 
 
 class SurfaceConfig(Settings, section="lidar.surfaces"):
@@ -81,13 +101,28 @@ class SurfaceConfig(Settings, section="lidar.surfaces"):
     """Another seed gives the same buildings other materials."""
 
     def _check(self) -> None:
-        for name in ("glazing", "inner_glazing"):
-            if (
-                getattr(self, name) / _PANE_SHARE
-            ) + self.mirrors / _MIRROR_SHARE + self.dark / _DARK_SHARE > 1.0:
+        for name, glazing in (("glazing", self.glazing), ("inner_glazing", self.inner_glazing)):
+            with_pane = glazing / _PANE_SHARE
+            with_mirror = self.mirrors / _MIRROR_SHARE
+            with_dark = self.dark / _DARK_SHARE
+            if with_pane + with_mirror + with_dark > 1.0:
                 raise ConfigError(
                     f"lidar.surfaces.{name}, mirrors and dark leave no plain wall; lower one of them"
                 )
+
+
+class Patch(NamedTuple):
+    """A part of a wall with a material of its own, or a frame that stands out of it."""
+
+    begin: float
+    """Along the wall [m]."""
+    end: float
+    """Along the wall [m]."""
+    kind: float
+    echo: float
+    """1: a white wall."""
+    depth: float
+    """How far it stands out [m]."""
 
 
 class Surfaces(NamedTuple):
@@ -137,23 +172,21 @@ def wall_surfaces(plan: "FloorPlan", config: SurfaceConfig) -> Surfaces:
     walls = plan.segments()
     seed = zlib.crc32(np.ascontiguousarray(walls).tobytes(), config.seed)
     rng = np.random.default_rng(seed)
-    outer = _outer(plan, walls)
-    panes: list[list[tuple[float, ...]]] = []
+    patches: list[Patch] = []
+    first = [0]
     outside: list[FloatArray] = []
-    for wall, is_outer in zip(walls, outer, strict=True):
-        patches = _wall_patches(
-            wall, config.glazing if is_outer else config.inner_glazing, config, rng
-        )
-        panes.append(_with_frames(wall, patches, plan, config, rng))
+    for wall, is_outer in zip(walls, _outer(plan, walls), strict=True):
+        glazing = config.glazing if is_outer else config.inner_glazing
+        own = _wall_patches(wall, glazing, config, rng)
+        patches += own
+        patches += _frames(wall, own, plan, config, rng)
+        first.append(len(patches))
         if is_outer:
-            outside += [
-                _things_outside(wall, patch, plan, rng) for patch in patches if patch[2] == GLASS
-            ]
-    counts = [len(patches) for patches in panes]
-    flat = [patch for patches in panes for patch in patches]
+            panes = [patch for patch in own if patch.kind == GLASS]
+            outside += [_things_outside(wall, pane, plan, rng) for pane in panes]
     return Surfaces(
-        first=np.concatenate([[0], np.cumsum(counts)]).astype(np.int64),
-        patches=np.array(flat, dtype=np.float64).reshape(-1, 5),
+        first=np.array(first, np.int64),
+        patches=np.array(patches, dtype=np.float64).reshape(-1, 5),
         outside=np.vstack([np.empty((0, 4)), *outside]),
         num_walls=len(walls),
         seed=seed,
@@ -174,14 +207,16 @@ def furnished_surfaces(walls: Surfaces, furniture: FloatArray, config: SurfaceCo
     begins = np.ones(len(furniture), np.bool_)
     begins[1:] = (furniture[:-1, 2:] != furniture[1:, :2]).any(axis=1)
     # Its own stream: moving a chair doesn't change the walls.
-    draws = np.random.default_rng([walls.seed, 1]).random((int(begins.sum()), 2)).tolist()
-    by_piece = np.array(
-        [_echo(strength) if draw < config.dark else 1.0 for draw, strength in draws]
-    )
-    echoes = by_piece[np.cumsum(begins) - 1]
+    rng = np.random.default_rng([walls.seed, 1])
+    by_piece = []
+    for draw, strength in rng.random((int(begins.sum()), 2)).tolist():
+        by_piece.append(_echo(strength) if draw < config.dark else 1.0)
+    piece_of_segment = np.cumsum(begins) - 1
+    echoes = np.array(by_piece)[piece_of_segment]
     is_dark = echoes < 1.0
     patches = np.zeros((int(is_dark.sum()), 5))
-    patches[:, 1], patches[:, 3] = math.inf, echoes[is_dark]
+    patches[:, 1] = math.inf
+    patches[:, 3] = echoes[is_dark]
     return walls._replace(
         first=np.append(walls.first, walls.first[-1] + np.cumsum(is_dark)),
         patches=np.vstack([walls.patches, patches]),
@@ -192,21 +227,27 @@ def _outer(plan: "FloorPlan", walls: FloatArray) -> list[bool]:
     """True if there is nothing behind each wall: no other room within the thickness of a wall."""
     import shapely
 
-    middles = 0.5 * (walls[:, :2] + walls[:, 2:])
-    along = walls[:, 2:] - walls[:, :2]
-    normals = np.column_stack([-along[:, 1], along[:, 0]]) / np.hypot(*along.T)[:, None]
-    probes = middles + 0.01 * normals
+    starts = walls[:, :2]
+    ends = walls[:, 2:]
+    middles = 0.5 * (starts + ends)
+    along = ends - starts
+    lengths = np.hypot(along[:, 0], along[:, 1])
+    outwards = np.column_stack([-along[:, 1], along[:, 0]]) / lengths[:, None]
+    probes = middles + 0.01 * outwards
     inwards = shapely.contains_xy(plan.free_space, probes[:, 0], probes[:, 1])
-    normals[inwards] *= -1.0
-    return [
-        next_hit(x, y, nx, ny, 1e-6, walls, _THICKEST_WALL)[1] < 0
-        for (x, y), (nx, ny) in zip(middles.tolist(), normals.tolist(), strict=True)
-    ]
+    outwards[inwards] *= -1.0
+    is_outer = []
+    for middle, outward in zip(middles.tolist(), outwards.tolist(), strict=True):
+        x, y = middle
+        ux, uy = outward
+        _, hit = next_hit(x, y, ux, uy, 1e-6, walls, _THICKEST_WALL)
+        is_outer.append(hit < 0)
+    return is_outer
 
 
 def _wall_patches(
     wall: FloatArray, glazing: float, config: SurfaceConfig, rng: np.random.Generator
-) -> list[tuple[float, ...]]:
+) -> list[Patch]:
     """Glass, mirrors and dark patches of one wall, in order along it."""
     length = math.hypot(wall[2] - wall[0], wall[3] - wall[1])
     modules = math.ceil(length / _MODULE)
@@ -217,7 +258,7 @@ def _wall_patches(
     if length < _SHORTEST:
         chances[:2] = 0.0
     ends = np.cumsum(chances)
-    patches: list[tuple[float, ...]] = []
+    patches: list[Patch] = []
     for module in range(modules):
         draw, at, share, echo = rng.random(4).tolist()
         kind = int(np.searchsorted(ends, draw, side="right"))
@@ -226,8 +267,10 @@ def _wall_patches(
         pane = _NARROWEST_PANE * (_WIDEST_PANE / _NARROWEST_PANE) ** share
         taken = (pane, _MIRROR_SHARE, 2.0 * _DARK_SHARE * share)[kind]
         begin = (module + at * (1.0 - taken)) * size
-        material = ((GLASS, 1.0), (MIRROR, 1.0), (PLAIN, _echo(echo)))[kind]
-        patches.append((begin, begin + taken * size, *material, 0.0))
+        end = begin + taken * size
+        material = (GLASS, MIRROR, PLAIN)[kind]
+        strength = _echo(echo) if material == PLAIN else 1.0
+        patches.append(Patch(begin, end, material, strength, 0.0))
     return patches
 
 
@@ -236,58 +279,66 @@ def _echo(draw: float) -> float:
     return math.exp(math.log(_WEAKEST_ECHO) + draw * math.log(_STRONGEST_ECHO / _WEAKEST_ECHO))
 
 
-def _with_frames(
+def _frames(
     wall: FloatArray,
-    patches: list[tuple[float, ...]],
+    patches: list[Patch],
     plan: "FloorPlan",
     config: SurfaceConfig,
     rng: np.random.Generator,
-) -> list[tuple[float, ...]]:
-    """Add the frames of windows, and of doors whose jambs lie on the wall; where two overlap, the first counts."""
+) -> list[Patch]:
+    """The frames of windows, and of doors whose jambs lie on the wall; of patches that overlap the first counts."""
     if config.frames == 0.0:
-        return patches
-    frames: list[tuple[float, ...]] = []
-    for begin, end, kind, *_ in patches:
-        if kind == GLASS:
+        return []
+    frames: list[Patch] = []
+    for patch in patches:
+        if patch.kind == GLASS:
             depth = float(rng.uniform(0.0, config.frames))
-            frames += [
-                (at - _FRAME_WIDTH, at, PLAIN, 1.0, depth) for at in (begin, end + _FRAME_WIDTH)
-            ]
-    length = float(np.hypot(*(wall[2:] - wall[:2])))
-    direction = (wall[2:] - wall[:2]) / length
-    for jamb in (point for door in plan.doors for point in (door.start, door.end)):
-        x, y = (np.asarray(jamb) - wall[:2]).tolist()
-        along, across = x * direction[0] + y * direction[1], x * direction[1] - y * direction[0]
+            frames.append(Patch(patch.begin - _FRAME_WIDTH, patch.begin, PLAIN, 1.0, depth))
+            after = patch.end + _FRAME_WIDTH
+            frames.append(Patch(after - _FRAME_WIDTH, after, PLAIN, 1.0, depth))
+    start = wall[:2]
+    along_wall = wall[2:] - start
+    length = float(np.hypot(*along_wall))
+    direction = along_wall / length
+    jambs: list[Sequence[float]] = []
+    for door in plan.doors:
+        jambs += [door.start, door.end]
+    for jamb in jambs:
+        x, y = (np.asarray(jamb) - start).tolist()
+        along = x * direction[0] + y * direction[1]
+        across = x * direction[1] - y * direction[0]
         if abs(across) < 0.2 and -0.2 < along < length + 0.2:
             depth = float(rng.uniform(0.0, config.frames))
-            frames.append((along - _FRAME_WIDTH, along + _FRAME_WIDTH, PLAIN, 1.0, depth))
-    return patches + frames
+            frames.append(Patch(along - _FRAME_WIDTH, along + _FRAME_WIDTH, PLAIN, 1.0, depth))
+    return frames
 
 
 def _things_outside(
-    wall: FloatArray, pane: tuple[float, ...], plan: "FloorPlan", rng: np.random.Generator
+    wall: FloatArray, pane: Patch, plan: "FloorPlan", rng: np.random.Generator
 ) -> FloatArray:
     """Some short walls before a pane, seen from within the building, shape (K, 4) [m]."""
     import shapely
 
-    along = (wall[2:] - wall[:2]) / np.hypot(*(wall[2:] - wall[:2]))
+    start = wall[:2]
+    along = (wall[2:] - start) / np.hypot(*(wall[2:] - start))
     out = np.array([along[1], -along[0]])
-    middle = wall[:2] + 0.5 * (pane[0] + pane[1]) * along
-    if shapely.contains_xy(plan.free_space, *(middle + 0.01 * out)):
+    middle = start + 0.5 * (pane.begin + pane.end) * along
+    probe = middle + 0.01 * out
+    if shapely.contains_xy(plan.free_space, probe[0], probe[1]):
         out = -out
     number = int(rng.integers(_THINGS_OUTSIDE + 1))
-    away = _NEAREST_OUTSIDE * exp(
-        math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE) * rng.random(number)
-    )
+    distances = math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE)
+    away = _NEAREST_OUTSIDE * exp(distances * rng.random(number))
     aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
     half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random(number)
     far = _NEAREST_BACKDROP * (_FURTHEST_OUTSIDE / _NEAREST_BACKDROP) ** rng.random()
     reach = _BACKDROP_REACH * far
+    half_piece = reach / (_BACKDROP - 1)
     away = np.append(away, far + rng.normal(0.0, 0.1 * far, _BACKDROP))
     aside = np.append(aside, reach * np.linspace(-1.0, 1.0, _BACKDROP))
-    half = np.append(half, (1.0 - _BACKDROP_GAPS) * np.full(_BACKDROP, reach / (_BACKDROP - 1)))
+    half = np.append(half, (1.0 - _BACKDROP_GAPS) * np.full(_BACKDROP, half_piece))
     angles = rng.normal(0.0, 0.4, number + _BACKDROP)
-    directions = np.cos(angles)[:, None] * along + np.sin(angles)[:, None] * out
-    centres = middle + away[:, None] * out + aside[:, None] * along
+    directions = np.outer(np.cos(angles), along) + np.outer(np.sin(angles), out)
+    centres = middle + np.outer(away, out) + np.outer(aside, along)
     ends = half[:, None] * directions
     return np.hstack([centres - ends, centres + ends])

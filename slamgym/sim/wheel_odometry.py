@@ -164,7 +164,8 @@ class WheelOdometry:
         if self.config.model == "ideal":
             self.pose = compose(self.pose, motion.increment)
             return self.pose
-        before, (left, right) = self._rolled, motion.wheels
+        before = self._rolled
+        left, right = motion.wheels
         self._rolled = before[0] + self.gains[0] * left, before[1] + self.gains[1] * right
         counted = count_ticks(before, self._rolled, self._tick)
         slip, drift, turn = rng.standard_normal(3).tolist()
@@ -204,10 +205,13 @@ def slipped_arc(
         slips: ``slip_distance``, ``slip_drift`` and ``slip_turn`` of the settings.
         normal: Standard normal draws for each.
     """
-    distance, turn = 0.5 * (wheels[0] + wheels[1]), (wheels[1] - wheels[0]) / base
-    root_distance, root_turn = math.sqrt(abs(distance)), math.sqrt(abs(turn))
+    distance = 0.5 * (wheels[0] + wheels[1])
+    turn = (wheels[1] - wheels[0]) / base
+    root_distance = math.sqrt(abs(distance))
+    root_turn = math.sqrt(abs(turn))
     distance += slips[0] * root_distance * normal[0]
     turn += slips[1] * root_distance * normal[1] + slips[2] * root_turn * normal[2]
     half = 0.5 * turn
-    length = distance * (math.sin(half) / half if abs(half) > 1e-8 else 1.0)
+    shortening = math.sin(half) / half if abs(half) > 1e-8 else 1.0
+    length = distance * shortening
     return Pose2D(length * math.cos(half), length * math.sin(half), turn)
