@@ -46,7 +46,8 @@ class Within(NamedTuple):
         return inside or (self.infinite and number == math.inf)
 
     def __str__(self) -> str:
-        low, high = max(self.ge, self.gt), min(self.le, self.lt)
+        low = max(self.ge, self.gt)
+        high = min(self.le, self.lt)
         if math.isinf(low) and math.isinf(high):
             return "finite"
         if math.isinf(high):
@@ -54,7 +55,9 @@ class Within(NamedTuple):
         if math.isinf(low):
             return f"{'below' if high == self.lt else 'at most'} {high:g}"
         kind = "a power of two " if self.power_of_two else ""
-        return f"{kind}in {'(' if low == self.gt else '['}{low:g}, {high:g}{')' if high == self.lt else ']'}"
+        opening = "(" if low == self.gt else "["
+        closing = ")" if high == self.lt else "]"
+        return f"{kind}in {opening}{low:g}, {high:g}{closing}"
 
 
 Positive = Annotated[float, Within(gt=0.0)]
@@ -90,7 +93,8 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name, field in _fields(typing.cast(Any, type(self))).items():
-            if (fault := field.test(getattr(self, name))) is not None:
+            fault = field.test(getattr(self, name))
+            if fault is not None:
                 raise field.error(fault, self._called(name))
         self._check()
 
@@ -141,7 +145,8 @@ class _Field(NamedTuple):
         """Convert a JSON value, and refuse one that doesn't fit."""
         if self.convert is not None:
             value = self.convert(value, name)
-        if (fault := self.test(value)) is not None:
+        fault = self.test(value)
+        if fault is not None:
             raise self.error(fault, name)
         return value
 
@@ -150,10 +155,11 @@ class _Field(NamedTuple):
 def _fields(cls: Any) -> dict[str, _Field]:
     """The fields of a dataclass."""
     hints = typing.get_type_hints(cls, include_extras=True)
-    names = [entry.name for entry in dataclasses.fields(cls)]
-    return {
-        name: _Field(hints[name], _conversion(hints[name]), _test(hints[name])) for name in names
-    }
+    fields = {}
+    for entry in dataclasses.fields(cls):
+        hint = hints[entry.name]
+        fields[entry.name] = _Field(hint, _conversion(hint), _test(hint))
+    return fields
 
 
 def _choices(hint: Any) -> list[Any]:
@@ -165,12 +171,11 @@ def _choices(hint: Any) -> list[Any]:
 
 def _test(hint: Any, rule: Any = None) -> _Test:
     """Make the function that finds what is wrong with a value of a type, which a rule may restrict."""
-    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    origin = typing.get_origin(hint)
+    options = typing.get_args(hint)
     if origin is Annotated:
-        return _test(
-            options[0],
-            next((own for own in options[1:] if isinstance(own, Within | OneLine)), rule),
-        )
+        rules = [own for own in options[1:] if isinstance(own, Within | OneLine)]
+        return _test(options[0], rules[0] if rules else rule)
     if hint in (int, float) or (hint is str and isinstance(rule, OneLine)):
         return _ruled_test(hint, rule or Within())
     if origin in (types.UnionType, typing.Union):
@@ -178,14 +183,16 @@ def _test(hint: Any, rule: Any = None) -> _Test:
     if origin in (tuple, list, dict, Mapping) or hasattr(hint, "_fields"):
         return _container_test(hint, rule)
     if origin is typing.Literal:
-        choices, expected = (
-            [(type(choice), choice) for choice in options],
-            " or ".join(map(repr, options)),
-        )
-        return lambda value: None if (type(value), value) in choices else _Fault(expected, value)
+        return _choice_test(options)
     kind = object if hint is Any else origin or hint
     expected = "None" if hint is types.NoneType else _type_name(hint)
     return lambda value: None if isinstance(value, kind) else _Fault(expected, value)
+
+
+def _choice_test(options: Sequence[Any]) -> _Test:
+    choices = [(type(option), option) for option in options]
+    expected = " or ".join(map(repr, options))
+    return lambda value: None if (type(value), value) in choices else _Fault(expected, value)
 
 
 def _type_name(hint: Any) -> str:
@@ -193,11 +200,10 @@ def _type_name(hint: Any) -> str:
 
 
 def _ruled_test(hint: Any, rule: Within | OneLine) -> _Test:
-    kinds: dict[Any, Any] = {
-        int: numbers.Integral,
-        float: numbers.Real,
-    }  # numpy's scalars are numbers, too
-    kind, usual = kinds.get(hint, hint), (int, float) if hint is float else (hint,)
+    # numpy's scalars are numbers, too
+    kinds: dict[Any, Any] = {int: numbers.Integral, float: numbers.Real}
+    kind = kinds.get(hint, hint)
+    usual = (int, float) if hint is float else (hint,)
 
     def find_fault(value: Any) -> _Fault | None:
         if type(value) not in usual and (isinstance(value, bool) or not isinstance(value, kind)):
@@ -210,29 +216,25 @@ def _ruled_test(hint: Any, rule: Within | OneLine) -> _Test:
 def _union_test(tests: Sequence[_Test]) -> _Test:
     def find_fault(value: Any) -> _Fault | None:
         faults = [test(value) for test in tests]
-        return (
-            None
-            if None in faults
-            else _Fault(" or ".join(fault.must_be for fault in faults if fault), value)
-        )
+        if None in faults:
+            return None
+        return _Fault(" or ".join(fault.must_be for fault in faults if fault), value)
 
     return find_fault
 
 
 def _container_test(hint: Any, rule: Any) -> _Test:
     """The test of a tuple, a named tuple, a list or a mapping and of all that it holds."""
-    kind, names = typing.get_origin(hint) or hint, getattr(hint, "_fields", None)
-    options = (
-        typing.get_type_hints(hint, include_extras=True).values()
-        if names
-        else typing.get_args(hint)
-    )
+    kind = typing.get_origin(hint) or hint
+    names = getattr(hint, "_fields", None)
+    options: Any = typing.get_args(hint)
+    if names:
+        options = typing.get_type_hints(hint, include_extras=True).values()
     tests = [_test(option, rule) for option in options if option is not Ellipsis]
-    is_mapping, is_fixed = kind in (dict, Mapping), kind is tuple and Ellipsis not in options
-    form, each = (
-        ".{}" if names else "[{!r}]",
-        tests if names or is_fixed else itertools.repeat(tests[-1]),
-    )
+    is_mapping = kind in (dict, Mapping)
+    is_fixed = kind is tuple and Ellipsis not in options
+    form = ".{}" if names else "[{!r}]"
+    each = tests if names or is_fixed else itertools.repeat(tests[-1])
 
     def find_fault(value: Any) -> _Fault | None:
         if not isinstance(value, kind):
@@ -240,10 +242,10 @@ def _container_test(hint: Any, rule: Any) -> _Test:
         if is_fixed and len(value) != len(tests):
             return _Fault(f"{len(tests)} values", value)
         keys = value if is_mapping else names or itertools.count()
-        for key, test, item in zip(
-            keys, each, value.values() if is_mapping else value, strict=False
-        ):
-            if (fault := test(item)) is not None:
+        items = value.values() if is_mapping else value
+        for key, test, item in zip(keys, each, items, strict=False):
+            fault = test(item)
+            if fault is not None:
                 return fault._replace(place=form.format(key) + fault.place)
         return None
 
@@ -257,12 +259,8 @@ def suggest(name: str, known: typing.Iterable[str]) -> str:
     if close:
         return f"did you mean {close[0]!r}?"
     if len(known) > _MOST_LISTED:
-        known = list(
-            {
-                f"{first}.*" if rest else first
-                for first, _, rest in (n.partition(".") for n in known)
-            }
-        )
+        parts = [each.partition(".") for each in known]
+        known = list({f"{first}.*" if rest else first for first, _, rest in parts})
     return f"known: {', '.join(sorted(known))}"
 
 
@@ -296,14 +294,17 @@ def from_dict(cls: type[_T], values: Mapping[str, Any], where: str = "") -> _T:
                 f"{prefix}unknown setting {shown(name)} of {cls.__name__}; {suggest(str(name), fields)}"
             )
         converted[name] = fields[name].read(value, f"{where}.{name}" if where else name)
-    missing = fields.keys() - converted.keys()
-    for entry in dataclasses.fields(typing.cast(Any, cls)) if missing else ():
-        is_needed = (
-            entry.default is dataclasses.MISSING and entry.default_factory is dataclasses.MISSING
-        )
-        if is_needed and entry.name in missing:
-            raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
+    if len(converted) < len(fields):
+        for entry in dataclasses.fields(typing.cast(Any, cls)):
+            if _is_needed(entry) and entry.name not in converted:
+                raise ConfigError(f"{prefix}{entry.name!r} of {cls.__name__} is missing")
     return cls(**converted)
+
+
+def _is_needed(entry: dataclasses.Field[Any]) -> bool:
+    """True if a field has no default."""
+    missing = dataclasses.MISSING
+    return entry.default is missing and entry.default_factory is missing
 
 
 def replace_setting(config: _T, name: str, value: Any) -> _T:
@@ -346,13 +347,13 @@ def setting_names(config: Any) -> list[str]:
 
 def _conversion(hint: Any) -> _Conversion | None:
     """Make the function that gives a JSON value the type that a field declares; None where there is nothing to do."""
-    origin, options = typing.get_origin(hint), typing.get_args(hint)
+    origin = typing.get_origin(hint)
+    options = typing.get_args(hint)
     if origin is Annotated:
         return _conversion(options[0])
     if origin in (types.UnionType, typing.Union):
-        return next(
-            (_conversion(option) for option in options if dataclasses.is_dataclass(option)), None
-        )
+        records = [option for option in options if dataclasses.is_dataclass(option)]
+        return _conversion(records[0]) if records else None
     if dataclasses.is_dataclass(hint):
         cls = typing.cast(type, hint)
         return lambda value, where: (
@@ -378,19 +379,20 @@ def _to_tuple(make: Any, conversions: Sequence[_Conversion | None], value: Any, 
     """A list as the tuple that a field declares, whose test refuses it where it has a wrong length."""
     if not isinstance(value, list):
         return value
+    items = value
     if conversions:
-        pairs = enumerate(zip(itertools.cycle(conversions), value, strict=False))
-        value = [
-            convert(item, f"{where}[{index}]") if convert else item
-            for index, (convert, item) in pairs
-        ]
+        items = []
+        every = itertools.cycle(conversions)
+        for index, (item, convert) in enumerate(zip(value, every, strict=False)):
+            items.append(convert(item, f"{where}[{index}]") if convert else item)
     try:
-        return make(value)
+        return make(items)
     except TypeError:  # too few or too many
-        return tuple(value)
+        return tuple(items)
 
 
 def config_hash(config: Any) -> str:
     """A short stable name for settings: the first 12 hex digits of the SHA-256 of their JSON form, or of a mapping."""
-    text = json.dumps(config if isinstance(config, dict) else to_dict(config), sort_keys=True)
+    values = config if isinstance(config, dict) else to_dict(config)
+    text = json.dumps(values, sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:12]

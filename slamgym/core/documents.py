@@ -70,9 +70,8 @@ def parse_json(
     try:
         value = load_json(text)
     except ValueError as reason:
-        raise error(
-            where, f"is not valid JSON ({_one_line(reason)})" + (fix and f"; {fix}")
-        ) from None
+        advice = fix and f"; {fix}"
+        raise error(where, f"is not valid JSON ({_one_line(reason)}){advice}") from None
     # Fewer brackets than the limit can't be nested deeper.
     brackets = (b"[", b"{") if isinstance(text, bytes) else ("[", "{")
     if sum(map(text.count, brackets)) > DEPTH.value:  # type: ignore[arg-type]
@@ -165,18 +164,22 @@ _PlainLoader.add_constructor("tag:yaml.org,2002:int", _yaml_number)
 
 def _check_depth(value: Any, where: object, error: type[InputFileError]) -> None:
     """Refuse what recursive functions may stumble over, level by level."""
-    level, depth = [value], 0
-    while level := [
-        inner for outer in level for inner in _inside(outer) if isinstance(inner, list | dict)
-    ]:
+    depth = 0
+    level = _nested([value])
+    while level:
         depth += 1
         DEPTH.check(where, depth, error)
+        level = _nested(level)
 
 
-def _inside(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return value.values()
-    return value if isinstance(value, list) else ()
+def _nested(values: list[Any]) -> list[Any]:
+    """The lists and objects that stand in some values."""
+    found = []
+    for value in values:
+        inner = value.values() if isinstance(value, Mapping) else value
+        if isinstance(value, list | Mapping):
+            found += [each for each in inner if isinstance(each, list | dict)]
+    return found
 
 
 def _one_line(reason: object) -> str:

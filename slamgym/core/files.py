@@ -171,7 +171,8 @@ def byte_lines(path: Path | str, limit: Limit = DOCUMENT_BYTES) -> Iterator[tupl
     Raises:
         InputFileError: If it can't be read, is no regular file, or a line is longer than the limit.
     """
-    shown, most = str(path), limit.value
+    shown = str(path)
+    most = limit.value
     with open_regular(path) as file:
         number = 1
         while line := file.readline(most + 1):

@@ -28,34 +28,42 @@ def unit_vectors(angles: FloatArray) -> FloatArray:
 
 def compose(a: Pose2D, b: Pose2D) -> Pose2D:
     """Pose of b, given in frame a, expressed in the parent frame of a."""
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    return Pose2D(
-        a[0] + cos * b[0] - sin * b[1],
-        a[1] + sin * b[0] + cos * b[1],
-        math.pi - (math.pi - float(a[2] + b[2])) % _TURN,
-    )
+    cos = math.cos(a[2])
+    sin = math.sin(a[2])
+    x = a[0] + cos * b[0] - sin * b[1]
+    y = a[1] + sin * b[0] + cos * b[1]
+    theta = math.pi - (math.pi - float(a[2] + b[2])) % _TURN
+    return Pose2D(x, y, theta)
 
 
 def inverse(a: Pose2D) -> Pose2D:
     """Undo a pose: a composed with its inverse is the identity."""
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    return Pose2D(-cos * a[0] - sin * a[1], sin * a[0] - cos * a[1], wrap_angle(float(-a[2])))
+    cos = math.cos(a[2])
+    sin = math.sin(a[2])
+    x = -cos * a[0] - sin * a[1]
+    y = sin * a[0] - cos * a[1]
+    return Pose2D(x, y, wrap_angle(float(-a[2])))
 
 
 def between(a: Pose2D, b: Pose2D) -> Pose2D:
     """Pose of b seen from a (both given in one parent frame)."""
-    cos, sin = math.cos(a[2]), math.sin(a[2])
-    dx, dy = b[0] - a[0], b[1] - a[1]
-    return Pose2D(
-        cos * dx + sin * dy, -sin * dx + cos * dy, math.pi - (math.pi - float(b[2] - a[2])) % _TURN
-    )
+    cos = math.cos(a[2])
+    sin = math.sin(a[2])
+    dx = b[0] - a[0]
+    dy = b[1] - a[1]
+    theta = math.pi - (math.pi - float(b[2] - a[2])) % _TURN
+    return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, theta)
 
 
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:
     """Express points, shape (..., 2) [m] in the frame of ``pose``, in the parent frame of ``pose``."""
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    x, y = points[..., 0], points[..., 1]
-    return np.stack([cos * x - sin * y + pose[0], sin * x + cos * y + pose[1]], axis=-1)
+    cos = math.cos(pose[2])
+    sin = math.sin(pose[2])
+    x = points[..., 0]
+    y = points[..., 1]
+    moved_x = cos * x - sin * y + pose[0]
+    moved_y = sin * x + cos * y + pose[1]
+    return np.stack([moved_x, moved_y], axis=-1)
 
 
 def transform_poses(pose: Pose2D, poses: FloatArray) -> FloatArray:
@@ -75,13 +83,22 @@ def paste(canvas: np.ndarray, picture: np.ndarray, top: int, left: int) -> None:
         top: Row of the picture at which the canvas begins; may be negative or beyond the picture.
         left: Its column there.
     """
-    rows, cols = (
-        slice(min(max(0, first), there), max(0, min(there, first + here)))
-        for first, here, there in zip(
-            (top, left), canvas.shape[-2:], picture.shape[-2:], strict=True
-        )
-    )
+    height, width = canvas.shape[-2:]
+    rows = _shown(top, height, picture.shape[-2])
+    cols = _shown(left, width, picture.shape[-1])
     part = picture[..., rows, cols]
-    canvas[..., rows.start - top :, cols.start - left :][
-        ..., : part.shape[-2], : part.shape[-1]
-    ] = part
+    below = canvas[..., rows.start - top :, cols.start - left :]
+    below[..., : part.shape[-2], : part.shape[-1]] = part
+
+
+def _shown(first: int, here: int, there: int) -> slice:
+    """The part of a picture's axis that a canvas shows.
+
+    Args:
+        first: Where in the picture the canvas begins.
+        here: Length of the canvas.
+        there: Length of the picture.
+    """
+    start = min(max(0, first), there)
+    stop = max(0, min(there, first + here))
+    return slice(start, stop)

@@ -15,8 +15,11 @@ from numpy.typing import ArrayLike
 from slamgym.core.types import BoolArray, FloatArray
 
 RESAMPLES = 10_000
-CONFIDENCE = 0.95
+"""So many times the plans are drawn again for a figure ..."""
 _BAND_RESAMPLES = 2000
+"""... and for tables and curves, whose draws take more memory."""
+CONFIDENCE = 0.95
+"""Probability with which an interval holds the figure."""
 
 Statistic = Callable[[FloatArray], FloatArray]
 """From sums over resampled plans, shape (R, columns), to figures of shape (R,)."""
@@ -40,10 +43,13 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959964) -> Interva
     if trials < 1 or not 0 <= successes <= trials:
         raise ValueError(f"{successes} of {trials} is not a share")
     share = successes / trials
-    centre = (share + z**2 / (2 * trials)) / (1 + z**2 / trials)
-    half = z / (1 + z**2 / trials) * np.sqrt(share * (1 - share) / trials + z**2 / (4 * trials**2))
+    shrinkage = 1 + z**2 / trials
+    centre = (share + z**2 / (2 * trials)) / shrinkage
+    variance = share * (1 - share) / trials + z**2 / (4 * trials**2)
+    half = z / shrinkage * np.sqrt(variance)
+    low = max(0.0, float(centre - half))
+    high = min(1.0, float(centre + half))
     # At 0 and at 1 a bound is the share itself, but for rounding.
-    low, high = max(0.0, float(centre - half)), min(1.0, float(centre + half))
     return Interval(share, min(share, low), max(share, high))
 
 
@@ -74,10 +80,12 @@ def ratio_of_means(
         seed: Of the resampling.
         groups: The plan of each value, shape (N,), where a plan has several.
     """
-    columns = [values, reference]
-    return _bootstrap(
-        columns, lambda means: means[:, 0] / np.maximum(means[:, 1], 1e-12), seed, groups
-    )
+    return _bootstrap([values, reference], _ratio, seed, groups)
+
+
+def _ratio(means: FloatArray) -> FloatArray:
+    """The first of two columns over the second."""
+    return means[:, 0] / np.maximum(means[:, 1], 1e-12)
 
 
 def balanced_accuracy(
@@ -91,15 +99,17 @@ def balanced_accuracy(
         groups: What is drawn again, e.g. the building of each sample, shape (N,).
         seed: Of the resampling.
     """
-    columns = [
-        w.astype(np.float64) for w in (right * ~of_second, ~of_second, right * of_second, of_second)
-    ]
+    columns: list[FloatArray] = []
+    for members in (~of_second, of_second):
+        columns.append((right * members).astype(np.float64))
+        columns.append(members.astype(np.float64))
+    return _bootstrap(columns, _mean_accuracy, seed, groups)
 
-    def balanced(means: FloatArray) -> FloatArray:
-        counts = np.maximum(means[:, 1::2], 1e-12)
-        return (means[:, ::2] / counts).mean(axis=1)
 
-    return _bootstrap(columns, balanced, seed, groups)
+def _mean_accuracy(means: FloatArray) -> FloatArray:
+    """Of the two classes, each with its samples classified rightly and all of its samples."""
+    counts = np.maximum(means[:, 1::2], 1e-12)
+    return (means[:, ::2] / counts).mean(axis=1)
 
 
 def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None = None) -> Interval:
@@ -111,16 +121,19 @@ def median_interval(values: FloatArray, seed: int = 0, groups: ArrayLike | None 
         groups: What is drawn again together, e.g. the building of each value, shape (N,); each value without it.
     """
     values = np.asarray(values, dtype=np.float64)
-    group = np.arange(len(values)) if groups is None else np.unique(groups, return_inverse=True)[1]
+    group = np.arange(len(values))
+    if groups is not None:
+        group = np.unique(groups, return_inverse=True)[1]
     order = np.argsort(values)
+    ascending = values[order]
     # How often each value is drawn; its median lies where half of the draws are reached.
-    drawn = _fresh_draws(int(group.max()) + 1, seed, _BAND_RESAMPLES)[:, group[order]].cumsum(
-        axis=1
-    )
-    half = 0.5 * drawn[:, -1:]
-    below, above = (drawn >= half).argmax(axis=1), (drawn > half).argmax(axis=1)
-    low, high = _percentiles(0.5 * (values[order][below] + values[order][above]))
-    return Interval(float(np.median(values)), float(low), float(high))
+    draws = _fresh_draws(int(group.max()) + 1, seed, _BAND_RESAMPLES)
+    reached = draws[:, group[order]].cumsum(axis=1)
+    half = 0.5 * reached[:, -1:]
+    below = (reached >= half).argmax(axis=1)
+    above = (reached > half).argmax(axis=1)
+    medians = 0.5 * (ascending[below] + ascending[above])
+    return _percentile_interval(float(np.median(values)), medians)
 
 
 def crossed_mean(values: FloatArray, seed: int = 0) -> Interval:
@@ -148,22 +161,25 @@ def crossed_ratio(values: FloatArray, reference: FloatArray, seed: int = 0) -> I
     Raises:
         ValueError: If there is no plan, or the plans differ in number.
     """
-    values, reference = (
-        np.asarray(values, dtype=np.float64),
-        np.asarray(reference, dtype=np.float64),
-    )
+    values = np.asarray(values, dtype=np.float64)
+    reference = np.asarray(reference, dtype=np.float64)
     if values.shape[1] != reference.shape[1] or values.size == 0 or reference.size == 0:
         raise ValueError(
             f"there are no plans to compare on in shapes {values.shape} and {reference.shape}"
         )
     rng = np.random.default_rng(seed)
     plans = _draws(values.shape[1], rng)
-    means = [
-        ((_draws(len(table), rng) @ table) * plans).sum(axis=1) / table.size
-        for table in (values, reference)
-    ]
-    low, high = _percentiles(means[0] / means[1])
-    return Interval(float(values.mean() / reference.mean()), float(low), float(high))
+    own_means = _drawn_means(values, plans, rng)
+    reference_means = _drawn_means(reference, plans, rng)
+    return _percentile_interval(
+        float(values.mean() / reference.mean()), own_means / reference_means
+    )
+
+
+def _drawn_means(table: FloatArray, plans: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Means (R,) of a table (runs, plans) over draws of its runs, and given draws (R, plans) of its plans."""
+    runs = _draws(len(table), rng)
+    return ((runs @ table) * plans).sum(axis=1) / table.size
 
 
 def interquartile_mean(values: FloatArray, seed: int = 0) -> Interval:
@@ -183,17 +199,19 @@ def interquartile_mean(values: FloatArray, seed: int = 0) -> Interval:
     """
     values = np.asarray(values, dtype=np.float64)
     runs, plans = _crossed_draws(values, seed)
-    weights = np.einsum("rk,rp->rkp", runs, plans).reshape(len(runs), -1)
+    draws = np.einsum("rk,rp->rkp", runs, plans).reshape(len(runs), -1)
     flat = values.ravel()
-    order = np.argsort(flat)
+    all_once = np.ones((1, flat.size))
+    value = float(_middle_means(flat, all_once)[0])
+    return _percentile_interval(value, _middle_means(flat, draws))
 
-    def means(drawn: FloatArray) -> FloatArray:
-        reached = drawn[:, order].cumsum(axis=1) / drawn.sum(axis=1, keepdims=True)
-        kept = np.diff(np.clip(reached, 0.25, 0.75), axis=1, prepend=0.25)
-        return 2.0 * kept @ flat[order]
 
-    low, high = _percentiles(means(weights))
-    return Interval(float(means(np.ones((1, flat.size)))[0]), float(low), float(high))
+def _middle_means(values: FloatArray, draws: FloatArray) -> FloatArray:
+    """Means (R,) of the middle half of values (N,), each drawn as often as ``draws`` (R, N) says."""
+    order = np.argsort(values)
+    reached = draws[:, order].cumsum(axis=1) / draws.sum(axis=1, keepdims=True)
+    kept = np.diff(np.clip(reached, 0.25, 0.75), axis=1, prepend=0.25)
+    return 2.0 * kept @ values[order]
 
 
 def probability_of_improvement(
@@ -212,14 +230,12 @@ def probability_of_improvement(
     Raises:
         ValueError: If there is none, or the plans differ in number.
     """
-    values, reference = (
-        np.asarray(values, dtype=np.float64),
-        np.asarray(reference, dtype=np.float64),
-    )
+    values = np.asarray(values, dtype=np.float64)
+    reference = np.asarray(reference, dtype=np.float64)
     draw = _paired_draws(values, reference, seed)
-    better = (values[:, None] < reference).astype(np.float64) + 0.5 * (values[:, None] == reference)
-    low, high = _percentiles(draw(better) / better.size)
-    return Interval(float(better.mean()), float(low), float(high))
+    own = values[:, None]
+    better = (own < reference).astype(np.float64) + 0.5 * (own == reference)
+    return _percentile_interval(float(better.mean()), draw(better) / better.size)
 
 
 def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -> Interval:
@@ -233,20 +249,19 @@ def ratio_where_both(values: FloatArray, reference: FloatArray, seed: int = 0) -
     Raises:
         ValueError: If there is none, the plans differ in number, or one of both always failed.
     """
-    values, reference = (
-        np.asarray(values, dtype=np.float64),
-        np.asarray(reference, dtype=np.float64),
-    )
+    values = np.asarray(values, dtype=np.float64)
+    reference = np.asarray(reference, dtype=np.float64)
     draw = _paired_draws(values, reference, seed)
     both = np.isfinite(values)[:, None] & np.isfinite(reference)
     if not both.any():
         raise ValueError("there is no plan on which neither failed")
-    sums = [np.where(both, table, 0.0) for table in (values[:, None], reference[None])]
+    own = np.where(both, values[:, None], 0.0)
+    other = np.where(both, reference[None], 0.0)
+    own_sums = draw(own)
+    other_sums = draw(other)
     # A draw of failures alone has no ratio.
-    drawn = [draw(table) for table in sums]
-    held = drawn[1] > 0.0
-    low, high = _percentiles(drawn[0][held] / drawn[1][held])
-    return Interval(float(sums[0].sum() / sums[1].sum()), float(low), float(high))
+    held = other_sums > 0.0
+    return _percentile_interval(float(own.sum() / other.sum()), own_sums[held] / other_sums[held])
 
 
 def _paired_draws(
@@ -271,7 +286,8 @@ def _crossed_draws(values: FloatArray, seed: int) -> tuple[FloatArray, FloatArra
     if values.ndim != 2 or values.size == 0:
         raise ValueError(f"there are no runs and plans in the shape {values.shape}")
     rng = np.random.default_rng(seed)
-    runs, plans = (_draws(count, rng, _BAND_RESAMPLES) for count in values.shape)
+    runs = _draws(values.shape[0], rng, _BAND_RESAMPLES)
+    plans = _draws(values.shape[1], rng, _BAND_RESAMPLES)
     return runs, plans
 
 
@@ -292,7 +308,8 @@ def mean_band(rows: FloatArray, seed: int = 0) -> tuple[FloatArray, FloatArray]:
 
 def _draws(count: int, rng: np.random.Generator, resamples: int = RESAMPLES) -> FloatArray:
     """Counts of draws of each of N: the same as picking N with replacement, in much less memory; (R, N)."""
-    return rng.multinomial(count, np.full(count, 1.0 / count), size=resamples).astype(np.float64)
+    equal = np.full(count, 1.0 / count)
+    return rng.multinomial(count, equal, size=resamples).astype(np.float64)
 
 
 @functools.lru_cache(maxsize=2)
@@ -309,6 +326,12 @@ def _percentiles(figures: FloatArray) -> FloatArray:
     return np.percentile(figures, [tail, 100.0 - tail], axis=0)
 
 
+def _percentile_interval(value: float, figures: FloatArray) -> Interval:
+    """A figure with the percentile interval of the figures of the draws, shape (R,)."""
+    low, high = _percentiles(figures)
+    return Interval(value, float(low), float(high))
+
+
 def _bootstrap(
     columns: Sequence[Any], statistic: Statistic, seed: int, groups: ArrayLike | None = None
 ) -> Interval:
@@ -323,7 +346,6 @@ def _bootstrap(
     table = np.column_stack(columns)
     if len(table) == 0:
         raise ValueError("there are no plans to compare on")
-    figures = statistic(_fresh_draws(len(table), seed) @ table / len(table))
-    low, high = _percentiles(figures)
+    means = _fresh_draws(len(table), seed) @ table / len(table)
     value = float(statistic(table.mean(axis=0, keepdims=True))[0])
-    return Interval(value, float(low), float(high))
+    return _percentile_interval(value, statistic(means))

@@ -42,9 +42,9 @@ class OneLine(NamedTuple):
         return f"{self.noun} of at most {self.max_bytes} bytes, without a leading dot or any of {self.forbidden}"
 
 
-_ONE_PART = OneLine(
-    "a plain file name", '/\\:*?"<>|'
-)  # separators, and what Windows forbids besides
+_SEPARATORS = '/\\:*?"<>|'
+"""Of parts of paths, and what Windows forbids besides."""
+_ONE_PART = OneLine("a plain file name", _SEPARATORS)
 FileName = Annotated[str, _ONE_PART]
 """A name out of a file that becomes a part of a path."""
 Label = Annotated[str, OneLine("printable text", "|`")]
@@ -67,11 +67,12 @@ def distinct_names(paths: Sequence[Path]) -> list[str]:
         counts = Counter(map(str.casefold, names))  # some file systems know one case alone
         for index, path in enumerate(paths):
             if counts[names[index].casefold()] > 1:
-                folder, suffix = path.resolve().parent.name, path.suffix[1:]
-                names[index] = form.format(folder=folder, stem=path.stem, suffix=suffix)
+                folder = path.resolve().parent.name
+                names[index] = form.format(folder=folder, stem=path.stem, suffix=path.suffix[1:])
     first: dict[str, Path] = {}
     for name, path in zip(names, paths, strict=True):
-        if (other := first.setdefault(name.casefold(), path)) is not path:
+        other = first.setdefault(name.casefold(), path)
+        if other is not path:
             raise InputFileError(
                 path, f"would be written as {name!r}, and so would {other}; rename one"
             )
@@ -141,4 +142,5 @@ def shuffled(names: Sequence[str], seed: int | tuple[int, int]) -> list[str]:
 
 
 def _first_64_bits(text: str) -> int:
-    return int.from_bytes(hashlib.sha256(text.encode(errors="surrogatepass")).digest()[:8], "big")
+    digest = hashlib.sha256(text.encode(errors="surrogatepass")).digest()
+    return int.from_bytes(digest[:8], "big")

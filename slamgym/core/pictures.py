@@ -75,12 +75,7 @@ def decode_picture(
                 raise error(
                     where, "has numbers of 32 bits for pixels; save it with 8 bits per channel"
                 )
-            if (
-                image.tile
-                and image.tile[0][0] in ("raw", "ppm")
-                and reader == "Ppm"
-                and image.mode != "1"
-            ):
+            if reader == "Ppm" and _is_binary(image):
                 return _netpbm_pixels(image, encoded)
             image.load()
             pixels = _pixels(ImageOps.exif_transpose(image) if upright else image)
@@ -101,9 +96,15 @@ def grey_picture(pixels: Any) -> tuple[ByteArray, BoolArray]:
     transparent = np.zeros(pixels.shape[:2], np.bool_)
     if pixels.ndim == 3:
         if pixels.shape[2] in (2, 4):
-            transparent, pixels = pixels[:, :, -1] < 128, pixels[:, :, :-1]
+            transparent = pixels[:, :, -1] < 128
+            pixels = pixels[:, :, :-1]
         pixels = np.rint(pixels.mean(axis=2)).astype(np.uint8)
     return pixels, transparent
+
+
+def _is_binary(image: Any) -> bool:
+    """True for a PGM or PPM whose pixels are stored as bytes."""
+    return image.mode != "1" and bool(image.tile) and image.tile[0][0] in ("raw", "ppm")
 
 
 def _pixels(image: Any) -> Any:
@@ -120,16 +121,19 @@ def _netpbm_pixels(image: Any, encoded: bytes) -> Any:
         ValueError: If it has too few bytes, or more than pixels: they would be shifted.
     """
     codec, _, start, arguments = image.tile[0]
-    white = arguments[1] if codec == "ppm" else 65535 if image.mode == "I" else 255
-    kind, full = (np.dtype("u1"), 255) if white < 256 else (np.dtype(">u2"), 65535)
+    white = 65535 if image.mode == "I" else 255
+    if codec == "ppm":
+        white = arguments[1]
+    is_small = white < 256
+    full = 255 if is_small else 65535
     shape = (image.height, image.width, len(image.getbands()))
-    stored = np.frombuffer(encoded, kind, math.prod(shape), start)
+    stored = np.frombuffer(encoded, "u1" if is_small else ">u2", math.prod(shape), start)
     if encoded[start + stored.nbytes :].strip():
         raise ValueError("bytes after the last pixel")
-    pixels = stored.reshape(shape if shape[2] > 1 else shape[:2])
+    pixels: Any = stored.reshape(shape if shape[2] > 1 else shape[:2])
     if white != full:
         pixels = np.rint(np.minimum(pixels, white) * (full / white))
-    return pixels.astype(np.uint8 if full == 255 else np.uint16)
+    return pixels.astype(np.uint8 if is_small else np.uint16)
 
 
 def encode_png(image: ByteArray) -> bytes:

@@ -16,15 +16,18 @@ from slamgym.core.types import Float32Array, FloatArray
 
 _Values = TypeVar("_Values", Float32Array, FloatArray)
 
-_LOWEST, _HIGHEST = -745.2, 709.782712893384  # beyond them it is 0 and inf
+_LOWEST = -745.2
+"""Of what is less the exponential is 0 ..."""
+_HIGHEST = 709.782712893384
+"""... and of what is more it is infinite."""
 _PER_LN2 = 1.4426950408889634
-_LN2_HIGH, _LN2_LOW = (
-    0.6931471803691238,
-    1.9082149292705877e-10,
-)  # their sum is ln 2; k x the first is exact
-_SERIES = tuple(
-    1.0 / math.factorial(term) for term in range(13, -1, -1)
-)  # the next is 4e-18 at half of ln 2
+"""1 / ln 2."""
+_LN2_HIGH = 0.6931471803691238
+"""ln 2 in so few digits that its multiples are exact ..."""
+_LN2_LOW = 1.9082149292705877e-10
+"""... and the rest of it."""
+_SERIES = tuple(1.0 / math.factorial(term) for term in range(13, -1, -1))
+"""Coefficients of the series, the highest power first; the next term is 4e-18 at half of ln 2."""
 
 
 @kernel
@@ -35,11 +38,15 @@ def multiply(a: Any, b: Any, out: Any) -> None:
     for i in range(a.shape[0]):
         for k in range(0, grouped, 4):
             # Four terms for each access of out, still added one after the other.
-            p, q, r, s = a[i, k], a[i, k + 1], a[i, k + 2], a[i, k + 3]
+            p = a[i, k]
+            q = a[i, k + 1]
+            r = a[i, k + 2]
+            s = a[i, k + 3]
             for j in range(b.shape[1]):
-                out[i, j] = (
-                    ((out[i, j] + p * b[k, j]) + q * b[k + 1, j]) + r * b[k + 2, j]
-                ) + s * b[k + 3, j]
+                total = out[i, j] + p * b[k, j]
+                total = total + q * b[k + 1, j]
+                total = total + r * b[k + 2, j]
+                out[i, j] = total + s * b[k + 3, j]
         for k in range(grouped, inner):
             p = a[i, k]
             for j in range(b.shape[1]):

@@ -26,7 +26,9 @@ def duration(seconds: float) -> str:
     if seconds < 60.0:
         return f"{seconds:.0f} s"
     minutes = round(seconds / 60.0)
-    return f"{minutes} min" if minutes < 60 else f"{minutes // 60} h {minutes % 60:02d} min"
+    if minutes < 60:
+        return f"{minutes} min"
+    return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
 def counted(count: int, noun: str) -> str:
@@ -46,8 +48,10 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
     from rich.console import Console
 
     console = Console(stderr=True)
-    with (_bar if console.is_terminal else _lines)(console, label, done, total) as show:
-        now, began = done, time.monotonic()
+    display = _bar if console.is_terminal else _lines
+    with display(console, label, done, total) as show:
+        now = done
+        began = time.monotonic()
 
         def advance() -> None:
             nonlocal now

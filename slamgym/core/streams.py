@@ -21,8 +21,9 @@ from slamgym.core.files import open_regular, staged
 from slamgym.core.limits import EXPANSION, EXPANSION_FROM, FILE_BYTES, Limit
 
 _OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
+"""What opens a compressed file, by its first two bytes."""
 _CHUNK = 1 << 18
-
+"""Bytes of a compressed file that are expanded at once."""
 _DOWNLOADED = 1 << 16
 """Bytes of a download that are counted at once."""
 _TIMEOUT = 30.0
@@ -46,7 +47,9 @@ class _Expanded(io.RawIOBase):
     """
 
     def __init__(self, path: Path, raw: BinaryIO, content: Any) -> None:
-        self._path, self._raw, self._content = path, raw, content
+        self._path = path
+        self._raw = raw
+        self._content = content
         self._expanded = 0
 
     def readable(self) -> bool:
@@ -91,9 +94,10 @@ def open_expanded(path: Path) -> Iterator[io.BufferedReader]:
         InputFileError: If it can't be read or is no regular file; while it is read, if it expands beyond the limits.
     """
     with open_regular(path) as raw:
-        opener = _OPENERS.get(raw.read(2))
+        opener: Any = _OPENERS.get(raw.read(2))
         raw.seek(0)
-        yield io.BufferedReader(_Expanded(path, raw, opener(raw) if opener else raw), _CHUNK)  # type: ignore[operator]
+        content = opener(raw) if opener else raw
+        yield io.BufferedReader(_Expanded(path, raw, content), _CHUNK)
 
 
 class DownloadError(SlamgymError):
@@ -114,10 +118,11 @@ def download(url: str, path: Path, advance: Callable[[int, int], None] | None = 
         StorageError: If it can't be written.
     """
     with staged(path) as part, part.open("wb") as file:
-        file.writelines(_chunks(url, advance or (lambda done, total: None)))  # noqa: ARG005 - no callback
+        for chunk in _chunks(url, advance):
+            file.write(chunk)
 
 
-def _chunks(url: str, advance: Callable[[int, int], None]) -> Iterator[bytes]:
+def _chunks(url: str, advance: Callable[[int, int], None] | None) -> Iterator[bytes]:
     """The body piece by piece; an error if it is cut short."""
     if not url.lower().startswith(("http://", "https://")):
         raise DownloadError(f"{url!r} is no web address; give one that begins with https://")
@@ -128,11 +133,13 @@ def _chunks(url: str, advance: Callable[[int, int], None]) -> Iterator[bytes]:
         with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
             if answer.status != HTTPStatus.OK:  # a part that wasn't asked for, or nothing
                 raise DownloadError(f"{url} can't be fetched ({answer.status} {answer.reason})")
-            done, total = 0, answer.length or 0
+            done = 0
+            total = answer.length or 0
             while chunk := answer.read(_DOWNLOADED):
                 done += len(chunk)
                 FILE_BYTES.check(url, done)
-                advance(done, total)
+                if advance is not None:
+                    advance(done, total)
                 yield chunk
         if done < total:
             raise ConnectionError(f"after {done:,} of {total:,} bytes")

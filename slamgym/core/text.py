@@ -10,11 +10,9 @@ def printable(text: str) -> str:
     That is control characters, line ends, marks that turn the direction of writing, and bytes of a file's name
     that are no UTF-8 (halves of surrogate pairs): a name from outside neither steers a terminal nor looks like another.
     """
-    return (
-        text
-        if text.isprintable()
-        else "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
-    )
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
 def markup(text: str) -> str:
@@ -24,16 +22,20 @@ def markup(text: str) -> str:
 
 def markdown(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """A table in Markdown whose columns line up, the first flush left and the others right, ended by a line break."""
-    table = [[printable(cell).replace("|", r"\|") for cell in row] for row in (headings, *rows)]
+    table = [[_table_cell(text) for text in row] for row in (headings, *rows)]
     widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    head, *body = [_table_line(row, widths) for row in table]
+    rules = ["-" * (widths[0] + 2)]
+    rules += ["-" * (width + 1) + ":" for width in widths[1:]]
+    return head + "|" + "|".join(rules) + "|\n" + "".join(body)
 
-    def line(first: str, *others: str) -> str:
-        padded = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
-        return "| " + " | ".join([first.ljust(widths[0]), *padded]) + " |\n"
 
-    rule = (
-        "|"
-        + "|".join(["-" * (widths[0] + 2), *("-" * (width + 1) + ":" for width in widths[1:])])
-        + "|\n"
-    )
-    return line(*headings) + rule + "".join(line(*row) for row in table[1:])
+def _table_cell(text: str) -> str:
+    return printable(text).replace("|", r"\|")
+
+
+def _table_line(cells: Sequence[str], widths: Sequence[int]) -> str:
+    padded = [cells[0].ljust(widths[0])]
+    for cell, width in zip(cells[1:], widths[1:], strict=True):
+        padded.append(cell.rjust(width))
+    return "| " + " | ".join(padded) + " |\n"

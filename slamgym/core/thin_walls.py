@@ -20,11 +20,10 @@ def close_thin_walls(share: Float32Array, line: BoolArray) -> None:
         line: Floor along the rows, from the centre of the first cell to that of the last, :data:`SHARE_STEPS` places a
             cell: shape (rows, SHARE_STEPS * (cols - 1) + 1).
     """
-    left, right = share[:, :-1], share[:, 1:]
-    is_free = (
-        line[:, :-1].reshape(*left.shape, SHARE_STEPS).all(axis=2)
-        & line[:, SHARE_STEPS::SHARE_STEPS]
-    )
+    left = share[:, :-1]
+    right = share[:, 1:]
+    between = line[:, :-1].reshape(*left.shape, SHARE_STEPS)
+    is_free = between.all(axis=2) & line[:, SHARE_STEPS::SHARE_STEPS]
     separated = ~is_free & (left >= 0.5) & (right >= 0.5)
     left[separated & (left <= right)] = CLOSED_SHARE
     right[separated & (left > right)] = CLOSED_SHARE

@@ -121,32 +121,23 @@ class GridFrame(NamedTuple):
     def to_cell(self, x: Any, y: Any) -> tuple[Any, Any]:
         """Convert points [m] to (row, col), which may lie outside the grid."""
         if isinstance(x, float) and isinstance(y, float):  # most calls are for one point
-            across, up = (
-                (x - self.origin_x) / self.resolution,
-                (y - self.origin_y) / self.resolution,
-            )
+            across = (x - self.origin_x) / self.resolution
+            up = (y - self.origin_y) / self.resolution
             return self.height_px - 1 - math.floor(up), math.floor(across)
         col = np.floor((np.asarray(x) - self.origin_x) / self.resolution).astype(np.int64)
-        row = (
-            self.height_px
-            - 1
-            - np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
-        )
-        return row, col
+        above = np.floor((np.asarray(y) - self.origin_y) / self.resolution).astype(np.int64)
+        return self.height_px - 1 - above, col
 
     def to_point(self, row: Any, col: Any) -> tuple[Any, Any]:
         """Convert cells to the points (x, y) [m] of their centres."""
         if isinstance(row, (float, int)) and isinstance(col, (float, int)):
-            right, up = (
-                (col + 0.5) * self.resolution,
-                (self.height_px - row - 0.5) * self.resolution,
-            )
+            right = (col + 0.5) * self.resolution
+            up = (self.height_px - row - 0.5) * self.resolution
             return self.origin_x + right, self.origin_y + up
-        x = self.origin_x + (np.asarray(col, dtype=np.float64) + 0.5) * self.resolution
-        y = (
-            self.origin_y
-            + (self.height_px - np.asarray(row, dtype=np.float64) - 0.5) * self.resolution
-        )
+        cols = np.asarray(col, dtype=np.float64)
+        rows = np.asarray(row, dtype=np.float64)
+        x = self.origin_x + (cols + 0.5) * self.resolution
+        y = self.origin_y + (self.height_px - rows - 0.5) * self.resolution
         return x, y
 
     def to_points(self, row: Any, col: Any) -> FloatArray:
