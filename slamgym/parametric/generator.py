@@ -108,7 +108,8 @@ def _middle_of_sweeps(path: Trajectory, env: ExploreConfig) -> FloatArray:
     """Poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been."""
     last_step = np.diff(path.poses, axis=0, prepend=path.poses[:1])
     last_step[:, 2] = wrap_angle(last_step[:, 2])
-    return path.poses - 0.5 * env.lidar.sweep / env.control_step * last_step
+    half_sweep = 0.5 * env.lidar.sweep / env.control_step  # in steps
+    return path.poses - half_sweep * last_step
 
 
 def _map(

@@ -29,9 +29,12 @@ if TYPE_CHECKING:
     from slamgym.cad.floorplan import FloorPlan
 
 _ROBOT = RobotConfig()
-_SAMPLE_INTERVAL = 0.05  # [s] of the fine trajectory that scans are picked from
-_CLEARANCE = 0.25  # [m] that the path keeps from walls: the radius of the robot and 3 cm
-_STOP_SPACING = 5.0  # [m] between stops in a plan without rooms; the LIDAR sees what lies between
+_SAMPLE_INTERVAL = 0.05
+"""Time between two poses of the fine trajectory that scans are picked from [s]."""
+_CLEARANCE = 0.25
+"""Distance that a planned path keeps from walls [m]: the radius of the robot and 3 cm."""
+_STOP_SPACING = 5.0
+"""Distance between stops in a plan without rooms [m]; the LIDAR sees what lies between."""
 
 
 @dataclass(frozen=True)

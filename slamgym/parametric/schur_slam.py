@@ -15,8 +15,10 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.parametric.ekf_slam import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
 
-_ITERATIONS = 2  # Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg
-_MAX_SCANS = 4000  # beyond this the factors of a long winding path fill gigabytes
+_ITERATIONS = 2
+"""Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg."""
+_MAX_SCANS = 4000
+"""Beyond this the factors of a long winding path fill gigabytes."""
 
 
 def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
