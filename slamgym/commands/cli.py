@@ -38,7 +38,7 @@ class Command:
 
     target: str
     """``module:function`` below ``slamgym.commands``. It takes ``arguments``, of the class that it declares, and if it
-    declares ``typed``, the whole command line; it returns an exit code, or None for 0."""
+    declares ``typed``, the whole command line, or ``ros``, ROS's own words; it returns an exit code, or None for 0."""
     help: str
     """One line for the help."""
     extra: Extra | None = None
@@ -55,18 +55,25 @@ class Command:
         module, function = self.target.split(":")
         command = getattr(importlib.import_module(f"slamgym.commands.{module}"), function)
         hints = typing.get_type_hints(command)
-        is_quiet, argv = QUIET in argv, [word for word in argv if word != QUIET]
-        given: dict[str, typing.Any] = (
-            {"typed": shlex.join([*name.split(), *argv])} if "typed" in hints else {}
-        )
-        if "ros" in hints:  # what follows is ROS's own
-            end = argv.index("--ros-args") if "--ros-args" in argv else len(argv)
-            argv, given["ros"] = argv[:end], tuple(argv[end:])
+        is_quiet = QUIET in argv
+        words = [word for word in argv if word != QUIET]
+        typed = shlex.join([*name.split(), *words])
+        ros: tuple[str, ...] = ()
+        if "ros" in hints and "--ros-args" in words:  # what follows is ROS's own
+            end = words.index("--ros-args")
+            ros = tuple(words[end:])
+            words = words[:end]
         arguments = tyro.cli(
-            hints["arguments"], args=argv, prog=name, config=(tyro.conf.FlagCreatePairsOff,)
+            hints["arguments"], args=words, prog=name, config=(tyro.conf.FlagCreatePairsOff,)
         )
         with contextlib.redirect_stderr(io.StringIO()) if is_quiet else contextlib.nullcontext():
-            return int(command(arguments, **given) or 0)
+            if "typed" in hints:
+                status = command(arguments, typed)
+            elif "ros" in hints:
+                status = command(arguments, ros)
+            else:
+                status = command(arguments)
+            return int(status or 0)
 
 
 @dataclass(frozen=True)
@@ -281,13 +288,21 @@ def _run(arguments: list[str]) -> int:
 
 def _open_streams() -> None:
     """Open those of the standard streams that are closed, lest a file take their place, and let none refuse a text."""
-    for name, mode in (("stdin", "r"), ("stdout", "w"), ("stderr", "w")):
-        if getattr(sys, name) is None:
-            descriptor = os.open(os.devnull, os.O_RDWR)  # the lowest free number
-            os.set_inheritable(descriptor, True)
-            setattr(sys, name, os.fdopen(descriptor, mode, encoding="utf-8"))
+    if sys.stdin is None:
+        sys.stdin = _nowhere("r")
+    if sys.stdout is None:
+        sys.stdout = _nowhere("w")
+    if sys.stderr is None:
+        sys.stderr = _nowhere("w")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # as the standard error does
+
+
+def _nowhere(mode: typing.Literal["r", "w"]) -> typing.TextIO:
+    """A stream of the lowest free number, which child processes inherit as they do the standard streams."""
+    descriptor = os.open(os.devnull, os.O_RDWR)
+    os.set_inheritable(descriptor, True)
+    return os.fdopen(descriptor, mode, encoding="utf-8")
 
 
 def _abandon_streams() -> None:

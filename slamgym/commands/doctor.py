@@ -118,7 +118,8 @@ def installed() -> Iterator[Finding]:
         fix = f"pip install {Path(__file__).parents[2]}"
         yield Finding("packages", "broken", "slamgym is not installed, only on the path", fix)
         return
-    extras, groups = ["", *(named - _FOR_DEVELOPERS)], dict[str, list[str]]()
+    extras = ["", *(named - _FOR_DEVELOPERS)]
+    groups: dict[str, list[str]] = {}
     for one in requirements:
         askers = [
             name for name in extras if one.marker is None or one.marker.evaluate({"extra": name})
@@ -156,7 +157,8 @@ def _try(what: str, check: Callable[[], str], fix: str, otherwise: PartState = "
 def _pretrained() -> str:
     from slamgym.core.provenance import current_checksums, read_checksums
 
-    expected, found = read_checksums(), current_checksums()
+    expected = read_checksums()
+    found = current_checksums()
     wrong = sorted(name for name in expected if found.get(name) != expected[name])
     if wrong:
         raise SlamgymError(f"{len(wrong)} files are missing or changed, such as {wrong[0]}")

@@ -46,7 +46,8 @@ def facts_of(log: Log) -> Iterator[tuple[str, str]]:
     ranges = np.concatenate(
         [record.scan.ranges for record in log.records[:: max(1, len(log) // 500)]]
     )
-    measured, invalid = np.isfinite(ranges).mean(), np.isnan(ranges).mean()
+    measured = np.isfinite(ranges).mean()
+    invalid = np.isnan(ranges).mean()
     missing = f"{1.0 - measured - invalid:.1%} without return, {invalid:.1%} invalid"
     yield "readings", f"{measured:.1%} measured, {missing}"
     if not log.has_odometry:

@@ -55,9 +55,14 @@ def read_log(path: Path, reading: LogReading) -> Log:
     from slamgym.interop.logs import open_log
     from slamgym.interop.rosbag import BagChoices
 
-    late = 0.0 if isinstance(reading.time_offset, str) else reading.time_offset
-    topics = reading.scan_topic, reading.odometry_topic, reading.odometry_frame
-    log = open_log(path, BagChoices(*topics, reading.range_max, late))
+    choices = BagChoices(
+        scan_topic=reading.scan_topic,
+        odometry_topic=reading.odometry_topic,
+        odometry_frame=reading.odometry_frame,
+        range_max=reading.range_max,
+        time_offset=0.0 if isinstance(reading.time_offset, str) else reading.time_offset,
+    )
+    log = open_log(path, choices)
     for sentence in log.warnings.sentences():
         say(f"slamgym: warning: {sentence}")
     return log

@@ -32,7 +32,10 @@ def sim_command(arguments: Ros2SimArguments, ros: RosArguments) -> None:
     from slamgym.ros2.simulator import SimNode
 
     config = arguments.settings.configured(ExploreConfig(), {})
-    _prepare("drive", *(() if config.clutter.is_empty else ("furnish",)))
+    if config.clutter.is_empty:
+        _prepare("drive")
+    else:
+        _prepare("drive", "furnish")
     run_node(lambda: SimNode(arguments, config), ros)
 
 

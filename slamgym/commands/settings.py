@@ -45,7 +45,8 @@ class SettingsOptions(Arguments):
             InputFileError: If the file can't be used.
         """
         config = default if self.config is None else settings_from_file(self.config, default)
-        values, names = to_dict(config), setting_names(config)
+        values = to_dict(config)
+        names = setting_names(config)
         for setting in (one for given in self.set for one in given):
             name, equals, text = setting.partition("=")
             if not equals:
@@ -64,11 +65,6 @@ class SettingsOptions(Arguments):
 
 AllSettings = Annotated[SettingsOptions, tyro.conf.arg(name="")]
 """For the field ``settings`` of a command's arguments."""
-
-
-def given(arguments: Arguments, names: str) -> dict[str, Any]:
-    """Options that are called like their settings, as :meth:`SettingsOptions.configured` takes them."""
-    return {name: getattr(arguments, name) for name in names.split()}
 
 
 def settings_from_file(path: Path, default: _T) -> _T:
@@ -90,8 +86,11 @@ def settings_from_file(path: Path, default: _T) -> _T:
         config = from_dict(type(default), _merged(default, known, given))
     except ConfigError as error:
         version = content.get("version", __version__)
-        older = f" (slamgym {shown(version)} wrote it, this is {__version__})"
-        raise InputFileError(path, f"{error}{older if version != __version__ else ''}") from None
+        if version == __version__:
+            raise InputFileError(path, str(error)) from None
+        raise InputFileError(
+            path, f"{error} (slamgym {shown(version)} wrote it, this is {__version__})"
+        ) from None
     for name, value in _strings(to_dict(config)):
         if name.startswith("explorer") and is_own_explorer(value):
             raise InputFileError(path, f"{shown(value)} is code of your own; name it by an option")

@@ -16,7 +16,7 @@ import tyro
 
 from slamgym.commands.frame import Out, begin_results, end_results, require_folder
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
-from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Count, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, show_progress
@@ -63,13 +63,12 @@ class SlamArguments(LogReading, LogAndOut):
     """The mapper: resolution, max_usable_range, linear_update, sigma and all else."""
 
 
-MAX_FRAMES, MAX_PATHS = 600, 30
-FRAMES_PER_SECOND = 20.0
-"""Limits and frame rate of the film; paths are those of particles that a picture shows."""
-_NOT_FOR_LOGS = {
-    "ground_truth": "is for simulation; a log holds no true poses (try dead_reckoning)",
-    "map": "makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one",
-}
+MAX_FRAMES = 600
+"""Pictures of a film at most."""
+MAX_PATHS = 30
+"""Paths of particles that a picture shows at most."""
+_FRAMES_PER_SECOND = 20.0
+"""Frame rate of a film."""
 
 
 def main(arguments: SlamArguments) -> None:
@@ -118,9 +117,16 @@ def _config(arguments: SlamArguments, log: Log, older: OccupancyGrid | None) -> 
     suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     if older is not None:
         suited = replace(suited, resolution=older.frame.resolution)
-    config = arguments.settings.configured(suited, given(arguments, "mode particles"))
-    if config.mode in _NOT_FOR_LOGS:
-        raise ConfigError(f"--mode {config.mode} {_NOT_FOR_LOGS[config.mode]}")
+    options = {"mode": arguments.mode, "particles": arguments.particles}
+    config = arguments.settings.configured(suited, options)
+    if config.mode == "ground_truth":
+        raise ConfigError(
+            "--mode ground_truth is for simulation; a log holds no true poses (try dead_reckoning)"
+        )
+    if config.mode == "map":
+        raise ConfigError(
+            "--mode map makes no map; use slamgym localize MAP LOG, or --continue MAP to go on with one"
+        )
     return config
 
 
@@ -136,7 +142,7 @@ def _replay(
     with ExitStack() as stack:
         screens: list[ShowPicture] = []
         if arguments.video is not None:
-            screens.append(stack.enter_context(open_film(arguments.video, FRAMES_PER_SECOND)))
+            screens.append(stack.enter_context(open_film(arguments.video, _FRAMES_PER_SECOND)))
         if arguments.watch:
             window = stack.enter_context(closing(Window(f"slamgym slam {arguments.log.name}")))
             screens.append(window.show)
@@ -179,7 +185,9 @@ def _viewer(screens: list[ShowPicture], total: int) -> Callable[[int, Mapper], N
 
 def _facts(log: Log, result: ReplayResult) -> dict[str, Any]:
     """Scans, costs, and how sure the mapper is."""
-    stats, frame, start = result.stats, result.grid.frame, log.records[0].stamp
+    stats = result.stats
+    frame = result.grid.frame
+    start = log.records[0].stamp
     way = np.hypot(*np.diff(result.trajectory.poses[:, :2], axis=0).T)
     return {
         "scans": len(log),
@@ -221,7 +229,13 @@ def _errors_of_relations(
     for name in _RELATIONS:
         path = result.trajectory if name == "relations_at_scans" else result.moments
         try:
-            error = relation_error(path, *relations, revisits=name == "relations_of_revisits")
+            error = relation_error(
+                path,
+                relations.start_stamps,
+                relations.end_stamps,
+                relations.relative,
+                revisits=name == "relations_of_revisits",
+            )
         except ValueError as problem:
             if name == "relations":
                 raise ConfigError(f"--relations: {problem}") from problem
@@ -261,7 +275,8 @@ def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_map
 
-    folder, path = arguments.out, result.trajectory
+    folder = arguments.out
+    path = result.trajectory
     begin_results(folder)
     write_ros_map(folder, result.grid)
     write_tum(folder / "trajectory.tum", path)
@@ -295,14 +310,16 @@ def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
     if "loop_closures" in summary:
         yield f"  loop closures: {summary['loop_closures']}"
     for name, moments in _RELATIONS.items():
-        if r := summary.get(name):
+        r = summary.get(name)
+        if r:
             yield (
                 f"  relations, {moments}: "
                 f"{r['translation_mean_m']:.4f} +- {r['translation_deviation_m']:.4f} m, "
                 f"{r['rotation_mean_deg']:.2f} +- {r['rotation_deviation_deg']:.2f} deg "
                 f"(mean +- deviation of {r['count']} of {r['count'] + r['missing']})"
             )
-    if t := summary.get("truth"):
+    t = summary.get("truth")
+    if t:
         yield (
             f"  against the truth: ATE {t['ate_rmse_m']:.3f} m after alignment, "
             f"{t['ate_unaligned_rmse_m']:.3f} m without"

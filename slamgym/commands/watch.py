@@ -135,13 +135,15 @@ class _Watcher:
         if len(seen) != len(self._latest) or any(
             a is not b for a, b in zip(seen, self._latest, strict=True)
         ):
-            self._latest, self._deliberation = seen, self._deliberate(loop)
+            self._deliberation = self._deliberate(loop)
+            self._latest = seen
         return self._deliberation
 
     def _deliberate(self, loop: ExplorationLoop | None) -> Deliberation:
         from slamgym.viz.recording import Deliberation
 
-        env, placed = self._env, self._env.simulation.world_from_map
+        env = self._env
+        placed = env.simulation.world_from_map
         paths = env.mapper.particle_paths(env.config.slam.particles)
         poses = np.array([path[-1] for path in paths if len(path)] or [env.mapper.pose])
         particles = transform_poses(placed, poses)

@@ -222,7 +222,8 @@ def test_the_drawing_of_another_map_stays(draw, tmp_path):
 
 
 def test_a_folder_gets_an_index(tmp_path, capsys):
-    maps, out = tmp_path / "maps", tmp_path / "out"
+    maps = tmp_path / "maps"
+    out = tmp_path / "out"
     maps.mkdir()
     grid, _, _ = painted(FLAT)
     write_ros_map(maps / "flat", grid)

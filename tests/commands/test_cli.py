@@ -222,7 +222,8 @@ STREAMS = {
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 @pytest.mark.parametrize("words", STREAMS)
 def test_an_output_that_is_closed_or_full_costs_no_traceback(words):
-    program, code = shlex.join([sys.executable, "-m", "slamgym"]), "exit ${PIPESTATUS[0]}"
+    program = shlex.join([sys.executable, "-m", "slamgym"])
+    code = "exit ${PIPESTATUS[0]}"
     done = subprocess.run(
         ["bash", "-c", f"{program} {words}; {code}"],
         capture_output=True,

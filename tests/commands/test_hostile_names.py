@@ -155,10 +155,8 @@ def test_links_in_a_folder_of_images_are_not_written_through(place, capsys, name
 
 def test_a_merge_takes_no_links_and_no_false_records(explored, place, capsys):
     words = ["dataset", "merge", "{parts}"]
-    merged, shard = (
-        place / "dataset" / "parts",
-        place / "dataset" / "parts" / "shard-00000-of-00002",
-    )
+    merged = place / "dataset" / "parts"
+    shard = place / "dataset" / "parts" / "shard-00000-of-00002"
 
     def fresh():
         shutil.rmtree(merged, ignore_errors=True)
@@ -215,7 +213,8 @@ def hostile_plans(request, place):
                 member.size = len(content)
                 archive.addfile(member, io.BytesIO(content))
             link = tarfile.TarInfo("link.json")
-            link.type, link.linkname = tarfile.SYMTYPE, str(place / "outside" / "log")
+            link.type = tarfile.SYMTYPE
+            link.linkname = str(place / "outside" / "log")
             archive.addfile(link)
         return path
     path = place / "dataset" / "plans.jsonl"

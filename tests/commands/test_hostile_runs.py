@@ -33,7 +33,8 @@ def picture(seed):
 @pytest.fixture
 def given(place, request):
     """What the commands read: plans and images with names that lead elsewhere, a log, weights."""
-    dataset, images = place / "dataset", place / "dataset" / "images"
+    dataset = place / "dataset"
+    images = place / "dataset" / "images"
     write_houseexpo(dataset / "plans" / "...json", FloorPlan("..", box(0, 0, 4.0, 1.6)))
     for index in range(4):
         for side in "AB":

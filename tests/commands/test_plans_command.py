@@ -74,7 +74,8 @@ def test_write_keeps_generated_plans_readable(tmp_path, capsys):
     out = tmp_path / "out"
     assert main(["write", "procedural:9", "--count", "3", "--out", str(out)]) == 0
     assert "3 plans written" in capsys.readouterr().out
-    written, source = open_plans(out), open_plans("procedural:9")
+    written = open_plans(out)
+    source = open_plans("procedural:9")
     assert list(written.ids) == list(source.ids[:3])
     for plan_id in written.ids:
         assert written.load(plan_id).free_space.equals(source.load(plan_id).free_space)

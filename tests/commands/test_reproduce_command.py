@@ -9,7 +9,13 @@ from help_pages import help_pages, options_of
 
 from slamgym.commands import cli
 from slamgym.commands.reproduce import steps
-from slamgym.commands.reproduce.claims import ClaimVerdict, judge, judge_claims, table_one_beside
+from slamgym.commands.reproduce.claims import (
+    ClaimVerdict,
+    judge,
+    judge_claims,
+    judge_error,
+    table_one_beside,
+)
 from slamgym.commands.reproduce.steps import REDRAWN, REPRODUCTION_SCALES, STEPS, Reproduction
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.intervals import Interval
@@ -70,7 +76,8 @@ def run(tmp_path):
 @pytest.fixture
 def commands(monkeypatch):
     """Commands are noted, not run; the one named by ``broken`` fails."""
-    lines, broken = [], [""]
+    lines = []
+    broken = [""]
     monkeypatch.setattr("slamgym.dataset.images.format.read_images", lambda *_: [])
 
     def note(step, line):
@@ -160,10 +167,11 @@ def test_the_commands_know_their_options(commands, tmp_path):
     ],
 )
 def test_each_verdict_says_where_an_interval_lies(low, high, verdict):
-    assert (
-        judge(Interval(0.5 * (low + high), low, high), Interval(0.7, 0.65, 0.8), bound=0.5)
-        == verdict
-    )
+    middle = 0.5 * (low + high)
+    paper = Interval(0.7, 0.65, 0.8)
+    assert judge(Interval(middle, low, high), paper, bound=0.5) == verdict
+    mirrored = Interval(-middle, -high, -low)
+    assert judge_error(mirrored, Interval(-0.7, -0.8, -0.65), bound=-0.5) == verdict
     assert verdict in get_args(ClaimVerdict)
 
 

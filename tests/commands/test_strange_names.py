@@ -51,7 +51,8 @@ def make_files(folder, name):
 @pytest.mark.skipif(sys.platform != "linux", reason="other systems forbid such names")
 @pytest.mark.parametrize("name", NAMES.values(), ids=NAMES)
 def test_strange_names_cost_no_traceback_and_are_shown_in_one_line(tmp_path, capsysbinary, name):
-    folder, out = tmp_path / name, tmp_path / f"out {name}"
+    folder = tmp_path / name
+    out = tmp_path / f"out {name}"
     make_files(folder, name)
     places = {
         "folder": folder,

@@ -102,7 +102,8 @@ def run_kernel(folder: Path, **environment: str) -> subprocess.CompletedProcess[
 
 
 def test_kernels_are_kept_in_a_temporary_folder_where_nothing_else_is_writable(tmp_path):
-    package, temporary = tmp_path / "package", tmp_path / "tmp"
+    package = tmp_path / "package"
+    temporary = tmp_path / "tmp"
     package.mkdir()
     temporary.mkdir()
     # Files in the place of folders: not even root can write below them.

@@ -10,7 +10,7 @@ import tyro
 
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.frame import Out, is_installed
-from slamgym.commands.settings import CLEARED, AllSettings, SettingsOptions, given
+from slamgym.commands.settings import CLEARED, AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive
 from slamgym.core.errors import ConfigError
 from slamgym.core.names import Label
@@ -102,13 +102,18 @@ def evaluation_config(arguments: EvaluateArguments) -> EvaluationConfig:
     from slamgym.agents.registry import EXPLORERS
     from slamgym.planning.promise import Promise
 
-    options = given(arguments, "count split plans_filter seed minutes")
-    named = (arguments.explorers or "").split(",")
-    options["explorers"] = tuple(name.strip() for name in named if name.strip()) or None
-    options["oracle"] = arguments.oracle or None
-    if arguments.split == "all":
-        options["split"] = CLEARED
-    if (promise := arguments.promise) is not None:
+    names = [name.strip() for name in (arguments.explorers or "").split(",")]
+    options = {
+        "count": arguments.count,
+        "split": CLEARED if arguments.split == "all" else arguments.split,
+        "plans_filter": arguments.plans_filter,
+        "seed": arguments.seed,
+        "minutes": arguments.minutes,
+        "explorers": tuple(name for name in names if name) or None,
+        "oracle": arguments.oracle or None,
+    }
+    promise = arguments.promise
+    if promise is not None:
         options["trial.promise"] = CLEARED if promise == "none" else Promise.parse(promise)
     config = arguments.settings.configured(EvaluationConfig(tuple(EXPLORERS)), options)
     _reference(arguments.against, config)

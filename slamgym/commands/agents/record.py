@@ -69,10 +69,10 @@ def main(arguments: RecordArguments) -> None:
         gym.make(ENVIRONMENT, plans=arguments.plans, localization=where)
     ) as env:
         rng = np.random.default_rng(arguments.seed)
-        episodes = []
+        recorded = []
         with show_progress("episodes", 0, arguments.episodes) as advance:
             for number in range(arguments.episodes):
-                episodes.append(_record_episode(env, arguments, rng, number))
+                recorded.append(_record_episode(env, arguments, rng, number))
                 advance()
         try:
             with warnings.catch_warnings():
@@ -82,7 +82,7 @@ def main(arguments: RecordArguments) -> None:
                 # Not by Minari's DataCollector, which would need jax.
                 dataset = minari.create_dataset_from_buffers(
                     dataset_id=arguments.minari,
-                    buffer=episodes,
+                    buffer=recorded,
                     env=env,
                     algorithm_name=f"next_best_view, {100 * arguments.random_share:g} % at random",
                     description=f"{counted(arguments.episodes, 'exploration')} of {arguments.plans}",
@@ -91,11 +91,9 @@ def main(arguments: RecordArguments) -> None:
         except ValueError as error:
             reason = " ".join(str(error).split())
             raise ConfigError(f"--minari {arguments.minari}: {reason}; choose another id") from None
-    episodes_of, steps = (
-        counted(dataset.total_episodes, "episode"),
-        counted(dataset.total_steps, "step"),
-    )
-    tell(f"{arguments.minari}: {episodes_of}, {steps}")
+    episodes = counted(dataset.total_episodes, "episode")
+    steps = counted(dataset.total_steps, "step")
+    tell(f"{arguments.minari}: {episodes}, {steps}")
 
 
 def _record_episode(

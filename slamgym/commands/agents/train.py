@@ -2,21 +2,18 @@
 
 import dataclasses
 import sys
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from slamgym.agents.rl.reward_presets import ShapingConfig
 from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
 from slamgym.commands.frame import LEARNING, Out, require
-from slamgym.commands.settings import AllSettings, SettingsOptions, given
+from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 
 if TYPE_CHECKING:
     from slamgym.agents.rl.shaping import Experiment
-
-RUN = "plans plan_count steps num_envs seed"
-"""Settings of a training that are options."""
 
 
 class TrainArguments(Arguments):
@@ -46,7 +43,8 @@ def frontiers(arguments: TrainArguments) -> None:
     """Train a policy that chooses among frontiers."""
     from slamgym.agents.rl.train import train
 
-    train(arguments.settings.configured(TrainConfig(), given(arguments, RUN)), arguments.out)
+    config = arguments.settings.configured(TrainConfig(), _options(arguments))
+    train(config, arguments.out)
     say(f"policy: {arguments.out / POLICY}")
 
 
@@ -54,10 +52,20 @@ def wheels(arguments: TrainArguments) -> None:
     """Train a policy that drives the wheels, on a batch of environments."""
     from slamgym.agents.rl.wheels import train_wheels
 
-    train_wheels(
-        arguments.settings.configured(WheelsConfig(), given(arguments, RUN)), arguments.out
-    )
+    config = arguments.settings.configured(WheelsConfig(), _options(arguments))
+    train_wheels(config, arguments.out)
     say(f"policy: {arguments.out / POLICY}")
+
+
+def _options(arguments: TrainArguments) -> dict[str, Any]:
+    """Options of a training, by the names of their settings."""
+    return {
+        "plans": arguments.plans,
+        "plan_count": arguments.plan_count,
+        "steps": arguments.steps,
+        "num_envs": arguments.num_envs,
+        "seed": arguments.seed,
+    }
 
 
 class ShapeArguments(Arguments):
@@ -104,14 +112,18 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.shaping import Experiment, own_term
     from slamgym.agents.rl.wheels import train_wheels
 
-    options = given(arguments, "presets seeds test_plans")
-    config, term = arguments.settings.configured(ShapingConfig(), options), None
+    options = {
+        "presets": arguments.presets,
+        "seeds": arguments.seeds,
+        "test_plans": arguments.test_plans,
+    }
+    config = arguments.settings.configured(ShapingConfig(), options)
+    term = None
     if arguments.term:
         term = own_term(arguments.term, arguments.term_weight)
         if OWN not in config.presets:
-            config = dataclasses.replace(
-                config, presets=(OWN, *config.presets)
-            )  # if it fails, then at once
+            # First: if it fails, then at once.
+            config = dataclasses.replace(config, presets=(OWN, *config.presets))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
     return Experiment(config, train_wheels, term)

@@ -32,8 +32,10 @@ if TYPE_CHECKING:
     from slamgym.drawing import Drawing, FloorModel
 
 BUILDING_MODELS = Extra("ifc", ("ifcopenshell",))
-VALETUDO_KEY, VALETUDO_WITHIN = b'"pixelSize"', 1 << 16
-"""Key that identifies a Valetudo map, and the number of first bytes in which it is found."""
+VALETUDO_KEY = b'"pixelSize"'
+"""Key that identifies a Valetudo map."""
+VALETUDO_WITHIN = 1 << 16
+"""Number of first bytes of a Valetudo map in which its key is found."""
 
 
 class CadArguments(Arguments):
@@ -76,10 +78,12 @@ def main(arguments: CadArguments, typed: str) -> int:
     require_folder(arguments.out)
     for path in arguments.maps:
         require_input(path, "a map's yaml, a picture of a map or a folder")
-    what = "maps of Valetudo and no pictures of maps"
     maps: list[Path] = []
     for path in arguments.maps:
-        maps += maps_in(path, _may_be_map, what) if path.is_dir() else [path]
+        if path.is_dir():
+            maps += maps_in(path, _may_be_map, "maps of Valetudo and no pictures of maps")
+        else:
+            maps.append(path)
     if not maps:
         raise ConfigError("no map is named; give a map's yaml, a picture of a map or a folder")
     if arguments.corrections and (len(maps) > 1 or arguments.maps[0].is_dir()):
@@ -107,8 +111,10 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
     """Draw what can be drawn, and an index of the reports; returns the exit code."""
     from slamgym.drawing.formats.html import INDEX, checks, format_index
 
-    arguments, with_index = job.arguments, "html" in job.formats
-    reports, failures = [], []
+    arguments = job.arguments
+    with_index = "html" in job.formats
+    reports = []
+    failures = []
     for name, path in maps.items():
         try:
             if with_index and name == INDEX.stem:
@@ -157,13 +163,16 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     robot_map = read_map(path, arguments.resolution)
     stem = arguments.out / name
     _spare_files(path, stem, [*job.formats, "pgm"] if "yaml" in job.formats else job.formats)
+    corrections = None
+    if arguments.corrections is not None:
+        corrections = read_corrections(arguments.corrections)
     drawing = make_drawing(
         robot_map.grid,
         name,
         job.model,
         angle_deg=arguments.angle,
         provenance={"source": str(path), "model": arguments.model, "command": job.command},
-        corrections=read_corrections(file) if (file := arguments.corrections) else None,
+        corrections=corrections,
     )
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)

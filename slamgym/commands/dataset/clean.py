@@ -54,7 +54,8 @@ def main(arguments: CleanArguments) -> None:
     from slamgym.dataset.curate.map_items import open_items
     from slamgym.dataset.format import Layout, is_dataset
 
-    config, root = arguments.settings.configured(CleanConfig(), {}), arguments.dataset
+    root = arguments.dataset
+    config = arguments.settings.configured(CleanConfig(), {})
     # Folders of maps from elsewhere have no lock.
     with exclusive_lock(Layout(root).lock) if is_dataset(root) else contextlib.nullcontext():
         items = open_items(root)
@@ -77,10 +78,12 @@ def _decisions(arguments: CleanArguments, items: Sequence[MapItem]) -> dict[str,
         stored_decisions,
     )
 
-    root, digests = arguments.dataset, {item.name: item.digest for item in items}
-    own, stored = str(root / DECISIONS_FILE), stored_decisions(root)
+    root = arguments.dataset
+    digests = {item.name: item.digest for item in items}
+    stored = stored_decisions(root)
     applied = {str(path): read_decisions(path) for path in arguments.apply}
-    for where, decisions in {own: list(stored.values()), **applied}.items():
+    check_decisions(list(stored.values()), digests, str(root / DECISIONS_FILE))
+    for where, decisions in applied.items():
         check_decisions(decisions, digests, where)
     if not applied:
         return stored
@@ -102,7 +105,8 @@ def _print(root: Path, report: CleanReport) -> None:
         lines.append(
             f"  {count:5d} " + (reason if reason.startswith("dropped") else f"dropped: {reason}")
         )
-    if score := report.agreement:
+    score = report.agreement
+    if score:
         lines.append(
             f"  the classifier agrees with the truth on {100.0 * score.accuracy:.1f} % of "
             f"{counted(score.count, 'map')}; {100.0 * score.band_share:.1f} % are doubtful to it"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -17,6 +17,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.progress import tell
 
 if TYPE_CHECKING:
+    from slamgym.dataset.record import PairRecord
     from slamgym.dataset.statistics import DatasetStatistics, GroupStatistics
 
 STATISTICS_COLUMNS = (
@@ -26,6 +27,18 @@ STATISTICS_COLUMNS = (
 _COLUMNS = 2
 """Pairs in a row of a sheet."""
 Order = Literal["index", "ate", "map_error", "coverage", "robot_seconds", "area", "collisions"]
+_SORT_KEYS: dict[Order, Callable[[PairRecord], str | float]] = {
+    "index": lambda record: record.name,
+    "ate": lambda record: record.ate,
+    "map_error": lambda record: record.map_error,
+    "coverage": lambda record: record.coverage,
+    "robot_seconds": lambda record: record.robot_seconds,
+    "area": lambda record: record.area,
+    "collisions": lambda record: record.collisions,
+}
+"""By what the pairs are ordered."""
+NOT_OF_IMAGES = ("robot_seconds", "area", "collisions")
+"""Orders that the records of rendered images know nothing of."""
 LOWEST_FIRST = ("index", "coverage")
 """Listed from the lowest value up; of all others the highest values come first."""
 
@@ -155,6 +168,8 @@ def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:
     Raises:
         ConfigError: If there is none, or a name, an index or an order is unknown.
     """
+    from slamgym.dataset.check import is_image_folder
+
     if not records:
         raise ConfigError(f"{arguments.folder}: holds no pairs yet")
     chosen = list(records)
@@ -162,12 +177,11 @@ def choose(records: Sequence[Any], arguments: ShowArguments) -> list[Any]:
         chosen = [record for name in arguments.names for record in _named(records, name)]
     order = arguments.sort
     if order is not None:
-        if not hasattr(records[0], order) and order != "index":
+        if is_image_folder(arguments.folder) and order in NOT_OF_IMAGES:
             raise ConfigError(
                 f"rendered images don't know {order!r}; order the dataset by it instead"
             )
-        field = "name" if order == "index" else order
-        chosen.sort(key=lambda record: getattr(record, field), reverse=order not in LOWEST_FIRST)
+        chosen.sort(key=_SORT_KEYS[order], reverse=order not in LOWEST_FIRST)
     elif not arguments.names:
         places = np.linspace(0, len(chosen) - 1, min(arguments.limit, len(chosen)))
         chosen = [chosen[place] for place in np.unique(places.astype(int))]

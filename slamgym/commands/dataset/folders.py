@@ -107,7 +107,8 @@ def split(arguments: SplitArguments) -> None:
         seed=arguments.seed,
         forced=read_ids(arguments.test_plans) if arguments.test_plans is not None else [],
     )
-    train, test = len(table.of_side("train")), len(table.of_side("test"))
+    train = len(table.of_side("train"))
+    test = len(table.of_side("test"))
     alike = len(table.plans) - table.groups
     tell(
         f"{split_path(arguments.dataset)}: {counted(train, 'plan')} for training, {test} for testing "

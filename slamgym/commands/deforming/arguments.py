@@ -13,18 +13,18 @@ from slamgym.dataset.format import is_dataset
 from slamgym.parametric.config import ConversionMethod
 
 Method = Literal["parametric", "generator", "modelprog", "elastic"]
-_OF_METHODS: dict[str, tuple[str, ...]] = {
-    "conversion": ("parametric",),
-    "size": ("parametric",),
-    "severity": ("parametric",),
-    "recipe": ("generator",),
-    "trajectory": ("parametric", "generator"),
-    "prm_kind": ("parametric", "generator"),
-    "weights": ("modelprog",),
+_OF_METHODS: dict[str, tuple[Method, ...]] = {
+    "--conversion": ("parametric",),
+    "--size": ("parametric",),
+    "--severity": ("parametric",),
+    "--recipe": ("generator",),
+    "--trajectory": ("parametric", "generator"),
+    "--prm-kind": ("parametric", "generator"),
+    "--weights": ("modelprog",),
 }
 """Options that not every method takes."""
 _NOT_OF_DATASETS = (
-    "plans", "plans_filter", "plan_id", "trajectory", "prm_kind", "recipe", "size",
+    "--plans", "--plans-filter", "--plan-id", "--trajectory", "--prm-kind", "--recipe", "--size",
 )  # fmt: skip
 """Options about what the pairs of a dataset bring with them."""
 
@@ -94,18 +94,33 @@ class DeformArguments(Arguments):
     def _check(self) -> None:
         if self.plan_id is not None and self.plans > 1:
             raise ConfigError("--plan-id and --plans exclude each other; give one")
-        for name, methods in _OF_METHODS.items():
-            if self.method not in methods and self._is_given(name):
+        given = self._given()
+        for option, methods in _OF_METHODS.items():
+            if self.method not in methods and option in given:
                 raise ConfigError(
-                    f"--{name.replace('_', '-')} has no effect with --method {self.method}; leave it out "
+                    f"{option} has no effect with --method {self.method}; leave it out "
                     f"or take --method {' or '.join(methods)}"
                 )
         if is_dataset(self.plan):
-            for name in filter(self._is_given, _NOT_OF_DATASETS):
-                option = f"--{name.replace('_', '-')}"
-                raise ConfigError(
-                    f"{option} has no effect on a dataset, whose pairs have it; leave it out"
-                )
+            for option in _NOT_OF_DATASETS:
+                if option in given:
+                    raise ConfigError(
+                        f"{option} has no effect on a dataset, whose pairs have it; leave it out"
+                    )
 
-    def _is_given(self, name: str) -> bool:
-        return bool(getattr(self, name) != self.__dataclass_fields__[name].default)
+    def _given(self) -> set[str]:
+        """Those of the options which some runs don't take that differ from their defaults."""
+        default = DeformArguments
+        differs = {
+            "--conversion": self.conversion != default.conversion,
+            "--size": self.size != default.size,
+            "--severity": self.severity != default.severity,
+            "--recipe": self.recipe != default.recipe,
+            "--trajectory": self.trajectory != default.trajectory,
+            "--prm-kind": self.prm_kind != default.prm_kind,
+            "--weights": self.weights != default.weights,
+            "--plans": self.plans != default.plans,
+            "--plans-filter": self.plans_filter != default.plans_filter,
+            "--plan-id": self.plan_id != default.plan_id,
+        }
+        return {option for option, is_given in differs.items() if is_given}

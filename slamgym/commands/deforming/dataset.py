@@ -57,20 +57,16 @@ def write_dataset(drawn: Iterable[tuple[Subject, DrawnMap]], arguments: DeformAr
             shutil.copy(split_path(arguments.plan), split_path(root))
         for subject, hypothesis in drawn:
             slot = subject.slot
-            staged, frame = (
-                folder.stage(slot.name),
-                _moved(hypothesis.grid.frame, hypothesis.outcome.start),
-            )
+            outcome = hypothesis.outcome
+            frame = _moved(hypothesis.grid.frame, outcome.start)
+            pair = MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame)
             conditions = {
                 "method": arguments.method,
                 "explorer": subject.settings.explorer if subject.driven else "roadmap",
                 MIXTURE: subject.recipe,
             }
-            pair, outcome = (
-                MapPair(hypothesis.cad.cells, hypothesis.grid.cells, frame),
-                hypothesis.outcome,
-            )
             write = partial(_write_episode, plan=subject.plan, hypothesis=hypothesis, frame=frame)
+            staged = folder.stage(slot.name)
             stage_pair(staged, write, slot, subject.plan, pair, outcome, conditions, digest)
             folder.commit(slot, staged, {})
             plan_ids.append(slot.plan_id)
@@ -120,7 +116,8 @@ def _summary(slot: Slot, hypothesis: DrawnMap) -> str:
             f"{truth.length:.1f} m driven, {len(truth)} scans",
             f"{hypothesis.parameters['method']} took {hypothesis.cpu_seconds:.3f} s",
         ]
-    if moved := _displacement(hypothesis):
+    moved = _displacement(hypothesis)
+    if moved:
         parts.append(f"walls displaced {moved['rms']:.3f} m rms, {moved['max']:.3f} m at most")
     return f"{slot.name}: {', '.join(parts)}"
 
@@ -147,6 +144,4 @@ def _write_episode(folder: Path, plan: FloorPlan, hypothesis: DrawnMap, frame: G
 
 def _moved(frame: GridFrame, start: Pose2D) -> GridFrame:
     """A frame of the world in the map frame, whose origin is the start."""
-    return GridFrame(
-        frame.resolution, frame.origin_x - start.x, frame.origin_y - start.y, *frame.shape
-    )
+    return frame._replace(origin_x=frame.origin_x - start.x, origin_y=frame.origin_y - start.y)

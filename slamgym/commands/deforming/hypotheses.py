@@ -108,8 +108,10 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
         if found == arguments.plans:
             return
     if not found:
-        what = f"none of the {len(source)} plans of {arguments.plan} can be used"
-        raise ConfigError(f"{what}; give other plans or another --plans-filter")
+        raise ConfigError(
+            f"none of the {len(source)} plans of {arguments.plan} can be used; "
+            "give other plans or another --plans-filter"
+        )
 
 
 def _of_dataset(root: Path, arguments: DeformArguments) -> Iterator[Subject]:
@@ -139,8 +141,10 @@ def recorded_settings(root: Path) -> EpisodeConfig:
     try:
         return from_dict(EpisodeConfig, read_dataset_config(root)["episode"])
     except (ConfigError, KeyError) as error:
-        why = "give one that this version's `slamgym generate` made"
-        raise InputFileError(root, f"is no dataset of explorations ({error}); {why}") from error
+        raise InputFileError(
+            root,
+            f"is no dataset of explorations ({error}); give one that this version's `slamgym generate` made",
+        ) from error
 
 
 def recorded_drive(root: Path, record: PairRecord) -> tuple[FloorPlan, Trajectory]:
@@ -222,7 +226,8 @@ def _parametric(subject: Subject, arguments: DeformArguments, rng: np.random.Gen
         resolution=arguments.resolution or ParametricConfig.resolution,
     )
     frame = _square_around(subject.plan, arguments.size) if arguments.size else None
-    path, began = _path(subject, arguments, rng, None), time.process_time()
+    path = _path(subject, arguments, rng, None)
+    began = time.process_time()
     result = deform(subject.plan, path, config, rng, frame)
     return _drawn(result, config.method, to_dict(config), time.process_time() - began)
 
@@ -233,7 +238,8 @@ def _generated(subject: Subject, arguments: DeformArguments, rng: np.random.Gene
         env = replace(env, slam=replace(env.slam, resolution=arguments.resolution))
     # The furniture of a recipe may stand on a path that somebody else planned.
     clutter = None if arguments.trajectory else furnished(subject.plan, env, subject.seed)
-    path, began = _path(subject, arguments, rng, clutter), time.process_time()
+    path = _path(subject, arguments, rng, clutter)
+    began = time.process_time()
     result = map_along_path(subject.plan, path, env, rng, clutter)
     return _drawn(result, "generator", to_dict(env), time.process_time() - began)
 
@@ -250,14 +256,18 @@ def furnished(plan: FloorPlan, env: ExploreConfig, seed: int) -> Clutter | None:
 def _drawn(
     result: Deformation, method: str, config: dict[str, Any], cpu_seconds: float
 ) -> DrawnMap:
-    paths = result.true, result.odometry, result.believed
-    seconds, coverage = np.ptp(result.true.stamps), result.seen[result.cad.cells == FREE].mean()
-    start, last = (
-        Pose2D(*result.true.poses[0].tolist()),
-        Pose2D(*result.believed.poses[-1].tolist()),
-    )
+    seconds = float(np.ptp(result.true.stamps))
+    is_floor = result.cad.cells == FREE
     outcome = Outcome(
-        "deformed", float(coverage), float(seconds), float(seconds), start, *paths, last
+        finished="deformed",
+        coverage=float(result.seen[is_floor].mean()),
+        robot_seconds=seconds,
+        time_limit=seconds,
+        start=Pose2D(*result.true.poses[0].tolist()),
+        truth=result.true,
+        odometry=result.odometry,
+        estimate=result.believed,
+        final_estimate=Pose2D(*result.believed.poses[-1].tolist()),
     )
     parameters = {"method": method, "drawn": result.parameters, "config": config}
     return DrawnMap(result.grid, result.cad, result.field, outcome, parameters, cpu_seconds)
@@ -270,19 +280,31 @@ def _without_path(
     translator: LearnedTranslator | None,
 ) -> DrawnMap:
     """Methods ``modelprog`` and ``elastic``."""
-    plan, resolution = subject.plan, arguments.resolution or ParametricConfig.resolution
+    plan = subject.plan
+    resolution = arguments.resolution or ParametricConfig.resolution
     cad = plan.raster(resolution, GridFrame.covering(plan.bounds, resolution, 0.5))
     if translator is None:
         from slamgym.gan.translation.elastic import bend_with_field
 
         cells, field = bend_with_field(cad.cells, resolution, rng)
     else:
+        field = None
         # The network has no dice: the first map is the plan's, the others are of the plan bent as drift would.
         drift = rng if subject.slot.repetition else None
-        cells, field = translator.translate_cells(cad.cells, resolution, drift=drift), None
+        cells = translator.translate_cells(cad.cells, resolution, drift=drift)
     point = plan.free_space.representative_point()
-    start, none = Pose2D(point.x, point.y, 0.0), Trajectory(np.empty(0), np.empty((0, 3)))
-    outcome = Outcome("deformed", 1.0, 0.0, 0.0, start, none, none, none, Pose2D(0.0, 0.0, 0.0))
+    unknown_path = Trajectory(np.empty(0), np.empty((0, 3)))
+    outcome = Outcome(
+        finished="deformed",
+        coverage=1.0,
+        robot_seconds=0.0,
+        time_limit=0.0,
+        start=Pose2D(point.x, point.y, 0.0),
+        truth=unknown_path,
+        odometry=unknown_path,
+        estimate=unknown_path,
+        final_estimate=Pose2D(0.0, 0.0, 0.0),
+    )
     return DrawnMap(OccupancyGrid(cells, cad.frame), cad, field, outcome, {})
 
 
@@ -302,7 +324,8 @@ def _square_around(plan: FloorPlan, size_px: int) -> GridFrame:
 def _path(
     subject: Subject, arguments: DeformArguments, rng: np.random.Generator, clutter: Clutter | None
 ) -> Trajectory:
-    robot, plan = subject.settings.env.robot, subject.plan
+    plan = subject.plan
+    robot = subject.settings.env.robot
     if arguments.trajectory is not None:
         return trajectory_from_file(arguments.trajectory, plan, robot)
     if subject.driven is not None:

@@ -93,7 +93,8 @@ def _load_translators(arguments: EvaluateTranslatorsArguments) -> dict[str, Lear
     for argument in arguments.weights:
         name, equals, path = argument.partition("=")
         if not equals:
-            name, path = _short_name(argument), argument
+            name = _short_name(argument)
+            path = argument
         if name in translators or name in {method.name for method in baselines()}:
             raise ConfigError(
                 f"two methods are called {name!r}; choose a name with --weights NAME=PATH"
@@ -148,10 +149,11 @@ def _compare_realism(
 
 
 def _map_set(name: str, maps: GeneratedMaps, pairs: PairSet) -> MapSet:
-    ids, names = pairs.plan_ids, pairs.names
-    return MapSet(
-        name, [measure_map(names[i], ids[i], cells, pairs.scale(i)) for i, cells in maps.items()]
-    )
+    measured = [
+        measure_map(pairs.names[i], pairs.plan_ids[i], cells, pairs.scale(i))
+        for i, cells in maps.items()
+    ]
+    return MapSet(name, measured)
 
 
 def _write(

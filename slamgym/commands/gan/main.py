@@ -13,7 +13,6 @@ from slamgym.commands.gan.arguments import (
     TrainTranslatorArguments,
     TranslateArguments,
 )
-from slamgym.commands.settings import given
 from slamgym.core.progress import counted, duration, tell
 
 if TYPE_CHECKING:
@@ -54,7 +53,11 @@ def training_config(arguments: TrainTranslatorArguments) -> TranslatorTrainingCo
     """
     from slamgym.gan.presets import find_preset
 
-    options = given(arguments, "seed start_from learning_rate")
+    options = {
+        "seed": arguments.seed,
+        "start_from": arguments.start_from,
+        "learning_rate": arguments.learning_rate,
+    }
     config = arguments.settings.configured(find_preset(arguments.preset), options)
     stages = config.stages
     if arguments.epochs is not None:

@@ -25,7 +25,8 @@ def run_translation(arguments: TranslateArguments) -> None:
     Raises:
         SlamgymError: If an argument, the weights or the input can't be used.
     """
-    source, out = arguments.input, arguments.out
+    source = arguments.input
+    out = arguments.out
     require_input(source, "an image, a ROS map's yaml or a folder")
     translator = load_translator(arguments.weights, device=arguments.device)
     if translator.config.direction != "slam2cad":
@@ -33,7 +34,8 @@ def run_translation(arguments: TranslateArguments) -> None:
             f"{arguments.weights} translates CAD maps to SLAM maps; use `slamgym deform PLAN --method modelprog "
             f"--weights {arguments.weights}`"
         )
-    output, whole = translator.config.output_size, translator.config.input_size
+    output = translator.config.output_size
+    whole = translator.config.input_size
     if output < whole:
         say(
             f"{arguments.weights} draws {output} pixels for {whole} of its input: outlines and long walls, no short "
@@ -89,7 +91,8 @@ def _translate(
         return write_ros_map(stem, OccupancyGrid(cells, grid.frame))
     spare_inputs([source], out)
     cells = classify_greys(read_grey(source))
-    scale, straighten = arguments.metres_per_px, arguments.straighten
+    scale = arguments.metres_per_px
+    straighten = arguments.straighten
     if arguments.probability:
         image = np.rint(255.0 * translator.translate(cells, scale, straighten)).astype(np.uint8)
     else:

@@ -17,8 +17,14 @@ from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.files import read_text, replace_file, write_text
 from slamgym.core.progress import duration, say
 
-PAPER_NETWORK, OWN_NETWORK, TO_SLAM, TRAINED = "model32", "slam2cad", "modelprog", "trained"
-"""Translators: the paper's from SLAM to CAD, this package's, the paper's from CAD to SLAM, and one's own."""
+PAPER_NETWORK = "model32"
+"""The paper's translator from SLAM to CAD."""
+OWN_NETWORK = "slam2cad"
+"""This package's translator from SLAM to CAD."""
+TO_SLAM = "modelprog"
+"""The paper's translator from CAD to SLAM."""
+TRAINED = "trained"
+"""The translator that the reproduction itself trains."""
 REDRAWN = ("parametric", "generator")
 """Methods of ``slamgym deform`` whose maps of the same plans and paths are compared with the simulated ones."""
 
@@ -49,7 +55,10 @@ class Reproduction:
     def __init__(
         self, out: Path, scale: Mapping[str, Any], train: bool, seed: int, workers: int
     ) -> None:
-        self.out, self.scale, self.train, self.seed = out, scale, train, seed
+        self.out = out
+        self.scale = scale
+        self.train = train
+        self.seed = seed
         # Where nothing is trained, all maps are for testing.
         test = scale["test"] if train else 1.0
         self._words = {**scale, "test": test, "seed": seed, "workers": workers, "out": out}
@@ -75,7 +84,7 @@ class Reproduction:
         from slamgym.dataset.images.format import read_images
         from slamgym.dataset.realism.comparison import MIN_MAPS
 
-        lines = [[word.format(**self._words) for word in line.split()] for line in STEPS[step]]
+        lines = [[word.format_map(self._words) for word in line.split()] for line in STEPS[step]]
         if step == "training" and not self.train:
             return []
         if step in ("translators", "drawings"):
@@ -105,13 +114,14 @@ class Reproduction:
                 continue
             say(f"{number} of {len(STEPS)}: {name}")
             lines = self.commands(name)
-            began, cpu = time.monotonic(), _cpu_of_children()
+            began = time.monotonic()
+            cpu_before = _cpu_of_children()
             output = "".join(_run_command(name, line) for line in lines)
             write_text(self.out / "logs" / f"{name}.txt", output)
             self.steps[name] = {
                 "commands": [shlex.join(["slamgym", *line]) for line in lines],
                 "seconds": round(time.monotonic() - began, 1),
-                "cpu_seconds": round(_cpu_of_children() - cpu, 1),
+                "cpu_seconds": round(_cpu_of_children() - cpu_before, 1),
             }
             say(f"{name}: {duration(self.steps[name]['seconds'])}")
         self._save()
