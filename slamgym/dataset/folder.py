@@ -78,7 +78,8 @@ class DatasetFolder:
 
     def commit(self, slot: Slot, staged: Path, timing: Mapping[str, Any]) -> None:
         """Make a staged pair (``A.png``, ``B.png`` and the folder ``episode``) part of the dataset."""
-        layout, name = self.layout, slot.name
+        layout = self.layout
+        name = slot.name
         with storage_errors(layout.root):
             line = (staged / "episode" / "episode.json").read_bytes()
             for side in SIDES:
@@ -126,10 +127,11 @@ class DatasetFolder:
         names = {
             index: name for index, name in pair_names(self.layout.episodes) if index in missing
         }
-        self._manifest.agree_with(
-            self.committed,
-            lambda index: (self.layout.episode(names[index]) / "episode.json").read_bytes(),
-        )
+
+        def read_line(index: int) -> bytes:
+            return (self.layout.episode(names[index]) / "episode.json").read_bytes()
+
+        self._manifest.agree_with(self.committed, read_line)
 
     def _scan(self) -> set[int]:
         """Find the committed pairs; remove what is not whole."""

@@ -122,11 +122,16 @@ def require_manifest(manifest: Path, made_by: str) -> None:
     if manifest.is_file():
         return
     root = manifest.parent
-    what = f"holds no {manifest.name}" if root.is_dir() else "is no folder"
-    what += f"; name a folder that `{made_by}` has written"
     if shard_folders(root):
-        what = f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them"
-    raise InputFileError(root, what)
+        raise InputFileError(
+            root,
+            f"holds shards that are not merged yet; run `slamgym dataset merge {root}`, or name one of them",
+        )
+    if root.is_dir():
+        raise InputFileError(
+            root, f"holds no {manifest.name}; name a folder that `{made_by}` has written"
+        )
+    raise InputFileError(root, f"is no folder; name a folder that `{made_by}` has written")
 
 
 def manifest_lines(manifest: Path, made_by: str) -> Iterator[tuple[str, str]]:

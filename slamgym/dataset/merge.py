@@ -63,7 +63,8 @@ def merge_shards(root: Path | str) -> MergeReport:
     settings = _common_settings(shards)
     total = sum(1 for shard in shards for _ in pair_names(Layout(shard).episodes))
     with open_dataset(root, settings) as folder:
-        before, broken = len(folder.committed), list[str]()
+        before = len(folder.committed)
+        broken: list[str] = []
         with show_progress("pairs", 0, total) as advance:
             for shard in shards:
                 own_folder(shard)
@@ -130,7 +131,8 @@ def _link_or_copy(source: Path, target: Path) -> bool:
 
 def _missing_shards(shards: list[Path]) -> list[str]:
     """Which shards of the same division are not there."""
-    matches = [match for shard in shards if (match := SHARD_NAME.fullmatch(shard.name))]
-    count = max(int(match[2]) for match in matches)
-    there = {int(match[1]) for match in matches if int(match[2]) == count}
+    matches = [SHARD_NAME.fullmatch(shard.name) for shard in shards]
+    divisions = [(int(match[1]), int(match[2])) for match in matches if match is not None]
+    count = max(shards_of for _, shards_of in divisions)
+    there = {number for number, shards_of in divisions if shards_of == count}
     return [f"{number}/{count}" for number in range(count) if number not in there]

@@ -1,16 +1,17 @@
 """A pair of maps: its images, and its record, where each column of the manifest is declared, filled, and written.
 
 A new column is a field of :class:`PairRecord` and its value in :func:`make_record`, which describes simulated and
-deformed maps alike; files of lines, tables and Parquet follow from the two. Rendered images take over the columns that
-:class:`~slamgym.dataset.images.format.ImageRecord` declares under the same name.
+deformed maps alike; files of lines, tables and Parquet follow from the two. Rendered images take over some columns in
+:meth:`~slamgym.dataset.images.format.ImageRecord.of_pair`.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -86,28 +87,31 @@ def common_frame(
     bounds: tuple[float, float, float, float], grid: GridFrame, margin: float
 ) -> GridFrame:
     """The smallest frame on the lattice of ``grid`` that covers bounds [m], the grid and a margin [m]."""
-    low = [min(a, b) - margin for a, b in zip(bounds[:2], grid.bounds[:2], strict=True)]
-    high = [max(a, b) + margin for a, b in zip(bounds[2:], grid.bounds[2:], strict=True)]
-    step, anchor = grid.resolution, (grid.origin_x, grid.origin_y)
+    min_x, min_y, max_x, max_y = bounds
+    grid_min_x, grid_min_y, grid_max_x, grid_max_y = grid.bounds
+    step = grid.resolution
     # The small number keeps a border that lies on the lattice from being pushed out by rounding.
-    first = [int(np.floor((a - o) / step + 1e-6)) for a, o in zip(low, anchor, strict=True)]
-    last = [int(np.ceil((a - o) / step - 1e-6)) for a, o in zip(high, anchor, strict=True)]
+    left = math.floor((min(min_x, grid_min_x) - margin - grid.origin_x) / step + 1e-6)
+    below = math.floor((min(min_y, grid_min_y) - margin - grid.origin_y) / step + 1e-6)
+    right = math.ceil((max(max_x, grid_max_x) + margin - grid.origin_x) / step - 1e-6)
+    above = math.ceil((max(max_y, grid_max_y) + margin - grid.origin_y) / step - 1e-6)
     return GridFrame(
         resolution=step,
-        origin_x=anchor[0] + first[0] * step,
-        origin_y=anchor[1] + first[1] * step,
-        height_px=last[1] - first[1],
-        width_px=last[0] - first[0],
+        origin_x=grid.origin_x + left * step,
+        origin_y=grid.origin_y + below * step,
+        height_px=above - below,
+        width_px=right - left,
     )
 
 
 def place(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
     """Copy a grid into a frame that covers it and shares its lattice; cells around it are unknown."""
+    height, width = grid.frame.shape
     left = round((grid.frame.origin_x - frame.origin_x) / frame.resolution)
     bottom = round((grid.frame.origin_y - frame.origin_y) / frame.resolution)
-    top = frame.height_px - bottom - grid.frame.height_px
+    top = frame.height_px - bottom - height
     cells = np.full(frame.shape, UNKNOWN, dtype=np.uint8)
-    cells[top : top + grid.frame.height_px, left : left + grid.frame.width_px] = grid.cells
+    cells[top : top + height, left : left + width] = grid.cells
     return cells
 
 
@@ -216,7 +220,9 @@ class PairRecord(ManifestLine):
     @property
     def frame(self) -> GridFrame:
         """Where the images' pixels lie, map frame."""
-        return GridFrame(self.resolution, *self.origin, *self.shape)
+        x, y = self.origin
+        height, width = self.shape
+        return GridFrame(self.resolution, x, y, height, width)
 
     @property
     def slot(self) -> Slot:
@@ -265,20 +271,25 @@ def make_record(
     """
     from slamgym.metrics import absolute_trajectory_error, free_space, squared_error, wall_error
 
-    frame, start, truth = pair.frame, outcome.start, outcome.truth
+    frame = pair.frame
+    start = outcome.start
+    truth = outcome.truth
 
     def error_of(path: Trajectory) -> float:
         if len(truth) == 0:
             return 0.0
         return _rounded(absolute_trajectory_error(path, truth, align=False).translation.rmse)
 
-    believed, last = (
-        outcome.final_estimate,
-        truth.poses[-1] if len(truth) else outcome.final_estimate,
-    )
+    believed = outcome.final_estimate
+    last = truth.poses[-1] if len(truth) else believed
+    final_error = np.hypot(believed[0] - last[0], believed[1] - last[1])
+    origin = (_rounded(frame.origin_x), _rounded(frame.origin_y))
     return PairRecord(
         name=slot.name,
-        **asdict(slot),
+        index=slot.index,
+        plan_id=slot.plan_id,
+        repetition=slot.repetition,
+        seed=slot.seed,
         plan_source=plan.source.rpartition("/")[2],
         config_hash=settings_hash,
         version=__version__,
@@ -292,13 +303,13 @@ def make_record(
         collisions=outcome.collisions,
         ate=error_of(outcome.estimate),
         odometry_ate=error_of(outcome.odometry),
-        final_position_error=_rounded(np.hypot(believed[0] - last[0], believed[1] - last[1])),
+        final_position_error=_rounded(final_error),
         map_error=_rounded(wall_error(pair.slam, pair.cad, frame.resolution)),
         mse=_rounded(squared_error(free_space(pair.slam), free_space(pair.cad))),
         area=_rounded(plan.area),
         rooms=len(plan.rooms),
         resolution=frame.resolution,
-        origin=(_rounded(frame.origin_x), _rounded(frame.origin_y)),
+        origin=origin,
         shape=frame.shape,
         start=(_rounded(start.x), _rounded(start.y), _rounded(start.theta)),
         sha256={side: hashlib.sha256(data).hexdigest() for side, data in files.items()},

@@ -7,9 +7,8 @@ from array import array
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,12 +21,10 @@ from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 from slamgym.interop import read_tum
 from slamgym.viz.sheets import SheetEntry
 
-FIGURES = ("coverage", "robot_seconds", "ate", "odometry_ate", "map_error")
-"""Figures of a record that are summarised."""
 MAX_VALUES = 6
 """A condition with more different numbers is shown in ranges."""
 RANGES = 4
-_FIGURES_OF = attrgetter(*FIGURES)
+"""Ranges in which many different numbers are shown."""
 
 
 class ValueColumn:
@@ -51,25 +48,25 @@ class ValueColumn:
     def counts(self) -> dict[str, int]:
         """Number of records with each value, the most frequent first."""
         codes = self.codes
-        return dict(
-            Counter(
-                {value: int((codes == code).sum()) for value, code in self._known.items()}
-            ).most_common()
-        )
+        counts: Counter[str] = Counter()
+        for value, code in self._known.items():
+            counts[value] = int((codes == code).sum())
+        return dict(counts.most_common())
 
     def groups(self) -> dict[str, IntArray]:
         """Places of the records by the value; many different numbers are gathered in ranges."""
         numbers = sorted(value for value in self._known if not isinstance(value, str))
         words = sorted(value for value in self._known if isinstance(value, str))
+        found: dict[str, IntArray] = {}
         if len(numbers) > MAX_VALUES and not words:
             found = self._ranges(numbers)
         else:
-            found = {
-                str(key): np.flatnonzero(self.codes == self._known[key])
-                for key in (*numbers, *words)
-            }
+            for key in (*numbers, *words):
+                found[str(key)] = np.flatnonzero(self.codes == self._known[key])
         missing = np.flatnonzero(self.codes < 0)
-        return found | ({"not set": missing} if len(missing) else {})
+        if len(missing):
+            found["not set"] = missing
+        return found
 
     def _ranges(self, numbers: list[float]) -> dict[str, IntArray]:
         """Ranges of equal width; 0 is a separate case where nothing is less."""
@@ -86,6 +83,16 @@ class ValueColumn:
         return found
 
 
+class _Figures(NamedTuple):
+    """Figures of the records that are summarised, each of shape (N,)."""
+
+    coverage: FloatArray
+    robot_seconds: FloatArray
+    ate: FloatArray
+    odometry_ate: FloatArray
+    map_error: FloatArray
+
+
 class RecordColumns:
     """Contents of a million records in columns: about 300 bytes each, where the records take 5000.
 
@@ -95,12 +102,19 @@ class RecordColumns:
 
     def __init__(self, records: Iterable[PairRecord]) -> None:
         self.conditions: dict[str, ValueColumn] = {}
-        self.plans, self.endings, self.kinds = ValueColumn(), ValueColumn(), ValueColumn()
-        keys, figures = array("q"), array("d")
+        self.plans = ValueColumn()
+        self.endings = ValueColumn()
+        self.kinds = ValueColumn()
+        keys = array("q")
+        figures = array("d")
         for place, record in enumerate(records):
             # By hashes other lists are joined; equal ones are as good as impossible.
             keys.append(hash(record.name))
-            figures.extend(_FIGURES_OF(record))
+            figures.append(record.coverage)
+            figures.append(record.robot_seconds)
+            figures.append(record.ate)
+            figures.append(record.odometry_ate)
+            figures.append(record.map_error)
             self.plans.add(record.plan_id)
             self.endings.add(record.finished)
             self.kinds.add(_kind_of_plan(record))
@@ -109,20 +123,22 @@ class RecordColumns:
             for name, column in self.conditions.items():
                 column.add(record.conditions.get(name))
         self._keys = np.array(keys)
-        self._figures = dict(
-            zip(FIGURES, np.array(figures).reshape(-1, len(FIGURES)).T, strict=True)
+        coverage, robot_seconds, ate, odometry_ate, map_error = np.array(figures).reshape(-1, 5).T
+        self.figures = _Figures(
+            coverage=coverage,
+            robot_seconds=robot_seconds,
+            ate=ate,
+            odometry_ate=odometry_ate,
+            map_error=map_error,
         )
 
     def __len__(self) -> int:
         return len(self._keys)
 
-    def figures(self, name: str, places: IntArray) -> FloatArray:
-        """One of the figures of some records."""
-        return self._figures[name][places]
-
     def joined(self, names: Iterable[tuple[str, float]]) -> FloatArray:
         """Values of another list in the order of the records, shape (N,); nan where it has none."""
-        keys, values = array("q"), array("d")
+        keys = array("q")
+        values = array("d")
         for name, value in names:
             keys.append(hash(name))
             values.append(value)
@@ -233,30 +249,30 @@ def _verdicts(root: Path, dropped: Counter[str]) -> Iterator[tuple[str, float]]:
 def _summarise(
     columns: RecordColumns, places: IntArray, kept: FloatArray, seconds: FloatArray
 ) -> GroupStatistics:
-    times, judged = (values[~np.isnan(values)] for values in (seconds, kept))
-    coverage = columns.figures("coverage", places)
-    minutes = columns.figures("robot_seconds", places) / 60.0
-
-    def percentiles(name: str, first: float, second: float) -> tuple[float, float]:
-        return _percentiles(columns.figures(name, places), first, second)
-
+    times = seconds[~np.isnan(seconds)]
+    judged = kept[~np.isnan(kept)]
+    figures = columns.figures
+    coverage = figures.coverage[places]
+    minutes = figures.robot_seconds[places] / 60.0
     return GroupStatistics(
         pairs=len(places),
         plans=len(np.unique(columns.plans.codes[places])),
         robot_hours=float(minutes.sum() / 60.0),
         complete=float(np.mean(coverage >= GOOD_COVERAGE)) if len(places) else 0.0,
         kept=float(np.mean(judged)) if len(judged) else None,
-        coverage=percentiles("coverage", 5, 50),
-        ate=percentiles("ate", 50, 95),
-        odometry_ate=percentiles("odometry_ate", 50, 50)[0],
-        map_error=percentiles("map_error", 50, 95),
+        coverage=_percentiles(coverage, 5, 50),
+        ate=_percentiles(figures.ate[places], 50, 95),
+        odometry_ate=_percentiles(figures.odometry_ate[places], 50, 50)[0],
+        map_error=_percentiles(figures.map_error[places], 50, 95),
         minutes=_percentiles(minutes, 50, 100),
         cpu_seconds=float(np.mean(times)) if len(times) else None,
     )
 
 
 def _percentiles(values: FloatArray, first: float, second: float) -> tuple[float, float]:
-    low, high = np.percentile(values, [first, second]) if len(values) else (0.0, 0.0)
+    if len(values) == 0:
+        return 0.0, 0.0
+    low, high = np.percentile(values, [first, second])
     return float(low), float(high)
 
 
@@ -291,10 +307,10 @@ def sheet_entries(root: Path | str, records: Sequence[PairRecord]) -> list[Sheet
     entries = []
     for record in records:
         cad, slam = load_pair(root, record.name)
-        estimate = (
-            Layout(Path(root)).episode(record.name) / "estimate.tum"
-        )  # a network maps without a path
-        path = read_tum(estimate).poses[:, :2] if estimate.is_file() else np.empty((0, 2))
+        estimate = Layout(Path(root)).episode(record.name) / "estimate.tum"
+        path = np.empty((0, 2))
+        if estimate.is_file():  # a network maps without a path
+            path = read_tum(estimate).poses[:, :2]
         details = (
             f"{100 * record.coverage:.1f} % covered in {record.robot_seconds / 60:.1f} min, "
             f"{record.path_length:.0f} m; errors: pose {record.ate:.2f} m (wheels {record.odometry_ate:.2f} m), "

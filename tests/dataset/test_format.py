@@ -96,7 +96,8 @@ def test_a_folder_without_a_dataset_is_said_to_be_one(tmp_path):
 
 
 def test_a_dataset_and_its_images_are_distinguished(tmp_path):
-    dataset, images = tmp_path / "dataset", tmp_path / "images"
+    dataset = tmp_path / "dataset"
+    images = tmp_path / "images"
     (images / "train").mkdir(parents=True)
     (dataset / "episodes").mkdir(parents=True)
     with pytest.raises(InputFileError, match="holds rendered images; name the dataset"):

@@ -116,7 +116,9 @@ def test_killed_before_every_single_step(tmp_path):
 def test_killed_again_and_again_before_the_end(tmp_path):
     """Each run comes a few steps further than it takes to find out what the last one left."""
     commit_pairs(tmp_path / "steady", 6)
-    rng, runs, root = random.Random(4), 1, tmp_path / "killed"
+    rng = random.Random(4)
+    runs = 1
+    root = tmp_path / "killed"
     while killed_at(rng.randrange(10, 90), root, 6):
         check_index(root)
         runs += 1
@@ -192,7 +194,9 @@ def check_pairs(root):
 
 
 def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
-    root, rng, kills = tmp_path / "out", random.Random(0), 0
+    root = tmp_path / "out"
+    rng = random.Random(0)
+    kills = 0
     starter = subprocess.Popen(
         [sys.executable, "-c", STARTER, *arguments(plans, root)],
         stdin=subprocess.PIPE,
@@ -228,7 +232,8 @@ def test_a_run_killed_many_times_loses_nothing(plans, steady, tmp_path):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
 @pytest.mark.parametrize(("workers", "last"), [(1, signal.SIGKILL), (2, signal.SIGTERM)])
 def test_workers_and_their_driver_killed_lose_nothing(plans, steady, tmp_path, workers, last):
-    root, rng = tmp_path / "out", random.Random(1)
+    root = tmp_path / "out"
+    rng = random.Random(1)
     command = [sys.executable, "-m", "slamgym", *arguments(plans, root, workers)]
     driver = subprocess.Popen(
         command,

@@ -49,7 +49,8 @@ def test_lines_are_merged_in_order(tmp_path_factory, batches, limit):
 def test_it_agrees_with_the_folder_whatever_was_lost_or_removed(tmp_path_factory, before, now):
     path = tmp_path_factory.mktemp("manifest") / "manifest.jsonl"
     path.write_bytes(b"".join(line(index) for index in sorted(before)))
-    manifest, read = ManifestFile(path), []
+    manifest = ManifestFile(path)
+    read = []
     manifest.agree_with(now, lambda index: read.append(index) or line(index))
     manifest.write()
     assert listed(path) == sorted(now)

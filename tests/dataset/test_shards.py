@@ -22,7 +22,8 @@ from slamgym.dataset.merge import merge_shards
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.slam import SlamConfig
 
-PAIRS, COUNT = 9, 3
+PAIRS = 9
+COUNT = 3
 QUICK = DatasetConfig(
     seed=2, episode=EpisodeConfig(minutes=0.05, env=ExploreConfig(slam=SlamConfig(particles=2)))
 )
@@ -51,7 +52,8 @@ class Plans:
 
 
 def build(root, shard=WHOLE, narrow=False):
-    plans, execution = Plans(narrow), Execution(engine="in_process")
+    plans = Plans(narrow)
+    execution = Execution(engine="in_process")
     return build_dataset(
         root, plans, QUICK, make_explorer, pairs=PAIRS, execution=execution, shard=shard
     )

@@ -23,7 +23,8 @@ from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
 from slamgym.dataset.faults import Criteria, MapFault, record_faults
 
-_BATCH = 32  # maps that a worker looks at before it reports
+_BATCH = 32
+"""Maps that a worker looks at before it reports."""
 
 _Seen = FloatArray | str
 """Features of a map, or why it can't be read."""
@@ -124,10 +125,8 @@ def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
     """Look at every map."""
     seen: list[_Seen] = [""] * len(items)
     starts = range(0, len(items), _BATCH)
-    tasks = [
-        [(first + i, item.load) for i, item in enumerate(items[first : first + _BATCH])]
-        for first in starts
-    ]
+    numbered = [(number, item.load) for number, item in enumerate(items)]
+    tasks = [numbered[first : first + _BATCH] for first in starts]
     with show_progress("maps", 0, len(items)) as advance:
         for rows in run_tasks(_look_at, tasks, workers if len(tasks) > 1 else 1):
             for number, row in rows:
@@ -160,26 +159,33 @@ def _judge(
         config: The settings.
         decisions: What people decided, by the maps' names.
     """
-    record, criteria, decision = item.record, config.criteria, decisions.get(item.name)
+    record = item.record
+    decision = decisions.get(item.name)
     faults: list[MapFault] = []
     if isinstance(seen, str):
-        faults, by = [MapFault("unreadable", detail=seen)], "file"
+        by = "file"
+        faults = [MapFault("unreadable", detail=seen)]
     elif decision is not None:
         by = "person"
     elif record and config.by == "truth":
-        faults, by = record_faults(record, criteria), "truth"
+        by = "truth"
+        faults = record_faults(record, config.criteria)
     else:
-        faults, by = _by_probability(seen, config.band), "classifier"
-    keep = decision.keep if by == "person" and decision else not faults
+        by = "classifier"
+        faults = _by_probability(seen, config.band)
+    keep = not faults
     reason = "; ".join(fault.sentence for fault in faults) or "complete"
+    if by == "person" and decision:
+        keep = decision.keep
+        reason = "kept by a person" if keep else "dropped by a person"
     return Verdict(
         name=item.name,
         keep=keep,
-        reason=f"{'kept' if keep else 'dropped'} by a person" if by == "person" else reason,
+        reason=reason,
         by=by,
         probability=None if isinstance(seen, str) else round(seen, 4),
         is_doubtful=not isinstance(seen, str) and config.band[0] <= seen < config.band[1],
-        is_complete=record.coverage >= criteria.min_coverage if record else None,
+        is_complete=record.coverage >= config.criteria.min_coverage if record else None,
         coverage=record.coverage if record else None,
         ate=record.ate if record else None,
         map_error=record.map_error if record else None,
@@ -191,17 +197,25 @@ def _by_probability(probability: float, band: tuple[float, float]) -> list[MapFa
     low, high = band
     if probability < low:
         return [MapFault("incomplete", round(probability, 4), low)]
-    return [MapFault("doubtful", round(probability, 4), high)] if probability < high else []
+    if probability < high:
+        return [MapFault("doubtful", round(probability, 4), high)]
+    return []
 
 
 def _agreement(verdicts: Sequence[Verdict], band: tuple[float, float]) -> Agreement | None:
-    known = [v for v in verdicts if v.is_complete is not None and v.probability is not None]
-    if not known:
+    likely = []
+    complete = []
+    for verdict in verdicts:
+        if verdict.is_complete is not None and verdict.probability is not None:
+            likely.append(verdict.probability)
+            complete.append(verdict.is_complete)
+    if not likely:
         return None
-    likely = np.array([v.probability for v in known], dtype=np.float64)
-    right = (likely >= 0.5) == np.array([v.is_complete for v in known])
-    in_band = (likely >= band[0]) & (likely < band[1])
-    return Agreement(len(known), float(right.mean()), float(in_band.mean()))
+    low, high = band
+    probabilities = np.array(likely, dtype=np.float64)
+    is_right = (probabilities >= 0.5) == np.array(complete)
+    is_doubtful = (probabilities >= low) & (probabilities < high)
+    return Agreement(len(likely), float(is_right.mean()), float(is_doubtful.mean()))
 
 
 def _summary(report: CleanReport, config: CleanConfig, about: Mapping[str, Any]) -> dict[str, Any]:

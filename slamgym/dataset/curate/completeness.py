@@ -32,6 +32,7 @@ AHEAD = 1.5
 WAYS_OUT = (0.1, 0.15, 0.2, 0.25, 0.3, 0.4, 0.5)
 """Discs that try to leave the map [m]."""
 _CELL = 0.05
+"""Cells of finer maps are joined to about this size [m]."""
 _SQUARE = np.ones((3, 3), np.uint8)
 
 
@@ -51,17 +52,19 @@ def completeness_features(cells: ByteArray, resolution: float) -> FloatArray:
     steps = round(AHEAD / resolution)
     cells = crop_to_known(cells, steps + 2)
     unknown = cells == UNKNOWN
-    fits_known, fits = (
-        _distance_within(mask) * resolution for mask in (cells == FREE, cells != OCCUPIED)
-    )
+    fits_known = _distance_within(cells == FREE) * resolution
+    fits = _distance_within(cells != OCCUPIED) * resolution
     floors = [_largest_part(fits_known >= radius) for radius in RADII]
-    ahead = [
-        _spread(floor, fits >= radius, steps) & unknown
-        for floor, radius in zip(floors, RADII, strict=True)
-    ]
-    areas = [float(np.count_nonzero(mask)) * resolution**2 for mask in (floors[0], *ahead)]
+    areas = [_area(floors[0], resolution)]
+    for radius, floor in zip(RADII, floors, strict=True):
+        ahead = _spread(floor, fits >= radius, steps) & unknown
+        areas.append(_area(ahead, resolution))
     ways_out = [radius for radius in WAYS_OUT if _leads_out(floors[0], fits >= radius)]
     return np.array([*areas, max(ways_out, default=0.0)])
+
+
+def _area(mask: BoolArray, resolution: float) -> float:
+    return float(np.count_nonzero(mask)) * resolution**2
 
 
 def _coarsened(cells: ByteArray, resolution: float) -> tuple[ByteArray, float]:
@@ -69,12 +72,14 @@ def _coarsened(cells: ByteArray, resolution: float) -> tuple[ByteArray, float]:
     factor = max(1, round(_CELL / resolution))
     if factor == 1:
         return cells, resolution
-    padded = np.pad(cells, [(0, -size % factor) for size in cells.shape], constant_values=UNKNOWN)
-    blocks = padded.reshape(padded.shape[0] // factor, factor, padded.shape[1] // factor, factor)
+    padding = [(0, -size % factor) for size in cells.shape]
+    padded = np.pad(cells, padding, constant_values=UNKNOWN)
+    height, width = padded.shape
+    blocks = padded.reshape(height // factor, factor, width // factor, factor)
+    is_occupied = (blocks == OCCUPIED).any(axis=(1, 3))
     is_free = (blocks == FREE).mean(axis=(1, 3)) >= 0.5
-    coarse = np.where(
-        (blocks == OCCUPIED).any(axis=(1, 3)), OCCUPIED, np.where(is_free, FREE, UNKNOWN)
-    )
+    coarse = np.where(is_free, FREE, UNKNOWN)
+    coarse[is_occupied] = OCCUPIED
     return coarse.astype(np.uint8), resolution * factor
 
 
@@ -94,9 +99,11 @@ def _largest_part(mask: BoolArray) -> BoolArray:
 
 def _spread(start: BoolArray, passable: BoolArray, steps: int) -> BoolArray:
     """Cells that some steps lead to through passable ones, in turn to four and to eight neighbours: an octagon."""
-    reached, ground = start.view(np.uint8), passable.view(np.uint8)
+    reached = start.view(np.uint8)
+    ground = passable.view(np.uint8)
     for step in range(steps):
-        reached = cv2.dilate(reached, _SQUARE if step % 2 else CROSS) & ground
+        neighbours = _SQUARE if step % 2 else CROSS
+        reached = cv2.dilate(reached, neighbours) & ground
     return reached.view(np.bool_)
 
 
@@ -104,4 +111,5 @@ def _leads_out(start: BoolArray, passable: BoolArray) -> bool:
     """True if passable cells connect the start with the border."""
     _, labels = cv2.connectedComponents(passable.view(np.uint8), connectivity=8)
     border = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    return bool(np.isin(labels[start & passable], border).any())
+    started = labels[start & passable]
+    return bool(np.isin(started, border).any())

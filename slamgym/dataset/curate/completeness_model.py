@@ -19,7 +19,8 @@ from slamgym.dataset.curate.completeness import FEATURES
 
 PRETRAINED_MODEL = Path(__file__).parent / "pretrained" / "completeness.json"
 _Weight = Annotated[float, Within(ge=-1e6, le=1e6)]
-_SHARPNESS = 10.0  # a tenth of a square metre, or a metre, counts as next to nothing
+_SHARPNESS = 10.0
+"""Factor before the logarithm: a tenth of a square metre, or of a metre, counts as next to nothing [1/m2, 1/m]."""
 
 
 @dataclass(frozen=True)

@@ -32,15 +32,20 @@ from slamgym.metrics.wall_direction import main_direction
 
 SIDE = 32
 """Rows and columns of a print."""
-_SUB = 4  # each is the mean of so many by so many cells
+_SUB = 4
+"""A value of a print is the mean of so many by so many cells."""
 RADIUS = 0.12
 """Distance of unit prints up to which plans count as the same."""
-_REACH = 0.1  # of the longer side: distances from walls are looked at up to here
-_SHIFT = 6  # fractional bits of OpenCV's drawing coordinates
-_FREQUENCIES = 6  # of the hash: those with u + v below
+_REACH = 0.1
+"""Distances from walls are looked at up to here, as a share of the longer side."""
+_SHIFT = 6
+"""Fractional bits of OpenCV's drawing coordinates."""
+_FREQUENCIES = 6
+"""The hash takes the frequencies with u + v below this."""
 _CHUNK = 4096
-
-_SMOOTHING = 0.005  # of the longer side: HouseExpo draws slanted walls as staircases of 1 cm
+"""Pairs of prints that are compared at once."""
+_SMOOTHING = 0.005
+"""Walls are smoothed by this share of the longer side: HouseExpo draws slanted ones as staircases of 1 cm."""
 
 
 def plan_print(plan: FloorPlan) -> Float32Array:
@@ -48,32 +53,54 @@ def plan_print(plan: FloorPlan) -> Float32Array:
 
     The longer side of the turned plan's bounding box fills the picture; the shorter one is centred.
     """
-    direction = _wall_direction(plan)
-    cos, sin = math.cos(direction), math.sin(direction)
-    points = plan.segments().reshape(-1, 2) @ np.array(
-        [[cos, -sin], [sin, cos]]
-    )  # turned by -direction
-    (min_x, min_y), (max_x, max_y) = points.min(axis=0).tolist(), points.max(axis=0).tolist()
-    side = max(max_x - min_x, max_y - min_y)
-    cells = SIDE * _SUB
-    # The box ends in the middle of the outer cells, so that drawing it is the same for a mirror image.
-    resolution = side / (cells - 1)
-    low_x, low_y = (
-        0.5 * (low + high - cells * resolution) for low, high in ((min_x, max_x), (min_y, max_y))
-    )
-    frame = GridFrame(resolution, low_x, low_y, cells, cells)
-    free = np.ascontiguousarray(fill_segments(points.reshape(-1, 4), frame)[::-1], dtype=np.uint8)
+    points = _upright_points(plan)
+    frame = _centred_frame(points)
+    inside = fill_segments(points.reshape(-1, 4), frame)[::-1]
+    free = np.ascontiguousarray(inside, dtype=np.uint8)
     # Faces are drawn, too, because cells may miss thin walls. Row 0 is at the bottom.
-    pixels = (points - [low_x, low_y]) / resolution - 0.5
-    faces = list(np.rint(pixels * (1 << _SHIFT)).astype(np.int32).reshape(-1, 2, 2))
+    pixels = (points - [frame.origin_x, frame.origin_y]) / frame.resolution - 0.5
+    fixed_point = np.rint(pixels * (1 << _SHIFT)).astype(np.int32)
     cv2.polylines(
-        free, faces, isClosed=False, color=0, thickness=1, lineType=cv2.LINE_8, shift=_SHIFT
+        free,
+        list(fixed_point.reshape(-1, 2, 2)),
+        isClosed=False,
+        color=0,
+        thickness=1,
+        lineType=cv2.LINE_8,
+        shift=_SHIFT,
     )
     away = cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5)
-    picture = cv2.resize(
-        np.minimum(away, _REACH * cells), (SIDE, SIDE), interpolation=cv2.INTER_AREA
+    near = np.minimum(away, _REACH * SIDE * _SUB)
+    picture = cv2.resize(near, (SIDE, SIDE), interpolation=cv2.INTER_AREA)
+    norm = float(np.linalg.norm(picture))
+    return np.asarray(picture / max(norm, 1e-9), dtype=np.float32)
+
+
+def _upright_points(plan: FloorPlan) -> FloatArray:
+    """Ends of all edges, (2 S, 2) [m], turned so that most of the walls run along the axes."""
+    direction = _wall_direction(plan)
+    cos = math.cos(direction)
+    sin = math.sin(direction)
+    turn_back = np.array([[cos, -sin], [sin, cos]])
+    return plan.segments().reshape(-1, 2) @ turn_back
+
+
+def _centred_frame(points: FloatArray) -> GridFrame:
+    """A square frame with the points in its middle, filled by the longer side of their bounding box.
+
+    The box ends in the middle of the outer cells, so that drawing it is the same for a mirror image.
+    """
+    min_x, min_y = points.min(axis=0).tolist()
+    max_x, max_y = points.max(axis=0).tolist()
+    cells = SIDE * _SUB
+    resolution = max(max_x - min_x, max_y - min_y) / (cells - 1)
+    return GridFrame(
+        resolution=resolution,
+        origin_x=0.5 * (min_x + max_x - cells * resolution),
+        origin_y=0.5 * (min_y + max_y - cells * resolution),
+        height_px=cells,
+        width_px=cells,
     )
-    return np.asarray(picture / max(float(np.linalg.norm(picture)), 1e-9), dtype=np.float32)
 
 
 def _wall_direction(plan: FloorPlan) -> float:
@@ -82,7 +109,8 @@ def _wall_direction(plan: FloorPlan) -> float:
     tolerance = _SMOOTHING * max(max_x - min_x, max_y - min_y)
     faces = plan.free_space.boundary.simplify(tolerance, preserve_topology=False)
     segments = ring_segments(shapely.get_parts(faces))
-    return math.radians(main_direction(segments[:, 2:] - segments[:, :2], 0.0).angle_deg)
+    walls = segments[:, 2:] - segments[:, :2]
+    return math.radians(main_direction(walls, 0.0).angle_deg)
 
 
 def near_duplicates(prints: Float32Array, radius: float = RADIUS) -> IntArray:
@@ -97,18 +125,18 @@ def near_duplicates(prints: Float32Array, radius: float = RADIUS) -> IntArray:
     """
     count = len(prints)
     pairs = _candidates(prints, radius)
-    same = [
-        chunk[distances(prints[chunk[:, 0]], prints[chunk[:, 1]]) <= radius]
-        for chunk in np.array_split(pairs, max(1, -(-len(pairs) // _CHUNK)))
-    ]
-    edges = np.concatenate(same)
-    graph = coo_array(
-        (np.ones(len(edges), dtype=np.int8), (edges[:, 0], edges[:, 1])), shape=(count, count)
-    )
+    num_chunks = max(1, math.ceil(len(pairs) / _CHUNK))
+    same = []
+    for chunk in np.array_split(pairs, num_chunks):
+        first, second = chunk.T
+        same.append(chunk[distances(prints[first], prints[second]) <= radius])
+    rows, cols = np.concatenate(same).T
+    edges = np.ones(len(rows), dtype=np.int8)
+    graph = coo_array((edges, (rows, cols)), shape=(count, count))
     labels = connected_components(graph, directed=False)[1]
-    first = np.full(labels.max(initial=-1) + 1, count, dtype=np.int64)
-    np.minimum.at(first, labels, np.arange(count))
-    return first[labels]
+    lowest = np.full(labels.max(initial=-1) + 1, count, dtype=np.int64)
+    np.minimum.at(lowest, labels, np.arange(count))
+    return lowest[labels]
 
 
 def _candidates(prints: Float32Array, radius: float) -> IntArray:
@@ -129,24 +157,24 @@ def distances(prints: Float32Array, others: Float32Array) -> Float32Array:
     Returns:
         Shape (N,).
     """
-    best = np.full(len(prints), np.inf, dtype=np.float32)
+    count = len(prints)
+    best = np.full(count, np.inf, dtype=np.float32)
     for turned in (others, others.transpose(0, 2, 1)):
         for flipped in (turned, turned[:, ::-1], turned[:, :, ::-1], turned[:, ::-1, ::-1]):
-            np.minimum(
-                best,
-                np.linalg.norm((prints - flipped).reshape(len(prints), SIDE * SIDE), axis=1),
-                out=best,
-            )
+            difference = (prints - flipped).reshape(count, SIDE * SIDE)
+            np.minimum(best, np.linalg.norm(difference, axis=1), out=best)
     return best
 
 
 def _hash(picture: Float32Array) -> FloatArray:
     """Numbers that are the same for all eight orientations of a print, and near for prints that are near."""
-    low = np.abs(dctn(picture.astype(np.float64), norm="ortho"))[:_FREQUENCIES, :_FREQUENCIES]
+    cosines = dctn(picture.astype(np.float64), norm="ortho")
+    low = np.abs(cosines[:_FREQUENCIES, :_FREQUENCIES])
     above = [(u, v) for u in range(_FREQUENCIES) for v in range(u + 1, _FREQUENCIES - u)]
     rows, cols = np.array(above).T
-    upper, lower = low[rows, cols], low[cols, rows]
+    upper = low[rows, cols]
+    lower = low[cols, rows]
     diagonal = low.diagonal()[: (_FREQUENCIES + 1) // 2]
-    return np.concatenate(
-        [diagonal, (upper + lower) / np.sqrt(2.0), np.abs(upper - lower) / np.sqrt(2.0)]
-    )
+    sums = (upper + lower) / np.sqrt(2.0)
+    differences = np.abs(upper - lower) / np.sqrt(2.0)
+    return np.concatenate([diagonal, sums, differences])

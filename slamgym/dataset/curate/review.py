@@ -95,9 +95,9 @@ def combine(
     every = [decision for group in groups for decision in group]
     conflicts = [one.name for one in every if combined.setdefault(one.name, one) != one]
     if conflicts:
-        where = " and ".join(names or []) or "the decisions"
+        sources = " and ".join(names or []) or "the decisions"
         raise ConfigError(
-            f"{where}: conflicting decisions about {_listed(dict.fromkeys(conflicts))}; take all but one of each out"
+            f"{sources}: conflicting decisions about {_listed(dict.fromkeys(conflicts))}; take all but one of each out"
         )
     return combined
 
@@ -247,7 +247,8 @@ def _map_data(entry: ReviewEntry, decision: Decision | None) -> dict[str, Any]:
     slam = item.load().cells
     cad = item.load_cad() if item.load_cad else None
     shown = np.not_equal(slam, UNKNOWN) if cad is None else (slam != UNKNOWN) | (cad == FREE)
-    rows, cols = _extent(shown, axis=1), _extent(shown, axis=0)
+    rows = _extent(shown, axis=1)
+    cols = _extent(shown, axis=0)
     slam = slam[rows, cols]
     return {
         "name": item.name,

@@ -94,13 +94,16 @@ def make_split(
         raise ConfigError(
             f"{root} has no pair of the plan {unexpected[0]!r}; {suggest(unexpected[0], list(first)[:1000])}"
         )
-    layout, ids, prints = Layout(Path(root)), list(first), []
-    with show_progress("plans compared", 0, len(ids)) as advance:
+    layout = Layout(Path(root))
+    prints = []
+    with show_progress("plans compared", 0, len(first)) as advance:
         for record in first.values():
-            prints.append(plan_print(read_houseexpo(layout.episode(record.name) / "plan.json")))
+            plan = read_houseexpo(layout.episode(record.name) / "plan.json")
+            prints.append(plan_print(plan))
             advance()
+    ids = list(first)
     alike = near_duplicates(np.stack(prints))
-    groups = dict(zip(ids, (ids[index] for index in alike), strict=True))
+    groups = {plan_id: ids[index] for plan_id, index in zip(ids, alike, strict=True)}
     table = assign_sides(groups, test=test, seed=seed, forced=forced)
     replace_file(split_path(root), json_text(to_dict(table)).encode())
     return table
@@ -113,14 +116,17 @@ def read_split(root: Path | str) -> SplitTable:
         InputFileError: If it is missing, malformed or of another version.
     """
     path = split_path(root)
-    again = "run `slamgym dataset split` again"
-    content = read_json(path, again, FILE_BYTES)
+    content = read_json(path, "run `slamgym dataset split` again", FILE_BYTES)
     try:
         table = from_dict(SplitTable, content)
     except ConfigError as error:
-        raise InputFileError(path, f"is malformed ({error}); {again}") from error
+        raise InputFileError(
+            path, f"is malformed ({error}); run `slamgym dataset split` again"
+        ) from error
     if table.split_version != SPLIT_VERSION:
-        raise InputFileError(path, f"is of another version of slamgym; {again}")
+        raise InputFileError(
+            path, "is of another version of slamgym; run `slamgym dataset split` again"
+        )
     return table
 
 

@@ -57,7 +57,8 @@ def write_verdicts(root: Path, verdicts: Iterable[Verdict], summary: Mapping[str
     Raises:
         StorageError: If the folder can't be written.
     """
-    lines = "".join(json.dumps(dataclasses.asdict(verdict)) + "\n" for verdict in verdicts)
+    records = (dataclasses.asdict(verdict) for verdict in verdicts)
+    lines = "".join(json.dumps(record) + "\n" for record in records)
     replace_if_changed(root / SUMMARY_FILE, json_text(summary).encode())
     replace_if_changed(root / VERDICTS_FILE, lines.encode())
 
@@ -82,10 +83,11 @@ def iterate_verdicts(root: Path | str) -> Iterator[Verdict]:
         raise InputFileError(
             root, f"holds no {VERDICTS_FILE}; run `slamgym dataset clean {root}` first"
         )
-    again = f"run `slamgym dataset clean {root}` again"
     for line, where in text_lines(path):
-        entry = parse_json(line, where, fix=again)
+        entry = parse_json(line, where, fix=f"run `slamgym dataset clean {root}` again")
         try:
             yield from_dict(Verdict, entry)
         except ConfigError as error:
-            raise InputFileError(where, f"is not a verdict ({error}); {again}") from error
+            raise InputFileError(
+                where, f"is not a verdict ({error}); run `slamgym dataset clean {root}` again"
+            ) from error

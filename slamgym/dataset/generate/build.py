@@ -51,10 +51,10 @@ def schedule_groups(
     """
     total = sum(group.weight for group in groups)
     credits = [0.0] * len(groups)
-    turns = [
-        _rounds(group.ids, (seed, number) if number else seed)
-        for number, group in enumerate(groups)
-    ]
+    turns = []
+    for number, group in enumerate(groups):
+        of_group = (seed, number) if number else seed
+        turns.append(_rounds(group.ids, of_group))
     index = 0
     while True:
         credits = [credit + group.weight for credit, group in zip(credits, groups, strict=True)]
@@ -69,7 +69,9 @@ def schedule_groups(
 def _rounds(plan_ids: Sequence[str], seed: int | tuple[int, int]) -> Iterator[tuple[str, int]]:
     """The plans of one source in its order, and how often each came before."""
     order = shuffled(plan_ids, seed)
-    return ((plan_id, turn) for turn in itertools.count() for plan_id in order)
+    for turn in itertools.count():
+        for plan_id in order:
+            yield plan_id, turn
 
 
 class SlotQueue:
@@ -100,15 +102,15 @@ class SlotQueue:
         *,
         shares_files: bool = True,
     ) -> None:
-        self._folder, self._plans, self._config, self._make_explorer = (
-            folder,
-            plans,
-            config,
-            make_explorer,
-        )
+        self._folder = folder
+        self._plans = plans
+        self._config = config
+        self._make_explorer = make_explorer
         self._slots = schedule_groups(plan_groups(plans), config.seed, config.trajectories)
-        self._shard, self._shares_files = shard, shares_files
-        self._missing, self._barren = pairs, 0
+        self._shard = shard
+        self._shares_files = shares_files
+        self._missing = pairs
+        self._barren = 0
         self._chosen: set[str] = set()
         self._unfit: dict[str, str | None] = {}
         """Why plans can't be explored; None: the filter omits them, which is no fault."""
@@ -120,16 +122,13 @@ class SlotQueue:
     def draw(self) -> Iterator[ExplorationTask]:
         """Yield the explorations to run; after a rejection it continues with the next slot."""
         while self._missing > 0:
-            slot, plan = next(self._slots), None
+            slot = next(self._slots)
             is_committed = slot.index in self._folder.committed
-            if (
-                not is_committed
-                and self._shard.owns(slot.index)
-                and slot.index not in self._folder.rejected
-            ):
+            is_rejected = slot.index in self._folder.rejected
+            plan = None
+            if not is_committed and not is_rejected and self._shard.owns(slot.index):
                 plan = self._fit_plan(slot)
-            found = plan is not None if self._shard == WHOLE else None
-            if is_committed or (self._is_chosen(slot.plan_id) if found is None else found):
+            if is_committed or self._counts(slot, plan):
                 self._missing -= 1
                 self._barren = 0
             else:
@@ -144,6 +143,17 @@ class SlotQueue:
         if self._shard == WHOLE:
             self._missing += 1
             self._note_barren()
+
+    def _counts(self, slot: Slot, plan: FloorPlan | None) -> bool:
+        """True if a slot without a pair is one of the slots to fill.
+
+        Args:
+            slot: The slot.
+            plan: Its plan, if it is to be explored in this run.
+        """
+        if self._shard == WHOLE:
+            return plan is not None
+        return self._is_chosen(slot.plan_id)
 
     def _is_chosen(self, plan_id: str) -> bool:
         """True if a plan can be read and passes the filter: the quick part of the judgement, made once each."""
@@ -166,15 +176,16 @@ class SlotQueue:
 
     def _fit_plan(self, slot: Slot) -> FloorPlan | None:
         """The plan of a slot; None if it can't be explored, with a note of the reason unless the filter is it."""
-        plan_id, plan = slot.plan_id, None
-        if plan_id not in self._unfit and (plan := self._read(plan_id)) is not None:
+        plan_id = slot.plan_id
+        plan = None if plan_id in self._unfit else self._read(plan_id)
+        if plan is not None:
             try:
                 env = self._config.episode.env
                 check_plan(plan, env.robot.radius, env.observation.largest_extent)
             except PlanError as error:
                 self._unfit[plan_id] = error.reason
-        if plan_id not in self._unfit:
-            return plan
+            else:
+                return plan
         reason = self._unfit[plan_id]
         if reason is not None:
             self._folder.reject(slot, "PlanError", reason)
@@ -246,7 +257,8 @@ def build_dataset(
         try_out(engine, functools.partial(check_explorer, config.episode, make_explorer), explorers)
         compile_for(config.episode.env, execution, is_varied=bool(config.recipe.factors))
         folder = stack.enter_context(open_dataset(root, dataset_settings(config, plans)))
-        before, wanted = len(folder.committed), shard.share_of(pairs)
+        before = len(folder.committed)
+        wanted = shard.share_of(pairs)
         queue = SlotQueue(
             folder, plans, config, make_explorer, pairs, shard, shares_files=engine.shares_files
         )

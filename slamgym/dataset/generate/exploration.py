@@ -52,9 +52,12 @@ def run_exploration(exploration: ExplorationTask) -> ExplorationOutcome:
         PlanError: If the plan can't be explored.
         SlamgymError: If a setting is wrong or the disk can't be written.
     """
-    wall, cpu = time.perf_counter(), time.process_time()
+    wall_before = time.perf_counter()
+    cpu_before = time.process_time()
     files = _write_or_pack(exploration)
-    timing = {"cpu_seconds": time.process_time() - cpu, "wall_seconds": time.perf_counter() - wall}
+    cpu = time.process_time() - cpu_before
+    wall = time.perf_counter() - wall_before
+    timing = {"cpu_seconds": cpu, "wall_seconds": wall}
     return ExplorationOutcome(exploration.slot, timing, files)
 
 
@@ -85,7 +88,8 @@ def _write_or_pack(exploration: ExplorationTask) -> dict[str, bytes] | None:
 
 
 def _write_pair(exploration: ExplorationTask, staged: Path) -> None:
-    slot, config = exploration.slot, exploration.config
+    slot = exploration.slot
+    config = exploration.config
     settings, conditions = episode_conditions(config.recipe, config.episode, slot.seed)
     episode = run_episode(exploration.plan, slot.seed, settings, exploration.make_explorer)
     pair = make_pair(episode.plan, episode.start, episode.slam_map, config.pair)

@@ -82,8 +82,8 @@ def apply_conditions(base: EpisodeConfig, conditions: Mapping[str, Any]) -> Epis
         elif name in ERROR_LEVELS:
             if not isinstance(value, str):
                 raise ConfigError(f"{name} must be the name of an error level, not {shown(value)}")
-            env = dataclasses.replace(config.env, **{name: ERROR_LEVELS[name](value)})
-            config = dataclasses.replace(config, env=env)
+            level = ERROR_LEVELS[name](value)
+            config = dataclasses.replace(config, env=replace_setting(config.env, name, level))
         elif name.partition(".")[0] in PARTS:
             config = dataclasses.replace(config, env=replace_setting(config.env, name, value))
         else:

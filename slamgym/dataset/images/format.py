@@ -22,7 +22,7 @@ of each side's ``metadata.jsonl``.
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
 from string import Template
 from typing import Any, Literal
@@ -52,10 +52,7 @@ _PARTS = Path(__file__).parent
 
 @dataclass(frozen=True)
 class ImageRecord(ManifestLine):
-    """One line of the manifest: what a pair of images shows, and where it comes from.
-
-    Fields that have the name of one of :class:`PairRecord` are taken over from the pair.
-    """
+    """One line of the manifest: what a pair of images shows, and where it comes from."""
 
     noun = "a record of images"
     name: FileName
@@ -98,17 +95,29 @@ class ImageRecord(ManifestLine):
             group: The plan that stands for its plan's near-duplicates.
             sha256: Digests of the files ``A`` and ``B``.
         """
-        values: dict[str, Any] = {
-            entry.name: getattr(pair, entry.name, None) for entry in fields(cls)
-        }
-        values |= {"split": split, "group": group, "sha256": sha256}
-        values |= {"size": frame.height_px, "metres_per_px": frame.resolution}
-        return cls(**values | {"origin": (frame.origin_x, frame.origin_y)})
+        return cls(
+            name=pair.name,
+            split=split,
+            plan_id=pair.plan_id,
+            group=group,
+            repetition=pair.repetition,
+            seed=pair.seed,
+            size=frame.height_px,
+            metres_per_px=frame.resolution,
+            origin=(frame.origin_x, frame.origin_y),
+            coverage=pair.coverage,
+            ate=pair.ate,
+            map_error=pair.map_error,
+            explorer=pair.explorer,
+            conditions=pair.conditions,
+            sha256=sha256,
+        )
 
     @property
     def frame(self) -> GridFrame:
         """Where the pixels lie, map frame."""
-        return GridFrame(self.metres_per_px, *self.origin, self.size, self.size)
+        x, y = self.origin
+        return GridFrame(self.metres_per_px, x, y, self.size, self.size)
 
 
 class ImageLayout(FolderLayout):
@@ -184,10 +193,8 @@ def write_card(
 def _metadata_line(record: ImageRecord) -> str:
     """A record for the image-folder builder; its conditions are JSON, since columns of a table have one type."""
     pictures = {f"{side}_file_name": f"{side}/{record.name}.png" for side in SIDES}
-    return (
-        json.dumps(pictures | to_dict(record) | {"conditions": json.dumps(record.conditions)})
-        + "\n"
-    )
+    conditions = {"conditions": json.dumps(record.conditions)}
+    return json.dumps(pictures | to_dict(record) | conditions) + "\n"
 
 
 def _card(
@@ -212,22 +219,24 @@ def _card(
         ],
     }
     headings = ("side", "pairs", "plans", "coverage, median", "position error, median")
-    table = markdown(headings, [_side_row([r for r in records if r.split == s], s) for s in SPLITS])
+    rows = []
+    for split in SPLITS:
+        on_side = [record for record in records if record.split == split]
+        rows.append(_side_row(on_side, split))
     images = settings["images"]
     reasons = Counter(fault.reason for fault in left_out.values())
     missing = ", ".join(f"{count} {reason}" for reason, count in reasons.most_common()) or "none"
-    scale = (
-        "each pair has a scale of its own, so that both maps together fill the image"
-        if images["scaling"] == "fit"
-        else f"all pairs have {images['metres_per_px']:g} m per pixel"
-    )
+    if images["scaling"] == "fit":
+        scale = "each pair has a scale of its own, so that both maps together fill the image"
+    else:
+        scale = f"all pairs have {images['metres_per_px']:g} m per pixel"
     return Template((_PARTS / "card.md").read_text(encoding="utf-8")).substitute(
         head=yaml.safe_dump(head, sort_keys=False).strip(),
         version=__version__,
         source=source,
         size=images["size"],
         scale=scale,
-        table=table,
+        table=markdown(headings, rows),
         missing=missing,
     )
 
@@ -235,8 +244,7 @@ def _card(
 def _side_row(records: Sequence[ImageRecord], split: str) -> tuple[str, ...]:
     if not records:
         return split, "0", "0", "-", "-"
-    coverage, error = (
-        np.median([getattr(record, name) for record in records]) for name in ("coverage", "ate")
-    )
+    coverage = np.median([record.coverage for record in records])
+    error = np.median([record.ate for record in records])
     plans = {record.plan_id for record in records}
     return split, str(len(records)), str(len(plans)), f"{100.0 * coverage:.1f} %", f"{error:.3f} m"

@@ -101,7 +101,9 @@ def select_pairs(root: Path | str, min_coverage: float | None = None) -> Selecti
 
 
 _CHUNK = 8
+"""Pairs that a worker draws before it reports."""
 JOURNAL = ".rendered.jsonl"
+"""Records of what was drawn, until the manifest is made from them."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +144,8 @@ def render_images(
         InputFileError: If a file of the dataset is missing or malformed.
         StorageError: If the folder can't be written, or another run is writing to it.
     """
-    dataset, layout = Path(dataset), ImageLayout(Path(out))
+    dataset = Path(dataset)
+    layout = ImageLayout(Path(out))
     chosen = selection or select_pairs(dataset)
     records = [record for record in read_manifest(dataset) if record.name in chosen.kept]
     _check_split(split, records)
@@ -210,7 +213,8 @@ def _draw_all(
         for first in range(0, len(todo), _CHUNK)
     ]
     draw = partial(_draw_chunk, dataset, layout, config)
-    fresh, misfits = 0, dict[str, MapFault]()
+    fresh = 0
+    misfits: dict[str, MapFault] = {}
     with show_progress("pairs drawn", 0, len(todo)) as advance:
         for drawn in run_tasks(draw, chunks, max(1, min(workers, len(chunks)))):
             for name, found in drawn.items():
@@ -234,7 +238,8 @@ def _draw_chunk(
     drawn: dict[str, ImageRecord | MapFault] = {}
     for record, place in pairs:
         episode = Layout(dataset).episode(record.name)
-        plan, slam_map = read_houseexpo(episode / "plan.json"), read_ros_map(episode / "map.yaml")
+        plan = read_houseexpo(episode / "plan.json")
+        slam_map = read_ros_map(episode / "map.yaml")
         try:
             cad, slam, frame = draw_pair(plan, record.start[:2], slam_map, config)
         except DoesNotFitError as error:
@@ -277,12 +282,10 @@ def _is_done(
     layout: ImageLayout, drawn: ImageRecord | None, split: SplitTable, record: PairRecord
 ) -> bool:
     """True if a pair of images was drawn, lies on its side of the split and is whole."""
+    if drawn is None:
+        return False
     place = split.plans[record.plan_id]
-    if drawn is None or (drawn.split, drawn.group, drawn.seed) != (
-        place.side,
-        place.group,
-        record.seed,
-    ):
+    if drawn.split != place.side or drawn.group != place.group or drawn.seed != record.seed:
         return False
     paths = {side: layout.image(drawn.split, side, drawn.name) for side in SIDES}
     return all(

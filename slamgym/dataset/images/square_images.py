@@ -20,6 +20,7 @@ from slamgym.core.types import (
     FREE,
     OCCUPIED,
     UNKNOWN,
+    BoolArray,
     ByteArray,
     FloatArray,
     GridFrame,
@@ -33,13 +34,14 @@ if TYPE_CHECKING:
     from slamgym.cad import FloorPlan
 
 Bounds = tuple[float, float, float, float]
-_SUB = 3  # the plan is drawn so many times finer to measure distances from its faces
+_SUB = 3
+"""The plan is drawn so many times finer to measure distances from its faces."""
 DRAWN_WALL = 0.15
 """Thickness of wall that an image shows around the floor, if the margin is 0 [m]: SLAM draws 1 to 3 cells."""
-_SPIKE_WIDTH = (
-    0.2  # narrower free space is no floor [m]: a stray beam clears a spike through the wall
-)
-_DIGITS = 6  # micrometres, as manifests hold them
+_SPIKE_WIDTH = 0.2
+"""Narrower free space is no floor [m]: a stray beam clears a spike through the wall."""
+_DIGITS = 6
+"""Decimals of metres: micrometres, as manifests hold them."""
 
 
 class DoesNotFitError(SlamgymError):
@@ -93,12 +95,13 @@ def draw_pair(
 
     Convention: row 0 is at the top (largest y) in both.
     """
+    start_x, start_y = start
     min_x, min_y, max_x, max_y = plan.bounds
-    in_map = (min_x - start[0], min_y - start[1], max_x - start[0], max_y - start[1])
+    in_map = (min_x - start_x, min_y - start_y, max_x - start_x, max_y - start_y)
     frame = square_frame(union(in_map, mapped_bounds(slam_map)), config)
     if math.isclose(frame.resolution, slam_map.frame.resolution):
         frame = on_lattice(frame, slam_map.frame)
-    segments = plan.segments() - np.array([*start, *start])
+    segments = plan.segments() - np.array([start_x, start_y, start_x, start_y])
     return draw_plan_image(segments, frame, config.edge_px), resample_map(slam_map, frame), frame
 
 
@@ -109,7 +112,8 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
         DoesNotFitError: If the scale is fixed and the bounds are larger than the image.
     """
     min_x, min_y, max_x, max_y = bounds
-    side, room = max(max_x - min_x, max_y - min_y), config.size - 2 * config.margin_px
+    side = max(max_x - min_x, max_y - min_y)
+    room = config.size - 2 * config.margin_px
     if config.scaling == "fit":
         scale = math.ceil(side / room * 10**_DIGITS) / 10**_DIGITS
     else:
@@ -117,20 +121,27 @@ def square_frame(bounds: Bounds, config: ImageConfig) -> GridFrame:
         if side > room * scale + 1e-9:
             raise DoesNotFitError(side, room * scale)
     half = 0.5 * config.size * scale
-    origin_x, origin_y = 0.5 * (min_x + max_x) - half, 0.5 * (min_y + max_y) - half
     return GridFrame(
-        scale, round(origin_x, _DIGITS), round(origin_y, _DIGITS), config.size, config.size
+        resolution=scale,
+        origin_x=round(0.5 * (min_x + max_x) - half, _DIGITS),
+        origin_y=round(0.5 * (min_y + max_y) - half, _DIGITS),
+        height_px=config.size,
+        width_px=config.size,
     )
 
 
 def on_lattice(frame: GridFrame, grid: GridFrame) -> GridFrame:
     """A frame moved by less than a cell so that its cells are those of a grid of the same resolution."""
     step = grid.resolution
-    x, y = (
-        round(own + step * round((at - own) / step), _DIGITS)
-        for at, own in ((frame.origin_x, grid.origin_x), (frame.origin_y, grid.origin_y))
+    cols = round((frame.origin_x - grid.origin_x) / step)
+    rows = round((frame.origin_y - grid.origin_y) / step)
+    return GridFrame(
+        resolution=step,
+        origin_x=round(grid.origin_x + step * cols, _DIGITS),
+        origin_y=round(grid.origin_y + step * rows, _DIGITS),
+        height_px=frame.height_px,
+        width_px=frame.width_px,
     )
-    return GridFrame(step, x, y, frame.height_px, frame.width_px)
 
 
 def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
@@ -140,12 +151,14 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
     """
     import cv2
 
-    frame, step = grid.frame, grid.frame.resolution
+    frame = grid.frame
+    step = frame.resolution
     width = max(1, math.ceil(_SPIKE_WIDTH / step))
     free = np.pad((grid.cells == FREE).astype(np.uint8), width)
     floor = cv2.morphologyEx(free, cv2.MORPH_OPEN, np.ones((width, width), np.uint8))
     floor = floor[width:-width, width:-width]
-    rows, cols = np.flatnonzero(floor.any(axis=1)), np.flatnonzero(floor.any(axis=0))
+    rows = np.flatnonzero(floor.any(axis=1))
+    cols = np.flatnonzero(floor.any(axis=0))
     if len(rows) == 0:
         return None
     top = frame.origin_y + frame.height_px * step
@@ -159,8 +172,16 @@ def mapped_bounds(grid: OccupancyGrid) -> Bounds | None:
 
 def union(first: Bounds, second: Bounds | None) -> Bounds:
     """The smallest bounds around two."""
-    (a, b, c, d), (e, f, g, h) = first, second or first
-    return min(a, e), min(b, f), max(c, g), max(d, h)
+    if second is None:
+        return first
+    min_x, min_y, max_x, max_y = first
+    other_min_x, other_min_y, other_max_x, other_max_y = second
+    return (
+        min(min_x, other_min_x),
+        min(min_y, other_min_y),
+        max(max_x, other_max_x),
+        max(max_y, other_max_y),
+    )
 
 
 def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> ByteArray:
@@ -182,17 +203,18 @@ def draw_plan_image(segments: FloatArray, frame: GridFrame, edge_px: float) -> B
 
     if edge_px == 0.0:
         return np.rint(FREE * floor_share(segments, frame)).astype(np.uint8)
-    rows, cols = frame.shape
     fine = GridFrame(
-        frame.resolution / _SUB, frame.origin_x, frame.origin_y, rows * _SUB, cols * _SUB
+        resolution=frame.resolution / _SUB,
+        origin_x=frame.origin_x,
+        origin_y=frame.origin_y,
+        height_px=frame.height_px * _SUB,
+        width_px=frame.width_px * _SUB,
     )
-    inside = fill_segments(segments, fine)
+    inside = fill_segments(segments, fine).astype(np.uint8)
     # From a floor cell's centre to that of the nearest wall cell; the face lies half a cell before it.
-    from_face = (
-        cv2.distanceTransform(inside.astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
-    )
-    middle = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]  # at the pixels' centres
-    return np.where(middle > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
+    from_face = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) - 0.5
+    at_centres = from_face[_SUB // 2 :: _SUB, _SUB // 2 :: _SUB]
+    return np.where(at_centres > 0.5 * edge_px * _SUB, FREE, OCCUPIED).astype(np.uint8)
 
 
 def resample_map(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
@@ -201,40 +223,44 @@ def resample_map(grid: OccupancyGrid, frame: GridFrame) -> ByteArray:
     Returns:
         Shape ``frame.shape``: 0 occupied, 205 unknown, 254 free; unknown where the map says nothing.
     """
-    source, ratio = grid.frame, frame.resolution / grid.frame.resolution
+    source = grid.frame
+    ratio = frame.resolution / source.resolution
     # Where the new frame's first row and column begin, in cells of the map, from its top left corner.
     top = (source.bounds[3] - frame.bounds[3]) / source.resolution
     left = (frame.origin_x - source.origin_x) / source.resolution
     rows = _overlaps(frame.height_px, source.height_px, top, ratio)
     cols = _overlaps(frame.width_px, source.width_px, left, ratio)
-    free = rows @ (grid.cells == FREE).astype(np.float64) @ cols.T
     occupied = grid.cells == OCCUPIED
-    known = free + rows @ occupied.astype(np.float64) @ cols.T
-    cells: ByteArray = np.where(free >= 1.0 - known, FREE, UNKNOWN).astype(np.uint8)
+    free_share = rows @ (grid.cells == FREE).astype(np.float64) @ cols.T
+    known_share = free_share + rows @ occupied.astype(np.float64) @ cols.T
+    cells: ByteArray = np.where(free_share >= 1.0 - known_share, FREE, UNKNOWN).astype(np.uint8)
     if ratio >= 1.0:
-        row, col = (axis.astype(np.float64) for axis in np.nonzero(occupied))
-        new_row, new_col = _cells((row + 0.5 - top) / ratio), _cells((col + 0.5 - left) / ratio)
-        there = (
-            (new_row >= 0)
-            & (new_row < frame.height_px)
-            & (new_col >= 0)
-            & (new_col < frame.width_px)
-        )
+        row, col = np.nonzero(occupied)
+        new_row = _cells((row.astype(np.float64) + 0.5 - top) / ratio)
+        new_col = _cells((col.astype(np.float64) + 0.5 - left) / ratio)
+        there = _within(new_row, frame.height_px) & _within(new_col, frame.width_px)
         cells[new_row[there], new_col[there]] = OCCUPIED
         return cells
     old_row = _cells(top + (np.arange(frame.height_px) + 0.5) * ratio)
     old_col = _cells(left + (np.arange(frame.width_px) + 0.5) * ratio)
-    in_rows = (old_row >= 0) & (old_row < source.height_px)
-    in_cols = (old_col >= 0) & (old_col < source.width_px)
-    cells[np.ix_(in_rows, in_cols)] = grid.cells[np.ix_(old_row[in_rows], old_col[in_cols])]
+    in_rows = _within(old_row, source.height_px)
+    in_cols = _within(old_col, source.width_px)
+    shown = grid.cells[np.ix_(old_row[in_rows], old_col[in_cols])]
+    cells[np.ix_(in_rows, in_cols)] = shown
     return cells
+
+
+def _within(places: IntArray, count: int) -> BoolArray:
+    return (places >= 0) & (places < count)
 
 
 def _overlaps(count: int, source_count: int, first: float, ratio: float) -> FloatArray:
     """Share of each new pixel, along one axis, that each cell of the map covers, (count, source_count)."""
     low = first + np.arange(count)[:, None] * ratio
     cell = np.arange(source_count)[None, :]
-    return np.clip(np.minimum(low + ratio, cell + 1) - np.maximum(low, cell), 0.0, None) / ratio
+    begin = np.maximum(low, cell)
+    end = np.minimum(low + ratio, cell + 1)
+    return np.clip(end - begin, 0.0, None) / ratio
 
 
 def _cells(places: NDArray[np.floating[Any]]) -> IntArray:

@@ -37,8 +37,10 @@ MIN_MAPS = 8
 """Maps that a set needs: halves of fewer say nothing."""
 MIN_BUILDINGS = 4
 """Buildings that a set needs: halves need two each."""
-_LEAST_FREE = 4.0  # [m^2]
-_MOST_OCCUPIED = 0.4  # of the known cells; SLAM maps have a tenth
+_LEAST_FREE = 4.0
+"""Free space that a map needs to be compared [m2]."""
+_MOST_OCCUPIED = 0.4
+"""Largest share of occupied cells among the known ones of a map to compare; SLAM maps have a tenth."""
 
 
 @dataclass(frozen=True)
@@ -181,18 +183,20 @@ def require_enough(
     Raises:
         InputFileError: If there are too few maps or buildings.
     """
-    left_out = (
-        "; left out: " + ", ".join(f"{n} {why}" for why, n in skipped.items()) if skipped else ""
-    )
+    reasons = ", ".join(f"{count} {reason}" for reason, count in (skipped or {}).items())
+    left_out = f"; left out: {reasons}" if reasons else ""
     if len(buildings) < MIN_MAPS:
-        what = f"holds {len(buildings)} maps that can be compared at cells of {LOOK_CELL:g} m"
         raise InputFileError(
-            source, f"{what}; add some: a test needs at least {MIN_MAPS}{left_out}"
+            source,
+            f"holds {len(buildings)} maps that can be compared at cells of {LOOK_CELL:g} m; add some: "
+            f"a test needs at least {MIN_MAPS}{left_out}",
         )
     shown = len(set(buildings))
     if shown < MIN_BUILDINGS:
-        what = f"shows {shown} buildings; add maps of others"
-        raise InputFileError(source, f"{what}: a test needs at least {MIN_BUILDINGS}")
+        raise InputFileError(
+            source,
+            f"shows {shown} buildings; add maps of others: a test needs at least {MIN_BUILDINGS}",
+        )
 
 
 @dataclass(frozen=True)
@@ -268,7 +272,8 @@ class RealismReport:
         """
         is_null = first is second
         maps = first.maps if is_null else [*first.maps, *second.maps]
-        buildings, learner = [one.building for one in maps], make_learner(maps)
+        buildings = [one.building for one in maps]
+        learner = make_learner(maps)
         if is_null:
             accuracy = half_against_half(buildings, learner, FOLDS, repeats, self.seed)
         else:
@@ -292,13 +297,15 @@ def compare_statistics(
     """The statistics that a person reads, in their order."""
     rows = []
     for name, label in LOOK_NAMES.items():
-        values = {
-            s.name: np.array([one.statistics[name] for one in s.maps]) for s in (own, *references)
+        values = {}
+        medians = {}
+        for one in (own, *references):
+            values[one.name] = np.array([each.statistics[name] for each in one.maps])
+            medians[one.name] = median_interval(values[one.name], seed, one.buildings)
+        distances = {
+            reference.name: ks_distance(values[own.name], values[reference.name])
+            for reference in references
         }
-        medians = {
-            s.name: median_interval(values[s.name], seed, s.buildings) for s in (own, *references)
-        }
-        distances = {s.name: ks_distance(values[own.name], values[s.name]) for s in references}
         rows.append(StatisticRow(name, label, medians, distances))
     return rows
 

@@ -21,9 +21,10 @@ from slamgym.viz.sheets import Card, draw_sheet
 _STYLE = ".apart { background: #ffe3e3 } .null { color: #868e96 }"
 EXAMPLES = 4
 """Maps of either side that are shown for a statistic."""
-_WINDOW = 128  # [cells] of an example
+_WINDOW = 128
+"""Side of the square of a map that an example shows [cells]."""
 _PANEL_PX = 256
-
+"""Side of the picture of an example [px]."""
 
 Figure = tuple[str, ByteArray]
 """Heading and RGB picture, (H, W, 3)."""
@@ -54,9 +55,9 @@ def to_json(report: RealismReport) -> dict[str, Any]:
 
 def to_markdown(report: RealismReport) -> str:
     """Both tables as Markdown."""
-    return (
-        markdown(*statistics_table(report, distances=False)) + "\n" + markdown(*tests_table(report))
-    )
+    statistics = markdown(*statistics_table(report, distances=False))
+    tests = markdown(*tests_table(report))
+    return f"{statistics}\n{tests}"
 
 
 def statistics_table(
@@ -78,12 +79,14 @@ def statistics_table(
 
 def tests_table(report: RealismReport) -> tuple[list[str], list[list[str]]]:
     """Headings and rows: balanced accuracies of each learner."""
-    rows, learners = [], list(dict.fromkeys(test.learner for test in report.tests))
+    learners = list(dict.fromkeys(test.learner for test in report.tests))
+    rows = []
     for (first, second), found in report.test_lines().items():
-        name = (
-            f"null: {first}, half against half" if first == second else f"{first} against {second}"
-        )
-        rows.append([name, *(_figure(found[x]) if x in found else "" for x in learners)])
+        name = f"{first} against {second}"
+        if first == second:
+            name = f"null: {first}, half against half"
+        figures = [_figure(found[one]) if one in found else "" for one in learners]
+        rows.append([name, *figures])
     return ["balanced accuracy [95 %]", *learners], rows
 
 
@@ -126,12 +129,12 @@ def _statistics_part(report: RealismReport) -> str:
     marks = []
     for statistic, row in zip(report.statistics, rows, strict=True):
         mine = statistic.medians[report.own.name]
-        apart = [
-            other.low > mine.high or other.high < mine.low for other in statistic.medians.values()
-        ]
-        marks.append(
-            ["", *("apart" if mark else "" for mark in apart)] + [""] * (len(row) - len(apart) - 1)
-        )
+        classes = [""]
+        for other in statistic.medians.values():
+            is_apart = other.low > mine.high or other.high < mine.low
+            classes.append("apart" if is_apart else "")
+        without = len(row) - len(classes)
+        marks.append(classes + [""] * without)
     return make_table(headings, rows, cell_classes=marks)
 
 
@@ -142,32 +145,32 @@ def _figure(found: Interval) -> str:
 def draw_examples(own: MapSet, references: Sequence[MapSet], row: StatisticRow) -> Figure:
     """Draw maps of the dataset and of the references at their ends of a statistic."""
     others = [(reference.name, one) for reference in references for one in reference.maps]
-    mine, theirs = (
-        np.array([one.statistics[row.name] for one in maps])
-        for maps in (own.maps, [one for _, one in others])
-    )
+    mine = np.array([one.statistics[row.name] for one in own.maps])
+    theirs = np.array([one.statistics[row.name] for _, one in others])
     sign = 1.0 if np.median(mine) >= np.median(theirs) else -1.0
-    ends = (np.argsort(-sign * mine, kind="stable"), np.argsort(sign * theirs, kind="stable"))
-    chosen = [(own.name, own.maps[i]) for i in ends[0][:EXAMPLES]]
-    chosen += [others[i] for i in ends[1][:EXAMPLES]]
+    my_end = np.argsort(-sign * mine, kind="stable")
+    their_end = np.argsort(sign * theirs, kind="stable")
+    chosen = [(own.name, own.maps[i]) for i in my_end[:EXAMPLES]]
+    chosen += [others[i] for i in their_end[:EXAMPLES]]
     cards = [
         Card((_window(one),), (f"{one.statistics[row.name]:.3g}  {name}", one.name[-40:]))
         for name, one in chosen
     ]
-    return f"{row.label}: {own.name} above, references below", draw_sheet(
-        cards, EXAMPLES, _PANEL_PX
-    )
+    heading = f"{row.label}: {own.name} above, references below"
+    return heading, draw_sheet(cards, EXAMPLES, _PANEL_PX)
 
 
 def _window(one: MeasuredMap) -> ByteArray:
     """The square of a map with most border of free space in it, RGB; smaller maps lie in its middle."""
     floor = one.floor
-    size = tuple(min(_WINDOW, n) for n in floor.shape)
-    sums: IntArray = cv2.integral(free_boundary(floor == FREE).astype(np.uint8)).astype(np.int64)
-    rows, cols = size
+    rows, cols = (min(_WINDOW, count) for count in floor.shape)
+    border = free_boundary(floor == FREE).astype(np.uint8)
+    sums: IntArray = cv2.integral(border).astype(np.int64)
     inside = sums[rows:, cols:] - sums[:-rows, cols:] - sums[rows:, :-cols] + sums[:-rows, :-cols]
     top, left = np.unravel_index(int(inside.argmax()), inside.shape)
+    shown = floor[top : top + rows, left : left + cols]
     picture = blank((_WINDOW, _WINDOW), UNKNOWN_TINT)
-    y, x = (_WINDOW - rows) // 2, (_WINDOW - cols) // 2
-    picture[y : y + rows, x : x + cols] = colour_cells(floor[top : top + rows, left : left + cols])
+    y = (_WINDOW - rows) // 2
+    x = (_WINDOW - cols) // 2
+    picture[y : y + rows, x : x + cols] = colour_cells(shown)
     return picture

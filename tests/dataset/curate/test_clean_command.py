@@ -276,7 +276,8 @@ def test_a_band_that_is_none_is_refused():
 
 def test_dropped_maps_are_counted_by_their_first_fault():
     low, lower = (MapFault("coverage", value, 0.95, "time_limit") for value in (0.81, 0.1))
-    shifted, lost = MapFault("map_error", 0.41, 0.3), MapFault("position_error", 1.02, 0.6)
+    shifted = MapFault("map_error", 0.41, 0.3)
+    lost = MapFault("position_error", 1.02, 0.6)
     groups = [
         (low,),
         (lower, shifted),

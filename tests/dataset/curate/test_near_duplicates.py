@@ -66,10 +66,12 @@ def test_a_plan_that_lies_askew_looks_alike(plans, angle):
 def test_prints_are_the_same_however_a_plan_is_turned_flipped_resized_and_moved(plans):
     rng = np.random.default_rng(0)
     for plan in [*plans, *plans]:
-        factor, (x, y) = rng.uniform(0.3, 3.0), rng.uniform(-100.0, 100.0, 2)
+        factor = rng.uniform(0.3, 3.0)
+        x, y = rng.uniform(-100.0, 100.0, 2)
         flipped = turned(plan, factor * np.array(SYMMETRIES[rng.integers(8)]), x, y)
         other = FloorPlan("other", rotate(flipped.free_space, rng.uniform(-180.0, 180.0)))
-        first, second = plan_print(plan), plan_print(other)
+        first = plan_print(plan)
+        second = plan_print(other)
         assert distances(first[None], second[None])[0] < 0.5 * RADIUS
 
 
@@ -85,7 +87,8 @@ def test_staircases_of_a_slanted_plan_count_as_slanted_walls():
 def test_thin_inner_walls_tell_plans_of_one_outline_apart():
     """An empty hall, one that is divided along, and one that is divided across: most of the floor is the same."""
     hall = box(0, 0, 15, 10)
-    along, across = box(0, 4.9, 13, 5), box(7, 0, 7.1, 9)
+    along = box(0, 4.9, 13, 5)
+    across = box(7, 0, 7.1, 9)
     plans = [FloorPlan(str(walls), hall.difference(walls)) for walls in (Polygon(), along, across)]
     assert list(grouped(plans)) == [0, 1, 2]
 

@@ -57,7 +57,9 @@ class Page(HTMLParser):
 
     def __init__(self, text):
         super().__init__()
-        self.tags, self.texts, self.open = [], {}, []
+        self.tags = []
+        self.texts = {}
+        self.open = []
         self.feed(text)
         self.close()
 
@@ -151,7 +153,8 @@ def test_names_cannot_break_out_of_the_page():
 
 
 def test_another_choice_of_maps_has_another_memory():
-    one, two = Page(page_of(entry("a"))).data(), Page(page_of(entry("a"), entry("b"))).data()
+    one = Page(page_of(entry("a"))).data()
+    two = Page(page_of(entry("a"), entry("b"))).data()
     assert one["digest"] != two["digest"]
     assert page_of(entry("a")) == page_of(entry("a"))
 

@@ -49,10 +49,8 @@ def test_a_group_is_on_one_side(members, seed):
 
 
 def test_more_plans_leave_sides_as_they_were():
-    few, many = (
-        assign_sides(alone(100), test=0.2, seed=1),
-        assign_sides(alone(300), test=0.2, seed=1),
-    )
+    few = assign_sides(alone(100), test=0.2, seed=1)
+    many = assign_sides(alone(300), test=0.2, seed=1)
     assert all(many.plans[plan_id].side == place.side for plan_id, place in few.plans.items())
 
 

@@ -99,8 +99,10 @@ def test_every_pair_has_its_files_and_its_line(dataset):
 def test_the_episode_folder_agrees_with_the_pair(dataset):
     for record in read_manifest(dataset):
         folder = Layout(dataset).episode(record.name)
-        truth, odometry = read_tum(folder / "truth.tum"), read_tum(folder / "odometry.tum")
-        estimate, log = read_tum(folder / "estimate.tum"), read_carmen(folder / "scans.log.gz")
+        truth = read_tum(folder / "truth.tum")
+        odometry = read_tum(folder / "odometry.tum")
+        estimate = read_tum(folder / "estimate.tum")
+        log = read_carmen(folder / "scans.log.gz")
         assert len(truth) == len(odometry) == len(log)
         assert truth.stamps[-1] == pytest.approx(record.robot_seconds)
         # The files hold micrometres.

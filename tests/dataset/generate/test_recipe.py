@@ -218,7 +218,8 @@ def test_what_is_no_list_of_recipes_is_refused(tmp_path, content, words):
 
 
 def test_the_quick_recipe_varies_the_same_without_people():
-    quick, reference = open_recipe("quick"), open_recipe("reference")
+    quick = open_recipe("quick")
+    reference = open_recipe("reference")
     assert reference.settings - quick.settings == {"clutter.people"}
     for key in ("odometry", "lidar.range_max", "slam.max_usable_range"):
         assert set(quick.values(key)) == set(reference.values(key))
@@ -312,7 +313,8 @@ def test_the_real_recipe_draws_lasers_glass_and_robots_that_stop_early():
 
 
 def test_an_exploration_by_the_real_recipe_is_the_same_again():
-    recipe, plan = open_recipe("real"), generate_plan(2)
+    recipe = open_recipe("real")
+    plan = generate_plan(2)
     seed = next(seed for seed in range(1000) if recipe.draw(seed)["minutes"] < 0.7)
     settings, _ = episode_conditions(recipe, EpisodeConfig(), seed)
     first, again = (run_episode(plan, seed, settings, make_explorer) for _ in range(2))

@@ -104,7 +104,8 @@ def test_two_workers_and_a_second_run_give_the_same_bytes(dataset, tmp_path):
 def test_what_an_interrupted_run_left_is_made_whole(dataset, tmp_path):
     out = tmp_path / "images"
     render(dataset, out)
-    whole, layout = content(out), ImageLayout(out)
+    whole = content(out)
+    layout = ImageLayout(out)
     images = read_images(out)
     lines = (out / JOURNAL).read_text().splitlines(keepends=True)
     (out / JOURNAL).write_text("".join(lines[:5]) + lines[5][:40])  # killed in the middle of a line
@@ -263,7 +264,8 @@ def test_a_side_without_pairs_is_missed_unless_all_are_for_testing(
 
 
 def test_generate_renders_too_and_goes_on_when_more_pairs_are_asked_for(tmp_path, capsys):
-    out, images = tmp_path / "pairs", tmp_path / "images"
+    out = tmp_path / "pairs"
+    images = tmp_path / "images"
     for name in ("a", "b", "c"):
         write_houseexpo(
             tmp_path / "plans" / f"{name}.json", FloorPlan(name, box(0, 0, 3, 2 + ord(name) % 5))
@@ -300,7 +302,8 @@ sys.exit(cli.main(sys.argv[2:]))
 
 def test_killed_while_it_draws_a_run_goes_on(dataset, tmp_path):
     """Kill -9 rendering between two files; the end result is that of a run in peace."""
-    peace, killed = tmp_path / "peace", tmp_path / "killed"
+    peace = tmp_path / "peace"
+    killed = tmp_path / "killed"
     size = ["--size", "64", "--min-coverage", "0", "--workers", "1"]
     assert cli.main(["dataset", "render", str(dataset), "--out", str(peace), *size]) == 0
     command = ["dataset", "render", str(dataset), "--out", str(killed), *size]

@@ -134,7 +134,8 @@ def test_edges_get_the_thickness_that_is_asked_for():
 @pytest.mark.parametrize("shift", [0.0, 0.013, 0.031])
 @pytest.mark.parametrize("thickness", [0.02, 0.06, 0.12])
 def test_shares_put_faces_where_the_plan_has_them_and_keep_thin_walls(thickness, shift):
-    west, east = box(0, 0, 3 + shift, 4), box(3 + shift + thickness, 0, 6, 4)
+    west = box(0, 0, 3 + shift, 4)
+    east = box(3 + shift + thickness, 0, 6, 4)
     door = box(2.9, 1, 3.3, 2)
     plan = FloorPlan("p", west.union(east).union(door))
     cad = draw_plan_image(plan.segments(), GridFrame(0.05, -1.0, -1.0, 120, 160), edge_px=0.0)
