@@ -33,7 +33,8 @@ def plan_file(flat, tmp_path):
 def explored(flat, tmp_path_factory):
     """A dataset of two short explorations with a split."""
     folder = tmp_path_factory.mktemp("deform")
-    root, plan_file = folder / "explored", folder / "flat.json"
+    root = folder / "explored"
+    plan_file = folder / "flat.json"
     write_houseexpo(plan_file, flat)
     options = ("--pairs", "2", "--minutes", "0.5", "--explorer", "nearest", "--workers", "1")
     TABLE.run("slamgym", ["generate", "--plans", str(plan_file), "-o", str(root), *options])
@@ -61,7 +62,8 @@ def test_it_writes_a_dataset_that_reads_back(plan_file, tmp_path, capsys) -> Non
     for record, folder in zip(records, episodes(out), strict=True):
         grid = read_ros_map(folder / "map.yaml")
         assert np.load(folder / "field.npz")["field"].shape == (2, *grid.cells.shape)
-        true, believed = read_tum(folder / "truth.tum"), read_tum(folder / "estimate.tum")
+        true = read_tum(folder / "truth.tum")
+        believed = read_tum(folder / "estimate.tum")
         assert len(true) == len(believed) > 20
         np.testing.assert_allclose(
             true.poses[0, :2], 0.0, atol=1e-5
@@ -78,7 +80,8 @@ def test_it_writes_a_dataset_that_reads_back(plan_file, tmp_path, capsys) -> Non
 
 
 def test_what_it_writes_can_be_shown_and_rendered(plan_file, tmp_path) -> None:
-    out, images = tmp_path / "out", tmp_path / "images"
+    out = tmp_path / "out"
+    images = tmp_path / "images"
     main([str(plan_file), "-o", str(out), "--method", "elastic", "--count", "2"])
     table = SplitTable(0, 0.1, {"flat": PlanSide("train", "flat")})
     render_images(out, images, ImageConfig(), table, selection=select_pairs(out))

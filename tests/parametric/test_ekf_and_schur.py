@@ -79,7 +79,8 @@ def test_slam_removes_most_of_the_odometry_error(flat, tour) -> None:
 @pytest.mark.parametrize("index", range(3))
 def test_observation_jacobians_match_finite_differences(index) -> None:
     rng = np.random.default_rng(index)
-    poses, points = rng.uniform(-1, 1, (5, 3)), rng.uniform(2, 4, (5, 2))
+    poses = rng.uniform(-1, 1, (5, 3))
+    points = rng.uniform(2, 4, (5, 2))
     _, by_pose, by_point = observation_model(poses, points, -0.064)
     step = 1e-6
     moved = poses.copy()

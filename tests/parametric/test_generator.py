@@ -42,7 +42,8 @@ def test_an_exploration_with_known_poses_is_drawn_again_cell_by_cell(flat) -> No
     )
     again = map_along_path(flat, path, EXACT, np.random.default_rng(0)).grid
     known = again.cells != UNKNOWN
-    rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
+    rows = np.flatnonzero(known.any(axis=1))
+    cols = np.flatnonzero(known.any(axis=0))
     cells = again.cells[rows[0] : rows[-1] + 1, cols[0] : cols[-1] + 1]
     assert cells.shape == episode.slam_map.cells.shape
     # Headings are drawn to a rounding error's exactness, which carries single end points over a border.

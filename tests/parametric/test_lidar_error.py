@@ -26,7 +26,8 @@ def beams_of(visibility, errors=NO_ERRORS, severity=0.0, seed=0):
 
 
 def test_every_systematic_term_acts_and_b4_differs_from_b5() -> None:
-    distance, bearing = np.array([2.0]), np.array([0.7])
+    distance = np.array([2.0])
+    bearing = np.array([0.7])
     values = {
         name: float(LidarErrors(**{name: 0.01}).bearing_error(distance, bearing)[0])
         for name in ("b1", "b2", "b3", "b4", "b5", "b6")

@@ -74,7 +74,8 @@ def test_turn_in_place_has_the_same_heading_whatever_the_wheels_diameters(kappa,
 @given(kappa=st.floats(-0.02, 0.02), way=st.floats(0.1, 5.0))
 def test_straight_line_bends_by_the_diameter_ratio_over_the_base(kappa, way) -> None:
     errors = WheelErrors(kappa=kappa)
-    ratio, base = errors.diameter_ratio, errors.wheel_base_ratio * WHEEL_BASE
+    ratio = errors.diameter_ratio
+    base = errors.wheel_base_ratio * WHEEL_BASE
     believed = believed_increments(motion([way], [0.0]), errors)
     # (E_d - 1)/b to first order; exactly 2 (E_d - 1)/((E_d + 1) b), which is kappa again.
     assert believed.turn[0] / way == pytest.approx(

@@ -14,7 +14,8 @@ from slamgym.parametric.config import MotionConfig
 from slamgym.parametric.paths import Waypoints, check_recorded, drive, pick_scans, sampled
 from slamgym.sim.robot import RobotConfig
 
-CONFIG, ROBOT = MotionConfig(), RobotConfig()
+CONFIG = MotionConfig()
+ROBOT = RobotConfig()
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0], [0.0, 0.0]])
 
 
@@ -28,10 +29,8 @@ def test_turn_and_go_passes_all_waypoints_within_the_robots_limits(points) -> No
         assert np.hypot(*(driven.poses[:, :2] - point).T).min() < 1e-9
     dt = np.diff(driven.stamps)
     assert (dt > 0.0).all()
-    way, turn = (
-        np.hypot(*np.diff(driven.poses[:, :2], axis=0).T),
-        np.abs(wrap_angle(np.diff(driven.poses[:, 2]))),
-    )
+    way = np.hypot(*np.diff(driven.poses[:, :2], axis=0).T)
+    turn = np.abs(wrap_angle(np.diff(driven.poses[:, 2])))
     assert (way / dt).max() <= ROBOT.max_linear + 1e-6
     assert (turn / dt).max() <= ROBOT.max_angular + 1e-6
     # It turns or drives, never both.

@@ -57,7 +57,8 @@ def test_walls_placed_forwards_land_on_walls_of_the_output(turn, shift_x, shift_
     # A rigid motion of up to 7 degrees and 10 cells, with a wave on top: drifts as large as the model makes.
     shape = (200, 220)
     rows, cols = np.indices(shape)
-    x, y = (cols - 110) * R, (100 - rows) * R
+    x = (cols - 110) * R
+    y = (100 - rows) * R
     wobble = wave * np.sin(2.0 * np.pi * x / 4.0)
     new_x = np.cos(turn) * x - np.sin(turn) * y + shift_x
     new_y = np.sin(turn) * x + np.cos(turn) * y + shift_y + wobble
@@ -77,7 +78,8 @@ def test_walls_placed_forwards_land_on_walls_of_the_output(turn, shift_x, shift_
 def test_densify_takes_the_nearest_known_value() -> None:
     field = np.zeros((2, 20, 30), dtype=np.float32)
     known = np.zeros((20, 30), dtype=bool)
-    field[:, 5, 5], field[:, 15, 25] = (0.1, 0.2), (-0.3, 0.4)
+    field[:, 5, 5] = (0.1, 0.2)
+    field[:, 15, 25] = (-0.3, 0.4)
     known[5, 5] = known[15, 25] = True
     dense = densify(field, known, 0.0)
     np.testing.assert_allclose(dense[:, 0, 0], [0.1, 0.2], atol=1e-7)
