@@ -24,7 +24,7 @@ from slamgym.slam.graph.relative import moved_by, seen_from
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.hit_count_kernels import BeamTable
 
-REACH = 10.0
+TRACKED_RANGE = 10.0
 """Points of a scan so near are aligned [m]."""
 MOST_POINTS = 360
 """About so many points of a scan are aligned, at most twice as many."""
@@ -60,7 +60,7 @@ class LaserTracker:
     """
 
     def __init__(self, scan: LaserScan) -> None:
-        self._beams = BeamTable.of(scan.geometry, SlamConfig(max_usable_range=REACH))
+        self._beams = BeamTable.of(scan.geometry, SlamConfig(max_usable_range=TRACKED_RANGE))
         self._stamp = scan.stamp
         self._pose = np.zeros(3)
         self._keyframe = self._pose  # where a scan was last drawn
@@ -89,7 +89,7 @@ class LaserTracker:
 
     def _points(self, scan: LaserScan) -> FloatArray:
         """End points (n, 2) in the robot's frame [m]."""
-        points = usable_end_points(scan.ranges, plain(self._beams), REACH)
+        points = usable_end_points(scan.ranges, plain(self._beams), TRACKED_RANGE)
         stride = max(1, len(points) // MOST_POINTS)
         return np.ascontiguousarray(points[::stride])
 
@@ -105,7 +105,7 @@ class LaserTracker:
         if placed.fit < SURE_FIT:
             widths = np.clip(np.multiply(FASTEST, wait), LEAST_WIDTH, MOST_WIDTH)
             window, turn = widths.tolist()
-            space = SearchWindow(target, guess, window, turn, REACH)
+            space = SearchWindow(target, guess, window, turn, TRACKED_RANGE)
             place, _ = space.search(points, sides, 0.0)
             found = target.align(points, sides, place, place, unknown)
             if found.fit > placed.fit + BETTER_FIT:
@@ -116,7 +116,7 @@ class LaserTracker:
     def _draw(self, points: FloatArray) -> None:
         """Draw points (n, 2) of the newest scan into the newest submap, or into a new one."""
         if not self._submaps or len(self._submaps[-1].poses) >= KEYFRAMES:
-            newest = Submap(0, REACH + KEYFRAMES * MOST_WIDTH)
+            newest = Submap(0, TRACKED_RANGE + KEYFRAMES * MOST_WIDTH)
             self._submaps = [*self._submaps[-1:], newest]
             self._frames = [*self._frames[-1:], self._pose]
         pose = seen_from(self._frames[-1], self._pose)

@@ -41,7 +41,7 @@ OFFSETS = np.arange(-100, 101) / 100.0
 """Lateness of the odometry's clock that is tried [s]."""
 OUTLIER_TURN = 0.15
 """The difference of a turn by laser and by odometry counts as this at most [rad]."""
-EXPLAINED = 0.75
+EXPLAINED_SHARE = 0.75
 """By the right clock the squared differences of turns fall below this share in each quarter of the turns; they fall to
 0.8 to 1 where the clocks agree."""
 WHEEL_ERROR = 0.025
@@ -159,7 +159,7 @@ def _lateness(log: Log, pairs: PairMotions) -> float:
         return 0.0
     quarters = zip(np.array_split(costs[best], 4), np.array_split(now, 4), strict=True)
     for found, before in quarters:
-        if found.sum() >= EXPLAINED * before.sum():
+        if found.sum() >= EXPLAINED_SHARE * before.sum():
             return 0.0
     return float(OFFSETS[best])
 

@@ -21,7 +21,7 @@ LOOP_RADIUS = 9.0
 """A loop is sought among submaps this near [m]."""
 SEPARATION = 5
 """Places that are searched are at least so many submaps apart."""
-MOST_PLACES = 2
+MOST_LOOP_PLACES = 2
 """So many places are searched at most."""
 CONTEXT = 3
 """Submaps on either side of a place in which the surfaces of the newest one are sought."""
@@ -35,7 +35,7 @@ LOOP_DEVIATIONS = 5.0
 """A search's window reaches so many standard deviations, and ``WINDOW_FLOOR``, from the pose by the graph."""
 WINDOW_FLOOR = (0.15, 0.05)
 """Window of a search where the pose is known exactly [m], [rad]."""
-LARGEST_WINDOW = (6.0, 0.8)
+LARGEST_LOOP_WINDOW = (6.0, 0.8)
 """Largest window of a search for a loop [m], [rad]."""
 AMBIGUOUS_METRES = 0.3
 """A search that leads further than this must find no other place as good [m]."""
@@ -106,7 +106,7 @@ class LoopCloser:
         nearest = np.argsort(away, kind="stable")[:count]
         places: list[int] = []
         for number in nearest.tolist():
-            if len(places) == MOST_PLACES:
+            if len(places) == MOST_LOOP_PLACES:
                 break
             submap = submaps[number]
             is_apart = all(abs(number - other) >= SEPARATION for other in places)
@@ -159,7 +159,7 @@ def _loop_window(covariance: FloatArray) -> tuple[float, float]:
     spread, spread_turn = pose_spreads(covariance)
     window = LOOP_DEVIATIONS * spread + WINDOW_FLOOR[0]
     turn = LOOP_DEVIATIONS * spread_turn + WINDOW_FLOOR[1]
-    return min(window, LARGEST_WINDOW[0]), min(turn, LARGEST_WINDOW[1])
+    return min(window, LARGEST_LOOP_WINDOW[0]), min(turn, LARGEST_LOOP_WINDOW[1])
 
 
 def _is_expected(graph: PoseGraph, closure: Match) -> bool:

@@ -25,7 +25,7 @@ LEAST_COSINE = 0.5
 """Surfaces that face the laser by more than this are looked at (cosine of the angle to the normal)."""
 BEHIND = 0.3
 """A beam passes a surface that it ends so far behind [m]; it ends at one that it comes to within a cell."""
-SCANS = 3
+JUDGED_SCANS = 3
 """Scans of a submap that are held against earlier submaps."""
 FEW_SEEN = 450
 """What scans of three submaps in a row pass is a share of at least so many surfaces."""
@@ -75,7 +75,7 @@ class Consistency:
         if own.is_older_map:
             return
         last = own.first + len(own.poses) - 1
-        spread = np.linspace(own.first, last, SCANS + 2)[1:-1]
+        spread = np.linspace(own.first, last, JUDGED_SCANS + 2)[1:-1]
         nodes = np.unique(spread.astype(np.int64)).tolist()
         poses = [Pose2D(*graph.poses[node].tolist()) for node in nodes]
         lasers = np.array([compose(pose, self._geometry.mount) for pose in poses])

@@ -21,7 +21,7 @@ from slamgym.slam.graph.relative import seen_from
 
 SUBMAP_CELL = 0.1
 """Size of a cell [m]: of furniture's scale, and few of an indoor scanner's beams fall between."""
-BORDER = 5
+SUBMAP_BORDER = 5
 """Cells round the surfaces of a submap to which no more scans are added."""
 VACANT = -1
 """Number of a piece that a cell of the grid doesn't have."""
@@ -103,10 +103,10 @@ class Submap:
         if len(rows) == 0:
             return
         # A border lets the scans move a little when the path is corrected.
-        top = max(rows[0] - BORDER, 0)
-        left = max(cols[0] - BORDER, 0)
-        end_row = rows[-1] + 1 + BORDER
-        end_col = cols[-1] + 1 + BORDER
+        top = max(rows[0] - SUBMAP_BORDER, 0)
+        left = max(cols[0] - SUBMAP_BORDER, 0)
+        end_row = rows[-1] + 1 + SUBMAP_BORDER
+        end_col = cols[-1] + 1 + SUBMAP_BORDER
         self.grid = self.grid[top:end_row, left:end_col].copy()
         self.corner = self.corner + np.array([left, top]) * SUBMAP_CELL
         self.pieces = self.pieces[: self._used].copy()
