@@ -33,11 +33,11 @@ DOOR_REACH = 0.1
 JAMB_STEPS = 0.1 * np.arange(0.5, 13.0)
 """Places beyond the ends of a boundary at which the wall is looked for [m]."""
 
-CONSTANT = 1.04
+BOUNDARY_CONSTANT = 1.04
 """Constant of a logistic function of :func:`boundary_signs`, by ``benchmarks/drawing/boundaries.py``.
 
 It is larger by 1 than the fitted one: a boundary that is missed spoils two rooms, one too many splits one."""
-WEIGHTS = np.array([1.12, 0.65, 0.76, 1.32, 1.01])
+BOUNDARY_WEIGHTS = np.array([1.12, 0.65, 0.76, 1.32, 1.01])
 """Coefficients of the signs in the same function, one each."""
 
 
@@ -229,4 +229,4 @@ def _log_odds(share: FloatArray) -> FloatArray:
 
 def boundary_log_odds(signs: FloatArray) -> FloatArray:
     """Log odds of lines being boundaries between rooms, from :func:`boundary_signs`."""
-    return CONSTANT + signs @ WEIGHTS
+    return BOUNDARY_CONSTANT + signs @ BOUNDARY_WEIGHTS

@@ -23,11 +23,11 @@ SHORTEST_CHANGE = 0.4
 """A wall is split into seen and inferred pieces of at least this length [m]."""
 NEAR_WALL = 0.5
 """Distance around a wall within which pieces of wall are counted [m]."""
-CONSTANT = 2.15
+WALL_CONSTANT = 2.15
 """Constant of a logistic function of :func:`wall_signs`: the probability that a true wall lies within 20 cm.
 
 Fitted on simulated homes (``benchmarks/drawing/wall_confidence.py``, docs/drawing/quality.md)."""
-WEIGHTS = np.array([1.55, -1.4, -1.44])
+WALL_WEIGHTS = np.array([1.55, -1.4, -1.44])
 """Coefficients of the signs in the same function, one each.
 
 The length of a wall, the model's certainty and the thickness said nothing more."""
@@ -35,7 +35,7 @@ The length of a wall, the model's certainty and the thickness said nothing more.
 
 def confidences(signs: FloatArray) -> FloatArray:
     """Probabilities that a true wall lies within 20 cm of drawn ones, from :func:`wall_signs`."""
-    log_odds = CONSTANT + signs @ WEIGHTS
+    log_odds = WALL_CONSTANT + signs @ WALL_WEIGHTS
     return 1.0 / (1.0 + np.exp(-log_odds))
 
 
