@@ -36,12 +36,7 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
     """
     found = _cached(cache, checksum, len(pairs))
     if found is None:
-        rows = []
-        with show_progress("alignments", 0, len(pairs)) as advance:
-            for cad, slam in zip(pairs.cad, pairs.slam, strict=True):
-                rows.append(nearest_motion(slam, cad))
-                advance()
-        found = np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
+        found = _nearest_motions(pairs)
         if cache is not None:
             write_bytes(cache, save({checksum: found}))
     if len(pairs) == 0:
@@ -50,6 +45,16 @@ def registered(pairs: PairSet, cache: Path | None = None, checksum: str = "") ->
     for cells, row in zip(pairs.slam, found.tolist(), strict=True):
         slam.append(moved(cells, Similarity(*row)))
     return replace(pairs, slam=np.stack(slam))
+
+
+def _nearest_motions(pairs: PairSet) -> FloatArray:
+    """The motion of each pair, (N, 4)."""
+    rows = []
+    with show_progress("alignments", 0, len(pairs)) as advance:
+        for cad, slam in zip(pairs.cad, pairs.slam, strict=True):
+            rows.append(nearest_motion(slam, cad))
+            advance()
+    return np.array(rows, dtype=np.float64).reshape(len(pairs), 4)
 
 
 def nearest_motion(slam: ByteArray, cad: ByteArray) -> Similarity:
@@ -83,7 +88,8 @@ def moved(slam: ByteArray, similarity: Similarity) -> ByteArray:
     if similarity == IDENTITY:
         return slam
     rows, cols = slam.shape
-    return np.asarray(transformed(slam, similarity.matrix(rows, cols)), dtype=np.uint8)
+    cells = transformed(slam, similarity.matrix(rows, cols))
+    return np.asarray(cells, dtype=np.uint8)
 
 
 def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
@@ -96,4 +102,6 @@ def _cached(cache: Path | None, checksum: str, count: int) -> FloatArray | None:
         return None  # for any cause, finding them again is right
     if found is None or found.dtype != np.float64 or found.shape != (count, 4):
         return None
-    return found if np.isfinite(found).all() else None
+    if not np.isfinite(found).all():
+        return None
+    return found

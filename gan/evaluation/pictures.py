@@ -77,11 +77,14 @@ def _write_grids(folder: Path, results: Results, chosen: Sequence[int]) -> None:
         masks = [np.asarray(method.predict(pairs, i)) >= THRESHOLD for method in results.methods]
         drawings = [_drawn(mask) for mask in masks[1:]]
         maps.append([pairs.slam[i], *drawings, pairs.cad[i]])
-        overlays.append([draw_agreement(_aligned(mask, truth), truth) for mask in masks])
+        aligned = [_aligned(mask, truth) for mask in masks]
+        overlays.append([draw_agreement(mask, truth) for mask in aligned])
     captions = [results.caption(i, "mse", "aligned MSE") for i in chosen]
-    write_picture(folder / "maps.png", draw_grid([*names, "CAD map"], maps, captions))
+    grid = draw_grid([*names, "CAD map"], maps, captions)
+    write_picture(folder / "maps.png", grid)
     captions = [results.caption(i, "wall_f1_10cm", "wall F1 10 cm") for i in chosen]
-    write_picture(folder / "overlays.png", draw_grid(names, overlays, captions))
+    grid = draw_grid(names, overlays, captions)
+    write_picture(folder / "overlays.png", grid)
 
 
 def _errors(scores: Sequence[MapScore]) -> FloatArray:

@@ -35,6 +35,24 @@ MEASURES: dict[str, str] = {
 
 TABLE_I_MAPS = 21
 """Maps in the paper's Table I."""
+_MAIN_MEASURES = (
+    "wall_f1_10cm",
+    "wall_f1_20cm",
+    "free_iou",
+    "hausdorff_95",
+    "room_error",
+    "room_f1",
+)
+"""Measures that :func:`main_table` shows beside the errors."""
+_NO_GAINS = {
+    "MSE1 / MSE2": "1",
+    "improved": "-",
+    "sign p": "-",
+    "Wilcoxon p": "-",
+    "grey MSE1 / MSE2": "1",
+    "improved by grey": "-",
+}
+"""What :func:`main_table` shows of the SLAM maps themselves."""
 
 
 def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, Any]]:
@@ -53,7 +71,8 @@ def summarise_scores(scores: dict[str, list[MapScore]]) -> dict[str, dict[str, A
         plans = [row.plan_id for row in rows]
         entry: dict[str, Any] = {"maps": len(rows), "plans": len(set(plans))}
         for measure in MEASURES:
-            entry[measure] = asdict(mean_interval(_column(rows, measure), groups=plans))
+            interval = mean_interval(_column(rows, measure), groups=plans)
+            entry[measure] = asdict(interval)
         entry["dimensions"] = summarise_dimensions(rows)
         if method != RAW:
             entry |= _improvements(rows, scores[RAW])
@@ -134,7 +153,9 @@ def _dimensions_row(method: str, entry: dict[str, Any]) -> dict[str, str]:
     found = entry["dimensions"]
     width = found["room_width"]
     length = found["wall_length"]
-    ratio = "1" if method == RAW else _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
+    ratio = "1"
+    if method != RAW:
+        ratio = _interval(entry["improvement_rigid"]["ratio_of_means"], 2)
     return {
         "method": method,
         "MSE ratio, rigid": ratio,
@@ -169,36 +190,38 @@ def _of(part: int, whole: int) -> str:
 
 def main_table(summary: dict[str, dict[str, Any]]) -> tuple[list[str], list[list[str]]]:
     """Headings and rows of the table that goes into the terminal and the documentation."""
-    headings = ["method", "MSE1", "MSE1 / MSE2", "improved", "sign p", "Wilcoxon p"]
-    headings += ["grey MSE1 / MSE2", "improved by grey"]
-    shown = ["wall_f1_10cm", "wall_f1_20cm", "free_iou", "hausdorff_95", "room_error", "room_f1"]
     rows = []
+    columns: dict[str, str] = {}
     for method, entry in summary.items():
-        gains = ["1", "-", "-", "-", "1", "-"]
-        if method != RAW:
-            gains = _gains(entry["improvement"], entry["improvement_grey"])
-        intervals = [_interval(entry[measure], 2) for measure in shown]
-        rows.append([method, f"{entry['mse']['value']:.4f}", *gains, *intervals])
-    return headings + [MEASURES[measure] for measure in shown], rows
+        columns = {"method": method, "MSE1": f"{entry['mse']['value']:.4f}"}
+        columns |= _gains(entry) if method != RAW else _NO_GAINS
+        for measure in _MAIN_MEASURES:
+            columns[MEASURES[measure]] = _interval(entry[measure], 2)
+        rows.append(list(columns.values()))
+    return list(columns), rows
 
 
-def _gains(better: dict[str, Any], by_grey: dict[str, Any]) -> list[str]:
-    """A method's cells about its improvement on the SLAM maps: of the masks, and of the images as drawn."""
-    return [
-        _interval(better["ratio_of_means"], 2),
-        _percentage(better["share_improved"]),
-        _p_value(better["sign_p"]),
-        _p_value(better["wilcoxon_p"]),
-        _interval(by_grey["ratio_of_means"], 2),
-        _percentage(by_grey["share_improved"]),
-    ]
+def _gains(entry: dict[str, Any]) -> dict[str, str]:
+    """A method's cells about its improvement on the SLAM maps, by their headings."""
+    masks = entry["improvement"]
+    greys = entry["improvement_grey"]
+    return {
+        "MSE1 / MSE2": _interval(masks["ratio_of_means"], 2),
+        "improved": _percentage(masks["share_improved"]),
+        "sign p": _p_value(masks["sign_p"]),
+        "Wilcoxon p": _p_value(masks["wilcoxon_p"]),
+        "grey MSE1 / MSE2": _interval(greys["ratio_of_means"], 2),
+        "improved by grey": _percentage(greys["share_improved"]),
+    }
 
 
 def table_one(scores: dict[str, list[MapScore]]) -> tuple[list[str], list[list[str]]]:
     """As the paper's Table I: the errors of 21 maps, one by one, chosen evenly over the sorted names."""
-    chosen = evenly_spaced(len(scores[RAW]), TABLE_I_MAPS)
+    raw = scores[RAW]
+    chosen = evenly_spaced(len(raw), TABLE_I_MAPS)
+    names = [raw[i].name for i in chosen]
     headings = ["map"]
-    columns = [[*(scores[RAW][i].name for i in chosen), "mean"]]
+    columns = [[*names, "mean"]]
     for method, maps in scores.items():
         headings.append(f"MSE2: {method}" if method == RAW else f"MSE1: {method}")
         errors = [f"{maps[i].mse:.4f}" for i in chosen]
@@ -212,7 +235,8 @@ def scores_csv(scores: dict[str, list[MapScore]]) -> str:
     names = list(scores[RAW][0].measures)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["method", "name", "plan_id", "metres_per_px", *names])
+    headings = ["method", "name", "plan_id", "metres_per_px", *names]
+    writer.writerow(headings)
     for method, rows in scores.items():
         for row in rows:
             values = [row.metres_per_px, *row.measures.values()]

@@ -34,8 +34,10 @@ class SpectralConv2d(nn.Conv2d):
         with torch.autocast(self.weight.device.type, enabled=False):
             matrix = self.weight.flatten(1)  # (out, in * k * k)
             with torch.no_grad():
-                v = functional.normalize(matrix.T @ self.u, dim=0)
-                u = functional.normalize(matrix @ v, dim=0)
+                right = matrix.T @ self.u
+                v = functional.normalize(right, dim=0)
+                left = matrix @ v
+                u = functional.normalize(left, dim=0)
                 if self.training:
                     self.u.copy_(u)
             sigma = torch.dot(u, matrix @ v)
@@ -105,7 +107,8 @@ class DiscriminatorBody(nn.Module):
         for inner in range(level - 1, -1, -1):
             passed = self.blocks[inner](features[-1])
             if inner == level - 1 and fade < 1.0:
-                passed = blend(passed, self._enter(halve(images), inner), fade)
+                late = self._enter(halve(images), inner)
+                passed = blend(passed, late, fade)
             features.append(passed)
         gathered = self.gather(minibatch_stddev(features[-1]))
         features.append(functional.leaky_relu(gathered, LEAK))
@@ -115,7 +118,8 @@ class DiscriminatorBody(nn.Module):
         return features
 
     def _enter(self, images: Tensor, level: int) -> Tensor:
-        return functional.leaky_relu(self.entrances[level](images), LEAK)
+        entered = self.entrances[level](images)
+        return functional.leaky_relu(entered, LEAK)
 
 
 def _halving_block(inputs: int, outputs: int) -> nn.Sequential:
@@ -174,8 +178,9 @@ class DomainDiscriminator(nn.Module):
         """
         pair = torch.cat([x, y], dim=1)
         resolution = y.shape[-1]
+        depths = copy_depths(resolution, fade)
         features = []
-        for copy, depth in zip(self.copies, copy_depths(resolution, fade), strict=False):
+        for copy, depth in zip(self.copies, depths, strict=False):
             coarse = functional.avg_pool2d(pair, resolution // depth)
             features.append(copy(coarse, depth, fade))
         return features
@@ -207,7 +212,8 @@ class RealFakeDiscriminator(nn.Module):
         Returns:
             For each copy its features, the last one the scores (B, 1, P, P).
         """
+        depths = copy_depths(y.shape[-1], fade)
         features = []
-        for copy, depth in zip(self.copies, copy_depths(y.shape[-1], fade), strict=False):
+        for copy, depth in zip(self.copies, depths, strict=False):
             features.append(copy(y, depth, fade))
         return features

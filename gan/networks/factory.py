@@ -38,7 +38,8 @@ def build_generator(config: TranslatorConfig, seed: int | None = 0) -> Generator
         if seed is not None:
             unet.start(torch.Generator().manual_seed(seed))
         return unet
-    progressive = ProgressiveGenerator(inputs, outputs, config.input_size, config.generator.width)
+    width = config.generator.width
+    progressive = ProgressiveGenerator(inputs, outputs, config.input_size, width)
     if seed is not None:
         initialise(progressive, torch.Generator().manual_seed(seed))
     return progressive

@@ -137,12 +137,14 @@ class ProgressiveGenerator(nn.Module):
         coarser = decoded
         for step in range(1, last + 1):
             coarser = decoded
-            joined = torch.cat([features[self.halvings - step], decoded], dim=1)
+            skip = features[self.halvings - step]
+            joined = torch.cat([skip, decoded], dim=1)
             decoded = self.grow[step](double(joined))
         scores: Tensor = self.heads[last](decoded).float()  # (B, out, resolution, resolution)
         image = torch.tanh(scores)
         if fade < 1.0 and last > 0:
-            old = torch.tanh(self.heads[last - 1](coarser).float())
+            old_scores = self.heads[last - 1](coarser).float()
+            old = torch.tanh(old_scores)
             image = blend(image, double(old), fade)
         return GeneratorOutput(image)
 
@@ -249,15 +251,19 @@ class ResidualUNet(nn.Module):
             raise ValueError(
                 f"this generator works at the input's size {side} only, not at {resolution}"
             )
-        skips = [self.encode[0](self.enter(x))]  # (B, w, S / 2, S / 2)
+        entered = self.enter(x)
+        skips = [self.encode[0](entered)]  # (B, w, S / 2, S / 2)
         for level in range(self.depth):
-            skips.append(self.encode[level + 1](self.shrink[level](skips[-1])))
+            shrunk = self.shrink[level](skips[-1])
+            skips.append(self.encode[level + 1](shrunk))
         decoded = self.bottom(skips[-1])
         for level in range(self.depth - 1, -1, -1):
             below = double(self.widen[level](decoded))
             decoded = self.decode[level](below + skips[level])
         fine = self.unfold(decoded)  # (B, FINE_CHANNELS, S, S)
-        correction = self.refine(torch.cat([fine, x.to(fine.dtype)], dim=1))
-        logits = correction.float() + self.copy(x).float()
+        seen = torch.cat([fine, x.to(fine.dtype)], dim=1)
+        correction = self.refine(seen).float()
+        copied = self.copy(x).float()
+        logits = correction + copied
         shares = torch.softmax(logits, dim=1)
         return GeneratorOutput(2.0 * shares - 1.0, logits)

@@ -9,7 +9,7 @@ import math
 import cv2
 import numpy as np
 
-from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray, Float32Array
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, BoolArray, ByteArray
 from slamgym.gan.data import window_corner
 from slamgym.metrics.maps import resample_slam
 from slamgym.metrics.wall_direction import transformed
@@ -95,7 +95,9 @@ def _cut_window(
 ) -> tuple[ByteArray, ByteArray]:
     """A window of both images about a random place of what the SLAM map shows."""
     known = np.flatnonzero(slam != UNKNOWN)
-    at = int(known[rng.integers(known.size)]) if known.size else slam.size // 2
+    at = slam.size // 2
+    if known.size > 0:
+        at = int(known[rng.integers(known.size)])
     place = divmod(at, slam.shape[1])
     row, col = window_corner(slam, side, place)
     window = slice(row, row + side), slice(col, col + side)
@@ -109,7 +111,8 @@ def _draw_motions(side: int, rng: np.random.Generator) -> tuple[np.ndarray, np.n
     angle = 0.0
     if rng.random() < ROTATED:
         angle = rng.uniform(-45.0, 45.0)
-    zoom = math.exp(rng.uniform(-1.0, 1.0) * math.log1p(ZOOM))
+    strength = rng.uniform(-1.0, 1.0)
+    zoom = math.exp(strength * math.log1p(ZOOM))
     both = _about_centre(side, angle, zoom)
     turn = _about_centre(side, rng.normal(0.0, TURN_DEG))
     return both, turn @ both
@@ -125,7 +128,8 @@ def _about_centre(side: int, angle_deg: float, zoom: float = 1.0) -> np.ndarray:
 def _moved(image: ByteArray, motion: np.ndarray, method: int, fill: int) -> ByteArray:
     if np.array_equal(motion, np.eye(3)):
         return image
-    return np.asarray(transformed(image, motion[:2], fill, method), dtype=np.uint8)
+    there = transformed(image, motion[:2], fill, method)
+    return np.asarray(there, dtype=np.uint8)
 
 
 def _wobbled(
@@ -133,7 +137,8 @@ def _wobbled(
 ) -> ByteArray:
     """Move, and distort smoothly by vectors of the given standard deviation."""
     side = image.shape[0]
-    coarse = rng.normal(0.0, amplitude_px, (WOBBLE_CELLS, WOBBLE_CELLS, 2)).astype(np.float32)
+    noise = rng.normal(0.0, amplitude_px, (WOBBLE_CELLS, WOBBLE_CELLS, 2))
+    coarse = noise.astype(np.float32)
     field = cv2.resize(coarse, (side, side), interpolation=cv2.INTER_CUBIC)
     pixels = np.arange(side, dtype=np.float32)
     cols, rows = np.meshgrid(pixels, pixels)
@@ -167,8 +172,9 @@ def _doubled(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
 def _with_gaps(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
     """Erase walls in blobs."""
     share = rng.uniform(0.0, WALL_DROPOUT)
-    gaps = (slam == OCCUPIED) & _blobs(slam.shape[0], share, rng)
-    return _erased(slam, gaps)
+    blobs = _blobs(slam.shape[0], share, rng)
+    is_wall = slam == OCCUPIED
+    return _erased(slam, is_wall & blobs)
 
 
 def _forgotten(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
@@ -207,8 +213,9 @@ def _coarsened(slam: ByteArray, rng: np.random.Generator) -> ByteArray:
 def _blobs(side: int, share: float, rng: np.random.Generator) -> BoolArray:
     """Random smooth blobs that cover about this share of the square."""
     noise = rng.random((BLOB_CELLS, BLOB_CELLS), dtype=np.float32)
-    smooth: Float32Array = np.asarray(cv2.GaussianBlur(noise, (0, 0), 0.8), dtype=np.float32)
-    level = float(np.quantile(smooth, max(0.0, 1.0 - share)))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 0.8)
+    uncovered = max(0.0, 1.0 - share)
+    level = float(np.quantile(smooth, uncovered))
     fine = cv2.resize(smooth, (side, side), interpolation=cv2.INTER_LINEAR)
     return fine > level
 
@@ -218,6 +225,6 @@ def _half_plane(side: int, rng: np.random.Generator) -> BoolArray:
     angle = rng.uniform(0.0, 2.0 * math.pi)
     distance = rng.uniform(NEAREST_CUT, FARTHEST_CUT) * side
     offsets = np.arange(side, dtype=np.float32) - 0.5 * (side - 1)
-    cols = offsets[None, :]
-    rows = offsets[:, None]
-    return math.cos(angle) * cols + math.sin(angle) * rows > distance
+    along_cols = math.cos(angle) * offsets[None, :]
+    along_rows = math.sin(angle) * offsets[:, None]
+    return along_cols + along_rows > distance

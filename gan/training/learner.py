@@ -95,13 +95,15 @@ class Learner:
         self.generator.train()
         self.discriminators.train()
         self._set_rate(self.config.optimiser.learning_rate * moment.rate)
-        x, y, other = self._encoded(batch, moment.resolution)
-        x_small = _shrunk(x, moment.resolution)
+        resolution = moment.resolution
+        fade = moment.fade
+        x, y, other = self._encoded(batch, resolution)
+        x_small = _shrunk(x, resolution)
         with self.compute.autocast():
-            real = self._features(x_small, y, moment.fade)
+            real = self._features(x_small, y, fade)
             with _frozen(self.discriminators):
-                output = self.generator(x, moment.resolution, moment.fade)
-                terms = self._generator_terms(output, x_small, y, real, moment.fade)
+                output = self.generator(x, resolution, fade)
+                terms = self._generator_terms(output, x_small, y, real, fade)
         total = self._weighted(terms)
         values = {name: term.detach() for name, term in terms.items()}
         values["total"] = total.detach()
@@ -110,7 +112,7 @@ class Learner:
             return {name: float(value) for name, value in values.items()}
         self._descend("generator", total)
         image = output.image.detach()
-        to_discern = self._discriminator_terms(image, x_small, other, real, moment.fade)
+        to_discern = self._discriminator_terms(image, x_small, other, real, fade)
         for name, term in to_discern.items():
             self._descend(name, term)
             values[f"discriminator_{name}"] = term.detach()
@@ -118,8 +120,8 @@ class Learner:
         self.steps_done += 1
         self.images_done += len(batch.cad)
         # One transfer for all terms.
-        numbers = torch.stack([value.float() for value in values.values()]).tolist()
-        return dict(zip(values, numbers, strict=True))
+        stacked = torch.stack([value.float() for value in values.values()])
+        return dict(zip(values, stacked.tolist(), strict=True))
 
     def _set_rate(self, rate: float) -> None:
         for optimiser in self.optimisers.values():
@@ -128,10 +130,10 @@ class Learner:
 
     def _encoded(self, batch: Batch, resolution: int) -> tuple[Tensor, Tensor, Tensor | None]:
         """Input (B, in, S, S), target and unassociated target (B, out, R, R), if a discriminator sees such."""
-        if self.config.translator.direction == "slam2cad":
-            seen, wanted, other = batch.slam, batch.cad, batch.other_cad
-        else:
-            seen, wanted, other = batch.cad, batch.slam, batch.other_slam
+        to_cad = self.config.translator.direction == "slam2cad"
+        seen = batch.slam if to_cad else batch.cad
+        wanted = batch.cad if to_cad else batch.slam
+        other = batch.other_cad if to_cad else batch.other_slam
         x = self._on_device(seen, self.config.translator.input_encoding)
         y = self._target(wanted, resolution)
         unassociated = None if other is None else self._target(other, resolution)
@@ -147,7 +149,8 @@ class Learner:
         return _shrunk(images, resolution)
 
     def _on_device(self, cells: ByteArray, encoding: Encoding) -> Tensor:
-        images = encode(torch.from_numpy(cells).to(self.compute.device), encoding)
+        on_device = torch.from_numpy(cells).to(self.compute.device)
+        images = encode(on_device, encoding)
         return images.contiguous(memory_format=self.compute.memory_format)
 
     def _features(self, x_small: Tensor, y: Tensor, fade: float) -> dict[str, losses.Features]:
@@ -201,12 +204,13 @@ class Learner:
         fade: float,
     ) -> dict[str, Tensor]:
         """Losses of the discriminators, of eqs. (2) and (3)."""
+        terms = {}
         with self.compute.autocast():
-            terms = {}
             for name, fake in self._features(x_small, image, fade).items():
                 fakes = [fake]
                 if name == "domain" and other is not None:
-                    fakes.append(self.discriminators[name](x_small, other, fade))
+                    unassociated = self.discriminators[name](x_small, other, fade)
+                    fakes.append(unassociated)
                 terms[name] = losses.discriminator_loss(real[name], fakes)
         return terms
 
@@ -214,8 +218,9 @@ class Learner:
         optimiser = self.optimisers[name]
         optimiser.zero_grad(set_to_none=True)
         loss.backward()
-        if name == "generator" and self.config.optimiser.clip_norm > 0.0:
-            nn.utils.clip_grad_norm_(self.generator.parameters(), self.config.optimiser.clip_norm)
+        largest = self.config.optimiser.clip_norm
+        if name == "generator" and largest > 0.0:
+            nn.utils.clip_grad_norm_(self.generator.parameters(), largest)
         optimiser.step()
 
     def _update_average(self) -> None:
@@ -246,6 +251,16 @@ class Learner:
         Raises:
             InputFileError: If it can't be written.
         """
+        plain = {}
+        for name, value in self._tensors().items():
+            plain[name] = value.detach().cpu().contiguous().clone()
+        done = {"steps_done": self.steps_done, "images_done": self.images_done}
+        header = {"format": STATE_FORMAT, "facts": json.dumps(facts | done)}
+        with staged(path) as part:
+            save_file(plain, part, metadata=header)
+
+    def _tensors(self) -> dict[str, Tensor]:
+        """The tensors of the state, by the names that :meth:`restore` reads."""
         tensors = {"torch.cpu": torch.get_rng_state()}
         if self.compute.device.type == "cuda":
             tensors["torch.cuda"] = torch.cuda.get_rng_state(self.compute.device)
@@ -257,11 +272,7 @@ class Learner:
             for number, state in optimiser.state_dict()["state"].items():
                 for key, value in state.items():
                     tensors[f"optimiser.{name}.{number}.{key}"] = value
-        plain = {key: value.detach().cpu().contiguous().clone() for key, value in tensors.items()}
-        done = {"steps_done": self.steps_done, "images_done": self.images_done}
-        header = {"format": STATE_FORMAT, "facts": json.dumps(facts | done)}
-        with staged(path) as part:
-            save_file(plain, part, metadata=header)
+        return tensors
 
     def restore(self, tensors: dict[str, Tensor], facts: dict[str, Any]) -> None:
         """Put a state into networks and optimisers of the same settings, and into torch's generators.
@@ -323,7 +334,9 @@ def _by_parameter(tensors: dict[str, Tensor]) -> dict[int, dict[str, Tensor]]:
 def _shrunk(images: Tensor, side: int) -> Tensor:
     """Area mean down to (B, C, side, side); thin walls grow pale rather than vanish."""
     factor = images.shape[-1] // side
-    return functional.avg_pool2d(images, factor) if factor > 1 else images
+    if factor <= 1:
+        return images
+    return functional.avg_pool2d(images, factor)
 
 
 @contextmanager

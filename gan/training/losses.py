@@ -4,6 +4,7 @@ A discriminator returns, for each of its copies (scales), a list of features who
 Every sample and every scale takes part in every term.
 """
 
+import functools
 from collections.abc import Sequence
 
 import torch
@@ -67,7 +68,8 @@ def feature_matching_loss(fake: Features, reference: Features) -> Tensor:
     for ours, theirs in zip(fake, reference, strict=True):  # one copy each
         terms = []
         for weight, our, their in zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False):
-            distance = functional.l1_loss(our.float(), their.detach().float())
+            constant = their.detach().float()
+            distance = functional.l1_loss(our.float(), constant)
             terms.append(weight * distance)
         distances.append(torch.stack(terms).sum())
     return torch.stack(distances).sum()
@@ -92,7 +94,8 @@ def cross_entropy_loss(logits: Tensor, target: Tensor) -> Tensor:
     """
     wanted = probabilities(target)
     log_shares = functional.log_softmax(logits.float(), dim=1)
-    terms = -(wanted * log_shares).sum(dim=1, keepdim=True)
+    surprise = wanted * log_shares
+    terms = -surprise.sum(dim=1, keepdim=True)
     floor = free_share(wanted)
     of_borders = EDGE_WEIGHT * near_borders(floor)
     of_walls = WALL_WEIGHT * near_thin_walls(floor)
@@ -148,8 +151,9 @@ def near_thin_walls(values: Tensor, beside: int = 2) -> Tensor:
 
 def _closed(floor: Tensor, window: tuple[int, int], padding: tuple[int, int]) -> Tensor:
     """Morphological closing: gaps between floor that are narrower than the window become floor."""
-    grown = functional.max_pool2d(floor, window, stride=1, padding=padding)
-    return -functional.max_pool2d(-grown, window, stride=1, padding=padding)
+    widest = functools.partial(functional.max_pool2d, kernel_size=window, stride=1, padding=padding)
+    grown = widest(floor)
+    return -widest(-grown)
 
 
 def dice_loss(image: Tensor, target: Tensor) -> Tensor:

@@ -38,7 +38,8 @@ def validate(
         Means over the pairs, and a grid of input, translation and target, (rows, cols).
     """
     to_cad = config.direction == "slam2cad"
-    inputs, targets = (pairs.slam, pairs.cad) if to_cad else (pairs.cad, pairs.slam)
+    inputs = pairs.slam if to_cad else pairs.cad
+    targets = pairs.cad if to_cad else pairs.slam
     translated = run_generator(generator, inputs, config, compute, resolution)
     if to_cad:
         shown, figures = _validate_cad(translated, pairs, config)
@@ -85,16 +86,23 @@ def _error_and_f1(free: BoolArray, truth: BoolArray, metres_per_px: float) -> tu
 def _validate_slam(
     translated: Float32Array, targets: ByteArray, config: TranslatorConfig
 ) -> tuple[ByteArray, dict[str, float]]:
-    side = targets.shape[1]
-    factor = side // translated.shape[-1]
+    factor = targets.shape[-1] // translated.shape[-1]
     cells = np.stack([decode_slam(image, config.output_encoding) for image in translated])
     shown = cells.repeat(factor, axis=1).repeat(factor, axis=2)
-    difference = np.abs(shown.astype(np.int16) - targets.astype(np.int16))
-    figures = {"grey_difference": float(difference.mean())}
-    for name, value in (("occupied", OCCUPIED), ("unknown", UNKNOWN), ("free", FREE)):
-        excess = np.mean(shown == value) - np.mean(targets == value)
-        figures[f"{name}_excess"] = float(excess)
-    return shown, figures
+    differences = shown.astype(np.int16) - targets.astype(np.int16)
+    return shown, {
+        "grey_difference": float(np.abs(differences).mean()),
+        "occupied_excess": _excess(shown, targets, OCCUPIED),
+        "unknown_excess": _excess(shown, targets, UNKNOWN),
+        "free_excess": _excess(shown, targets, FREE),
+    }
+
+
+def _excess(cells: ByteArray, true_cells: ByteArray, value: int) -> float:
+    """Share of the cells of a value, less that of the true ones."""
+    share = np.mean(cells == value)
+    true_share = np.mean(true_cells == value)
+    return float(share - true_share)
 
 
 class ProgressLines:

@@ -70,7 +70,7 @@ class BatchSampler:
         self._config = config
         self._rng = rng
         self._others = config.loss.adversarial > 0.0
-        self._order: IntArray = rng.permutation(len(pairs)).astype(np.int64)
+        self._order = self._shuffled()
         self._position = 0
         self._threads = ThreadPoolExecutor(torch.get_num_threads())
         self._doors: dict[int, IntArray] = {}
@@ -82,7 +82,8 @@ class BatchSampler:
         while len(self._ahead) < 2 * count:
             place = self._place()
             drawn = self._drawn()
-            self._ahead.append(_Ahead(place, self._threads.submit(self._sample, drawn)))
+            pairs = self._threads.submit(self._sample, drawn)
+            self._ahead.append(_Ahead(place, pairs))
         samples = [self._ahead.popleft().pairs.result() for _ in range(count)]
         batch = _stacked([pairs[0] for pairs in samples])
         if not self._others:
@@ -109,12 +110,17 @@ class BatchSampler:
             "position": self._position,
         }
 
+    def _shuffled(self) -> IntArray:
+        """All pairs' indices in a random order."""
+        return self._rng.permutation(len(self._pairs)).astype(np.int64)
+
     def _next(self) -> int:
         if self._position == len(self._order):
-            self._order = self._rng.permutation(len(self._pairs)).astype(np.int64)
+            self._order = self._shuffled()
             self._position = 0
+        index = self._order[self._position]
         self._position += 1
-        return int(self._order[self._position - 1])
+        return int(index)
 
     def _drawn(self) -> list[tuple[int, int]]:
         """(index, seed of the changes) of the next pair, and of another one if others are wanted."""
@@ -151,7 +157,8 @@ class BatchSampler:
         """(S, S, 2): the CAD map and its doors, which are found once."""
         cad = self._pairs.cad[index]
         if index not in self._doors:
-            found = door_cells(cad > FREE // 2, self._pairs.usual_scale(index))
+            scale = self._pairs.usual_scale(index)
+            found = door_cells(cad > FREE // 2, scale)
             self._doors[index] = np.flatnonzero(found)
         doors = np.zeros_like(cad)
         doors.ravel()[self._doors[index]] = FREE

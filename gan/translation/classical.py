@@ -21,10 +21,13 @@ def outline_only(cad: ByteArray, metres_per_px: float, thickest_wall: float = 0.
     radius = thickest_wall / metres_per_px
     # Wide enough that closing doesn't join the building to the image's border.
     border = int(np.ceil(radius)) + 2
-    free = np.pad((cad > 127).astype(np.uint8), border)
+    free = (cad > 127).astype(np.uint8)
+    free = np.pad(free, border)
     side = odd(radius)
     square = cv2.getStructuringElement(cv2.MORPH_RECT, (side, side))
     closed = cv2.morphologyEx(free, cv2.MORPH_CLOSE, square)
     contours, _ = cv2.findContours(closed, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    filled = cv2.drawContours(np.zeros_like(free), contours, -1, 1, cv2.FILLED)
-    return filled[border:-border, border:-border] > 0
+    filled = np.zeros_like(free)
+    cv2.drawContours(filled, contours, -1, 1, cv2.FILLED)
+    inside = filled[border:-border, border:-border]
+    return inside > 0

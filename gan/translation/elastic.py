@@ -35,7 +35,8 @@ def _faces(cad: ByteArray) -> ByteArray:
     """The values of a SLAM map that shows every wall's face."""
     free = (cad > 127).astype(np.uint8)
     neighbours = np.ones((3, 3), np.uint8)
-    is_face = cv2.dilate(free, neighbours) > free
+    grown = cv2.dilate(free, neighbours)
+    is_face = grown > free
     cells = np.full(cad.shape, UNKNOWN, np.uint8)
     cells[free > 0] = FREE
     cells[is_face] = OCCUPIED
@@ -65,7 +66,8 @@ def _random_field(
     sigma = CORRELATION_LENGTH / metres_per_px
     field = np.stack([cv2.GaussianBlur(component, (0, 0), sigma) for component in noise])
     deviation = max(float(field.std()), 1e-9)
-    scale = np.float32(DISPLACEMENT / metres_per_px) / deviation
+    displacement_px = np.float32(DISPLACEMENT / metres_per_px)
+    scale = displacement_px / deviation
     return np.asarray(field * scale, dtype=np.float32)
 
 

@@ -69,11 +69,13 @@ def _removable(picture: BoolArray, is_first: bool) -> BoolArray:
     # Clockwise from above: P2 to P9.
     shifts = ((1, 0), (1, -1), (0, -1), (-1, -1), (-1, 0), (-1, 1), (0, 1), (1, 1))
     ring = np.stack([np.roll(picture, shift, (0, 1))[1:-1, 1:-1] for shift in shifts])
+    following = np.roll(ring, -1, axis=0)
     count = ring.sum(axis=0)
-    rises = (~ring & np.roll(ring, -1, axis=0)).sum(axis=0)
+    rises = (~ring & following).sum(axis=0)
     up, right, down, left = ring[::2]
     kept_at_first = right & down & (up | left)
     kept_then = up & left & (right | down)
     kept = kept_at_first if is_first else kept_then
-    removable: BoolArray = (count >= 2) & (count <= 6) & (rises == 1) & ~kept
+    is_border = (count >= 2) & (count <= 6) & (rises == 1)
+    removable: BoolArray = is_border & ~kept
     return removable

@@ -7,7 +7,6 @@ translation is resampled and turned back, so that it lies over the input.
 """
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -24,9 +23,10 @@ from slamgym.gan.encoding import (
     resample_grey,
     resample_probability,
 )
-from slamgym.gan.networks.factory import TRANSLATION_BATCH, Generator, run_generator
+from slamgym.gan.networks.factory import Generator, run_generator
 from slamgym.gan.translation.elastic import drifted
 from slamgym.gan.translation.finishing import thinned_walls
+from slamgym.gan.translation.tiling import translate_tiled
 from slamgym.gan.weights import ModelCard, load_weights
 from slamgym.metrics.layers import MapLayers
 from slamgym.metrics.maps import keep_thin_walls, resample_slam
@@ -38,81 +38,6 @@ from slamgym.metrics.wall_direction import (
     turned,
     turned_probability,
 )
-
-OVERLAP = 0.25
-"""Least share of a tile that its neighbour sees too."""
-
-
-def tile_starts(length: int, tile: int) -> list[int]:
-    """Where tiles begin along one axis so that they cover it evenly, the last one ending at its end."""
-    if length <= tile:
-        return [0]
-    step = tile * (1.0 - OVERLAP)
-    count = int(np.ceil((length - tile * OVERLAP) / step))
-    return [round(start) for start in np.linspace(0, length - tile, count)]
-
-
-def translate_tiled(
-    cells: ByteArray, tile: int, fill: int, run: Callable[[ByteArray], Float32Array]
-) -> Float32Array:
-    """Translate tile by tile.
-
-    Args:
-        cells: (H, W), any size; smaller sides are padded in the middle.
-        tile: Side of a tile.
-        fill: Value of the padding.
-        run: Turns tiles (N, tile, tile) into (N, C, tile, tile).
-
-    Returns:
-        (C, H, W): the mean of the tiles, weighted less towards their borders; -1 where a tile would be empty.
-    """
-    rows, cols = cells.shape
-    above, below = _padding(rows, tile)
-    left, right = _padding(cols, tile)
-    padded = np.pad(cells, ((above, below), (left, right)), constant_values=fill)
-    tiles = _known_tiles(padded, tile, fill)
-    window = _window(tile)
-    total: Float32Array | None = None
-    weight = np.full(padded.shape, 1e-9, np.float32)
-    # Some at a time, so that only the result grows with the map.
-    for first in range(0, len(tiles), TRANSLATION_BATCH):
-        some = tiles[first : first + TRANSLATION_BATCH]
-        images = run(np.stack([padded[place] for place in some]))
-        if total is None:  # nothing where nothing is known
-            total = np.full((images.shape[1], *padded.shape), -1e-9, np.float32)
-        for place, image in zip(some, images, strict=True):
-            total[:, *place] += image * window
-            weight[place] += window
-    if total is None:
-        return np.full((1, rows, cols), -1.0, np.float32)
-    blended: Float32Array = (total / weight).astype(np.float32)
-    return blended[:, above : above + rows, left : left + cols]
-
-
-def _padding(length: int, tile: int) -> tuple[int, int]:
-    """Cells to be added before and behind so that a side is as long as a tile."""
-    missing = max(0, tile - length)
-    before = missing // 2
-    return before, missing - before
-
-
-def _known_tiles(cells: ByteArray, tile: int, fill: int) -> list[tuple[slice, slice]]:
-    """Rows and columns of the tiles that show anything."""
-    known = []
-    for top in tile_starts(cells.shape[0], tile):
-        for left in tile_starts(cells.shape[1], tile):
-            place = slice(top, top + tile), slice(left, left + tile)
-            if (cells[place] != fill).any():
-                known.append(place)
-    return known
-
-
-def _window(tile: int) -> Float32Array:
-    """Weights that fall towards the borders but stay positive."""
-    pixels = np.arange(tile)
-    to_border = np.minimum(pixels, pixels[::-1]) + 1.0
-    ramp = np.minimum(1.0, to_border / (OVERLAP * tile))
-    return np.asarray(np.outer(ramp, ramp), dtype=np.float32)
 
 
 @runtime_checkable
@@ -196,7 +121,7 @@ class LearnedTranslator:
                 "these weights draw floor alone, no layers; choose others with --weights"
             )
         image = self._drawn(slam, metres_per_px, False, angle_deg)
-        floor, wall, door = _shares(image[:3])
+        floor, wall, door, _ = _shares(image)
         unseen = np.maximum(1.0 - floor - wall - door, 0.0)
         return MapLayers(floor, wall, door, unseen)
 
@@ -218,7 +143,8 @@ class LearnedTranslator:
             angle = 0.0
         # A small turn cuts nothing off but a sliver of the corners; the training's maps are turned like this, too.
         padded = slam if abs(angle) <= MAX_DRIFT_DEG else padded_for_turning(slam, angle)
-        image = self._fitted(turned(padded, -angle), UNKNOWN, metres_per_px)
+        straight = turned(padded, -angle)
+        image = self._fitted(straight, UNKNOWN, metres_per_px)
         if not straighten:
             back = [turned_probability(channel, angle) for channel in _shares(image)]
             image = _encoded(np.stack(back))
@@ -272,8 +198,8 @@ class LearnedTranslator:
         if part.size == 0:
             return result
         shape = self._working_shape(part.shape, metres_per_px)
-        resampled = resample_slam(part, shape) if empty == UNKNOWN else resample_grey(part, shape)
-        drawn = translate_tiled(resampled, self.config.input_size, empty, self._run)
+        resample = resample_slam if empty == UNKNOWN else resample_grey
+        drawn = translate_tiled(resample(part, shape), self.config.input_size, empty, self._run)
         for channel, shares in enumerate(_shares(drawn)):
             result[channel, rows, cols] = _encoded(resample_probability(shares, part.shape))
         if self.config.direction == "slam2cad" and max(shape) > max(part.shape):
@@ -286,8 +212,10 @@ class LearnedTranslator:
         free = free_probability(image, encoding)
         row_ratio, col_ratio = np.divide(image.shape[1:], drawn.shape[1:])
         ratio = np.array([col_ratio, row_ratio])
-        matrix = np.column_stack([np.diag(ratio), 0.5 * ratio - 0.5])
-        closed = keep_thin_walls(free, free_probability(drawn, encoding), matrix)
+        offset = 0.5 * ratio - 0.5
+        matrix = np.column_stack([np.diag(ratio), offset])
+        true_free = free_probability(drawn, encoding)
+        closed = keep_thin_walls(free, true_free, matrix)
         opened = 2.0 * (free - closed)
         if encoding == "layers":
             image[1] += opened
@@ -317,11 +245,10 @@ class LearnedTranslator:
         images = run_generator(self._generator, tiles, self.config, self._compute, resolution)
         if images.shape[-1] == tiles.shape[-1]:
             return images
-        enlarged = np.empty((*images.shape[:2], *tiles.shape[1:]), np.float32)
-        for channels, larger in zip(_shares(images), enlarged, strict=True):
-            for channel, shares in enumerate(channels):
-                larger[channel] = enlarge_means(shares, tiles.shape[1:])
-        return _encoded(enlarged)
+        count, channels, rows, cols = images.shape
+        shares = _shares(images).reshape(-1, rows, cols)
+        enlarged = np.stack([enlarge_means(image, tiles.shape[1:]) for image in shares])
+        return _encoded(enlarged.reshape(count, channels, *tiles.shape[1:]))
 
 
 def load_translator(
@@ -370,9 +297,14 @@ def _content(cells: ByteArray, empty: int) -> tuple[slice, slice]:
     cols = np.flatnonzero(known.any(axis=0)).tolist()
     if not rows:
         return slice(0, 0), slice(0, 0)
-    larger_side = max(rows[-1] - rows[0], cols[-1] - cols[0])
-    margin = math.ceil(CONTENT_MARGIN * larger_side + 1)
-    # A slice may end beyond the image.
-    in_rows = slice(max(0, rows[0] - margin), rows[-1] + margin + 1)
-    in_cols = slice(max(0, cols[0] - margin), cols[-1] + margin + 1)
-    return in_rows, in_cols
+    height = rows[-1] - rows[0]
+    width = cols[-1] - cols[0]
+    margin = math.ceil(CONTENT_MARGIN * max(height, width) + 1)
+    return _widened(rows, margin), _widened(cols, margin)
+
+
+def _widened(indices: list[int], margin: int) -> slice:
+    """From the first to the last of growing indices, and a margin around them; it may end beyond the image."""
+    start = indices[0] - margin
+    end = indices[-1] + margin + 1
+    return slice(max(0, start), end)

@@ -18,13 +18,8 @@ from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import build_generator
 from slamgym.gan.networks.generators import GeneratorOutput
 from slamgym.gan.translation.finishing import thinned_walls
-from slamgym.gan.translation.translate import (
-    LearnedTranslator,
-    Translator,
-    load_translator,
-    tile_starts,
-    translate_tiled,
-)
+from slamgym.gan.translation.tiling import tile_starts, translate_tiled
+from slamgym.gan.translation.translate import LearnedTranslator, Translator, load_translator
 from slamgym.gan.weights import ModelCard, save_translator
 from slamgym.interop.ros_map import read_ros_map, write_ros_map
 from slamgym.metrics.wall_direction import turned
