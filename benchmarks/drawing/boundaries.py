@@ -124,8 +124,8 @@ def main() -> None:
     ]
     table = [[one[column] for column in COLUMNS] for one in rows if one["number"]]
     print_and_save("drawing/boundaries", "Log odds of boundaries between rooms", table, COLUMNS)
-    print(f"CONSTANT = {constant:.2f}")
-    print(f"WEIGHTS = np.array([{', '.join(f'{weight:.2f}' for weight in weights)}])")
+    print(f"BOUNDARY_CONSTANT = {constant:.2f}")
+    print(f"BOUNDARY_WEIGHTS = np.array([{', '.join(f'{weight:.2f}' for weight in weights)}])")
 
 
 def real_maps(folder: Path) -> Iterator[tuple[str, OccupancyGrid, Truth]]:
