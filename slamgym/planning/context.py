@@ -39,5 +39,6 @@ class ExplorerContext:
         linear = min(max(command.linear, -self.max_linear), self.max_linear)
         angular = min(max(command.angular, -self.max_angular), self.max_angular)
         if self.normalized_actions:
-            linear, angular = linear / self.max_linear, angular / self.max_angular
+            linear = linear / self.max_linear
+            angular = angular / self.max_angular
         return np.array([linear, angular], dtype=np.float32)

@@ -69,12 +69,13 @@ class CostmapConfig(Settings, section="costmap"):
 class Costmap:
     """Costs of the known part of a map."""
 
-    costs: ByteArray  # (H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown
-    distance: (
-        Float32Array  # (H, W) to the nearest occupied cell, between centres [cells]; inf: it is far
-    )
+    costs: ByteArray
+    """(H, W): 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown."""
+    distance: Float32Array
+    """(H, W) to the nearest occupied cell, between centres [cells]; inf: it is far."""
     frame: GridFrame
-    cells: ByteArray  # (H, W) the map that it was made of
+    cells: ByteArray
+    """(H, W) the map that it was made of."""
     config: CostmapConfig
 
 
@@ -86,23 +87,26 @@ def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> Occupa
         pose: The robot, in the frame of the map.
         margin: Kept around the known part and around the robot, as far as the map goes [m].
     """
-    frame, size = grid.frame, grid.frame.resolution
+    frame = grid.frame
+    size = frame.resolution
+    row, col = frame.to_cell(pose.x, pose.y)
+    row = min(max(int(row), 0), frame.height_px - 1)
+    col = min(max(int(col), 0), frame.width_px - 1)
     first_row, end_row, first_col, end_col = _known_window(grid.cells)
-    row, col = (int(i) for i in frame.to_cell(pose.x, pose.y))
-    row, col = min(max(row, 0), frame.height_px - 1), min(max(col, 0), frame.width_px - 1)
-    if end_row == 0:
-        first_row, end_row, first_col, end_col = row, row + 1, col, col + 1
+    is_unknown = end_row == 0
+    if is_unknown:
+        first_row = row
+        end_row = row + 1
+        first_col = col
+        end_col = col + 1
     pad = math.ceil(margin / size)
-    top, bottom = (
-        max(0, min(first_row, row) - pad),
-        min(frame.height_px, max(end_row, row + 1) + pad),
-    )
-    left, right = (
-        max(0, min(first_col, col) - pad),
-        min(frame.width_px, max(end_col, col + 1) + pad),
-    )
-    origin = frame.origin_x + left * size, frame.origin_y + (frame.height_px - bottom) * size
-    window = GridFrame(size, *origin, bottom - top, right - left)
+    top = max(0, min(first_row, row) - pad)
+    bottom = min(frame.height_px, max(end_row, row + 1) + pad)
+    left = max(0, min(first_col, col) - pad)
+    right = min(frame.width_px, max(end_col, col + 1) + pad)
+    origin_x = frame.origin_x + left * size
+    origin_y = frame.origin_y + (frame.height_px - bottom) * size
+    window = GridFrame(size, origin_x, origin_y, bottom - top, right - left)
     return OccupancyGrid(np.array(grid.cells[top:bottom, left:right], order="C"), window)
 
 
@@ -132,7 +136,8 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APAR
     """
     cells = grid.cells.copy()
     if len(points):
-        row, col = grid.frame.to_cell(*unmapped_points(grid, points, apart).T)
+        new = unmapped_points(grid, points, apart)
+        row, col = grid.frame.to_cell(new[:, 0], new[:, 1])
         cells[row, col] = OCCUPIED
     return OccupancyGrid(cells, grid.frame)
 
@@ -140,13 +145,16 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APAR
 def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = _APART) -> FloatArray:
     """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
     row, col, inside = cells_inside(grid.frame, points)
-    return points[inside][_stand_apart(grid.cells, row, col, grid.frame.resolution, apart)]
+    is_apart = _stand_apart(grid.cells, row, col, grid.frame.resolution, apart)
+    return points[inside][is_apart]
 
 
 def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
     """Rows and columns of those points (N, 2) [m] that lie on a grid, and a mask of them, shape (N,)."""
     row, col = frame.to_cell(points[:, 0], points[:, 1])
-    inside = (row >= 0) & (row < frame.height_px) & (col >= 0) & (col < frame.width_px)
+    in_rows = (row >= 0) & (row < frame.height_px)
+    in_cols = (col >= 0) & (col < frame.width_px)
+    inside = in_rows & in_cols
     return row[inside], col[inside], inside
 
 
@@ -165,44 +173,63 @@ def make_costmap(
         before: A costmap of an older version of the map on the same lattice. Only what differs from it, and what lies
             near that, is computed again; the result is the same, but for distances of unknown cells beyond its border.
     """
-    config, frame, cells = config or CostmapConfig(), grid.frame, grid.cells
-    costs, distance = (
-        np.full(frame.shape, NO_INFORMATION, np.uint8),
-        np.full(frame.shape, np.inf, np.float32),
-    )
+    config = config or CostmapConfig()
+    frame = grid.frame
+    cells = grid.cells
+    costs = np.full(frame.shape, NO_INFORMATION, np.uint8)
+    distance = np.full(frame.shape, np.inf, np.float32)
     older = np.full(frame.shape, UNKNOWN, np.uint8)
-    if before is not None and (before.config, before.frame.resolution) == (
-        config,
-        frame.resolution,
-    ):
-        top = round((before.frame.bounds[3] - frame.bounds[3]) / frame.resolution)
-        left = round((frame.origin_x - before.frame.origin_x) / frame.resolution)
-        below, right = (
-            there - here for here, there in zip(frame.shape, before.frame.shape, strict=True)
-        )
-        if (
-            below <= top <= 0 and right <= left <= 0
-        ):  # else obstacles may have gone beyond the border
-            paste(older, before.cells, top, left)
-            paste(costs, before.costs, top, left)
-            paste(distance, before.distance, top, left)
+    offset = None if before is None else _offset_in(before, frame, config)
+    if before is not None and offset is not None:
+        top, left = offset
+        paste(older, before.cells, top, left)
+        paste(costs, before.costs, top, left)
+        paste(distance, before.distance, top, left)
     table = _cost_table(config, frame.resolution)
-    reach = math.ceil(max(FARTHEST_WALL / frame.resolution - 1e-9, math.sqrt(len(table) - 2)))
-    row, end_row, col, end_col = _box(cells != older)
-    near, around = (
-        (slice(max(0, row - far), end_row + far), slice(max(0, col - far), end_col + far))
-        for far in (reach, 2 * reach)
-    )
-    inside = tuple(
-        slice(a.start - b.start, a.stop - b.start) for a, b in zip(near, around, strict=True)
-    )
-    squared = _squared_distance(cells[around])[inside]
+    farthest = max(FARTHEST_WALL / frame.resolution - 1e-9, math.sqrt(len(table) - 2))
+    reach = math.ceil(farthest)
+    changed = _box(cells != older)
+    near = _widened(changed, reach)
+    around = _widened(changed, 2 * reach)
+    squared = _squared_distance(cells[around])[_within(near, around)]
     squared[squared > reach**2] = np.inf
     distance[near] = np.sqrt(squared)
     by_distance = table[np.minimum(squared, len(table) - 1).astype(np.int32)]
     known = (cells[near] == FREE) | (cells[near] == OCCUPIED)
     costs[near] = np.where(known, by_distance, NO_INFORMATION)
     return Costmap(costs, distance, frame, cells, config)
+
+
+def _offset_in(before: Costmap, frame: GridFrame, config: CostmapConfig) -> tuple[int, int] | None:
+    """Row and column of an older costmap's corner on a frame; None if nothing of it can be taken over.
+
+    The frame must hold the older costmap: else obstacles may have gone beyond the border.
+    """
+    if before.config != config or before.frame.resolution != frame.resolution:
+        return None
+    top = round((before.frame.bounds[3] - frame.bounds[3]) / frame.resolution)
+    left = round((frame.origin_x - before.frame.origin_x) / frame.resolution)
+    height, width = frame.shape
+    old_height, old_width = before.frame.shape
+    holds_rows = old_height - height <= top <= 0
+    holds_cols = old_width - width <= left <= 0
+    return (top, left) if holds_rows and holds_cols else None
+
+
+def _widened(box: tuple[int, int, int, int], margin: int) -> tuple[slice, slice]:
+    """Rows and columns of a box and of a margin about it [cells]."""
+    row, end_row, col, end_col = box
+    rows = slice(max(0, row - margin), end_row + margin)
+    cols = slice(max(0, col - margin), end_col + margin)
+    return rows, cols
+
+
+def _within(inner: tuple[slice, slice], outer: tuple[slice, slice]) -> tuple[slice, slice]:
+    """Rows and columns of a part of the map, counted from where a larger part begins."""
+    rows, cols = inner
+    top = outer[0].start
+    left = outer[1].start
+    return slice(rows.start - top, rows.stop - top), slice(cols.start - left, cols.stop - left)
 
 
 def _squared_distance(cells: ByteArray) -> Float32Array:
@@ -212,9 +239,8 @@ def _squared_distance(cells: ByteArray) -> Float32Array:
     """
     import cv2  # here, because help pages read the settings above
 
-    distance = cv2.distanceTransform(
-        (cells != OCCUPIED).view(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-    )
+    open_cells = (cells != OCCUPIED).view(np.uint8)
+    distance = cv2.distanceTransform(open_cells, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
     return np.rint(np.minimum(distance, 1e6) ** 2)
 
@@ -226,9 +252,8 @@ def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
     """
     if not cells.flags.c_contiguous or cells.shape[1] % 8:
         return _box(cells != UNKNOWN)
-    row, end_row, col, end_col = _box(
-        cells.view(np.uint64) != np.full(8, UNKNOWN, np.uint8).view(np.uint64)
-    )
+    eight_unknown = np.full(8, UNKNOWN, np.uint8).view(np.uint64)
+    row, end_row, col, end_col = _box(cells.view(np.uint64) != eight_unknown)
     return row, end_row, 8 * col, 8 * end_col
 
 
@@ -237,34 +262,38 @@ def _box(mask: BoolArray) -> tuple[int, int, int, int]:
     rows = np.flatnonzero(mask.any(axis=1))
     if len(rows) == 0:
         return 0, 0, 0, 0
-    cols = np.flatnonzero(mask[rows[0] : rows[-1] + 1].any(axis=0))
-    return int(rows[0]), int(rows[-1]) + 1, int(cols[0]), int(cols[-1]) + 1
+    first_row = int(rows[0])
+    end_row = int(rows[-1]) + 1
+    cols = np.flatnonzero(mask[first_row:end_row].any(axis=0))
+    return first_row, end_row, int(cols[0]), int(cols[-1]) + 1
 
 
 @lru_cache(maxsize=16)
 def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
     """Cost by squared distance [cells^2]; the last entry holds for all that is farther."""
-    coastal = math.isfinite(config.coastal_distance)
-    end = max(config.inflation_radius, config.coastal_distance if coastal else 0.0)
-    distance = np.sqrt(np.arange(math.floor((end / resolution) ** 2 + 1e-9) + 1)) * resolution
-    decayed = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * (distance - config.inscribed_radius))
-    decayed[distance > config.inflation_radius + 1e-9] = FREE_COST
-    table = np.where(distance <= config.inscribed_radius + 1e-9, INSCRIBED_COST, decayed).astype(
-        np.uint8
-    )
-    table[0] = LETHAL_COST
-    return np.append(table, np.uint8(_COASTAL_COST if coastal else FREE_COST))
+    is_coastal = math.isfinite(config.coastal_distance)
+    end = max(config.inflation_radius, config.coastal_distance if is_coastal else 0.0)
+    last = math.floor((end / resolution) ** 2 + 1e-9)
+    distance = np.sqrt(np.arange(last + 1)) * resolution
+    costs = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * (distance - config.inscribed_radius))
+    costs[distance > config.inflation_radius + 1e-9] = FREE_COST
+    costs[distance <= config.inscribed_radius + 1e-9] = INSCRIBED_COST
+    costs[0] = LETHAL_COST
+    beyond = _COASTAL_COST if is_coastal else FREE_COST
+    return np.append(costs.astype(np.uint8), np.uint8(beyond))
 
 
 @kernel
 def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px: float) -> None:
     """Free the cells under the robot: unknown ones within ``radius_px``, all within ``core_px``."""
+    height, width = cells.shape
     half = int(radius_px) + 1
-    for r in range(max(0, row - half), min(cells.shape[0], row + half + 1)):
-        for c in range(max(0, col - half), min(cells.shape[1], col + half + 1)):
+    for r in range(max(0, row - half), min(height, row + half + 1)):
+        for c in range(max(0, col - half), min(width, col + half + 1)):
             squared = (r - row) ** 2 + (c - col) ** 2
-            unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
-            if squared <= core_px**2 or (unknown and squared <= radius_px**2):
+            is_unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
+            farthest = radius_px if is_unknown else core_px
+            if squared <= farthest**2:
                 cells[r, c] = FREE
 
 
@@ -285,10 +314,12 @@ def _stand_apart(
     half = int(apart / resolution) + 1
     is_apart = np.ones(len(rows), np.bool_)
     for i in range(len(rows)):
-        for row in range(max(0, rows[i] - half), min(height, rows[i] + half + 1)):
-            for col in range(max(0, cols[i] - half), min(width, cols[i] + half + 1)):
+        middle_row = rows[i]
+        middle_col = cols[i]
+        for row in range(max(0, middle_row - half), min(height, middle_row + half + 1)):
+            for col in range(max(0, middle_col - half), min(width, middle_col + half + 1)):
                 if cells[row, col] == OCCUPIED:
-                    squared = np.float32((row - rows[i]) ** 2 + (col - cols[i]) ** 2)
+                    squared = np.float32((row - middle_row) ** 2 + (col - middle_col) ** 2)
                     # In single precision, as distance fields are.
                     if not np.sqrt(squared) * np.float32(resolution) > np.float32(apart):
                         is_apart[i] = False

@@ -66,12 +66,12 @@ def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, Grid
     Rows and columns that don't fill a coarse cell are left out at the bottom and the right; the margin of a
     cropped costmap is wider than that.
     """
-    height, width = costs.shape[0] // COARSENING, costs.shape[1] // COARSENING
+    height = costs.shape[0] // COARSENING
+    width = costs.shape[1] // COARSENING
     cut = costs[: height * COARSENING, : width * COARSENING]
     steps = range(COARSENING)
-    joined: ByteArray = np.minimum.reduce(
-        [cut[r::COARSENING, c::COARSENING] for r in steps for c in steps]
-    )
+    parts = [cut[row::COARSENING, col::COARSENING] for row in steps for col in steps]
+    joined: ByteArray = np.minimum.reduce(parts)
     size = frame.resolution * COARSENING
     bottom = frame.origin_y + frame.height_px * frame.resolution - height * size
     return joined, GridFrame(size, frame.origin_x, bottom, height, width)
@@ -146,13 +146,23 @@ def make_candidates(
     lengths, parent = search_path(costs, start, -1, ends, INSCRIBED_COST, COST_FACTOR, most)
     found = []
     for index in np.argsort(lengths, kind="stable")[:most].tolist():
-        (frontier, place, *_), end = frontiers[index], int(ends[index])
+        frontier, place, *_ = frontiers[index]
+        end = int(ends[index])
         if math.isfinite(lengths[index]):
-            path = frame.to_points(*np.divmod(trace_path(parent, start, end), frame.width_px))
+            rows, cols = np.divmod(trace_path(parent, start, end), frame.width_px)
+            path = frame.to_points(rows, cols)
             points = costmap.frame.to_points(frontier.cells[:, 0], frontier.cells[:, 1])
-            length = float(np.hypot(*(path[1:] - path[:-1]).T).sum())
-            cost, target = float(lengths[index]) * frame.resolution, _target(frontier, points, keep)
-            found.append(FrontierCandidate(frontier, points, target, place, length, cost, path))
+            steps = path[1:] - path[:-1]
+            candidate = FrontierCandidate(
+                frontier=frontier,
+                points=points,
+                target=_target(frontier, points, keep),
+                place=place,
+                path_length=float(np.hypot(steps[:, 0], steps[:, 1]).sum()),
+                path_cost=float(lengths[index]) * frame.resolution,
+                path=path,
+            )
+            found.append(candidate)
     return found
 
 
@@ -160,15 +170,19 @@ def split_frontier(
     frontier: Frontier, frame: GridFrame, pose: Pose2D, extent: float
 ) -> list[Frontier]:
     """Cut a frontier in halves, across its longer side, until no part extends farther than an extent [m]."""
-    parts, done = [frontier.cells], []
+    parts = [frontier.cells]
+    done = []
     while parts:
         cells = parts.pop()
         spread = cells.max(axis=0) - cells.min(axis=0)
         if float(spread.max()) * frame.resolution <= extent:
             done.append(cells)
             continue
-        order = np.argsort(cells[:, int(np.argmax(spread))], kind="stable")
-        parts += [cells[order[: len(order) // 2]], cells[order[len(order) // 2 :]]]
+        longer_side = int(np.argmax(spread))
+        order = np.argsort(cells[:, longer_side], kind="stable")
+        half = len(order) // 2
+        parts.append(cells[order[:half]])
+        parts.append(cells[order[half:]])
     if len(done) == 1:
         return [frontier]
     return [describe_frontier(cells, frame, pose) for cells in done]
@@ -182,13 +196,16 @@ def unknown_regions(
     Returns:
         A coarse map (:func:`classify_costs`), the size of its cells [m], and the region behind each frontier.
     """
-    classes, cell = classify_costs(costmap.costs, COARSENING), costmap.frame.resolution * COARSENING
+    classes = classify_costs(costmap.costs, COARSENING)
+    cell = costmap.frame.resolution * COARSENING
     coarse = [coarse_cells(cells, COARSENING, classes.shape) for cells in frontiers]
     labels = np.full(classes.shape, -1, np.int16)
     for index, cells in enumerate(coarse):
         labels[cells[:, 0], cells[:, 1]] = index
     # The margin is what a costmap keeps about the known part.
-    steps, margin, count = (round(_NEAR / cell), round(_FAR / cell)), round(0.5 / cell), len(coarse)
+    steps = (round(_NEAR / cell), round(_FAR / cell))
+    margin = round(0.5 / cell)
+    count = len(coarse)
     regions = [
         explore_unknown_region(classes, labels, index, cells, steps, margin, count)
         for index, cells in enumerate(coarse)
@@ -198,16 +215,16 @@ def unknown_regions(
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:
     """The coarse cell (flat index) of a cell (row, col)."""
-    row, col = (min(place[k] // COARSENING, frame.shape[k] - 1) for k in range(2))
+    row = min(place[0] // COARSENING, frame.height_px - 1)
+    col = min(place[1] // COARSENING, frame.width_px - 1)
     return row * frame.width_px + col
 
 
 def _target(frontier: Frontier, points: FloatArray, keep: Point | None) -> Point:
     """Where the robot would go for a frontier, given by its cells' centres, too."""
-    if keep is not None and np.abs(points - np.array(keep)).max(axis=1).min() <= _KEPT_WITHIN:
-        return keep
-    return (
-        frontier.middle
-        if math.dist(frontier.centroid, frontier.middle) > _BEND
-        else frontier.centroid
-    )
+    if keep is not None:
+        apart = np.abs(points - np.array(keep)).max(axis=1)
+        if apart.min() <= _KEPT_WITHIN:
+            return keep
+    is_bent = math.dist(frontier.centroid, frontier.middle) > _BEND
+    return frontier.middle if is_bent else frontier.centroid

@@ -14,8 +14,12 @@ Int16Array = NDArray[np.int16]
 FREE_CLASS = 1
 OCCUPIED_CLASS = 2
 
-# The unknown is of class 0.
-_CLASS_OF_COST = np.array([*[FREE_CLASS] * 254, OCCUPIED_CLASS, 0], np.uint8)
+UNKNOWN_CLASS = 0
+
+_CLASS_OF_COST = np.full(256, FREE_CLASS, np.uint8)
+"""The class of each cost."""
+_CLASS_OF_COST[LETHAL_COST] = OCCUPIED_CLASS
+_CLASS_OF_COST[NO_INFORMATION] = UNKNOWN_CLASS
 
 
 def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
@@ -23,8 +27,10 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
 
     A coarse cell is occupied if any of its cells is, else free if any is, else unknown: walls stay closed.
     """
-    height, width = (size // coarsening * coarsening for size in costs.shape)
-    classes, offsets = _CLASS_OF_COST[costs[:height, :width]], range(coarsening)
+    height = costs.shape[0] // coarsening * coarsening
+    width = costs.shape[1] // coarsening * coarsening
+    classes = _CLASS_OF_COST[costs[:height, :width]]
+    offsets = range(coarsening)
     blocks = [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
     return np.maximum.reduce(blocks)
 
@@ -37,10 +43,11 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
         coarsening: Side of a coarse cell [cells].
         shape: Of the coarse map.
     """
-    row, col = (
-        np.minimum(cells[:, k] // coarsening, shape[k] - 1, dtype=np.int64) for k in range(2)
-    )
-    return np.stack(np.divmod(np.unique(row * shape[1] + col), shape[1]), axis=1)
+    height, width = shape
+    rows = np.minimum(cells[:, 0] // coarsening, height - 1, dtype=np.int64)
+    cols = np.minimum(cells[:, 1] // coarsening, width - 1, dtype=np.int64)
+    once = np.unique(rows * width + cols)
+    return np.stack(np.divmod(once, width), axis=1)
 
 
 class UnknownRegion(NamedTuple):
@@ -82,25 +89,32 @@ def explore_unknown_region(
     queue = np.empty(height * width, np.int32)
     met = np.zeros(num_labels, np.bool_)
     tail = _seed_unknown_region(classes, cells, seen, queue)
-    head, end, ring, near, outside = 0, tail, 0, tail, 0
-    free, occupied, others = 0, 0, 0
+    head = 0
+    end = tail
+    ring = 0
+    near = tail
+    outside = 0
+    free = 0
+    occupied = 0
+    others = 0
     while head < end and ring < far_steps:
         while head < end:
             cell = queue[head]
             head += 1
-            row, col = cell // width, cell % width
+            row = cell // width
+            col = cell % width
             if row < margin or col < margin or row >= height - margin or col >= width - margin:
                 outside += 1
-            for k in range(4):
-                r = row + (1 if k == 0 else (-1 if k == 1 else 0))
-                c = col + (1 if k == 2 else (-1 if k == 3 else 0))
+            for dr, dc in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                r = row + dr
+                c = col + dc
                 if r < 0 or r >= height or c < 0 or c >= width or seen[r * width + c]:
                     continue
                 seen[r * width + c] = True
                 if labels[r, c] >= 0 and labels[r, c] != label:
                     others += int(not met[labels[r, c]])
                     met[labels[r, c]] = True
-                if classes[r, c] == 0:
+                if classes[r, c] == UNKNOWN_CLASS:
                     queue[tail] = r * width + c
                     tail += 1
                 elif classes[r, c] == FREE_CLASS:
@@ -134,13 +148,11 @@ def _seed_unknown_region(
     for i in range(len(cells)):
         for dr in range(-1, 2):
             for dc in range(-1, 2):
-                r, c = cells[i, 0] + dr, cells[i, 1] + dc
-                if (
-                    0 <= r < height
-                    and 0 <= c < width
-                    and classes[r, c] == 0
-                    and not seen[r * width + c]
-                ):
+                r = cells[i, 0] + dr
+                c = cells[i, 1] + dc
+                if r < 0 or r >= height or c < 0 or c >= width:
+                    continue
+                if classes[r, c] == UNKNOWN_CLASS and not seen[r * width + c]:
                     seen[r * width + c] = True
                     queue[tail] = r * width + c
                     tail += 1
@@ -163,11 +175,13 @@ def cut_frontier_crop(
     """
     height, width = classes.shape
     size = crop.shape[1]
-    sin, cos = np.sin(direction), np.cos(direction)
+    sin = np.sin(direction)
+    cos = np.cos(direction)
     half = 0.5 * size
     for i in range(size):
         for j in range(size):
-            free, occupied = 0, 0
+            free = 0
+            occupied = 0
             for a in range(3):
                 for b in range(3):
                     ahead = (half - i - (a + 0.5) / 3.0) * cell
@@ -192,9 +206,11 @@ def unknown_by_ray(costs: ByteArray, row: int, col: int, max_range: float) -> Fl
     step = 2.0 * np.pi / 72
     areas = np.zeros(72)
     for i in range(72):
-        dr, dc = np.sin(i * step), np.cos(i * step)
+        dr = np.sin(i * step)
+        dc = np.cos(i * step)
         for r in range(1, int(max_range) + 1):
-            rr, cc = int(np.floor(row + r * dr + 0.5)), int(np.floor(col + r * dc + 0.5))
+            rr = int(np.floor(row + r * dr + 0.5))
+            cc = int(np.floor(col + r * dc + 0.5))
             cost = NO_INFORMATION
             if 0 <= rr < height and 0 <= cc < width:
                 cost = costs[rr, cc]

@@ -11,6 +11,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import (
     BoolArray,
     ByteArray,
+    FloatArray,
     GridFrame,
     Int32Array,
     IntArray,
@@ -45,11 +46,12 @@ class Frontier:
 class Reachable(NamedTuple):
     """The cells that a robot can get to, from :func:`reachable_space`."""
 
-    order: Int32Array  # (N,) flat indices in the order of the search
-    mask: BoolArray  # (H * W,) the same as a mask
-    num_centre: (
-        int  # the robot's centre can stand on the first so many cells; its body covers the others
-    )
+    order: Int32Array
+    """(N,) flat indices in the order of the search."""
+    mask: BoolArray
+    """(H * W,) the same as a mask."""
+    num_centre: int
+    """The robot's centre can stand on the first so many cells; its body covers the others."""
 
 
 def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
@@ -61,19 +63,21 @@ def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     """
     import cv2
 
+    costs = costmap.costs
     row, col = costmap.frame.to_cell(pose.x, pose.y)
-    start = nearest_open_cell(
-        costmap.costs, int(row), int(col), INSCRIBED_COST, ANY, costmap.costs.size
-    )
+    start = nearest_open_cell(costs, int(row), int(col), INSCRIBED_COST, ANY, costs.size)
     if start < 0:
         return None
-    order, mask = flood(costmap.costs, start, INSCRIBED_COST)
-    widened = mask.reshape(costmap.costs.shape).view(np.uint8).copy()
-    passable, grown = (costmap.costs < LETHAL_COST).view(np.uint8), np.empty_like(widened)
+    order, mask = flood(costs, start, INSCRIBED_COST)
+    widened = mask.reshape(costs.shape).view(np.uint8).copy()
+    passable = (costs < LETHAL_COST).view(np.uint8)
+    grown = np.empty_like(widened)
     for _ in range(math.ceil(_BODY_SIDE / costmap.frame.resolution)):
-        np.bitwise_and(cv2.dilate(widened, _CROSS, grown), passable, out=widened)
-    beside = np.flatnonzero(widened.reshape(-1) > mask.view(np.uint8)).astype(np.int32)
-    return Reachable(np.append(order, beside), widened.reshape(-1).view(np.bool_), len(order))
+        cv2.dilate(widened, _CROSS, grown)
+        np.bitwise_and(grown, passable, out=widened)
+    covered = widened.reshape(-1)
+    beside = np.flatnonzero(covered > mask.view(np.uint8)).astype(np.int32)
+    return Reachable(np.append(order, beside), covered.view(np.bool_), len(order))
 
 
 def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
@@ -86,7 +90,9 @@ def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
     import cv2
 
     opened = open_cells.reshape(costs.shape).view(np.uint8)
-    return (cv2.dilate(opened, _CROSS) & (costs == NO_INFORMATION).view(np.uint8)).view(np.bool_)
+    beside = cv2.dilate(opened, _CROSS)
+    unknown = (costs == NO_INFORMATION).view(np.uint8)
+    return (beside & unknown).view(np.bool_)
 
 
 def find_frontiers(
@@ -119,16 +125,19 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
     # search, which are few.
     edge = frontier_cells(costmap.costs, space.mask)
     near_edge = cv2.dilate(edge.view(np.uint8), _CROSS).reshape(-1).view(np.bool_)
-    order = space.order[near_edge[space.order]]
+    is_near_edge = near_edge[space.order]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
-    members, starts = collect_frontiers(edge, order, min_size / costmap.frame.resolution - 1e-6)
-    cells = np.column_stack(np.divmod(members, costmap.frame.width_px))
+    fewest = min_size / costmap.frame.resolution - 1e-6
+    members, starts = collect_frontiers(edge, space.order[is_near_edge], fewest)
+    rows, cols = np.divmod(members, costmap.frame.width_px)
+    cells = np.column_stack([rows, cols])
     return [cells[first:end] for first, end in itertools.pairwise(starts)]
 
 
 def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
     """True if a robot of a radius [m] fits through a frontier of a costmap: one as wide as it, away from walls."""
-    room = min(0.5 * frontier.size, costmap.distance[tuple(frontier.cells.T)].max())
+    rows, cols = frontier.cells.T
+    room = min(0.5 * frontier.size, costmap.distance[rows, cols].max())
     return bool(room * costmap.frame.resolution >= radius)
 
 
@@ -137,16 +146,25 @@ def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Fron
     row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
     col = (pose.x - frame.origin_x) / frame.resolution - 0.5
     centroid = cells.mean(axis=0)
-    from_robot, from_centroid = (
-        ((cells - place) ** 2).sum(axis=1) for place in ((row, col), centroid)
-    )
-    nearest, middle = int(np.argmin(from_robot)), int(np.argmin(from_centroid))
-    mean, near, inner = (
-        frame.to_point(*cell.tolist()) for cell in (centroid, cells[nearest], cells[middle])
-    )
+    from_robot = ((cells - (row, col)) ** 2).sum(axis=1)
+    from_centroid = ((cells - centroid) ** 2).sum(axis=1)
+    nearest = int(np.argmin(from_robot))
+    middle = int(np.argmin(from_centroid))
     return Frontier(
-        len(cells), math.sqrt(from_robot[nearest]) * frame.resolution, mean, near, inner, cells
+        size=len(cells),
+        min_distance=math.sqrt(from_robot[nearest]) * frame.resolution,
+        centroid=_centre(frame, centroid),
+        nearest=_centre(frame, cells[nearest]),
+        middle=_centre(frame, cells[middle]),
+        cells=cells,
     )
+
+
+def _centre(frame: GridFrame, cell: FloatArray | Int32Array) -> Point:
+    """The point of a cell (row, col) [m]."""
+    row, col = cell.tolist()
+    x, y = frame.to_point(row, col)
+    return x, y
 
 
 def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
@@ -177,13 +195,16 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
         max_range: How far the scanner is trusted [m].
         geometry: The scanner, whose field is turned as a whole.
     """
+    size = costmap.frame.resolution
     row, col = costmap.frame.to_cell(*point)
-    by_ray = unknown_by_ray(costmap.costs, int(row), int(col), max_range / costmap.frame.resolution)
+    by_ray = unknown_by_ray(costmap.costs, int(row), int(col), max_range / size)
+    rays = len(by_ray)
     field = geometry.angle_increment * (geometry.num_beams - 1)
-    width = min(len(by_ray), max(1, round(field / (2.0 * math.pi) * len(by_ray))))
+    share_of_turn = field / (2.0 * math.pi)
+    width = min(rays, max(1, round(share_of_turn * rays)))
     around = np.concatenate([by_ray, by_ray[: width - 1]])
     sums = np.convolve(around, np.ones(width), mode="valid")
-    return float(sums.max()) * costmap.frame.resolution**2
+    return float(sums.max()) * size**2
 
 
 @kernel
@@ -207,28 +228,36 @@ def nearest_open_cell(
     if row < 0 or row >= height or col < 0 or col >= width:
         return -1
     # What the search can come to: its marks, and its queue, are no larger than that.
-    top, left = max(0, row - max_steps - 1), max(0, col - max_steps - 1)
+    top = max(0, row - max_steps - 1)
+    left = max(0, col - max_steps - 1)
     span = min(width, col + max_steps + 2) - left
     cells = (min(height, row + max_steps + 2) - top) * span
     seen = np.zeros(cells, np.bool_)
     queue = np.empty(cells, np.int32)
     queue[0] = row * width + col
     seen[(row - top) * span + col - left] = True
-    head, tail, end = 0, 1, 1
-    best, found, ring = np.inf, -1, 0
+    head = 0
+    tail = 1
+    end = 1
+    best = np.inf
+    found = -1
+    ring = 0
     while head < end and ring <= max_steps:
         while head < end:
             cell = queue[head]
             head += 1
-            r, c = cell // width, cell % width
+            r = cell // width
+            c = cell % width
             if costs[r, c] < limit and (mask.size == 0 or mask[cell]):
                 squared = (r - row) ** 2 + (c - col) ** 2
                 if squared < best:
-                    best, found = squared, cell
+                    best = squared
+                    found = cell
                 continue
             for dr in range(-1, 2):
                 for dc in range(-1, 2):
-                    rr, cc = r + dr, c + dc
+                    rr = r + dr
+                    cc = c + dc
                     if rr < 0 or rr >= height or cc < 0 or cc >= width:
                         continue
                     mark = (rr - top) * span + cc - left
@@ -261,7 +290,8 @@ def flood(costs: ByteArray, start: int, limit: int) -> tuple[Int32Array, BoolArr
     queue = np.empty(height * width, np.int32)
     queue[0] = start
     reached[start] = True
-    head, tail = 0, 1
+    head = 0
+    tail = 1
     while head < tail:
         cell = queue[head]
         head += 1
@@ -269,8 +299,10 @@ def flood(costs: ByteArray, start: int, limit: int) -> tuple[Int32Array, BoolArr
         col = cell - row * width
         # Written out, because this innermost step is most of the cost of a search; an unsigned index isn't asked
         # whether it counts from the end.
-        above, left = np.uint64(cell - width), np.uint64(cell - 1)
-        right, below = np.uint64(cell + 1), np.uint64(cell + width)
+        above = np.uint64(cell - width)
+        left = np.uint64(cell - 1)
+        right = np.uint64(cell + 1)
+        below = np.uint64(cell + width)
         if row > 0 and not reached[above] and flat[above] < limit:
             reached[above] = True
             queue[tail] = above
@@ -309,12 +341,15 @@ def collect_frontiers(
     left = edge.reshape(-1)
     members = np.empty(height * width, np.int32)
     starts = np.empty(height * width + 1, np.int64)
-    count, end = 0, 0
+    count = 0
+    end = 0
     for position in range(len(order)):
         cell = order[position]
-        row, col = cell // width, cell % width
+        row = cell // width
+        col = cell % width
         for dr, dc in ((-1, 0), (0, -1), (0, 1), (1, 0)):
-            r, c = row + dr, col + dc
+            r = row + dr
+            c = col + dc
             if r < 0 or r >= height or c < 0 or c >= width:
                 continue
             seed = r * width + c
@@ -326,11 +361,13 @@ def collect_frontiers(
             end += 1
             head = first
             while head < end:
-                rr, cc = members[head] // width, members[head] % width
+                rr = members[head] // width
+                cc = members[head] % width
                 head += 1
                 for er in range(-1, 2):
                     for ec in range(-1, 2):
-                        nr, nc = rr + er, cc + ec
+                        nr = rr + er
+                        nc = cc + ec
                         if nr < 0 or nr >= height or nc < 0 or nc >= width:
                             continue
                         neighbour = nr * width + nc

@@ -51,13 +51,16 @@ def plan_path(
     place = place_near(costmap, goal, tolerance, space)
     if place is None:
         return None
-    first, last = int(space.order[0]), place[0] * frame.width_px + place[1]
+    row, col = place
+    first = int(space.order[0])
+    last = row * frame.width_px + col
     length, parent = search_path(
         costmap.costs, first, last, np.array([last]), INSCRIBED_COST, COST_FACTOR
     )
     if not math.isfinite(length[0]):
         return None
-    cells = np.column_stack(np.divmod(trace_path(parent, first, last), frame.width_px))
+    rows, cols = np.divmod(trace_path(parent, first, last), frame.width_px)
+    cells = np.column_stack([rows, cols])
     return _path_through(costmap, start, cells.astype(np.float64))
 
 
@@ -65,11 +68,17 @@ def _path_through(costmap: Costmap, start: Pose2D, cells: FloatArray) -> FloatAr
     """Straighten a path of cells and sample it about once per cell."""
     frame = costmap.frame
     corners = cells[shortcut(costmap.costs, cells, INSCRIBED_COST, COST_FACTOR)]
-    x, y = frame.to_point(corners[:, 0], corners[:, 1])
-    x, y = np.append(start.x, x), np.append(start.y, y)
-    along = np.append(0.0, np.cumsum(np.hypot(np.diff(x), np.diff(y))))
-    samples = np.linspace(0.0, along[-1], max(2, math.ceil(along[-1] / frame.resolution) + 1))
-    return np.column_stack([np.interp(samples, along, x), np.interp(samples, along, y)])
+    corners_x, corners_y = frame.to_point(corners[:, 0], corners[:, 1])
+    x = np.append(start.x, corners_x)
+    y = np.append(start.y, corners_y)
+    steps = np.hypot(np.diff(x), np.diff(y))
+    along = np.append(0.0, np.cumsum(steps))
+    length = along[-1]
+    number = max(2, math.ceil(length / frame.resolution) + 1)
+    samples = np.linspace(0.0, length, number)
+    sampled_x = np.interp(samples, along, x)
+    sampled_y = np.interp(samples, along, y)
+    return np.column_stack([sampled_x, sampled_y])
 
 
 def path_is_free(costmap: Costmap, points: FloatArray) -> bool:
@@ -79,7 +88,10 @@ def path_is_free(costmap: Costmap, points: FloatArray) -> bool:
     """
     row, col, inside = cells_inside(costmap.frame, points)
     free = costmap.costs[row, col] < INSCRIBED_COST
-    return bool(inside.all() and free.any() and free[np.argmax(free) :].all())
+    if not inside.all() or not free.any():
+        return False
+    first_free = np.argmax(free)
+    return bool(free[first_free:].all())
 
 
 def place_near(
@@ -120,13 +132,13 @@ class CoarsePaths:
 
     def __init__(self, costmap: Costmap, reachable: Reachable) -> None:
         self._frame = costmap.frame
-        rows, cols = np.divmod(reachable.order[: reachable.num_centre], costmap.frame.width_px)
-        shape = [-(-size // SHRINK) for size in costmap.costs.shape]
+        open_cells = reachable.order[: reachable.num_centre]
+        rows, cols = np.divmod(open_cells, costmap.frame.width_px)
+        shape = [math.ceil(size / SHRINK) for size in costmap.costs.shape]
         self._costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
         self._costs[rows // SHRINK, cols // SHRINK] = 0
-        self._crossable = np.where(
-            self._costs == LETHAL_COST, np.uint8(INSCRIBED_COST), np.uint8(0)
-        )
+        is_closed = self._costs == LETHAL_COST
+        self._crossable = np.where(is_closed, np.uint8(INSCRIBED_COST), np.uint8(0))
         self.cell = SHRINK * costmap.frame.resolution
 
     def place(self, point: Point) -> int:
@@ -135,8 +147,11 @@ class CoarsePaths:
         Walls are crossed in the search: a place that is known to be reachable may lie in a closed cell's
         corner.
         """
-        row, col = (int(cell) // SHRINK for cell in self._frame.to_cell(*point))
-        return int(nearest_open_cell(self._crossable, row, col, 1, ANY, self._crossable.size))
+        row, col = self._frame.to_cell(*point)
+        coarse_row = int(row) // SHRINK
+        coarse_col = int(col) // SHRINK
+        farthest = self._crossable.size
+        return int(nearest_open_cell(self._crossable, coarse_row, coarse_col, 1, ANY, farthest))
 
     def lengths_from(self, place: int, wanted: IntArray) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
@@ -155,7 +170,8 @@ class CoarsePaths:
 
     def path(self, start: Point, goal: Point) -> FloatArray:
         """Points of a shortest path, a coarse cell apart, shape (N, 2) [m]; empty where none leads."""
-        first, last = self.place(start), self.place(goal)
+        first = self.place(start)
+        last = self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
         length, parent = search_path(
@@ -163,9 +179,11 @@ class CoarsePaths:
         )
         if not math.isfinite(length[0]):
             return np.zeros((0, 2))
-        row, col = np.divmod(trace_path(parent, first, last), self._costs.shape[1])
+        width = self._costs.shape[1]
+        row, col = np.divmod(trace_path(parent, first, last), width)
         half = 0.5 * (SHRINK - 1)
-        return np.column_stack(self._frame.to_point(SHRINK * row + half, SHRINK * col + half))
+        x, y = self._frame.to_point(SHRINK * row + half, SHRINK * col + half)
+        return np.column_stack([x, y])
 
 
 class PathLengths:
@@ -175,7 +193,8 @@ class PathLengths:
     """
 
     def __init__(self) -> None:
-        self._places, self._lengths = np.zeros((0, 2)), np.zeros((0, 0))
+        self._places = np.zeros((0, 2))
+        self._lengths = np.zeros((0, 0))
 
     def matrix(
         self, paths: CoarsePaths, pose: Pose2D, places: FloatArray, per_turn: float
@@ -191,29 +210,36 @@ class PathLengths:
         Returns:
             Shape (N + 1, N + 1) [m], the robot first; inf between places that no path joins.
         """
-        count, points = len(self._places), np.vstack([pose[:2], places])
+        points = np.vstack([pose[:2], places])
+        num_old = len(self._places)
         known = np.vstack([self._places, points])
-        away = np.hypot(*(points[:, None] - known[None]).transpose(2, 0, 1))
+        apart = points[:, None] - known[None]
+        distances = np.hypot(apart[:, :, 0], apart[:, :, 1])
         # A place that has moved by less than a cell is the old one.
-        same = np.argmax(away < paths.cell, axis=1)
-        lengths = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)[
-            np.ix_(same, same)
-        ]
+        same = np.argmax(distances < paths.cell, axis=1)
+        padded = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)
+        lengths = padded[np.ix_(same, same)]
         cells = np.array([paths.place((x, y)) for x, y in points.tolist()])
-        near = np.argsort(first := paths.lengths_from(int(cells[0]), cells), kind="stable")[
-            : 1 + NEAR_PLACES
-        ]
-        for i in np.union1d(near, np.flatnonzero(same >= count)):
-            lengths[i] = lengths[:, i] = paths.lengths_from(int(cells[i]), cells) if i else first
-            lengths = np.minimum(lengths, lengths[i] + lengths[i][:, None])
-        self._places, self._lengths = known[same[1:]], lengths[1:, 1:]
+        from_robot = paths.lengths_from(int(cells[0]), cells)
+        nearest_first = np.argsort(from_robot, kind="stable")
+        new = np.flatnonzero(same >= num_old)
+        for i in np.union1d(nearest_first[: 1 + NEAR_PLACES], new):
+            own = paths.lengths_from(int(cells[i]), cells) if i else from_robot
+            lengths[i] = own
+            lengths[:, i] = own
+            by_way_of_i = lengths[i] + lengths[i][:, None]
+            lengths = np.minimum(lengths, by_way_of_i)
+        self._places = known[same[1:]]
+        self._lengths = lengths[1:, 1:]
         lengths[0, 1:] += per_turn * straight_turns(pose, places)
         return lengths
 
 
 def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
     """Turns of the robot to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
-    dx, dy = (places - np.array(pose[:2])).T
-    bearings = np.array([math.atan2(*one) for one in zip(dy, dx, strict=True)])
-    turns = np.abs(np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi)
-    return np.where(np.hypot(dx, dy) < _STANDS_AT, 0.0, turns)
+    dx = places[:, 0] - pose.x
+    dy = places[:, 1] - pose.y
+    bearings = np.array([math.atan2(y, x) for x, y in zip(dx, dy, strict=True)])
+    errors = np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi
+    stands_there = np.hypot(dx, dy) < _STANDS_AT
+    return np.where(stands_there, 0.0, np.abs(errors))

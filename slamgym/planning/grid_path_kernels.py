@@ -14,8 +14,19 @@ _SQRT2 = np.float32(1.4142135)
 
 # An entry of the heap is one number: the bits of its key, a positive float32, above those of its cell. Such bits are
 # in the order of the floats. All is unsigned, for an unsigned index isn't asked whether it counts from the end.
-_ONE, _HALF = np.uint64(1), np.uint64(32)
+_ONE = np.uint64(1)
+"""One place in the heap, or one bit."""
+_HALF = np.uint64(32)
+"""Number of bits of an entry's cell, below those of its key."""
 _CELL = np.uint64(0xFFFFFFFF)
+"""Mask of the bits of an entry's cell."""
+
+_AWAITED = np.uint8(1)
+"""Bit of a cell's state: the search may end with it."""
+_REACHED = np.uint8(2)
+"""Bit of a cell's state: the search came to it."""
+_CLOSED = np.uint8(4)
+"""Bit of a cell's state: its cost is final."""
 
 
 @kernel
@@ -42,12 +53,14 @@ def _pop(heap: UInt64Array, size: Any) -> Any:
     size -= _ONE
     entry = heap[size]
     key = entry >> _HALF
-    hole, child = np.uint64(0), _ONE
+    hole = np.uint64(0)
+    child = _ONE
     while child < size:
         if child + _ONE < size:
             child += np.uint64(heap[child + _ONE] >> _HALF < heap[child] >> _HALF)
         heap[hole] = heap[child]
-        hole, child = child, (child << _ONE) + _ONE
+        hole = child
+        child = (child << _ONE) + _ONE
     while hole > 0:
         parent = (hole - _ONE) >> _ONE
         if heap[parent] >> _HALF < key:
@@ -90,17 +103,13 @@ def search_path(
     height, width = costs.shape
     flat = costs.reshape(-1)
     # Memory that isn't written to costs nothing, so most of it isn't filled.
-    distance, parent = np.empty(height * width, np.float32), np.empty(height * width, np.int32)
-    is_awaited, is_reached, is_closed = (
-        np.uint8(1),
-        np.uint8(2),
-        np.uint8(4),
-    )  # bits of a cell's state
+    distance = np.empty(height * width, np.float32)
+    parent = np.empty(height * width, np.int32)
     state = np.zeros(height * width, np.uint8)
     num_awaited = 0
     for end in wanted:
-        num_awaited += int(not state[end] & is_awaited)
-        state[end] |= is_awaited
+        num_awaited += int(not state[end] & _AWAITED)
+        state[end] |= _AWAITED
     num_awaited = min(num_awaited, enough)
     steps = np.empty(256, np.float32)
     for cost in range(256):
@@ -110,56 +119,58 @@ def search_path(
     heap = np.empty(capacity, np.uint64)
     single = np.zeros(1, np.float32)
     bits = single.view(np.uint32)
-    goal_row, goal_col = goal // width, goal % width
+    goal_row = goal // width
+    goal_col = goal % width
     distance[start] = 0.0
-    state[start] |= is_reached
+    state[start] |= _REACHED
     size = _push(heap, np.uint64(0), np.uint64(start), np.uint64(0))
     while size > 0:
         cell = np.int64(heap[0] & _CELL)
         size = _pop(heap, size)
         here = np.uint64(cell)
-        if state[here] & is_closed:
+        if state[here] & _CLOSED:
             continue
-        state[here] |= is_closed
-        num_awaited -= int(state[here] & is_awaited)
+        state[here] |= _CLOSED
+        num_awaited -= int(state[here] & _AWAITED)
         if num_awaited == 0:
             break
-        row, col = cell // width, cell % width
+        row = cell // width
+        col = cell % width
         if np.int64(size) + 8 > capacity:
             grown = np.empty(2 * capacity, np.uint64)
             assign(heap, grown[:capacity])
-            heap, capacity = grown, 2 * capacity
+            heap = grown
+            capacity = 2 * capacity
         so_far = distance[here]
         for dr in range(-1 if row > 0 else 0, 2 if row < height - 1 else 1):
             for dc in range(-1 if col > 0 else 0, 2 if col < width - 1 else 1):
                 neighbour = np.uint64(cell + dr * width + dc)
-                if (
-                    state[neighbour] & is_closed or flat[neighbour] >= limit
-                ):  # closed is the cell itself, too
+                # Closed is the cell itself, too.
+                if state[neighbour] & _CLOSED or flat[neighbour] >= limit:
                     continue
                 length = np.float32(1.0)
                 if dr != 0 and dc != 0:
-                    if (
-                        flat[np.uint64(cell + dr * width)] >= limit
-                        or flat[np.uint64(cell + dc)] >= limit
-                    ):
+                    beside = np.uint64(cell + dc)
+                    above = np.uint64(cell + dr * width)
+                    if flat[above] >= limit or flat[beside] >= limit:
                         continue
                     length = _SQRT2
                 reached = so_far + length * steps[flat[neighbour]]
-                if not state[neighbour] & is_reached or reached < distance[neighbour]:
-                    state[neighbour] |= is_reached
+                if not state[neighbour] & _REACHED or reached < distance[neighbour]:
+                    state[neighbour] |= _REACHED
                     distance[neighbour] = reached
                     parent[neighbour] = cell
                     key = np.float64(reached)
                     if goal >= 0:
-                        down, across = abs(row + dr - goal_row), abs(col + dc - goal_col)
+                        down = abs(row + dr - goal_row)
+                        across = abs(col + dc - goal_col)
                         key += max(down, across) + (_SQRT2 - np.float32(1.0)) * min(down, across)
                     single[0] = key
                     kept = np.uint64(bits[0])
                     # A key that was rounded up stays behind those that are larger than what it was.
                     compared = kept - _ONE if single[0] > key else kept
                     size = _push(heap, size, (kept << _HALF) | neighbour, compared)
-    lengths = np.where(state[wanted] & is_reached, distance[wanted], np.float32(np.inf))
+    lengths = np.where(state[wanted] & _REACHED, distance[wanted], np.float32(np.inf))
     return lengths, parent
 
 
@@ -221,7 +232,8 @@ def shortcut(costs: ByteArray, path: FloatArray, limit: int, factor: float) -> B
     i = 0
     while i < n - 1:
         # Doubling steps forward: paths are mostly straight, so this finds long lines with few tests.
-        best, stride = i + 1, 2
+        best = i + 1
+        stride = 2
         while stride >= 1 and best < n - 1:
             j = min(n - 1, best + stride)
             line = line_cost(costs, path[i, 0], path[i, 1], path[j, 0], path[j, 1], limit, factor)

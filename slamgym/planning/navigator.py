@@ -26,6 +26,7 @@ from slamgym.planning.costmap import (
     make_costmap,
 )
 from slamgym.planning.frontiers import Point, Reachable, reachable_space
+from slamgym.planning.goal_progress import STUCK_TIME, GoalProgress, apart
 from slamgym.planning.grid_path import PathLengths, path_is_free, plan_path
 from slamgym.planning.path_follower import FollowerConfig, PathFollower
 from slamgym.planning.unmapped import MapCorrections
@@ -59,16 +60,16 @@ _REPLAN_INTERVAL = 1.0
 """Shortest time between two plans to the same goal [s] (move_base plans at 1 Hz)."""
 _DEVIATION = 0.4
 """Farther than this from the path the robot plans again [m]: a pursued point is 0.5 m ahead."""
-_STUCK_TIME = 4.0
-"""Without moving for so long the robot recovers [s]; a half turn on the spot takes less."""
-_STUCK_DISTANCE = 0.1
-"""Moving less than this is standing still [m], which errors of the pose may be; turning on the spot is moving."""
 _BARRIER_GAP = 0.1
 """Assumed distance from the robot's body to an obstacle that it couldn't pass [m]."""
 _SEEN_NEAR = 1.5
 """The costmap takes over what the scan shows within this distance [m]: what matters for the next seconds."""
-_BACK_UP, _BACK_UP_SPEED = 0.2, 0.1
-"""Distance [m] and speed [m/s] of the backward recovery: less than a body, for the scanner doesn't look there."""
+_BACK_UP = 0.2
+"""Distance of the backward recovery [m]: less than a body, for the scanner doesn't look there."""
+_BACK_UP_SPEED = 0.1
+"""Speed of the backward recovery [m/s]."""
+_TURN_TIME = 4.0
+"""Longest duration of the recovery by a turn [s]."""
 _RECOVERIES = ("back up", "turn", "back up")
 """Recoveries from one place, one after the other, before a goal is given up."""
 
@@ -82,33 +83,14 @@ class NavigatorConfig(Settings, section="navigator"):
     """Path following."""
 
 
-@dataclass
-class _Leg:
-    """The robot's progress towards goals since it last stood without one."""
-
-    anchor: Pose2D  # where it last moved
-    anchor_at: float  # [s]
-    recovered_from: Pose2D  # where the first of the recoveries began
-    progress_at: float  # when it last came nearer [s]
-    planned_at: float = -math.inf  # [s]
-    best_remaining: float = math.inf  # the shortest path left since the goal was set [m]
-    arrived: bool = False
-    outcome: bool | None = None  # what another navigation said: whether it is reached
-    recoveries: int = 0  # since the last progress
-    recovery: str = ""  # the one in progress
-    recovery_from: Pose2D = Pose2D(0.0, 0.0, 0.0)
-    recovery_at: float = 0.0  # [s]
-
-
 @lru_cache(maxsize=16)
 def _inflation(radius: float) -> CostmapConfig:
     """Inflation of obstacles for a robot of some radius [m].
 
     Paths keep within sight of walls, which a scanner of short range needs to localise the robot.
     """
-    return CostmapConfig(
-        radius, max(CostmapConfig().inflation_radius, radius), coastal_distance=1.5
-    )
+    inflation_radius = max(CostmapConfig().inflation_radius, radius)
+    return CostmapConfig(radius, inflation_radius, coastal_distance=1.5)
 
 
 class Navigator:
@@ -134,7 +116,7 @@ class Navigator:
         self._grid: OccupancyGrid | None = None
         self._published: OccupancyGrid | None = None  # the newest map as it came
         self.corrections = MapCorrections(0.5 * context.frame.resolution)
-        self._leg = _Leg(Pose2D(0.0, 0.0, 0.0), 0.0, Pose2D(0.0, 0.0, 0.0), 0.0)
+        self._progress = GoalProgress.begin(Pose2D(0.0, 0.0, 0.0), 0.0)
 
     @property
     def reachable(self) -> Reachable | None:
@@ -206,19 +188,21 @@ class Navigator:
     def set_goal(self, goal: Goal, pose: Pose2D, time: float) -> None:
         """Go somewhere. Sets :attr:`status` to ``ABORTED`` at once if no path leads there."""
         if not self.is_active:
-            self._leg = _Leg(pose, time, pose, time)
-        self.goal, self.status, self.reason = goal, GoalStatus.ACTIVE, ""
-        self._leg.arrived, self._leg.outcome = False, None
-        self._leg.best_remaining, self._leg.progress_at = math.inf, time
+            self._progress = GoalProgress.begin(pose, time)
+        self.goal = goal
+        self.status = GoalStatus.ACTIVE
+        self.reason = ""
+        self._progress.begin_goal(time)
         self._plan(pose, time)
 
     def cancel(self) -> None:
         """Drop the goal."""
-        self.goal, self.status = None, GoalStatus.IDLE
+        self.goal = None
+        self.status = GoalStatus.IDLE
 
     def end(self, reached: bool) -> None:
         """Take over from another navigation that drives how it ended; the next :meth:`step` says so."""
-        self._leg.outcome = reached
+        self._progress.outcome = reached
 
     def step(self, pose: Pose2D, ranges: Float32Array, time: float) -> Twist2D:
         """Velocity for the next control step; updates :attr:`status`.
@@ -238,14 +222,14 @@ class Navigator:
 
     def _drive(self, costmap: Costmap, pose: Pose2D, obstacles: FloatArray, time: float) -> Twist2D:
         """Velocity towards the goal, if it isn't given up meanwhile."""
-        if self._leg.recovery:
+        if self._progress.recovery:
             command = self._continue_recovery(pose, time)
             if command is not None:
                 return command
             self._plan(pose, time)
         elif self._is_stuck(pose, time):
             self._begin_recovery(pose, obstacles, time)
-        if self._leg.arrived or self.follower.remaining(pose) < _GOAL_TOLERANCE:
+        if self._progress.arrived or self.follower.remaining(pose) < _GOAL_TOLERANCE:
             return self._finish(pose)
         command = self.follower.step(costmap, pose, obstacles)
         self._mind_deviation(pose, obstacles, time)
@@ -253,17 +237,22 @@ class Navigator:
 
     def _watch(self, pose: Pose2D, time: float) -> None:
         """End a goal that another navigation drives to, also if it doesn't say so but stands for long."""
-        self._note_moving(pose, time)
-        stands = time - self._leg.anchor_at
-        is_there = stands > _STUCK_TIME and math.dist(self.follower.path[-1], pose[:2]) < _DEVIATION
-        if self._leg.outcome or (self._leg.outcome is None and is_there):
+        progress = self._progress
+        progress.note_pose(pose, time)
+        stands = time - progress.moved_at
+        is_reached = progress.outcome
+        if is_reached is None and stands > STUCK_TIME:
+            left = math.dist(self.follower.path[-1], pose[:2])
+            if left < _DEVIATION:
+                is_reached = True
+        if is_reached:
             self.status = GoalStatus.SUCCEEDED
-        elif self._leg.outcome is False or stands > self.config.progress_time:
+        elif is_reached is False or stands > self.config.progress_time:
             self._abort("given up by the navigation")
 
     def _finish(self, pose: Pose2D) -> Twist2D:
         """Turn towards what the goal wants looked at, then report success."""
-        self._leg.arrived = True
+        self._progress.arrived = True
         if self.goal is not None and self.goal.look_at is not None:
             turn = self.follower.turn_towards(pose, *self.goal.look_at)
             if turn is not None:
@@ -274,7 +263,7 @@ class Navigator:
 
     def _mind_deviation(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Plan again when the robot is off its path or the scan blocks it."""
-        if time - self._leg.planned_at < _REPLAN_INTERVAL:
+        if time - self._progress.planned_at < _REPLAN_INTERVAL:
             return
         ahead = self.follower.ahead
         off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y) if len(ahead) else 0.0
@@ -288,26 +277,27 @@ class Navigator:
 
     def _plan(self, pose: Pose2D, time: float, keep_old: bool = False) -> None:
         """Plan a path to the goal; without one, give up (or keep the old path)."""
-        self._leg.planned_at = time
+        self._progress.planned_at = time
         if self.costmap is None or self.goal is None:
             self._abort("no map")
             return
-        path = plan_path(
-            self.costmap, pose, (self.goal.x, self.goal.y), PLAN_TOLERANCE, self.reachable
-        )
+        goal = (self.goal.x, self.goal.y)
+        path = plan_path(self.costmap, pose, goal, PLAN_TOLERANCE, self.reachable)
         if path is not None:
             self.follower.set_path(path)
         elif not keep_old:
             self._abort("unreachable")
 
     def _abort(self, reason: str) -> None:
-        self.status, self.reason = GoalStatus.ABORTED, reason
+        self.status = GoalStatus.ABORTED
+        self.reason = reason
 
     def _rebuild(self, pose: Pose2D, time: float) -> None:
         """Costmap from the map, what the scan showed lately, and the robot's own body."""
         if self._grid is None:
             return
-        grid = free_body(self.corrections.mark(self._grid, time), pose, self.context.robot_radius)
+        marked = self.corrections.mark(self._grid, time)
+        grid = free_body(marked, pose, self.context.robot_radius)
         self.costmap = make_costmap(grid, _inflation(self.inscribed_radius), self.costmap)
         self._searched_from = pose
 
@@ -318,57 +308,39 @@ class Navigator:
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
-    def _note_moving(self, pose: Pose2D, time: float) -> None:
-        """Note where the robot last moved."""
-        leg = self._leg
-        turned = abs(wrap_angle(pose.theta - leg.anchor.theta))
-        if _apart(pose, leg.anchor) > _STUCK_DISTANCE or turned > 0.3:
-            leg.anchor, leg.anchor_at = pose, time
-
     def _is_stuck(self, pose: Pose2D, time: float) -> bool:
         """True if the robot has stood still, or not come nearer, for too long."""
-        leg = self._leg
-        self._note_moving(pose, time)
-        remaining = self.follower.remaining(pose)
-        if remaining < leg.best_remaining - _STUCK_DISTANCE:
-            leg.best_remaining, leg.progress_at = remaining, time
-            if _apart(pose, leg.recovered_from) > 0.5:
-                leg.recoveries, leg.recovered_from = 0, pose
-        return (
-            time - leg.anchor_at > _STUCK_TIME or time - leg.progress_at > self.config.progress_time
-        )
+        self._progress.note_pose(pose, time)
+        self._progress.note_remaining(self.follower.remaining(pose), pose, time)
+        return self._progress.is_stuck(time, self.config.progress_time)
 
     def _begin_recovery(self, pose: Pose2D, obstacles: FloatArray, time: float) -> None:
         """Start the next recovery, or give the goal up after the last one."""
-        leg = self._leg
-        if leg.recoveries == 0:
-            leg.recovered_from = pose
-        leg.anchor, leg.anchor_at, leg.progress_at = pose, time, time
-        leg.best_remaining = math.inf
-        leg.recovery_from, leg.recovery_at = pose, time
+        progress = self._progress
+        progress.begin_recovery(pose, time)
         self._remember(obstacles, pose, time)
         self._rebuild(pose, time)
-        if leg.recoveries == len(_RECOVERIES):
+        if progress.recoveries == len(_RECOVERIES):
             self._abort("stuck")
         else:
-            leg.recovery = _RECOVERIES[leg.recoveries]
-            leg.recoveries += 1
+            progress.recovery = _RECOVERIES[progress.recoveries]
+            progress.recoveries += 1
 
     def _continue_recovery(self, pose: Pose2D, time: float) -> Twist2D | None:
         """Velocity of the recovery in progress; None when it is over."""
-        leg = self._leg
-        begin, elapsed = leg.recovery_from, time - leg.recovery_at
-        leg.anchor, leg.anchor_at = pose, time
-        if leg.recovery == "back up" and elapsed < 2.0 * _BACK_UP / _BACK_UP_SPEED:
-            if _apart(pose, begin) < _BACK_UP and self._is_free_behind(pose):
+        progress = self._progress
+        begin = progress.recovery_from
+        elapsed = time - progress.recovery_at
+        progress.moved_to = pose
+        progress.moved_at = time
+        if progress.recovery == "back up" and elapsed < 2.0 * _BACK_UP / _BACK_UP_SPEED:
+            if apart(pose, begin) < _BACK_UP and self._is_free_behind(pose):
                 return Twist2D(-_BACK_UP_SPEED, 0.0)
-        elif (
-            leg.recovery == "turn"
-            and elapsed < 4.0
-            and abs(wrap_angle(pose.theta - begin.theta)) < 0.5 * math.pi
-        ):
-            return Twist2D(0.0, self.follower.fastest_turn)
-        leg.recovery = ""
+        elif progress.recovery == "turn" and elapsed < _TURN_TIME:
+            turned = abs(wrap_angle(pose.theta - begin.theta))
+            if turned < 0.5 * math.pi:
+                return Twist2D(0.0, self.follower.fastest_turn)
+        progress.recovery = ""
         return None
 
     def _is_free_behind(self, pose: Pose2D) -> bool:
@@ -376,15 +348,10 @@ class Navigator:
         if self.costmap is None:
             return False
         distance = self.context.robot_radius + 0.05
-        headings = [pose.theta + math.pi + angle for angle in (-0.5, 0.0, 0.5)]
-        behind = [
-            (pose.x + distance * math.cos(one), pose.y + distance * math.sin(one))
-            for one in headings
-        ]
+        behind = []
+        for aside in (-0.5, 0.0, 0.5):
+            heading = pose.theta + math.pi + aside
+            x = pose.x + distance * math.cos(heading)
+            behind.append((x, pose.y + distance * math.sin(heading)))
         row, col, _ = cells_inside(self.costmap.frame, np.array(behind))
         return not (self.costmap.costs[row, col] == LETHAL_COST).any()
-
-
-def _apart(first: Pose2D, second: Pose2D) -> float:
-    """Distance of two positions [m]."""
-    return math.hypot(first.x - second.x, first.y - second.y)

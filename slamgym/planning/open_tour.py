@@ -51,9 +51,9 @@ def lengths_by_first(lengths: FloatArray) -> FloatArray:
     """
     matrix = _finite(lengths)
     between = np.ascontiguousarray(np.minimum(matrix, matrix.T)[1:, 1:])
-    return matrix[0, 1:] + (
-        exact_paths(between) if len(between) <= _EXACT_FIRSTS else short_paths(between)
-    )
+    is_exact = len(between) <= _EXACT_FIRSTS
+    onwards = exact_paths(between) if is_exact else short_paths(between)
+    return matrix[0, 1:] + onwards
 
 
 def _finite(lengths: FloatArray) -> FloatArray:
@@ -125,9 +125,9 @@ def exact_tour(lengths: FloatArray) -> IntArray:
     order = np.empty(n, np.int64)
     if n == 0:
         return order
-    best, before = _held_karp(
-        np.ascontiguousarray(lengths[0, 1:]), np.ascontiguousarray(lengths[1:, 1:])
-    )
+    starts = np.ascontiguousarray(lengths[0, 1:])
+    between = np.ascontiguousarray(lengths[1:, 1:])
+    best, before = _held_karp(starts, between)
     visited = (1 << n) - 1
     last = int(np.argmin(best[visited]))
     for position in range(n - 1, -1, -1):
@@ -174,7 +174,8 @@ def improve_tour(lengths: FloatArray, order: IntArray) -> IntArray:
 @kernel
 def two_opt(lengths: FloatArray, tour: IntArray) -> bool:
     """Do all reversals that help; the last place has no successor. Returns whether there was any."""
-    n, improved = len(tour), False
+    n = len(tour)
+    improved = False
     for i in range(1, n - 1):
         for j in range(i + 1, n):
             change = lengths[tour[i - 1], tour[j]] - lengths[tour[i - 1], tour[i]]
@@ -209,7 +210,9 @@ def _or_opt(lengths: FloatArray, tour: IntArray) -> bool:
                         lengths[tour[last], tour[after + 1]] - lengths[tour[after], tour[after + 1]]
                     )
                 if added - taken < -_GAIN:
-                    before, begin, end = tour.copy(), min(first, after + 1), max(last, after) + 1
+                    before = tour.copy()
+                    begin = min(first, after + 1)
+                    end = max(last, after) + 1
                     shift = first - begin if after < first else size
                     for k in range(begin, end):
                         tour[k] = before[begin + (k - begin + shift) % (end - begin)]

@@ -24,8 +24,12 @@ _CLEARANCE = 0.03
 """Kept between the robot's body and what the scanner sees [m]: three standard deviations of its noise."""
 _SQUEEZE_SPEED = 0.1
 """Speed in a gap that is too narrow for the clearance [m/s]."""
+_STANDSTILL = 0.02
+"""A robot slower than this is held back [m/s]."""
 _HORIZON = 1.2
 """Time ahead for which arcs are checked against the scan [s]: the robot comes to rest within it."""
+_LEAST_GAIN = 0.02
+"""An arc that ends less than this nearer to where the robot wants to go isn't worth driving [m]."""
 _SEARCHED = 40
 """So many points of the path, one a cell, are searched for the one nearest to the robot: it drives one in a step."""
 
@@ -59,8 +63,10 @@ class PathFollower:
 
     def set_path(self, path: FloatArray) -> None:
         """Begin a path, shape (N, 2) [m]."""
+        steps = np.diff(path, axis=0)
+        lengths = np.hypot(steps[:, 0], steps[:, 1])
         self.path = path
-        self._along = np.append(0.0, np.cumsum(np.hypot(*np.diff(path, axis=0).T)))
+        self._along = np.append(0.0, np.cumsum(lengths))
         self.blocked = False
         self._index = 0
 
@@ -74,9 +80,8 @@ class PathFollower:
         if not len(self.path):
             return 0.0
         x, y = self.path[self._index]
-        return math.hypot(x - pose.x, y - pose.y) + float(
-            self._along[-1] - self._along[self._index]
-        )
+        after = float(self._along[-1] - self._along[self._index])
+        return math.hypot(x - pose.x, y - pose.y) + after
 
     def points(self, ranges: Float32Array) -> FloatArray:
         """Obstacles that a scan shows, in the robot's frame, shape (N, 2) [m]."""
@@ -106,23 +111,26 @@ class PathFollower:
             pose: The robot, in the frame of the path.
             obstacles: What the scan shows, in the robot's frame, shape (N, 2) [m].
         """
-        config, context = self.config, self.context
+        config = self.config
+        context = self.context
         self.blocked = False
         if not len(self.path):
             return Twist2D(0.0, 0.0)
         x, y = self._pursued_point(costmap, pose)
-        distance, error = math.hypot(x, y), math.atan2(y, x)
+        distance = math.hypot(x, y)
+        error = math.atan2(y, x)
         if self._turn_sign and abs(error) < config.turned:
             self._turn_sign = 0.0
         if self._turn_sign or abs(error) > config.turn_in_place:
             return self._turn(error)
 
         # The arc through the pursued point has curvature 2 sin(error) / distance.
-        curvature, fastest = 2.0 * math.sin(error) / max(distance, 1e-3), context.max_linear
-        linear = min(
-            fastest, self.fastest_turn / max(abs(curvature), 1e-6), distance / context.control_step
-        )
-        near = obstacles[(obstacles**2).sum(axis=1) < (fastest * _HORIZON + self._apart) ** 2]
+        curvature = 2.0 * math.sin(error) / max(distance, 1e-3)
+        fastest = context.max_linear
+        turns_in_time = self.fastest_turn / max(abs(curvature), 1e-6)
+        stops_there = distance / context.control_step
+        linear = min(fastest, turns_in_time, stops_there)
+        near = self._near(obstacles)
         free = self._free_time(near, linear, linear * curvature)
         if free >= _HORIZON:
             return Twist2D(linear, linear * curvature)
@@ -130,12 +138,13 @@ class PathFollower:
         slowed = linear * free / _HORIZON
         if slowed > 0.25 * fastest:
             return Twist2D(slowed, slowed * curvature)
-        for speed, apart in (fastest, self._apart), (_SQUEEZE_SPEED, context.robot_radius):
-            limits, step = (speed, self.fastest_turn), context.control_step / 2
+        step = context.control_step / 2
+        for speed, apart in ((fastest, self._apart), (_SQUEEZE_SPEED, context.robot_radius)):
+            limits = (speed, self.fastest_turn)
             linear, angular, gain = best_arc(near, (x, y), limits, apart, step)
-            if gain > 0.02:
+            if gain > _LEAST_GAIN:
                 return Twist2D(linear, angular)
-        self.blocked = slowed < 0.02
+        self.blocked = slowed < _STANDSTILL
         return Twist2D(slowed, slowed * curvature)
 
     def avoid(self, command: Twist2D, ranges: Float32Array) -> Twist2D:
@@ -143,19 +152,26 @@ class PathFollower:
 
         Nothing is seen behind, so a velocity back stays as it is.
         """
-        (linear, angular), fastest = command, (self.context.max_linear, self.context.max_angular)
-        obstacles, turned = self.points(ranges), 0.5 * angular * _HORIZON
-        near = obstacles[(obstacles**2).sum(axis=1) < (fastest[0] * _HORIZON + self._apart) ** 2]
+        linear, angular = command
+        near = self._near(self.points(ranges))
         free = self._free_time(near, linear, angular)
         if linear <= 0.0 or free >= _HORIZON:
             return command
-        chord = linear * _HORIZON * (math.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
-        end, step = (
-            (chord * math.cos(turned), chord * math.sin(turned)),
-            self.context.control_step / 2,
-        )
-        *arc, gain = best_arc(near, end, fastest, self._apart, step)
-        return Twist2D(*arc) if gain > 0.02 else Twist2D(linear * free / _HORIZON, angular)
+        turned = 0.5 * angular * _HORIZON
+        shortening = math.sin(turned) / turned if abs(turned) > 1e-9 else 1.0
+        chord = linear * _HORIZON * shortening
+        end = (chord * math.cos(turned), chord * math.sin(turned))
+        fastest = (self.context.max_linear, self.context.max_angular)
+        step = self.context.control_step / 2
+        free_linear, free_angular, gain = best_arc(near, end, fastest, self._apart, step)
+        if gain > _LEAST_GAIN:
+            return Twist2D(free_linear, free_angular)
+        return Twist2D(linear * free / _HORIZON, angular)
+
+    def _near(self, obstacles: FloatArray) -> FloatArray:
+        """Those obstacles that the robot could come to within the horizon."""
+        reach = self.context.max_linear * _HORIZON + self._apart
+        return obstacles[(obstacles**2).sum(axis=1) < reach**2]
 
     def _free_time(self, obstacles: FloatArray, linear: float, angular: float) -> float:
         """For how long a velocity can be held, up to the horizon [s]."""
@@ -164,13 +180,14 @@ class PathFollower:
 
     def _pursued_point(self, costmap: Costmap, pose: Pose2D) -> tuple[float, float]:
         """The path point to steer to, in the robot's frame [m]."""
-        here, frame = pose[:2], costmap.frame
-        corner = frame.origin_x, frame.origin_y + frame.height_px * frame.resolution
+        here = pose[:2]
+        frame = costmap.frame
+        size = frame.resolution
+        corner = (frame.origin_x, frame.origin_y + frame.height_px * size)
         next_ones = self.path[self._index : self._index + _SEARCHED]
-        self._index += int(np.argmin(((next_ones - np.array(here)) ** 2).sum(axis=1)))
-        chosen = lookahead_on_path(
-            self.path, self._index, here, costmap.costs, corner, frame.resolution
-        )
+        squared = ((next_ones - np.array(here)) ** 2).sum(axis=1)
+        self._index += int(np.argmin(squared))
+        chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, size)
         x, y = self.path[chosen].tolist()
         return between(pose, Pose2D(x, y, 0.0))[:2]
 
@@ -233,21 +250,22 @@ def lookahead_on_path(
         corner: Its left and its upper border [m].
         resolution: [m/cell].
     """
-    (x, y), (left, top), (height, width) = here, corner, costs.shape
+    x, y = here
+    left, top = corner
+    height, width = costs.shape
     chosen = min(begin + 1, len(path) - 1)
     for i in range(chosen, len(path)):
         length = np.hypot(path[i, 0] - x, path[i, 1] - y)
         if length > _LOOKAHEAD and i > chosen:
             break
         steps = max(1, int(np.ceil(2.0 * length / resolution)))
-        free, left_start = True, False
+        free = True
+        left_start = False
         for k in range(1, steps + 1):
             px = x + (path[i, 0] - x) * k / steps
             py = y + (path[i, 1] - y) * k / steps
-            row, col = (
-                int(np.floor((top - py) / resolution)),
-                int(np.floor((px - left) / resolution)),
-            )
+            row = int(np.floor((top - py) / resolution))
+            col = int(np.floor((px - left) / resolution))
             open_cell = 0 <= row < height and 0 <= col < width and costs[row, col] < INSCRIBED_COST
             # Where the robot already stands too near to an obstacle the line may lead out, but not in again.
             if not open_cell and (left_start or k == steps):
@@ -277,7 +295,10 @@ def free_travel(
         nearest = min(nearest, points[i, 0] ** 2 + points[i, 1] ** 2)
     keep = min(radius, np.sqrt(nearest) - 1e-3)
     keep_squared = keep * keep if keep > 0.0 else 0.0
-    x, y, theta, time = 0.0, 0.0, 0.0, 0.0
+    x = 0.0
+    y = 0.0
+    theta = 0.0
+    time = 0.0
     while time < _HORIZON - 1e-9:
         x += linear * time_step * np.cos(theta + 0.5 * angular * time_step)
         y += linear * time_step * np.sin(theta + 0.5 * angular * time_step)
@@ -310,20 +331,24 @@ def best_arc(
         Forward speed [m/s], rate of turn [rad/s], and how much nearer to the target the arc ends [m]; all 0 if every
         arc is blocked or leads away.
     """
-    best = (0.0, 0.0, 0.0)
+    best_linear = 0.0
+    best_angular = 0.0
+    best_gain = 0.0
     start = np.hypot(target[0], target[1])
     for i in range(1, 4):
         linear = fastest[0] * i / 3.0
         for j in range(-6, 7):
             angular = fastest[1] * j / 6.0
             turned = 0.5 * angular * _HORIZON
-            chord = linear * _HORIZON * (np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0)
-            gain = start - np.hypot(
-                target[0] - chord * np.cos(turned), target[1] - chord * np.sin(turned)
-            )
-            if (
-                gain > best[2]
-                and free_travel(points, linear, angular, radius, time_step) >= _HORIZON
-            ):
-                best = (linear, angular, gain)
-    return best
+            shortening = np.sin(turned) / turned if abs(turned) > 1e-9 else 1.0
+            chord = linear * _HORIZON * shortening
+            left_x = target[0] - chord * np.cos(turned)
+            left_y = target[1] - chord * np.sin(turned)
+            gain = start - np.hypot(left_x, left_y)
+            if gain <= best_gain:
+                continue
+            if free_travel(points, linear, angular, radius, time_step) >= _HORIZON:
+                best_linear = linear
+                best_angular = angular
+                best_gain = gain
+    return best_linear, best_angular, best_gain

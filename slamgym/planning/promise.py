@@ -57,18 +57,22 @@ class Promise(Settings, section="promise"):
                 f"{text!r} is no promise; write the share that will be seen and how sure that is, as in 98%:95%, "
                 "or the area that may be left, as in 2m2:90%"
             )
-        amount, confidence = float(found["amount"]), float(found["confidence"] or 95.0) / 100.0
+        amount = float(found["amount"])
+        confidence = float(found["confidence"] or 95.0) / 100.0
         if found["unit"] == "%":
             return Promise(amount / 100.0, None, confidence)
         return Promise(None, amount, confidence)
 
     def holds(self, seen: float, floor_area: float) -> bool:
         """True if it is true of a share that was seen of a floor [m2]."""
-        return seen >= self.seen if self.left is None else (1.0 - seen) * floor_area <= self.left  # type: ignore[operator]
+        if self.seen is not None:
+            return seen >= self.seen
+        assert self.left is not None, "a promise is of one or the other"
+        return (1.0 - seen) * floor_area <= self.left
 
     def __str__(self) -> str:
-        what = f"{self.left:g}m2" if self.seen is None else f"{100.0 * self.seen:g}%"
-        return f"{what}:{100.0 * self.confidence:g}%"
+        amount = f"{self.left:g}m2" if self.seen is None else f"{100.0 * self.seen:g}%"
+        return f"{amount}:{100.0 * self.confidence:g}%"
 
 
 def split_promise(name: str) -> tuple[str, Promise | None]:
@@ -86,12 +90,13 @@ def is_offered(promise: Promise, unseen: Mapping[str, FloatArray | Float32Array]
         promise: The promise.
         unseen: The ``share`` and ``area`` [m2] of the floor that was unseen when explorations were stopped, shape (N,).
     """
-    name, most = (
-        ("area", promise.left or 0.0) if promise.seen is None else ("share", 1.0 - promise.seen)
-    )
-    broken = np.count_nonzero(unseen[name] > most)
+    if promise.seen is None:
+        broken = int(np.count_nonzero(unseen["area"] > (promise.left or 0.0)))
+    else:
+        broken = int(np.count_nonzero(unseen["share"] > 1.0 - promise.seen))
     # One exploration more than were seen may fail, too: that is what the new one is.
-    return bool(broken + 1 <= (len(unseen["share"]) + 1) * (1.0 - promise.confidence) + 1e-9)
+    explorations = len(unseen["share"]) + 1
+    return broken + 1 <= explorations * (1.0 - promise.confidence) + 1e-9
 
 
 @functools.cache

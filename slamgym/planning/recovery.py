@@ -5,7 +5,9 @@ map draws too narrow, a step into open space that the map doesn't show, and anot
 closed.
 """
 
+import enum
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,41 +34,65 @@ _LOOKS_AGAIN = 3
 """A way that somebody may block is looked at so often, a map apart: who walks is out of a door by then."""
 
 
+class ClosedWay(NamedTuple):
+    """A way on that somebody may block."""
+
+    place: Point
+    """Where to stand: the last place on the way there [m]."""
+    look_at: Point
+    """Middle of the frontier [m]."""
+
+
+class _LookAround(enum.Enum):
+    """State of the look around at the beginning."""
+
+    AHEAD = "ahead"
+    TURNING = "turning"
+    DONE = "done"
+
+
 class RecoveryBehaviours:
     """One exploration's recovery behaviours; :meth:`start` comes first.
 
     Attributes:
         round: 0 at first; counts the relaxed footprints tried.
-        is_turning: True while a look around is in progress.
         is_looking: True while somebody may have closed a way on.
     """
 
     def __init__(self) -> None:
         self.round = 0
-        self.is_turning = self.is_looking = False
+        self.is_looking = False
         self._began_at = math.inf
-        self._has_looked_around = False
-        self._turn_left, self._last_theta = 0.0, 0.0  # of a look around [rad]
+        self._look_around = _LookAround.AHEAD
+        self._turn_left = 0.0  # of a look around [rad]
+        self._last_theta = 0.0  # in a look around [rad]
         self._looked_from: list[Point] = []
         self._entered: list[Point] = []
+
+    @property
+    def is_turning(self) -> bool:
+        """True while a look around is in progress."""
+        return self._look_around is _LookAround.TURNING
 
     def start(self, navigator: Navigator) -> None:
         """Go on with a fresh navigation stack, as on a map that was corrected: what was tried counts as tried."""
         self._navigator = navigator
         self._open_space: list[FloatArray] = []  # points, where a frontier was given up
-        navigator.inscribed_radius *= (1.0, *RELAXED_FOOTPRINTS)[self.round]
+        if self.round > 0:
+            navigator.inscribed_radius *= RELAXED_FOOTPRINTS[self.round - 1]
 
     def note_time(self, time: float) -> None:
         """Note the time of a control step: the first one is the beginning."""
         self._began_at = min(self._began_at, time)
-        self.is_turning &= (
-            time - self._began_at < 2.0 * LOOK_AROUND_BEFORE
-        )  # else the wheels don't turn
+        if self.is_turning and time - self._began_at >= 2.0 * LOOK_AROUND_BEFORE:
+            self._look_around = _LookAround.DONE  # the wheels don't turn
 
     def turn(self, pose: Pose2D) -> Twist2D:
         """Velocity for the next control step of a look around."""
         self._turn_left -= abs(math.remainder(pose.theta - self._last_theta, 2.0 * math.pi))
-        self._last_theta, self.is_turning = pose.theta, self._turn_left > 0.0
+        self._last_theta = pose.theta
+        if self._turn_left <= 0.0:
+            self._look_around = _LookAround.DONE
         return Twist2D(0.0, self._navigator.follower.fastest_turn)
 
     def attempt(self, grid: OccupancyGrid, pose: Pose2D, time: float) -> bool:
@@ -77,13 +103,9 @@ class RecoveryBehaviours:
             pose: The believed pose.
             time: Now [s].
         """
-        if time - self._began_at < LOOK_AROUND_BEFORE and not self._has_looked_around:
-            self._has_looked_around = True
-            if self._navigator.context.drives:
-                self.is_turning, self._turn_left, self._last_theta = True, 2.0 * math.pi, pose.theta
-            else:
-                behind = pose.x - math.cos(pose.theta), pose.y - math.sin(pose.theta)
-                self._navigator.set_goal(Goal(pose.x, pose.y, look_at=behind), pose, time)
+        is_early = time - self._began_at < LOOK_AROUND_BEFORE
+        if is_early and self._look_around is _LookAround.AHEAD:
+            self._begin_look_around(pose, time)
             return True
         if self.round < len(RELAXED_FOOTPRINTS):
             radius = RELAXED_FOOTPRINTS[self.round] * self._navigator.context.robot_radius
@@ -92,30 +114,41 @@ class RecoveryBehaviours:
             return True
         return self._enter_open_space(grid, pose, time) or self.look_again(pose, time)
 
+    def _begin_look_around(self, pose: Pose2D, time: float) -> None:
+        """Begin a full turn; where another navigation drives, half of one."""
+        if self._navigator.context.drives:
+            self._look_around = _LookAround.TURNING
+            self._turn_left = 2.0 * math.pi
+            self._last_theta = pose.theta
+            return
+        self._look_around = _LookAround.DONE
+        behind = (pose.x - math.cos(pose.theta), pose.y - math.sin(pose.theta))
+        self._navigator.set_goal(Goal(pose.x, pose.y, look_at=behind), pose, time)
+
     def look_again(self, pose: Pose2D, time: float) -> bool:
         """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
-        navigator, looked = self._navigator, self._looked_from
-        costmap, space, radius = (
-            navigator.costmap,
-            navigator.reachable,
-            navigator.context.robot_radius,
-        )
+        navigator = self._navigator
+        costmap = navigator.costmap
+        space = navigator.reachable
+        radius = navigator.context.robot_radius
         if costmap is None or space is None:
             return False
         grid = navigator.corrections.without_specks(navigator.map_alone(pose))
         opened = make_costmap(grid, costmap.config, costmap)
-        views = [
-            view
-            for view in closed_ways(costmap, space, opened, pose, radius)
-            if sum(math.dist(view[0], other) <= _SAME_PLACE for other in looked) < _LOOKS_AGAIN
-        ]
-        self.is_looking = bool(views)
-        if views:
-            place, looked_at = min(views, key=lambda view: math.dist(view[0], pose[:2]))
-            looked.append(place)
+        ways = closed_ways(costmap, space, opened, pose, radius)
+        ways = [way for way in ways if not self._is_known(way)]
+        self.is_looking = bool(ways)
+        if ways:
+            nearest = min(ways, key=lambda way: math.dist(way.place, pose[:2]))
+            self._looked_from.append(nearest.place)
             navigator.corrections.forget_kept()
-            navigator.set_goal(Goal(*place, look_at=looked_at), pose, time)
+            navigator.set_goal(Goal(*nearest.place, look_at=nearest.look_at), pose, time)
         return self.is_looking
+
+    def _is_known(self, way: ClosedWay) -> bool:
+        """True if the robot has looked at a way from the same place often enough."""
+        times = sum(math.dist(way.place, other) <= _SAME_PLACE for other in self._looked_from)
+        return times >= _LOOKS_AGAIN
 
     def note_given_up(self, pose: Pose2D, ranges: Float32Array) -> None:
         """Note the scan where a frontier was given up, reached or not: there may be open space."""
@@ -146,8 +179,8 @@ def _is_new(place: Point, known: list[Point]) -> bool:
 
 def closed_ways(
     costmap: Costmap, reachable: Reachable, opened: Costmap, pose: Pose2D, radius: float
-) -> list[tuple[Point, Point]]:
-    """Views of frontiers that the robot fits through and gets to on a map that is more open alone.
+) -> list[ClosedWay]:
+    """Ways to frontiers that the robot fits through and gets to on a map that is more open alone.
 
     Args:
         costmap: The costmap.
@@ -155,18 +188,19 @@ def closed_ways(
         opened: The other one, of the same frame.
         pose: The robot.
         radius: The robot's [m].
-
-    Returns:
-        Where to stand, the last place on the way there, and the frontier's middle [m].
     """
-    known, views = frontier_cells(costmap.costs, reachable.mask), []
+    known = frontier_cells(costmap.costs, reachable.mask)
+    ways = []
     for frontier in find_frontiers(opened, pose, 2.0 * radius):
-        hidden = np.count_nonzero(~known[tuple(frontier.cells.T)]) * costmap.frame.resolution
-        if hidden >= 2.0 * radius and fits_through(opened, frontier, radius):
-            path = plan_path(opened, pose, frontier.middle, PLAN_TOLERANCE)
-            if path is not None:
-                row, col, _ = cells_inside(costmap.frame, path)
-                closed_at = int(np.argmax(costmap.costs[row, col] >= INSCRIBED_COST))
-                x, y = path[max(0, closed_at - 1)].tolist()
-                views.append(((x, y), frontier.middle))
-    return views
+        rows, cols = frontier.cells.T
+        hidden = np.count_nonzero(~known[rows, cols]) * costmap.frame.resolution
+        if hidden < 2.0 * radius or not fits_through(opened, frontier, radius):
+            continue
+        path = plan_path(opened, pose, frontier.middle, PLAN_TOLERANCE)
+        if path is None:
+            continue
+        row, col, _ = cells_inside(costmap.frame, path)
+        closed_at = int(np.argmax(costmap.costs[row, col] >= INSCRIBED_COST))
+        x, y = path[max(0, closed_at - 1)].tolist()
+        ways.append(ClosedWay((x, y), frontier.middle))
+    return ways

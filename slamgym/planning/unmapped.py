@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.geometry import compose, transform_points
+from slamgym.core.geometry import compose, transform_points, unit_vectors
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -90,29 +90,31 @@ class MapCorrections:
     def note_map(self, grid: OccupancyGrid) -> None:
         """Remember where a published map is free."""
         before = self._freest
-        if before is None or before.frame != grid.frame:
-            self._freest = OccupancyGrid(grid.cells.copy(), grid.frame)
-            if before is not None:
-                places = before.frame.to_points(*np.nonzero(before.cells == FREE))
-                row, col, _ = cells_inside(grid.frame, places)
-                self._freest.cells[row, col] = FREE
-        else:
-            np.maximum(
-                before.cells, grid.cells, out=before.cells
-            )  # in place: free is the largest value
+        if before is not None and before.frame == grid.frame:
+            # In place: free is the largest value.
+            np.maximum(before.cells, grid.cells, out=before.cells)
+            return
+        self._freest = OccupancyGrid(grid.cells.copy(), grid.frame)
+        if before is not None:
+            rows, cols = np.nonzero(before.cells == FREE)
+            places = before.frame.to_points(rows, cols)
+            row, col, _ = cells_inside(grid.frame, places)
+            self._freest.cells[row, col] = FREE
 
     def without_specks(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map without specks where an older one was free, which legs of somebody who walked there leave."""
         import cv2
 
         assert self._freest is not None, "there was a map"
-        before, frame = self._freest.cells == FREE, self._freest.frame
+        frame = self._freest.frame
         occupied = (grid.cells == OCCUPIED).view(np.uint8)
         _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-        small = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK
-        points = grid.frame.to_points(*np.nonzero(small[labels]))
+        is_speck = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK
+        rows, cols = np.nonzero(is_speck[labels])
+        points = grid.frame.to_points(rows, cols)
         row, col, inside = cells_inside(frame, points)
-        return free_at(points[inside][before[row, col]], grid, OCCUPIED)
+        was_free = self._freest.cells[row, col] == FREE
+        return free_at(points[inside][was_free], grid, OCCUPIED)
 
     def free(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map with the open space entered, if there is some."""
@@ -134,17 +136,27 @@ class MapCorrections:
             costmap: Map and obstacles as they are now.
             grid: The map alone.
         """
-        found = [np.column_stack(costmap.frame.to_point(*np.nonzero(costmap.costs == LETHAL_COST)))]
+        frame = costmap.frame
+        rows, cols = np.nonzero(costmap.costs == LETHAL_COST)
+        found = [frame.to_points(rows, cols)]
         for _, seen_from, seen in self._seen:
-            points = unmapped_points(grid, seen)
-            sight = points - np.array(seen_from[:2])
-            across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(np.hypot(*sight.T), 1e-3)[:, None]
-            found.append((points + self._offsets[:, None, None] * across).reshape(-1, 2))
+            found.append(self._across_sight(unmapped_points(grid, seen), seen_from))
         points = np.vstack(found)
-        near = points[np.hypot(*(points - np.array(pose[:2])).T) < radius + _TOUCHED]
+        distances = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
+        near = points[distances < radius + _TOUCHED]
         # One point for each cell, its centre, so that coming again adds next to nothing.
-        cells = np.unique(np.column_stack(costmap.frame.to_cell(near[:, 0], near[:, 1])), axis=0)
-        self._kept = np.unique(np.vstack([self._kept, costmap.frame.to_points(*cells.T)]), axis=0)
+        near_rows, near_cols = frame.to_cell(near[:, 0], near[:, 1])
+        cells = np.unique(np.column_stack([near_rows, near_cols]), axis=0)
+        centres = frame.to_points(cells[:, 0], cells[:, 1])
+        self._kept = np.unique(np.vstack([self._kept, centres]), axis=0)
+
+    def _across_sight(self, points: FloatArray, seen_from: Pose2D) -> FloatArray:
+        """Points (N, 2) [m] and more across the line of sight to each, shape (M, 2) [m]."""
+        sight = points - np.array(seen_from[:2])
+        distances = np.hypot(sight[:, 0], sight[:, 1])
+        across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(distances, 1e-3)[:, None]
+        widened = points + self._offsets[:, None, None] * across
+        return widened.reshape(-1, 2)
 
     def forget_kept(self) -> None:
         """Forget the obstacles that were kept for good: somebody may have stood there."""
@@ -154,10 +166,13 @@ class MapCorrections:
         """Copy a map with the obstacles entered; forgets what was seen too long ago."""
         self._seen = [seen for seen in self._seen if time - seen[0] < _MEMORY]
         if self._seen:
-            grid = mark_obstacles(grid, np.vstack([points for _, _, points in self._seen]))
+            seen = np.vstack([points for _, _, points in self._seen])
+            grid = mark_obstacles(grid, seen)
         if len(self._closing):
             grid = mark_obstacles(grid, self._closing)
-        return mark_obstacles(grid, self._kept, apart=0.0) if len(self._kept) else grid
+        if len(self._kept):
+            grid = mark_obstacles(grid, self._kept, apart=0.0)
+        return grid
 
 
 def find_open_space(
@@ -179,23 +194,24 @@ def find_open_space(
     if shares[best[0]] < _EMPTY:
         return None
     first = int(best[len(best) // 2])  # the middle of all such gaps
-    angles = geometry.angles[np.flatnonzero(empty[first : first + width]) + first]
+    beams = first + np.flatnonzero(empty[first : first + width])
+    directions = unit_vectors(geometry.angles[beams])
     lengths = np.arange(0.0, _REACH, 0.02)
-    points = lengths[:, None, None] * np.column_stack([np.cos(angles), np.sin(angles)])
+    points = lengths[:, None, None] * directions
     return transform_points(compose(pose, geometry.mount), points.reshape(-1, 2))
 
 
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
     """True if most of some open space, points (N, 2) [m], is unknown in a map."""
     row, col, _ = cells_inside(grid.frame, points)
-    return bool(
-        np.count_nonzero(grid.cells[row, col] != UNKNOWN) <= (1.0 - _UNMAPPED) * len(points)
-    )
+    known = int(np.count_nonzero(grid.cells[row, col] != UNKNOWN))
+    return known <= (1.0 - _UNMAPPED) * len(points)
 
 
 def free_at(points: FloatArray, grid: OccupancyGrid, value: int) -> OccupancyGrid:
     """Copy a map with those cells at some points (N, 2) [m] free that have a value."""
     row, col, _ = cells_inside(grid.frame, points)
+    has_value = grid.cells[row, col] == value
     cells = grid.cells.copy()
-    cells[row, col] = np.where(cells[row, col] == value, np.uint8(FREE), cells[row, col])
+    cells[row[has_value], col[has_value]] = FREE
     return OccupancyGrid(cells, grid.frame)

@@ -9,10 +9,18 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, Pose2D
 from slamgym.planning.context import ExplorerContext
 
-_MOVED, _TURNED = 0.2, 0.3  # a scan is kept if the robot did so much since the last one [m, rad]
-_POINTS = 6  # of a frontier that beams are compared with
-_BESIDE = 0.2  # what a beam meets so near to a frontier is there [m]
-_NEAR_BY = 1.2  # [m]
+_MOVED = 0.2
+"""A scan is kept if the robot has moved so far since the last one [m]."""
+_TURNED = 0.3
+"""A scan is kept if the robot has turned so far since the last one [rad]."""
+_POINTS = 6
+"""Beams are compared with so many points of a frontier."""
+_BESIDE = 0.2
+"""What a beam meets so near to a frontier is there [m]."""
+_NEAR_BY = 1.2
+"""A beam lost from nearer than this was lost near by [m]."""
+_LONGEST = 0.999
+"""Readings of more than this share of the range are no returns."""
 
 
 class ViewHistory:
@@ -52,15 +60,14 @@ class ViewHistory:
             Shape (N, 10): looks, the nearest, those lost without return, the nearest of them, those near by, those that
             passed beyond, how far, those that met something there, the nearest, and how squarely one was lost.
         """
-        poses, scans = np.array(self._poses), np.array(self._scans)
-        chosen = [
-            one[np.linspace(0, len(one) - 1, min(_POINTS, len(one))).astype(int)]
-            for one in frontiers
-        ]
-        pairs = zip(chosen, outward, strict=True)
-        return np.array(
-            [_tally(poses, scans, points, towards, self._laser) for points, towards in pairs]
-        )
+        poses = np.array(self._poses)
+        scans = np.array(self._scans)
+        figures = []
+        for points, towards in zip(frontiers, outward, strict=True):
+            last = len(points) - 1
+            chosen = np.linspace(0, last, min(_POINTS, len(points))).astype(int)
+            figures.append(_tally(poses, scans, points[chosen], towards, self._laser))
+        return np.array(figures)
 
 
 @kernel
@@ -73,10 +80,19 @@ def _tally(
 ) -> FloatArray:
     """Count the beams of scans (T, beams) from poses (T, 3) towards points (N, 2), by what became of them."""
     x, y, turn, first, step, longest = laser
-    looks, lost, near_by, passed, met = 0, 0, 0, 0, 0
-    nearest, nearest_lost, nearest_met, beyond, square = longest, longest, longest, 0.0, 0.0
+    looks = 0
+    lost = 0
+    near_by = 0
+    passed = 0
+    met = 0
+    nearest = longest
+    nearest_lost = longest
+    nearest_met = longest
+    beyond = 0.0
+    square = 0.0
     for t in range(len(poses)):
-        cos, sin = math.cos(poses[t, 2]), math.sin(poses[t, 2])
+        cos = math.cos(poses[t, 2])
+        sin = math.sin(poses[t, 2])
         for p in range(len(points)):
             dx = points[p, 0] - (poses[t, 0] + cos * x - sin * y)
             dy = points[p, 1] - (poses[t, 1] + sin * x + cos * y)
@@ -86,36 +102,37 @@ def _tally(
             angle = math.atan2(dy, dx) - poses[t, 2] - turn - first
             angle -= 2.0 * math.pi * math.floor((angle + 0.5 * step) / (2.0 * math.pi))
             index = math.floor(angle / step + 0.5)
-            if index >= scans.shape[1] or scans[t, index] < away - _BESIDE:
+            if index >= scans.shape[1]:
                 continue
             read = scans[t, index]
+            if read < away - _BESIDE:
+                continue
             looks += 1
             nearest = min(nearest, away)
-            if read >= 0.999 * longest:
+            if read >= _LONGEST * longest:
                 lost += 1
                 near_by += away < _NEAR_BY
                 nearest_lost = min(nearest_lost, away)
-                square = max(square, abs(dx * outward[0] + dy * outward[1]) / max(away, 1e-3))
+                squarely = abs(dx * outward[0] + dy * outward[1]) / max(away, 1e-3)
+                square = max(square, squarely)
             if read <= away + _BESIDE:  # also where the scanner's range ends
                 met += 1
                 nearest_met = min(nearest_met, away)
-            elif read < 0.999 * longest:
+            elif read < _LONGEST * longest:
                 passed += 1
                 beyond = max(beyond, read - away)
-    counts = [math.log1p(one / len(points)) / 3.0 for one in (looks, lost, passed, met)]
-    near = math.log1p(near_by / len(points)) / 2.0
-    at, lost_at, met_at = nearest / longest, nearest_lost / longest, nearest_met / longest
+    count = len(points)
     return np.array(
         [
-            counts[0],
-            at,
-            counts[1],
-            lost_at,
-            near,
-            counts[2],
+            math.log1p(looks / count) / 3.0,
+            nearest / longest,
+            math.log1p(lost / count) / 3.0,
+            nearest_lost / longest,
+            math.log1p(near_by / count) / 2.0,
+            math.log1p(passed / count) / 3.0,
             beyond / longest,
-            counts[3],
-            met_at,
+            math.log1p(met / count) / 3.0,
+            nearest_met / longest,
             square,
         ]
     )
