@@ -48,7 +48,7 @@ BLURRED = "raw SLAM map, blurred"
 """Name of the method that blurs the SLAM map's free space."""
 CLEANED = "classical cleaning"
 """Name of the method that cleans the SLAM map without learning."""
-OUTLINE = "outline only (oracle)"
+OUTLINE_ONLY = "outline only (oracle)"
 """Name of the method that knows the CAD map and leaves out its inner walls."""
 BLUR = 0.07
 """Standard deviation of that blur, about the displacement of walls by drift [m]."""
@@ -94,7 +94,7 @@ def baselines() -> list[TranslationMethod]:
         TranslationMethod(RAW, _free_space),
         TranslationMethod(BLURRED, _blurred),
         TranslationMethod(CLEANED, _cleaned),
-        TranslationMethod(OUTLINE, _outline),
+        TranslationMethod(OUTLINE_ONLY, _outline),
     ]
 
 

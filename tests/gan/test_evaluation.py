@@ -17,7 +17,7 @@ from slamgym.gan.data import PairSet
 from slamgym.gan.evaluation.evaluate import (
     BLURRED,
     CLEANED,
-    OUTLINE,
+    OUTLINE_ONLY,
     RAW,
     TranslationMethod,
     baselines,
@@ -206,11 +206,11 @@ class TestScores:
             for name, rows in scores.items()
         }
         assert (
-            mean[OUTLINE]["wall_f1_10cm"]
+            mean[OUTLINE_ONLY]["wall_f1_10cm"]
             < mean[RAW]["wall_f1_10cm"]
             < mean[CLEANED]["wall_f1_10cm"]
         )
-        assert mean[OUTLINE]["room_error"] >= 1.5
+        assert mean[OUTLINE_ONLY]["room_error"] >= 1.5
         assert mean[CLEANED]["mse"] < mean[RAW]["mse"]
         assert mean[CLEANED]["room_error"] == 0.0
 
@@ -313,7 +313,7 @@ class TestTables:
         )
         assert better["share_improved"]["value"] == pytest.approx(expected)
         headings, rows = main_table(summary)
-        assert [row[0] for row in rows] == [RAW, BLURRED, CLEANED, OUTLINE]
+        assert [row[0] for row in rows] == [RAW, BLURRED, CLEANED, OUTLINE_ONLY]
         assert all(len(row) == len(headings) for row in rows)
         headings, rows = table_one(scores)
         assert len(rows) == len(pairs) + 1
