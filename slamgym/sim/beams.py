@@ -1,7 +1,7 @@
 """Measurements of the surfaces that beams meet: numba kernels.
 
-Whatever is random about a *place* comes from a hash of its coordinates, so that it is the same in every scan and for
-neighbouring beams; only the noise of a measurement is drawn again.
+Whatever is random about a *place* comes from :mod:`slamgym.sim.place_noise`, so that it is the same in every scan and
+for neighbouring beams; only the noise of a measurement is drawn again.
 
 One law decides whether an echo is heard: what comes
 back from a matt surface falls with the square of the distance and with the cosine of the angle of incidence, so that
@@ -15,6 +15,7 @@ import numpy as np
 
 from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, IntArray
+from slamgym.sim.place_noise import TO_DEVIATION, no_corners, place_hash, smooth_noise
 from slamgym.sim.raycast import beam_directions, next_hit
 from slamgym.sim.surfaces import GLASS, MIRROR, PLAIN, Surfaces
 
@@ -52,12 +53,10 @@ _ECHO_BY_SCAN = 0.15
 """Scatter of the logarithm of an echo over scans."""
 _FLATTEST = 0.2
 """Flattest incidence at which a wall's unevenness is stretched along the beam (cosine)."""
-_TO_DEVIATION = 1.0 / 0.385
-"""Linear interpolation of values that are even in [-1, 1] has a standard deviation of 0.385, over a cell's area."""
 
 _LEAST_NORMAL = -6.0
 """Draws below so many standard deviations are rare."""
-_WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * _TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
+_WEAKEST_SCATTER = 0.99 * math.exp(-_ECHO_BY_PLACE * TO_DEVIATION + _ECHO_BY_SCAN * _LEAST_NORMAL)
 """The weakest echo that scatter produces, except for draws below :data:`_LEAST_NORMAL`."""
 
 
@@ -104,9 +103,9 @@ def measure_beams(
     """
     surfaces = Surfaces(*surfaces)
     model = BeamModel(*model)
-    rough = _no_corners()
-    biased = _no_corners()
-    echoing = _no_corners()
+    rough = no_corners()
+    biased = no_corners()
+    echoing = no_corners()
     directions = beam_directions(len(true), model.angle_min, model.angle_increment)
     last = -1
     x = 0.0
@@ -151,18 +150,18 @@ def measure_beams(
             strength = max(cosine, 1e-9) * echo
             # Most echoes are heard however they scatter.
             if loss > _WEAKEST_SCATTER * strength or normal[1, i] < _LEAST_NORMAL:
-                uneven = _smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE, echoing)
+                uneven = smooth_noise(surfaces.seed, px / _ECHO_SIZE, py / _ECHO_SIZE, echoing)
                 scatter = _ECHO_BY_PLACE * uneven + _ECHO_BY_SCAN * normal[1, i]
                 if loss > strength * math.exp(scatter):
                     out[i] = np.inf
                     continue
         if surfaces.roughness > 0.0:
-            uneven = _smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS, rough)
+            uneven = smooth_noise(surfaces.seed + 1, px / _UNEVENNESS, py / _UNEVENNESS, rough)
             depth += surfaces.roughness * uneven
         sigma = max(model.sigma, model.sigma_relative * distance)
         error = normal[0, i]
         if model.bias > 0.0:
-            error += model.bias * _smooth_noise(
+            error += model.bias * smooth_noise(
                 surfaces.seed + 2, px / _BIAS_SIZE, py / _BIAS_SIZE, biased
             )
         out[i] = max(0.0, distance - depth / max(cosine, _FLATTEST) + sigma * error)
@@ -182,8 +181,10 @@ def fail_beams(
         range_max: Longest distance that a stray one reads [m].
     """
     for i in range(len(ranges)):
-        if fate[0, i] < lost + stray:
-            ranges[i] = np.inf if fate[0, i] < lost else fate[1, i] * min(ranges[i], range_max)
+        if fate[0, i] < lost:
+            ranges[i] = np.inf
+        elif fate[0, i] < lost + stray:
+            ranges[i] = fate[1, i] * min(ranges[i], range_max)
 
 
 @kernel
@@ -209,7 +210,9 @@ def _trace_beam(
         the surface stands out [m].
     """
     x, y, ux, uy = ray
-    passed, echo, length = 0.0, 1.0, distance  # ``passed``: what lies before the last mirror
+    passed = 0.0  # what lies before the last mirror
+    echo = 1.0
+    length = distance
     outdoors = False
     pane = -1.0  # where the last pane was passed
     for _ in range(_MOST_PANES + 2):
@@ -282,7 +285,8 @@ def _mirrored(ux: float, uy: float, segments: FloatArray, s: int) -> tuple[float
     x0, y0, x1, y1 = segments[s]
     ex = x1 - x0
     ey = y1 - y0
-    twice = 2.0 * (ux * ex + uy * ey) / (ex * ex + ey * ey)
+    squared = ex * ex + ey * ey
+    twice = 2.0 * (ux * ex + uy * ey) / squared
     return twice * ex - ux, twice * ey - uy
 
 
@@ -307,7 +311,7 @@ def _is_dirty(surfaces: Surfaces, x: float, y: float) -> bool:
     """True if glass returns a beam at a place from any side."""
     col = math.floor(x / _DIRT_SIZE)
     row = math.floor(y / _DIRT_SIZE)
-    return _hash(surfaces.seed + 3, col, row) < _DIRTY_SHARE
+    return place_hash(surfaces.seed + 3, col, row) < _DIRTY_SHARE
 
 
 @kernel
@@ -352,47 +356,3 @@ def _blend(
         if gap < _BLENDING:
             return distance + (1.0 - major) * (true[j] - true[i])
     return distance
-
-
-@kernel
-def _hash(seed: int, i: int, j: int) -> float:
-    """An even value in [0, 1) that belongs to a cell of a lattice (SplitMix64 of its coordinates)."""
-    h = np.uint64(seed) * np.uint64(0x9E3779B97F4A7C15)
-    for value in (i, j):
-        h = (h ^ np.uint64(np.int64(value))) + np.uint64(0x9E3779B97F4A7C15)
-        h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-        h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-        h ^= h >> np.uint64(31)
-    return float(h >> np.uint64(11)) * (1.0 / 9007199254740992.0)
-
-
-@kernel
-def _no_corners() -> FloatArray:
-    """The memory of :func:`_smooth_noise` before its first call."""
-    return np.full(6, np.nan)
-
-
-@kernel
-def _smooth_noise(seed: int, x: float, y: float, corners: FloatArray) -> float:
-    """A value that varies smoothly with the place, with mean 0 and a standard deviation of about 1 (at most 2.6).
-
-    Args:
-        seed: Of the lattice.
-        x: The place [cells of the lattice].
-        y: The place [cells of the lattice].
-        corners: The last cell and the values at its corners, shape (6,): neighbouring beams mostly meet the same one.
-    """
-    col = math.floor(x)
-    row = math.floor(y)
-    fx = x - col
-    fy = y - row
-    if corners[0] != col or corners[1] != row:
-        corners[0] = col
-        corners[1] = row
-        corners[2] = _hash(seed, col, row)
-        corners[3] = _hash(seed, col + 1, row)
-        corners[4] = _hash(seed, col, row + 1)
-        corners[5] = _hash(seed, col + 1, row + 1)
-    low = (1.0 - fx) * corners[2] + fx * corners[3]
-    high = (1.0 - fx) * corners[4] + fx * corners[5]
-    return _TO_DEVIATION * (2.0 * ((1.0 - fy) * low + fy * high) - 1.0)

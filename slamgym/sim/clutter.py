@@ -136,87 +136,25 @@ class Clutter:
 def outlines_of(solids: Sequence[FloatArray]) -> FloatArray:
     """Segments of solids that contacts and scanners meet, shape (S, 4) [m]: diagonals of legs, and others' edges."""
     boxes = np.array([corners for corners in solids if len(corners) == 4]).reshape(-1, 4, 2)
-    is_leg = np.ptp(boxes, axis=1).max(axis=1, initial=0.0) < _LEG
-    diagonals = boxes[is_leg].reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3)
-    others = boxes[~is_leg]
-    edges = np.concatenate([others, np.roll(others, -1, axis=1)], axis=2)
-    parts = [diagonals.reshape(-1, 4), edges.reshape(-1, 4)]
+    sides = np.ptp(boxes, axis=1)
+    is_leg = sides.max(axis=1, initial=0.0) < _LEG
+    parts = [_diagonals(boxes[is_leg]), _edges(boxes[~is_leg])]
     rest = [corners for corners in solids if len(corners) != 4]
-    parts += [np.hstack([corners, np.roll(corners, -1, axis=0)]) for corners in rest]
+    parts += [_edges(corners[None]) for corners in rest]
     return np.vstack(parts)
 
 
-class Changes:
-    """The movables of a world, and where each stands now.
+def _diagonals(boxes: FloatArray) -> FloatArray:
+    """Both diagonals of each box, from corners of shape (B, 4, 2), shape (2 B, 4) [m]."""
+    opposite = boxes.reshape(-1, 2, 2, 2).transpose(0, 2, 1, 3)
+    return opposite.reshape(-1, 4)
 
-    Args:
-        clutter: What there is.
-        rows: The world's segments of the clutter, as :meth:`Clutter.segments` gives them; changed in place.
-    """
 
-    def __init__(self, clutter: Clutter, rows: FloatArray) -> None:
-        self._clutter = clutter
-        self.movables = clutter.movables if clutter.changes else ()
-        self._places = [[outlines_of(solids) for solids in places] for places in self.movables]
-        sizes = [len(places[0]) for places in self._places]
-        self._rows = rows[len(rows) - sum(sizes) :]
-        self._slices = []
-        first = 0
-        for size in sizes:
-            self._slices.append(slice(first, first + size))
-            first += size
-        self.reset()
-
-    def reset(self) -> None:
-        """Back to the start, to change in the same way again."""
-        self._rng = np.random.default_rng(self._clutter.seed)
-        self._now = [0] * len(self._places)
-        for index in range(len(self._places)):
-            self._put(index, 0)
-
-    def furniture(self) -> tuple[FloatArray, ...]:
-        """Solids that stand on the floor now: corners of each solid, shape (K, 2) [m]."""
-        if not self.movables:
-            return self._clutter.solids()
-        standing = list(self._clutter.furniture)
-        for places, now in zip(self.movables, self._now, strict=True):
-            standing += places[now]
-        return tuple(standing)
-
-    def advance(self, span: float, discs: FloatArray) -> bool:
-        """Let time pass, in which something may be moved, but nothing that would come near to somebody.
-
-        Args:
-            span: Duration [s].
-            discs: Robot and people with the room they need, shape (D, 3) as x, y, radius [m].
-
-        Returns:
-            True if anything was moved.
-        """
-        if not self.movables:
-            return False
-        moved = False
-        for _ in range(int(self._rng.poisson(self._clutter.changes * span))):
-            index = int(self._rng.integers(len(self._places)))
-            place = int(self._rng.integers(len(self._places[index])))
-            if place != self._now[index] and self._is_away(index, place, discs):
-                self._put(index, place)
-                moved = True
-        return moved
-
-    def _is_away(self, index: int, place: int, discs: FloatArray) -> bool:
-        """True if no person is on the way of a piece: in the box about its old and its new place."""
-        old = self._rows[self._slices[index]]
-        new = self._places[index][place]
-        points = np.vstack([old, new]).reshape(-1, 2)
-        middles = discs[:, :2]
-        nearest = np.clip(middles, points.min(axis=0), points.max(axis=0))
-        distances = np.hypot(*(middles - nearest).T)
-        return bool((distances > discs[:, 2]).all())
-
-    def _put(self, index: int, place: int) -> None:
-        self._now[index] = place
-        self._rows[self._slices[index]] = self._places[index][place]
+def _edges(solids: FloatArray) -> FloatArray:
+    """All edges of solids with K corners, from corners of shape (B, K, 2), shape (B K, 4) [m]."""
+    following = np.roll(solids, -1, axis=1)
+    edges = np.concatenate([solids, following], axis=2)
+    return edges.reshape(-1, 4)
 
 
 def make_clutter(

@@ -212,46 +212,68 @@ def _box(x0: float, y0: float, x1: float, y1: float) -> Corners:
     return (x0, y0), (x1, y0), (x1, y1), (x0, y1)
 
 
-_APPLIANCE = Piece((0.6, 0.65), (0.6, 0.65), chance=0.5)
-_ARMCHAIR = Piece((0.75, 0.95), (0.75, 0.9), ("solid", "legs"), 0.7, number=2, turned=0.3)
-_BASIN = Piece((0.5, 0.9), (0.4, 0.5), ("solid", "column", "legs"))
-_BATHTUB = Piece((1.5, 1.75), (0.7, 0.8), chance=0.7)
-_BED = Piece((0.9, 1.8), (1.95, 2.1), ("legs", "solid"))
-_BEDSIDE_TABLE = Piece((0.4, 0.5), (0.35, 0.45), ("legs", "solid"), 0.8, number=2)
-_BICYCLE = Piece((0.1, 0.15), (1.5, 1.7), chance=0.4, number=2, turned=0.1)
-_BIN = Piece((0.2, 0.3), (0.2, 0.3), ("round",), 0.5)
-_BOX = Piece((0.25, 0.5), (0.2, 0.4), chance=0.3, number=2, turned=0.15)
-_CAR = Piece((1.75, 1.9), (4.0, 4.7), ("legs",), 0.6, place="middle")
-_CHAIR = Piece((_SEAT, _SEAT), (_SEAT, _SEAT), ("legs",), 0.5, number=2, turned=0.15)
-_CHEST = Piece((0.8, 1.4), (0.42, 0.5), ("solid", "legs"), 0.6)
-_COFFEE_TABLE = Piece((0.9, 1.2), (0.5, 0.65), ("legs", "solid"), 0.8, place="middle")
-_COUNTER = Piece((1.5, 4.2), (0.56, 0.62), share_of_wall=0.8)
-_CURTAIN = Piece((0.25, 0.5), (0.1, 0.14), ("wavy",), 0.5, number=2)
-_DESK = Piece((1.2, 1.6), (0.6, 0.8), ("legs", "panels"), 0.8, seats=1)
-_DINING = Piece((1.2, 1.8), (0.75, 0.95), ("legs",), 0.9, place="middle", seats=2)
-_FRIDGE = Piece((0.6, 0.75), (0.6, 0.7))
-_LAMP = Piece((0.06, 0.06), (0.06, 0.06), ("column",), 0.4)
-_LONG_TABLE = Piece((1.4, 2.4), (0.8, 1.0), ("legs",), 0.9, place="middle", seats=3)
-_PLANT = Piece((0.22, 0.4), (0.22, 0.4), ("round",), 0.5, number=2)
-_RADIATOR = Piece((0.6, 1.6), (0.08, 0.12), chance=0.7)
-_ROUND_TABLE = Piece((0.9, 1.1), (0.9, 1.1), ("column",), 0.3, place="middle", seats=1)
-_SECOND_COUNTER = Piece((1.2, 3.0), (0.56, 0.62), chance=0.7, share_of_wall=0.6)
-_SERVING_TABLE = Piece((1.2, 1.8), (0.4, 0.5), ("solid", "legs"), 0.7)
-_SHELF = Piece((0.8, 1.6), (0.28, 0.4), chance=0.6)
-_SHOES = Piece((0.1, 0.24), (0.27, 0.3), chance=0.7, number=3, turned=0.1)
-_SHOE_CABINET = Piece((0.6, 1.1), (0.25, 0.38), ("solid", "legs"), 0.6)
-_SIDEBOARD = Piece((1.2, 2.2), (0.38, 0.5), ("solid", "legs"), 0.9)
-_SMALL_BIN = Piece((0.12, 0.2), (0.12, 0.2), ("round",), 0.7)
-_SMALL_DESK = Piece((1.0, 1.4), (0.55, 0.7), ("legs", "panels"), 0.4, seats=1)
-_SMALL_TABLE = Piece((0.7, 1.1), (0.6, 0.75), ("legs",), 0.5, seats=1)
-_SOFA = Piece((1.7, 2.5), (0.85, 1.0), ("solid", "legs"))
-_TOILET = Piece((0.28, 0.38), (0.5, 0.7), ("round", "solid"))
-_TOYS = Piece(
-    (0.1, 0.2), (0.1, 0.2), ("solid", "round"), 0.4, number=3, place="anywhere", turned=1.0
+_APPLIANCE = Piece(width=(0.6, 0.65), depth=(0.6, 0.65), chance=0.5)
+_ARMCHAIR = Piece(
+    width=(0.75, 0.95), depth=(0.75, 0.9), forms=("solid", "legs"), chance=0.7, number=2, turned=0.3
 )
-_UMBRELLA_STAND = Piece((0.2, 0.25), (0.2, 0.25), ("round",), 0.3)
-_WARDROBE = Piece((1.0, 2.4), (0.58, 0.65), chance=0.95)
-_WASHING_MACHINE = Piece((0.6, 0.6), (0.55, 0.65), chance=0.5)
+_BASIN = Piece(width=(0.5, 0.9), depth=(0.4, 0.5), forms=("solid", "column", "legs"))
+_BATHTUB = Piece(width=(1.5, 1.75), depth=(0.7, 0.8), chance=0.7)
+_BED = Piece(width=(0.9, 1.8), depth=(1.95, 2.1), forms=("legs", "solid"))
+_BEDSIDE_TABLE = Piece(
+    width=(0.4, 0.5), depth=(0.35, 0.45), forms=("legs", "solid"), chance=0.8, number=2
+)
+_BICYCLE = Piece(width=(0.1, 0.15), depth=(1.5, 1.7), chance=0.4, number=2, turned=0.1)
+_BIN = Piece(width=(0.2, 0.3), depth=(0.2, 0.3), forms=("round",), chance=0.5)
+_BOX = Piece(width=(0.25, 0.5), depth=(0.2, 0.4), chance=0.3, number=2, turned=0.15)
+_CAR = Piece(width=(1.75, 1.9), depth=(4.0, 4.7), forms=("legs",), chance=0.6, place="middle")
+_CHAIR = Piece(
+    width=(_SEAT, _SEAT), depth=(_SEAT, _SEAT), forms=("legs",), chance=0.5, number=2, turned=0.15
+)
+_CHEST = Piece(width=(0.8, 1.4), depth=(0.42, 0.5), forms=("solid", "legs"), chance=0.6)
+_COFFEE_TABLE = Piece(
+    width=(0.9, 1.2), depth=(0.5, 0.65), forms=("legs", "solid"), chance=0.8, place="middle"
+)
+_COUNTER = Piece(width=(1.5, 4.2), depth=(0.56, 0.62), share_of_wall=0.8)
+_CURTAIN = Piece(width=(0.25, 0.5), depth=(0.1, 0.14), forms=("wavy",), chance=0.5, number=2)
+_DESK = Piece(width=(1.2, 1.6), depth=(0.6, 0.8), forms=("legs", "panels"), chance=0.8, seats=1)
+_DINING = Piece(
+    width=(1.2, 1.8), depth=(0.75, 0.95), forms=("legs",), chance=0.9, place="middle", seats=2
+)
+_FRIDGE = Piece(width=(0.6, 0.75), depth=(0.6, 0.7))
+_LAMP = Piece(width=(0.06, 0.06), depth=(0.06, 0.06), forms=("column",), chance=0.4)
+_LONG_TABLE = Piece(
+    width=(1.4, 2.4), depth=(0.8, 1.0), forms=("legs",), chance=0.9, place="middle", seats=3
+)
+_PLANT = Piece(width=(0.22, 0.4), depth=(0.22, 0.4), forms=("round",), chance=0.5, number=2)
+_RADIATOR = Piece(width=(0.6, 1.6), depth=(0.08, 0.12), chance=0.7)
+_ROUND_TABLE = Piece(
+    width=(0.9, 1.1), depth=(0.9, 1.1), forms=("column",), chance=0.3, place="middle", seats=1
+)
+_SECOND_COUNTER = Piece(width=(1.2, 3.0), depth=(0.56, 0.62), chance=0.7, share_of_wall=0.6)
+_SERVING_TABLE = Piece(width=(1.2, 1.8), depth=(0.4, 0.5), forms=("solid", "legs"), chance=0.7)
+_SHELF = Piece(width=(0.8, 1.6), depth=(0.28, 0.4), chance=0.6)
+_SHOES = Piece(width=(0.1, 0.24), depth=(0.27, 0.3), chance=0.7, number=3, turned=0.1)
+_SHOE_CABINET = Piece(width=(0.6, 1.1), depth=(0.25, 0.38), forms=("solid", "legs"), chance=0.6)
+_SIDEBOARD = Piece(width=(1.2, 2.2), depth=(0.38, 0.5), forms=("solid", "legs"), chance=0.9)
+_SMALL_BIN = Piece(width=(0.12, 0.2), depth=(0.12, 0.2), forms=("round",), chance=0.7)
+_SMALL_DESK = Piece(
+    width=(1.0, 1.4), depth=(0.55, 0.7), forms=("legs", "panels"), chance=0.4, seats=1
+)
+_SMALL_TABLE = Piece(width=(0.7, 1.1), depth=(0.6, 0.75), forms=("legs",), chance=0.5, seats=1)
+_SOFA = Piece(width=(1.7, 2.5), depth=(0.85, 1.0), forms=("solid", "legs"))
+_TOILET = Piece(width=(0.28, 0.38), depth=(0.5, 0.7), forms=("round", "solid"))
+_TOYS = Piece(
+    width=(0.1, 0.2),
+    depth=(0.1, 0.2),
+    forms=("solid", "round"),
+    chance=0.4,
+    number=3,
+    place="anywhere",
+    turned=1.0,
+)
+_UMBRELLA_STAND = Piece(width=(0.2, 0.25), depth=(0.2, 0.25), forms=("round",), chance=0.3)
+_WARDROBE = Piece(width=(1.0, 2.4), depth=(0.58, 0.65), chance=0.95)
+_WASHING_MACHINE = Piece(width=(0.6, 0.6), depth=(0.55, 0.65), chance=0.5)
 
 _BEDROOM = (
     _BED,
@@ -307,18 +329,20 @@ _CATALOGUE: dict[tuple[str, ...], tuple[Piece, ...]] = {
 """Pieces of each kind of room, by words in its category; the first kind that fits counts."""
 
 SMALL_THINGS = (
-    Piece((0.1, 0.3), (0.1, 0.3), ("round", "solid"), turned=1.0),
-    Piece((0.08, 0.12), (0.25, 0.3), turned=0.5),
-    Piece((0.05, 0.08), (0.05, 0.08), ("column",)),
-    Piece((0.3, 0.45), (0.3, 0.45), ("legs",), place="anywhere", turned=1.0),
-    Piece((0.2, 0.6), (0.03, 0.05), turned=0.1),
-    Piece((0.1, 0.4), (0.1, 0.3), turned=1.0),
+    Piece(width=(0.1, 0.3), depth=(0.1, 0.3), forms=("round", "solid"), turned=1.0),
+    Piece(width=(0.08, 0.12), depth=(0.25, 0.3), turned=0.5),
+    Piece(width=(0.05, 0.08), depth=(0.05, 0.08), forms=("column",)),
+    Piece(width=(0.3, 0.45), depth=(0.3, 0.45), forms=("legs",), place="anywhere", turned=1.0),
+    Piece(width=(0.2, 0.6), depth=(0.03, 0.05), turned=0.1),
+    Piece(width=(0.1, 0.4), depth=(0.1, 0.3), turned=1.0),
 )
 """Things that lie and stand about in untidy rooms: bags, toys, shoes, stands, stools, boards, boxes."""
 
-_CABINET = Piece((1.2, 2.0), (0.4, 0.6), ("solid", "legs"), 0.8)
-_SEATING = Piece((0.7, 1.0), (0.7, 0.95), ("solid", "legs"), 0.6)
-_TABLE = Piece((1.0, 1.5), (0.6, 0.8), ("legs",), 0.5, place="middle", seats=1)
+_CABINET = Piece(width=(1.2, 2.0), depth=(0.4, 0.6), forms=("solid", "legs"), chance=0.8)
+_SEATING = Piece(width=(0.7, 1.0), depth=(0.7, 0.95), forms=("solid", "legs"), chance=0.6)
+_TABLE = Piece(
+    width=(1.0, 1.5), depth=(0.6, 0.8), forms=("legs",), chance=0.5, place="middle", seats=1
+)
 
 _ANY_ROOM = (_CABINET, _SEATING, _TABLE, _SHELF, _RADIATOR, _CHAIR, _PLANT, _BOX, _BIN, _LAMP)
 """Pieces of rooms of no known category."""

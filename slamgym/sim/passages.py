@@ -133,11 +133,12 @@ class Passages:
         """
         import cv2
 
-        cells: ByteArray = (self.clearance >= radius + ROUNDING).astype(np.uint8)
+        cells: ByteArray = self.fits(radius).astype(np.uint8)
         count, labels, figures, _ = cv2.connectedComponentsWithStats(cells, connectivity=8)
         if count < 2:
             return -1, labels
-        return 1 + int(np.argmax(figures[1:, cv2.CC_STAT_AREA])), labels
+        sizes = figures[1:, cv2.CC_STAT_AREA]
+        return 1 + int(np.argmax(sizes)), labels
 
     def fits(self, radius: float) -> BoolArray:
         """Cells where a disc can be."""

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.sim.passages import PASSAGE_CELL
 
@@ -60,7 +61,9 @@ class Walkable:
         cells = np.floor((points - self.origin) / PASSAGE_CELL)
         cols, rows = cells.astype(np.int64).T
         height, width = self.cells.shape
-        if rows.min() < 0 or cols.min() < 0 or rows.max() >= height or cols.max() >= width:
+        if rows.min() < 0 or rows.max() >= height:
+            return False
+        if cols.min() < 0 or cols.max() >= width:
             return False
         return bool(self.cells[rows, cols].all())
 
@@ -103,7 +106,7 @@ class Crowd:
     def legs(self) -> FloatArray:
         """Segments that the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
         angles = np.arange(_LEG_CORNERS + 1) * (2.0 * math.pi / _LEG_CORNERS)
-        ring = _LEG_RADIUS * np.column_stack([np.cos(angles), np.sin(angles)])
+        ring = _LEG_RADIUS * unit_vectors(angles)
         outlines = []
         for index, heading in enumerate(self._headings):
             swing = _LEG_SWING * math.sin(2.0 * math.pi * self._walked[index] / _STRIDE)

@@ -263,6 +263,8 @@ def leaf_boxes(
 
 def is_closed(door: "Door", leaf: FloatArray) -> bool:
     """True if a leaf lies in its opening, or ajar."""
-    dx = door.end[0] - door.start[0]
-    dy = door.end[1] - door.start[1]
-    return bool(abs(dx * leaf[3] - dy * leaf[2]) < _MOST_AJAR * door.width)
+    _, _, ux, uy, _, _ = leaf
+    x0, y0 = door.start
+    x1, y1 = door.end
+    out_of_opening = abs((x1 - x0) * uy - (y1 - y0) * ux)
+    return bool(out_of_opening < _MOST_AJAR * door.width)

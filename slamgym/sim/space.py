@@ -20,7 +20,8 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
-from slamgym.sim.clutter import Changes, Clutter
+from slamgym.sim.changes import Changes
+from slamgym.sim.clutter import Clutter
 from slamgym.sim.contact import SKIN, ContactSolver, Velocity
 from slamgym.sim.passages import Passages
 from slamgym.sim.people import PERSON_RADIUS, Crowd

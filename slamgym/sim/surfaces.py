@@ -326,19 +326,47 @@ def _things_outside(
     probe = middle + 0.01 * out
     if shapely.contains_xy(plan.free_space, probe[0], probe[1]):
         out = -out
-    number = int(rng.integers(_THINGS_OUTSIDE + 1))
-    distances = math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE)
-    away = _NEAREST_OUTSIDE * exp(distances * rng.random(number))
-    aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
-    half = 0.5 * _SMALLEST_OUTSIDE * (_LARGEST_OUTSIDE / _SMALLEST_OUTSIDE) ** rng.random(number)
-    far = _NEAREST_BACKDROP * (_FURTHEST_OUTSIDE / _NEAREST_BACKDROP) ** rng.random()
-    reach = _BACKDROP_REACH * far
-    half_piece = reach / (_BACKDROP - 1)
-    away = np.append(away, far + rng.normal(0.0, 0.1 * far, _BACKDROP))
-    aside = np.append(aside, reach * np.linspace(-1.0, 1.0, _BACKDROP))
-    half = np.append(half, (1.0 - _BACKDROP_GAPS) * np.full(_BACKDROP, half_piece))
-    angles = rng.normal(0.0, 0.4, number + _BACKDROP)
+    near = _draw_things(rng)
+    far = _draw_backdrop(rng)
+    away = np.append(near.away, far.away)
+    aside = np.append(near.aside, far.aside)
+    half = np.append(near.half, far.half)
+    angles = rng.normal(0.0, 0.4, len(away))
     directions = np.outer(np.cos(angles), along) + np.outer(np.sin(angles), out)
     centres = middle + np.outer(away, out) + np.outer(aside, along)
     ends = half[:, None] * directions
     return np.hstack([centres - ends, centres + ends])
+
+
+class _Outside(NamedTuple):
+    """Things before a pane, each array of shape (N,) [m]."""
+
+    away: FloatArray
+    """Distance from the wall."""
+    aside: FloatArray
+    """From the middle of the pane, along the wall."""
+    half: FloatArray
+    """Half the width."""
+
+
+def _draw_things(rng: np.random.Generator) -> _Outside:
+    """Draw what stands outside."""
+    number = int(rng.integers(_THINGS_OUTSIDE + 1))
+    distances = math.log(_FURTHEST_OUTSIDE / _NEAREST_OUTSIDE)
+    away = _NEAREST_OUTSIDE * exp(distances * rng.random(number))
+    aside = (0.5 + 0.5 * away) * rng.normal(0.0, 1.0, number)
+    sizes = _LARGEST_OUTSIDE / _SMALLEST_OUTSIDE
+    half = 0.5 * _SMALLEST_OUTSIDE * sizes ** rng.random(number)
+    return _Outside(away, aside, half)
+
+
+def _draw_backdrop(rng: np.random.Generator) -> _Outside:
+    """Draw what ends the view outside: hedges, fences and other houses, with gaps."""
+    distances = _FURTHEST_OUTSIDE / _NEAREST_BACKDROP
+    far = _NEAREST_BACKDROP * distances ** rng.random()
+    reach = _BACKDROP_REACH * far
+    away = far + rng.normal(0.0, 0.1 * far, _BACKDROP)
+    aside = reach * np.linspace(-1.0, 1.0, _BACKDROP)
+    half_piece = reach / (_BACKDROP - 1)
+    half = (1.0 - _BACKDROP_GAPS) * np.full(_BACKDROP, half_piece)
+    return _Outside(away, aside, half)

@@ -165,8 +165,10 @@ class WheelOdometry:
             self.pose = compose(self.pose, motion.increment)
             return self.pose
         before = self._rolled
+        left_before, right_before = before
         left, right = motion.wheels
-        self._rolled = before[0] + self.gains[0] * left, before[1] + self.gains[1] * right
+        left_gain, right_gain = self.gains
+        self._rolled = (left_before + left_gain * left, right_before + right_gain * right)
         counted = count_ticks(before, self._rolled, self._tick)
         slip, drift, turn = rng.standard_normal(3).tolist()
         moved = slipped_arc(counted, self.believed_base, self._slips, (slip, drift, turn))
@@ -184,11 +186,13 @@ def count_ticks(
         rolled: How far they have rolled [m].
         tick: Length of a tick [m]; 0 for a continuous encoder.
     """
+    left_before, right_before = before
+    left, right = rolled
     if tick == 0.0:
-        return rolled[0] - before[0], rolled[1] - before[1]
-    left = math.floor(rolled[0] / tick) - math.floor(before[0] / tick)
-    right = math.floor(rolled[1] / tick) - math.floor(before[1] / tick)
-    return left * tick, right * tick
+        return left - left_before, right - right_before
+    left_ticks = math.floor(left / tick) - math.floor(left_before / tick)
+    right_ticks = math.floor(right / tick) - math.floor(right_before / tick)
+    return left_ticks * tick, right_ticks * tick
 
 
 def slipped_arc(
