@@ -1,14 +1,11 @@
-"""From plans to training images, and maps from logs and plans, by the commands that a user types."""
+"""Maps from logs and plans, and generated plans, by the commands that a user types."""
 
-import json
-
-import cv2
 import pytest
+from drawn_drives import FLAT, GEOMETRY, drive
 
 from slamgym.cad import open_plans
-from slamgym.cad.sources import BUNDLED
 from slamgym.commands.cli import main
-from slamgym.interop import read_ros_map, read_tum
+from slamgym.interop import read_ros_map, read_tum, write_carmen
 
 PLANS = (
     "procedural:3",
@@ -23,73 +20,12 @@ def slamgym(*words):
     assert main([str(word) for word in words]) == 0
 
 
-@pytest.fixture(scope="module")
-def dataset(tmp_path_factory):
-    """Pairs by a recipe of varied conditions."""
-    root = tmp_path_factory.mktemp("golden") / "dataset"
-    slamgym(
-        *("generate", "--plans", BUNDLED, "--recipe", "quick", "--pairs", 6, "--minutes", 0.6),
-        *("--seed", 3, "--workers", 1, "-o", root),
-    )
-    (root / "contact_sheet.png").unlink()
-    return root
-
-
-def lines_of(path, *left_out):
-    """The lines of a JSONL file without the fields that change with names, versions and compressors."""
-    records = [json.loads(line) for line in path.read_text().splitlines()]
-    return [
-        {key: value for key, value in record.items() if key not in left_out} for record in records
-    ]
-
-
-def digests_of_pictures(golden, root):
-    paths = sorted(root.rglob("*.png"))
-    return {str(path.relative_to(root)): golden.digest(cv2.imread(str(path), -1)) for path in paths}
-
-
-def test_generate_by_a_recipe(golden, dataset):
-    golden.check("commands/generate/pairs", digests_of_pictures(golden, dataset))
-    hashes = ("config_hash", "version", "sha256")
-    golden.check("commands/generate/manifest", lines_of(dataset / "manifest.jsonl", *hashes))
-
-
-def test_clean(golden, dataset, capsys):
-    slamgym("dataset", "clean", dataset)
-    golden.check("commands/clean", lines_of(dataset / "clean.jsonl"))
-    slamgym("dataset", "clean", dataset, "--set", "by=classifier")
-    golden.check("commands/clean by classifier", lines_of(dataset / "clean.jsonl"))
-    (dataset / "clean.jsonl").unlink()
-    (dataset / "clean.json").unlink()
-
-
-def test_split_and_render(golden, dataset, tmp_path, capsys):
-    slamgym("dataset", "split", dataset, "--test", 0.4, "--seed", 1)
-    slamgym(
-        "dataset",
-        "render",
-        dataset,
-        "-o",
-        tmp_path,
-        "--min-coverage",
-        0,
-        "--workers",
-        1,
-        "--size",
-        128,
-    )
-    golden.check("commands/render/pictures", digests_of_pictures(golden, tmp_path))
-    golden.check("commands/render/manifest", lines_of(tmp_path / "manifest.jsonl", "sha256"))
-
-
-def test_check_finds_no_fault(dataset, capsys):
-    slamgym("dataset", "check", dataset)
-
-
-def test_slam(golden, dataset, tmp_path, capsys):
-    episode = sorted((dataset / "episodes").iterdir())[0]
+def test_slam(golden, tmp_path, capsys):
+    log, _ = drive(FLAT, [(1.0, 1.0), (2.2, 1.0), (2.2, 2.3), (4.7, 2.3), (4.7, 3.7)], seed=2)
+    path = tmp_path / "drive.log"
+    write_carmen(path, list(log), GEOMETRY)
     out = tmp_path / "map"
-    slamgym("slam", episode, "-o", out, "--particles", 5, "--seed", 2)
+    slamgym("slam", path, "-o", out, "--mode", "rbpf", "--particles", 5, "--seed", 2)
     (grid,) = (read_ros_map(path) for path in sorted(out.glob("*.yaml")))
     measured = {
         path.name: golden.of_path(read_tum(path).poses) for path in sorted(out.glob("*.tum"))
