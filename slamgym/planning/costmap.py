@@ -7,7 +7,7 @@ Costmaps for Context-Sensitive Navigation", IROS 2014; wiki.ros.org/costmap_2d, 
 import math
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 import numpy as np
 
@@ -79,6 +79,49 @@ class Costmap:
     config: CostmapConfig
 
 
+class _Window(NamedTuple):
+    """A box of cells."""
+
+    top: int
+    """First row."""
+    bottom: int
+    """Row after the last one."""
+    left: int
+    """First column."""
+    right: int
+    """Column after the last one."""
+
+    @property
+    def slices(self) -> tuple[slice, slice]:
+        """Its rows and columns, to take it out of an array."""
+        return slice(self.top, self.bottom), slice(self.left, self.right)
+
+    def joined(self, other: "_Window") -> "_Window":
+        """The smallest box that holds both."""
+        top = min(self.top, other.top)
+        bottom = max(self.bottom, other.bottom)
+        left = min(self.left, other.left)
+        right = max(self.right, other.right)
+        return _Window(top, bottom, left, right)
+
+    def widened(self, margin: int, shape: tuple[int, ...]) -> "_Window":
+        """The box with a margin about it, as far as an array goes."""
+        height, width = shape
+        top = max(0, self.top - margin)
+        bottom = min(height, self.bottom + margin)
+        left = max(0, self.left - margin)
+        right = min(width, self.right + margin)
+        return _Window(top, bottom, left, right)
+
+    def within(self, outer: "_Window") -> "_Window":
+        """The same box, counted from where one begins that holds it."""
+        top = self.top - outer.top
+        bottom = self.bottom - outer.top
+        left = self.left - outer.left
+        right = self.right - outer.left
+        return _Window(top, bottom, left, right)
+
+
 def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> OccupancyGrid:
     """Copy the part of a map that is known or under the robot, so that later steps don't pay for the rest.
 
@@ -92,22 +135,16 @@ def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> Occupa
     row, col = frame.to_cell(pose.x, pose.y)
     row = min(max(int(row), 0), frame.height_px - 1)
     col = min(max(int(col), 0), frame.width_px - 1)
-    first_row, end_row, first_col, end_col = _known_window(grid.cells)
-    is_unknown = end_row == 0
-    if is_unknown:
-        first_row = row
-        end_row = row + 1
-        first_col = col
-        end_col = col + 1
-    pad = math.ceil(margin / size)
-    top = max(0, min(first_row, row) - pad)
-    bottom = min(frame.height_px, max(end_row, row + 1) + pad)
-    left = max(0, min(first_col, col) - pad)
-    right = min(frame.width_px, max(end_col, col + 1) + pad)
-    origin_x = frame.origin_x + left * size
-    origin_y = frame.origin_y + (frame.height_px - bottom) * size
-    window = GridFrame(size, origin_x, origin_y, bottom - top, right - left)
-    return OccupancyGrid(np.array(grid.cells[top:bottom, left:right], order="C"), window)
+    window = _Window(row, row + 1, col, col + 1)
+    known = _known_window(grid.cells)
+    if known is not None:
+        window = window.joined(known)
+    window = window.widened(math.ceil(margin / size), frame.shape)
+    origin_x = frame.origin_x + window.left * size
+    origin_y = frame.origin_y + (frame.height_px - window.bottom) * size
+    cells = np.array(grid.cells[window.slices], order="C")
+    height, width = cells.shape
+    return OccupancyGrid(cells, GridFrame(size, origin_x, origin_y, height, width))
 
 
 def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid:
@@ -188,15 +225,16 @@ def make_costmap(
     table = _cost_table(config, frame.resolution)
     farthest = max(FARTHEST_WALL / frame.resolution - 1e-9, math.sqrt(len(table) - 2))
     reach = math.ceil(farthest)
-    changed = _box(cells != older)
-    near = _widened(changed, reach)
-    around = _widened(changed, 2 * reach)
-    squared = _squared_distance(cells[around])[_within(near, around)]
+    changed = _box(cells != older) or _Window(0, 0, 0, 0)
+    near = changed.widened(reach, frame.shape)
+    around = changed.widened(2 * reach, frame.shape)
+    squared = _squared_distance(cells[around.slices])[near.within(around).slices]
     squared[squared > reach**2] = np.inf
-    distance[near] = np.sqrt(squared)
+    distance[near.slices] = np.sqrt(squared)
     by_distance = table[np.minimum(squared, len(table) - 1).astype(np.int32)]
-    known = (cells[near] == FREE) | (cells[near] == OCCUPIED)
-    costs[near] = np.where(known, by_distance, NO_INFORMATION)
+    near_cells = cells[near.slices]
+    known = (near_cells == FREE) | (near_cells == OCCUPIED)
+    costs[near.slices] = np.where(known, by_distance, NO_INFORMATION)
     return Costmap(costs, distance, frame, cells, config)
 
 
@@ -216,22 +254,6 @@ def _offset_in(before: Costmap, frame: GridFrame, config: CostmapConfig) -> tupl
     return (top, left) if holds_rows and holds_cols else None
 
 
-def _widened(box: tuple[int, int, int, int], margin: int) -> tuple[slice, slice]:
-    """Rows and columns of a box and of a margin about it [cells]."""
-    row, end_row, col, end_col = box
-    rows = slice(max(0, row - margin), end_row + margin)
-    cols = slice(max(0, col - margin), end_col + margin)
-    return rows, cols
-
-
-def _within(inner: tuple[slice, slice], outer: tuple[slice, slice]) -> tuple[slice, slice]:
-    """Rows and columns of a part of the map, counted from where a larger part begins."""
-    rows, cols = inner
-    top = outer[0].start
-    left = outer[1].start
-    return slice(rows.start - top, rows.stop - top), slice(cols.start - left, cols.stop - left)
-
-
 def _squared_distance(cells: ByteArray) -> Float32Array:
     """Squared distance of each cell to the nearest occupied one, between centres, shape (H, W) [cells^2].
 
@@ -245,27 +267,31 @@ def _squared_distance(cells: ByteArray) -> Float32Array:
     return np.rint(np.minimum(distance, 1e6) ** 2)
 
 
-def _known_window(cells: ByteArray) -> tuple[int, int, int, int]:
-    """A box (first row, end row, first col, end col) round the known cells; all 0 if there is none.
+def _known_window(cells: ByteArray) -> _Window | None:
+    """A box round the known cells; None if there is none.
 
     Its columns come in eights where the map's do: where a box begins decides how places in it are rounded.
     """
     if not cells.flags.c_contiguous or cells.shape[1] % 8:
         return _box(cells != UNKNOWN)
     eight_unknown = np.full(8, UNKNOWN, np.uint8).view(np.uint64)
-    row, end_row, col, end_col = _box(cells.view(np.uint64) != eight_unknown)
-    return row, end_row, 8 * col, 8 * end_col
+    box = _box(cells.view(np.uint64) != eight_unknown)
+    if box is None:
+        return None
+    return box._replace(left=8 * box.left, right=8 * box.right)
 
 
-def _box(mask: BoolArray) -> tuple[int, int, int, int]:
-    """The smallest box (first row, end row, first col, end col) that holds a mask; all 0 if it is empty."""
+def _box(mask: BoolArray) -> _Window | None:
+    """The smallest box that holds a mask; None if it is empty."""
     rows = np.flatnonzero(mask.any(axis=1))
     if len(rows) == 0:
-        return 0, 0, 0, 0
-    first_row = int(rows[0])
-    end_row = int(rows[-1]) + 1
-    cols = np.flatnonzero(mask[first_row:end_row].any(axis=0))
-    return first_row, end_row, int(cols[0]), int(cols[-1]) + 1
+        return None
+    top = int(rows[0])
+    bottom = int(rows[-1]) + 1
+    cols = np.flatnonzero(mask[top:bottom].any(axis=0))
+    left = int(cols[0])
+    right = int(cols[-1]) + 1
+    return _Window(top, bottom, left, right)
 
 
 @lru_cache(maxsize=16)

@@ -44,10 +44,12 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
         shape: Of the coarse map.
     """
     height, width = shape
-    rows = np.minimum(cells[:, 0] // coarsening, height - 1, dtype=np.int64)
-    cols = np.minimum(cells[:, 1] // coarsening, width - 1, dtype=np.int64)
+    coarse = cells // coarsening
+    rows = np.minimum(coarse[:, 0], height - 1, dtype=np.int64)
+    cols = np.minimum(coarse[:, 1], width - 1, dtype=np.int64)
     once = np.unique(rows * width + cols)
-    return np.stack(np.divmod(once, width), axis=1)
+    rows, cols = np.divmod(once, width)
+    return np.stack([rows, cols], axis=1)
 
 
 class UnknownRegion(NamedTuple):

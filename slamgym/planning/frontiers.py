@@ -124,8 +124,8 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
     # Most reachable cells border nothing unknown: what is collected are frontiers' neighbours in the order of the
     # search, which are few.
     edge = frontier_cells(costmap.costs, space.mask)
-    near_edge = cv2.dilate(edge.view(np.uint8), _CROSS).reshape(-1).view(np.bool_)
-    is_near_edge = near_edge[space.order]
+    near_edge = cv2.dilate(edge.view(np.uint8), _CROSS)
+    is_near_edge = near_edge.reshape(-1).view(np.bool_)[space.order]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     fewest = min_size / costmap.frame.resolution - 1e-6
     members, starts = collect_frontiers(edge, space.order[is_near_edge], fewest)

@@ -240,6 +240,7 @@ def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
     dx = places[:, 0] - pose.x
     dy = places[:, 1] - pose.y
     bearings = np.array([math.atan2(y, x) for x, y in zip(dx, dy, strict=True)])
-    errors = np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi
-    stands_there = np.hypot(dx, dy) < _STANDS_AT
-    return np.where(stands_there, 0.0, np.abs(errors))
+    turns = np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi
+    turns = np.abs(turns)
+    turns[np.hypot(dx, dy) < _STANDS_AT] = 0.0
+    return turns
