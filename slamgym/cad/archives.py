@@ -58,9 +58,9 @@ def archived_plans(path: Path, wanted: frozenset[str] | None = None) -> PlanInde
         raise InputFileError(
             path, f"is not a readable archive ({error}); download it again"
         ) from None
-    places = {
-        plan_id: (texts[plan_id], f"{path}:{plan_id}.json", plan_id) for plan_id in sorted(texts)
-    }
+    places = {}
+    for plan_id in sorted(texts):
+        places[plan_id] = (texts[plan_id], f"{path}:{plan_id}.json", plan_id)
     return PlanIndex(places, parse_houseexpo)
 
 
@@ -93,15 +93,15 @@ def fetch_houseexpo(
     if not path.exists():
         download(url or HOUSEEXPO_URL, path, advance)
     source = archived_plans(path)
-    if len(source) < MIN_HOUSEEXPO_PLANS or any(
-        len(plan_id) != _ID_LENGTH for plan_id in source.ids
-    ):
+    has_ids = all(len(plan_id) == _ID_LENGTH for plan_id in source.ids)
+    if len(source) < MIN_HOUSEEXPO_PLANS or not has_ids:
         raise InputFileError(
             path,
             f"holds {len(source)} plans and is not the public archive; delete it and fetch it again",
         )
     source.load(source.ids[0])
-    sums, digest = path.with_name(f"{path.name}.sha256"), sha256_of(path)
+    sums = path.with_name(f"{path.name}.sha256")
+    digest = sha256_of(path)
     if not sums.exists():
         write_text(sums, f"{digest}  {path.name}\n")
     elif read_text(sums).split()[:1] != [digest]:

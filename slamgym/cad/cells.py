@@ -75,6 +75,11 @@ class Cell:
     polygon: Polygon
 
 
+def total_area(spaces: Sequence[Space]) -> float:
+    """Wanted area of some rooms [m2]."""
+    return sum(space.area for space in spaces)
+
+
 class Wall(NamedTuple):
     """A straight piece of a cell's wall: its middle line, axis-parallel."""
 
@@ -91,9 +96,9 @@ class Wall(NamedTuple):
     def point(self, distance: float) -> tuple[float, float]:
         """The point at a distance [m] from the start."""
         share = distance / self.length
-        return snap(self.x0 + share * (self.x1 - self.x0)), snap(
-            self.y0 + share * (self.y1 - self.y0)
-        )
+        x = self.x0 + share * (self.x1 - self.x0)
+        y = self.y0 + share * (self.y1 - self.y0)
+        return snap(x), snap(y)
 
     def opening(self, start: float, stop: float, thickness: float) -> Box:
         """The piece of the wall between two distances from its start [m], as thick as the wall."""
@@ -138,24 +143,33 @@ def subdivide(box: Box, spaces: Sequence[Space], rng: np.random.Generator) -> li
     """
     if len(spaces) == 1:
         return [Cell(spaces[0].category, box.polygon())]
-    total = sum(space.area for space in spaces)
-    options = []
+    total = total_area(spaces)
+    options: list[_Cut] = []
     share = 0.0
     for index in range(1, len(spaces)):
         share += spaces[index - 1].area / total
         for along_x in (True, False):
-            halves = box.cut(share, along_x)
-            options.append(
-                (_awkwardness(halves, index, len(spaces)) * rng.uniform(1.0, 1.3), index, halves)
-            )
-    _, index, (first, second) = min(options, key=lambda option: option[0])
-    return subdivide(first, spaces[:index], rng) + subdivide(second, spaces[index:], rng)
+            first, second = box.cut(share, along_x)
+            badness = _awkwardness([(first, index), (second, len(spaces) - index)])
+            options.append(_Cut(badness * rng.uniform(1.0, 1.3), index, first, second))
+    best = min(options, key=lambda option: option.badness)
+    first_cells = subdivide(best.first, spaces[: best.split], rng)
+    return first_cells + subdivide(best.second, spaces[best.split :], rng)
 
 
-def _awkwardness(halves: tuple[Box, Box], index: int, count: int) -> float:
-    """Badness of a cut: long thin boxes, and rooms narrower than 1.2 m, are bad."""
+class _Cut(NamedTuple):
+    """A box in two parts: the first so many of the rooms go into the first."""
+
+    badness: float
+    split: int
+    first: Box
+    second: Box
+
+
+def _awkwardness(parts: Sequence[tuple[Box, int]]) -> float:
+    """Badness of boxes for so many rooms each: long thin ones, and those narrower than 1.3 m, are bad."""
     badness = 0.0
-    for box, rooms in zip(halves, (index, count - index), strict=True):
+    for box, rooms in parts:
         # Several rooms can share a long box, so only its shape per room matters.
         badness += max(box.aspect / (1.0 + 0.4 * (rooms - 1)), 1.0)
         badness += 20.0 * max(0.0, 1.3 - min(box.width, box.height))

@@ -1,5 +1,6 @@
 """Openings: those that join the rooms of a layout, and those that the walls of a finished plan show."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -32,11 +33,12 @@ MAX_SPARE = 3
 """Most openings that make loops in a plan."""
 MIN_NIB = 0.06
 """Wall left next to a door [m], measured from the face of the wall that crosses there."""
-DOOR_WIDTHS = (
-    (0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2),
-    (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08),
-)
-"""Clear widths of doors [m] and their shares. HouseExpo's openings peak at 0.7-0.8 and 0.95-1.05 m."""
+DOOR_WIDTHS = (0.7, 0.75, 0.8, 0.9, 1.0, 1.05, 1.1, 1.2)
+"""Clear widths of doors [m]. HouseExpo's openings peak at 0.7-0.8 and 0.95-1.05 m."""
+_DOOR_SHARES = (0.08, 0.26, 0.1, 0.14, 0.22, 0.06, 0.06, 0.08)
+"""Shares of the doors of these widths."""
+_PENALTIES = (0.0, 2.0, 8.0)
+"""Cost of a door between rooms of which none, one or both are baths, closets and the like."""
 WIDE_OPENING = (1.2, 2.4)
 """Clear width of an opening without a door [m]."""
 
@@ -92,14 +94,15 @@ def join_rooms(
     tree = _tree(len(cells), pairs)
     if len(tree) < len(cells) - 1:
         return None
-    joined = [_open(cells, pair, thickness, rng, open_plan) for pair in pairs if pair.cells in tree]
-    spare = [pair for pair in pairs if pair.cells not in tree and not _uses(cells, pair) & _SERVICE]
+    needed = [pair for pair in pairs if pair.cells in tree]
+    joined = [_open(cells, pair, thickness, rng, open_plan) for pair in needed]
+    others = [pair for pair in pairs if pair.cells not in tree]
+    spare = [pair for pair in others if not _uses(cells, pair) & _SERVICE]
     if spare and rng.random() < loops:
         number = min(len(spare), int(rng.integers(1, 1 + MAX_SPARE)))
         chosen = rng.choice(len(spare), size=number, replace=False)
-        joined += [
-            _open(cells, spare[int(index)], thickness, rng, 0.3 * open_plan) for index in chosen
-        ]
+        extra = [spare[index] for index in chosen.tolist()]
+        joined += [_open(cells, pair, thickness, rng, 0.3 * open_plan) for pair in extra]
     return joined
 
 
@@ -110,33 +113,36 @@ def _uses(cells: Sequence[Cell], pair: _Neighbours) -> set[str]:
 def _neighbours(
     cells: Sequence[Cell], thickness: float, rng: np.random.Generator
 ) -> list[_Neighbours]:
-    needed = min(DOOR_WIDTHS[0]) + thickness + 2 * MIN_NIB
+    needed = min(DOOR_WIDTHS) + thickness + 2 * MIN_NIB
     pairs = []
-    for first, cell in enumerate(cells):
-        for second in range(first + 1, len(cells)):
-            other = cells[second]
-            if not cell.polygon.intersects(other.polygon):
-                continue
-            walls = [
-                wall for wall in shared_walls(cell.polygon, other.polygon) if wall.length >= needed
-            ]
-            if walls:
-                # The longest wall is preferred, but not always taken.
-                wall = (
-                    walls[0]
-                    if len(walls) == 1 or rng.random() < 0.6
-                    else walls[int(rng.integers(len(walls)))]
-                )
-                cost = _cost(cell.category, other.category) + float(rng.uniform(0.0, 0.9))
-                pairs.append(_Neighbours((first, second), wall, cost))
+    for first, second in itertools.combinations(range(len(cells)), 2):
+        one = cells[first]
+        other = cells[second]
+        if not one.polygon.intersects(other.polygon):
+            continue
+        shared = shared_walls(one.polygon, other.polygon)
+        walls = [wall for wall in shared if wall.length >= needed]
+        if not walls:
+            continue
+        # The longest wall is preferred, but not always taken.
+        wall = walls[0]
+        if len(walls) > 1 and rng.random() >= 0.6:
+            wall = walls[int(rng.integers(len(walls)))]
+        cost = _cost(one.category, other.category) + float(rng.uniform(0.0, 0.9))
+        pairs.append(_Neighbours((first, second), wall, cost))
     return pairs
 
 
 def _cost(a: str, b: str) -> float:
     """Cost of a door between two kinds of rooms: the unlikelier, the higher."""
-    service = (a in _SERVICE) + (b in _SERVICE)
-    hub = (a in _HUBS) + (b in _HUBS)
-    return 2.0 + (0.0, 2.0, 8.0)[service] - (1.5 if hub else 0.0) - (0.3 if hub == 2 else 0.0)
+    services = (a in _SERVICE) + (b in _SERVICE)
+    hubs = (a in _HUBS) + (b in _HUBS)
+    cost = 2.0 + _PENALTIES[services]
+    if hubs:
+        cost -= 1.5
+    if hubs == 2:
+        cost -= 0.3
+    return cost
 
 
 def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
@@ -146,9 +152,10 @@ def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
     from scipy.sparse.csgraph import minimum_spanning_tree
 
     ends = np.array([pair.cells for pair in pairs], np.int32).reshape(-1, 2).T
-    graph = coo_array(([pair.cost for pair in pairs], tuple(ends)), shape=(count, count))
+    costs = [pair.cost for pair in pairs]
+    graph = coo_array((costs, tuple(ends)), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr()).tocoo()
-    return {(int(row), int(col)) for row, col in zip(tree.row, tree.col, strict=True)}
+    return set(zip(tree.row.tolist(), tree.col.tolist(), strict=True))
 
 
 def _open(
@@ -169,11 +176,12 @@ def _open(
             return Opening(pair.wall.opening(start, start + usable, thickness), None, pair.cells)
         width = float(np.clip(rng.uniform(*WIDE_OPENING), 0.7, usable - 2 * MIN_NIB))
     else:
-        width = float(rng.choice(DOOR_WIDTHS[0], p=DOOR_WIDTHS[1]))
+        width = float(rng.choice(DOOR_WIDTHS, p=_DOOR_SHARES))
         if width > usable - 2 * MIN_NIB:
-            width = min(DOOR_WIDTHS[0])
+            width = min(DOOR_WIDTHS)
     # Whole centimetres, as the walls: rounding both ends of the box by themselves could narrow a door.
-    width, at = snap(width), snap(start + _place(usable, width, rng))
+    at = snap(start + _place(usable, width, rng))
+    width = snap(width)
     box = pair.wall.opening(at, at + width, thickness)
     return Opening(box, _door(box), pair.cells)
 
@@ -207,7 +215,8 @@ def find_openings(free_space: Polygon) -> list[Door]:
     """
     start, along, is_wall_end = _edges(free_space)
     length = np.hypot(*along.T)
-    ends = np.flatnonzero(is_wall_end & (length > JAMB_LENGTH[0]) & (length < JAMB_LENGTH[1]))
+    shortest, longest = JAMB_LENGTH
+    ends = np.flatnonzero(is_wall_end & (length > shortest) & (length < longest))
     doors: list[Door] = []
     found: set[int] = set()
     for edge in ends:
@@ -225,7 +234,9 @@ def find_openings(free_space: Polygon) -> list[Door]:
 
 def _edges(free_space: Polygon) -> tuple[FloatArray, FloatArray, BoolArray]:
     """Edges, free space on their left: start (S, 2), vector (S, 2), and whether both ends are reflex."""
-    starts, vectors, ends = [], [], []
+    starts = []
+    vectors = []
+    ends = []
     for ring in oriented_rings(free_space):
         points = shapely.get_coordinates(ring)[:-1]
         vector = np.roll(points, -1, axis=0) - points

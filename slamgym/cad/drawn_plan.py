@@ -75,19 +75,7 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
         PlanError: If the walls enclose nothing, or doors join too little of it.
     """
     drawn = _checked(drawn, source)
-    drawn_lines = np.vstack([drawn.walls, _lengthened(np.vstack([drawn.doors, drawn.windows]))])
-    segments = np.vstack([drawn_lines, *outline_edges(room.polygon for room in drawn.rooms)])
-    _refuse_tangled(segments, source)
-    network = _joined(segments)
-    spaces = _spaces(network, drawn_lines)
-    min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
-    box = (max_x - min_x) * (max_y - min_y)
-    if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
-        spaces = _spaces_with_gaps_shut(network, drawn_lines) or spaces
-    if not spaces:
-        raise PlanError(
-            source, "its walls enclose no space; check the layers, the unit and gaps at corners"
-        )
+    spaces = _all_spaces(drawn, source)
     doorways = _doorways(drawn.doors, spaces)
     joined = _largest_group(spaces, doorways)
     total = sum(space.area for space in spaces)
@@ -99,11 +87,36 @@ def floor_of_walls(drawn: DrawnWalls, plan_id: str, source: str) -> FloorPlan:
             "check that the doors are read (their layer) and lie in the walls",
         )
     used = [way for way in doorways if way.spaces[0] in joined]
-    floor = _floor([spaces[i] for i in joined], [way.slab for way in used], drawn, source)
+    slabs = [way.slab for way in used]
+    floor = _floor([spaces[i] for i in joined], slabs, drawn, source)
     shapely.prepare(floor)
     rooms = tuple(room for room in drawn.rooms if floor.intersects(room.polygon))
     doors = tuple(_door(drawn.doors[way.door]) for way in used)
     return FloorPlan(plan_id, floor, rooms, doors, source, drawn.doubts)
+
+
+def _all_spaces(drawn: DrawnWalls, source: str) -> list[Polygon]:
+    """The areas that the walls enclose, those outside of the building apart.
+
+    Raises:
+        PlanError: If there are none, or the lines are too many or too tangled.
+    """
+    closures = _lengthened(np.vstack([drawn.doors, drawn.windows]))
+    drawn_lines = np.vstack([drawn.walls, closures])
+    outlines = outline_edges(room.polygon for room in drawn.rooms)
+    segments = np.vstack([drawn_lines, *outlines])
+    _refuse_tangled(segments, source)
+    network = _joined(segments)
+    spaces = _spaces(network, drawn_lines)
+    min_x, min_y, max_x, max_y = shapely.bounds(network).tolist()
+    box = (max_x - min_x) * (max_y - min_y)
+    if sum(space.area for space in spaces) < _MIN_ENCLOSED_SHARE * box:
+        spaces = _spaces_with_gaps_shut(network, drawn_lines) or spaces
+    if not spaces:
+        raise PlanError(
+            source, "its walls enclose no space; check the layers, the unit and gaps at corners"
+        )
+    return spaces
 
 
 def stacked(lines: Iterable[FloatArray]) -> FloatArray:
@@ -131,7 +144,8 @@ def middle_line(polygon: Polygon, direction: FloatArray | None = None) -> FloatA
         return np.concatenate([box[0], box[-1]])
     sides = np.diff(box[:3], axis=0)
     lengths = np.hypot(*sides.T)
-    along = sides[np.argmax(lengths if direction is None else np.abs(sides @ direction) / lengths)]
+    fit = lengths if direction is None else np.abs(sides @ direction) / lengths
+    along = sides[np.argmax(fit)]
     centre = box[:4].mean(axis=0)
     return np.concatenate([centre - 0.5 * along, centre + 0.5 * along])
 
@@ -151,7 +165,9 @@ def _checked(drawn: DrawnWalls, source: str) -> DrawnWalls:
     if len(drawn.walls) < 3:
         raise PlanError(source, "has no walls; name their layer, or check the kind of its objects")
     segments[np.abs(segments) < 1e-9] = 0.0
-    walls, doors, windows = np.split(segments, np.cumsum([len(drawn.walls), len(drawn.doors)]))
+    first_door = len(drawn.walls)
+    first_window = first_door + len(drawn.doors)
+    walls, doors, windows = np.split(segments, [first_door, first_window])
     return DrawnWalls(walls, doors, windows, drawn.rooms, drawn.doubts)
 
 
@@ -176,7 +192,8 @@ def _lines(segments: FloatArray) -> Any:
 
 def _lengthened(segments: FloatArray) -> FloatArray:
     direction = segments[:, 2:] - segments[:, :2]
-    unit = direction / np.maximum(np.hypot(*direction.T), 1e-9)[:, None]
+    length = np.maximum(np.hypot(*direction.T), 1e-9)
+    unit = direction / length[:, None]
     return np.hstack([segments[:, :2] - JAMB * unit, segments[:, 2:] + JAMB * unit])
 
 
@@ -184,50 +201,59 @@ def _spaces(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
     """Areas that the lines enclose, without the bodies of walls; the outline of a room doesn't part two of them."""
     faces = shapely.get_parts(shapely.polygonize([network]))
     group = _groups(len(faces), _open_borders(network, drawn_lines, faces))
-    members = np.split(faces[np.argsort(group)], np.cumsum(np.bincount(group))[:-1])
-    areas = [part for some in members for part in polygon_parts(shapely.union_all(some))]
-    return [area for area in areas if not area.buffer(-0.5 * MAX_WALL, join_style="mitre").is_empty]
+    last_of_group = np.cumsum(np.bincount(group))[:-1]
+    spaces = []
+    for members in np.split(faces[np.argsort(group)], last_of_group):
+        for area in polygon_parts(shapely.union_all(members)):
+            core = area.buffer(-0.5 * MAX_WALL, join_style="mitre")
+            if not core.is_empty:
+                spaces.append(area)
+    return spaces
 
 
 def _open_borders(network: Any, drawn_lines: FloatArray, faces: Any) -> list[tuple[int, int]]:
     """Pairs of faces that meet where no line of a wall, door or window is drawn."""
     borders = shapely.get_parts(network)
-    middles = shapely.line_interpolate_point(
-        borders[shapely.length(borders) > JAMB], 0.5, normalized=True
-    )
-    shut, _ = shapely.STRtree(_lines(drawn_lines)).query(middles, "dwithin", 2.0 * LINE_GRID)
-    border, face = shapely.STRtree(faces).query(np.delete(middles, shut), "dwithin", LINE_GRID)
-    same = border[1:] == border[:-1]
-    return list(zip(face[:-1][same].tolist(), face[1:][same].tolist(), strict=True))
+    long_borders = borders[shapely.length(borders) > JAMB]
+    middles = shapely.line_interpolate_point(long_borders, 0.5, normalized=True)
+    drawn = shapely.STRtree(_lines(drawn_lines))
+    shut, _ = drawn.query(middles, "dwithin", 2.0 * LINE_GRID)
+    open_middles = np.delete(middles, shut)
+    border, face = shapely.STRtree(faces).query(open_middles, "dwithin", LINE_GRID)
+    of_one_border = border[1:] == border[:-1]
+    first = face[:-1][of_one_border]
+    second = face[1:][of_one_border]
+    return list(zip(first.tolist(), second.tolist(), strict=True))
 
 
 def _spaces_with_gaps_shut(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
     """The same where the outer walls have gaps: the outside is what a disc that can't pass them covers."""
-    radius = 0.5 * OUTER_GAP
-    around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
-    # One line at a time: GEOS takes the square of the time, and of the memory, for all of them at once.
-    free = around.difference(
-        shapely.union_all(shapely.buffer(_lines(drawn_lines), radius, quad_segs=16))
-    )
-    border = around.exterior
-    outside = shapely.union_all(
-        [part for part in shapely.get_parts(free) if part.intersects(border)]
-    )
-    # A hair smaller, so that its border doesn't lie on the walls that it touches; the strip between is taken off.
-    outside = outside.simplify(LINE_GRID, preserve_topology=False).buffer(radius - 5.0 * LINE_GRID)
+    outside = _outside(network, drawn_lines)
     shut = shapely.union_all([network, outside.boundary], grid_size=LINE_GRID)
     strip = 10.0 * LINE_GRID
     borders = np.vstack([drawn_lines, *outline_edges(polygon_parts(outside))])
-    inner = [
-        space
-        for space in _spaces(shut, borders)
-        if not outside.intersects(space.representative_point())
-    ]
-    opened = [
-        space.buffer(-strip, join_style="mitre").buffer(strip, join_style="mitre")
-        for space in inner
-    ]
-    return [part for space in opened for part in polygon_parts(space)]
+    spaces = []
+    for space in _spaces(shut, borders):
+        if not outside.intersects(space.representative_point()):
+            shrunk = space.buffer(-strip, join_style="mitre")
+            spaces += polygon_parts(shrunk.buffer(strip, join_style="mitre"))
+    return spaces
+
+
+def _outside(network: Any, drawn_lines: FloatArray) -> Any:
+    """What a disc as wide as an open gap covers from beyond the building, a hair smaller.
+
+    So its border doesn't lie on the walls that it touches; the strip between is taken off later.
+    """
+    radius = 0.5 * OUTER_GAP
+    around = shapely.box(*shapely.bounds(network)).buffer(4.0 * OUTER_GAP, join_style="mitre")
+    # One line at a time: GEOS takes the square of the time, and of the memory, for all of them at once.
+    thick_lines = shapely.buffer(_lines(drawn_lines), radius, quad_segs=16)
+    free = around.difference(shapely.union_all(thick_lines))
+    border = around.exterior
+    beyond = [part for part in shapely.get_parts(free) if part.intersects(border)]
+    smooth = shapely.union_all(beyond).simplify(LINE_GRID, preserve_topology=False)
+    return smooth.buffer(radius - 5.0 * LINE_GRID)
 
 
 def _doorways(doors: FloatArray, spaces: Sequence[Polygon]) -> list[_Doorway]:
@@ -240,22 +266,31 @@ def _doorways(doors: FloatArray, spaces: Sequence[Polygon]) -> list[_Doorway]:
             continue
         normal = np.array([y0 - y1, x1 - x0]) / length
         middle = np.array([0.5 * (x0 + x1), 0.5 * (y0 + y1)])
-        before, behind = (_space_beside(tree, middle, side * normal) for side in (1.0, -1.0))
-        if before is None or behind is None or before[0] == behind[0]:
+        before = _space_beside(tree, middle, normal)
+        behind = _space_beside(tree, middle, -normal)
+        if before is None or behind is None or before.space == behind.space:
             continue
-        (first, there), (second, here) = before, behind
         ends = np.array([[x0, y0], [x1, y1]])
-        ring = np.vstack([ends + there * normal, (ends - here * normal)[::-1]])
-        found.append(_Doorway(index, (first, second), Polygon(ring)))
+        front = ends + before.distance * normal
+        back = ends - behind.distance * normal
+        slab = Polygon(np.vstack([front, back[::-1]]))
+        found.append(_Doorway(index, (before.space, behind.space), slab))
     return found
 
 
-def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> tuple[int, float] | None:
-    """The space on one side of a door, and how far from its middle it begins [m]."""
+class _Beside(NamedTuple):
+    """What lies beside a door."""
+
+    space: int
+    distance: float  # from the door's middle to where the space begins [m]
+
+
+def _space_beside(tree: Any, middle: FloatArray, normal: FloatArray) -> _Beside | None:
+    """The space on one side of a door."""
     for distance in BESIDE_DOOR:
         hits = tree.query(shapely.Point(middle + distance * normal), predicate="within")
         if len(hits):
-            return int(hits[0]), distance
+            return _Beside(int(hits[0]), distance)
     return None
 
 
@@ -273,7 +308,8 @@ def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> IntArray:
 
     ends = np.array(pairs, np.int64).reshape(-1, 2).T
     joined = coo_array((np.ones(ends.shape[1]), ends), shape=(count, count))
-    return np.asarray(connected_components(joined, directed=False)[1], np.int64)
+    _, group = connected_components(joined, directed=False)
+    return np.asarray(group, np.int64)
 
 
 def _floor(
@@ -282,9 +318,8 @@ def _floor(
     """The spaces and the doors between them as one polygon; walls of one line get a thickness."""
     floor = shapely.union_all([*spaces, *slabs], grid_size=LINE_GRID)
     lines = _joined(np.vstack([drawn.walls, drawn.windows]))
-    inner = lines.intersection(floor.buffer(-3.0 * LINE_GRID)).difference(
-        shapely.union_all(list(slabs))
-    )
+    within = lines.intersection(floor.buffer(-3.0 * LINE_GRID))
+    inner = within.difference(shapely.union_all(list(slabs)))
     if not inner.is_empty:
         bodies = shapely.buffer(shapely.get_parts(inner), 0.5 * LINE_WIDTH, cap_style="square")
         floor = floor.difference(shapely.disjoint_subset_union_all(bodies))
@@ -297,5 +332,5 @@ def _floor(
 
 
 def _door(segment: FloatArray) -> Door:
-    x0, y0, x1, y1 = (float(value) for value in segment)
+    x0, y0, x1, y1 = segment.tolist()
     return Door((x0, y0), (x1, y1))

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import ezdxf
 import numpy as np
@@ -52,9 +52,15 @@ UNIT_BY_SIZE = ((1500.0, 0.001, "millimetres"), (150.0, 0.01, "centimetres"), (0
 """A building whose drawing is longer than this is taken to be drawn in that unit."""
 MAX_COORDINATE = 1e8
 """In the drawing's unit; what lies farther is a broken number."""
+_ARC_SIZES = {"ARC": ("radius", "start_angle", "end_angle"), "CIRCLE": ("radius",)}
+"""Attributes that must not be broken numbers either."""
 CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"})
+"""Entities that are drawn as one line."""
+_POLYLINES = ("LWPOLYLINE", "POLYLINE")
 _LEAST_POINTS = {"LINE": 2, "ARC": 2, "ELLIPSE": 9, "CIRCLE": 33}
+"""Least number of points with which a curve is drawn."""
 _READ = CURVES | {"INSERT", "MLINE"}
+"""All entities that are read."""
 
 # Errors that ezdxf raises on damaged files, besides its own.
 _DAMAGED = (
@@ -77,8 +83,10 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     path = Path(path)
     document = _open(path)
     code = document.header.get("$INSUNITS", 0)
-    unit = unit or (UNITS.get(code) if isinstance(code, int) else None)
-    found = _Found(str(path), layers, _FLATNESS / (unit or UNIT_BY_SIZE[0][1]))
+    if not unit and isinstance(code, int):
+        unit = UNITS.get(code)
+    smallest_unit = UNIT_BY_SIZE[0][1]
+    found = _Found(str(path), layers, _FLATNESS / (unit or smallest_unit))
     try:
         _strip(document)
         found.check_size(document)
@@ -90,14 +98,24 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     if unit is None:
         unit, doubts = _unit_by_size(walls)
     walls = walls * unit
-    windows = stacked(found.lines["window"]) * unit
-    doors = found.doors(walls / unit, unit)
-    rooms = tuple(
-        Room("Room", shapely.transform(ring, lambda points: points * unit))
-        for ring in map(Polygon, found.rings)
-        if ring.is_valid and ring.area > 0.0
+    drawn = DrawnWalls(
+        walls=walls,
+        doors=found.doors(walls / unit, unit),
+        windows=stacked(found.lines["window"]) * unit,
+        rooms=_rooms(found.rings, unit),
+        doubts=doubts,
     )
-    return floor_of_walls(DrawnWalls(walls, doors, windows, rooms, doubts), path.stem, str(path))
+    return floor_of_walls(drawn, path.stem, str(path))
+
+
+def _rooms(rings: Iterable[FloatArray], unit: float) -> tuple[Room, ...]:
+    """Rooms in metres from outlines in the drawing's unit; those without area are left out."""
+    rooms = []
+    for outline in map(Polygon, rings):
+        if outline.is_valid and outline.area > 0.0:
+            in_metres = shapely.transform(outline, lambda points: points * unit)
+            rooms.append(Room("Room", in_metres))
+    return tuple(rooms)
 
 
 def open_dxf(path: Path, options: PlanOptions) -> PlanIndex:
@@ -124,8 +142,9 @@ def _open(path: Path) -> Any:
     try:
         document, _ = recover.read(io.BytesIO(content))
     except (ezdxf.DXFError, *_DAMAGED):
-        reason = "is no readable DXF drawing; save it as DXF (a DWG has to be converted)"
-        raise PlanError(path, reason) from None
+        raise PlanError(
+            path, "is no readable DXF drawing; save it as DXF (a DWG has to be converted)"
+        ) from None
     return document
 
 
@@ -133,7 +152,10 @@ def _strip(document: Any) -> None:
     """Delete what is passed over, and what is attached to the rest: every insert of a block would copy it."""
     for block in document.blocks:
         for entity in block:
-            entity.xdata = entity.appdata = entity.extension_dict = entity.reactors = None
+            entity.xdata = None
+            entity.appdata = None
+            entity.extension_dict = None
+            entity.reactors = None
             if entity.dxftype() == "INSERT":
                 entity.delete_all_attribs()
             elif entity.dxftype() not in _READ:
@@ -148,18 +170,37 @@ def _weight(entity: Any) -> int:
         # Without control points a curve through n points solves n equations, at a cost that grows with the square.
         return len(entity.control_points) or 1 + len(entity.fit_points) ** 2 // 80
     if name == "MLINE":
-        return len(entity) * (len(entity.style.elements) if entity.style else 1)
-    return len(entity) if name in ("LWPOLYLINE", "POLYLINE") else _LEAST_POINTS.get(name, 1)
+        lines = len(entity.style.elements) if entity.style else 1
+        return len(entity) * lines
+    if name in _POLYLINES:
+        return len(entity)
+    return _LEAST_POINTS.get(name, 1)
 
 
 def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
     """The likely unit of a drawing that doesn't say it."""
     points = walls.reshape(-1, 2)
     size = float((points.max(axis=0) - points.min(axis=0)).max())
-    unit, name = next((unit, name) for least, unit, name in UNIT_BY_SIZE if size >= least)
-    return unit, (
-        f"the drawing doesn't say its unit ($INSUNITS); by its size of {size:.0f} it is in {name}",
+    fitting = [(unit, name) for least, unit, name in UNIT_BY_SIZE if size >= least]
+    unit, name = fitting[0]
+    doubt = (
+        f"the drawing doesn't say its unit ($INSUNITS); by its size of {size:.0f} it is in {name}"
     )
+    return unit, (doubt,)
+
+
+_Block = tuple[str, LayerKind | None]
+"""Name of a block, and the kind of the insert that it is drawn by."""
+
+
+class _BlockContents(NamedTuple):
+    """What stands in a block itself."""
+
+    entities: int
+    """Points and lines, as :func:`_weight` counts them."""
+    wall_lines: int
+    inserts: Counter[_Block]
+    """How often it holds each other block."""
 
 
 class _Found:
@@ -171,8 +212,11 @@ class _Found:
         self.swings: list[FloatArray] = []  # (3, 2): hinge, start and end of the arc
         self._layers: set[str] = set()
         self._kinds: dict[str, LayerKind] = {}
-        self._source, self._chosen, self._flatness = source, tuple(layers), flatness
-        self._count = self._crossings = 0
+        self._source = source
+        self._chosen = tuple(layers)
+        self._flatness = flatness
+        self._count = 0
+        self._crossings = 0
 
     def check_size(self, document: Any) -> None:
         """Refuse a drawing whose blocks stand for too much, before any of it is expanded.
@@ -180,44 +224,48 @@ class _Found:
         Raises:
             PlanError: If there are too many entities, walls or blocks within blocks.
         """
-        level: Counter[tuple[str, LayerKind | None]] = Counter(
-            {(document.modelspace().block_record_name, None): 1}
-        )
-        contents: dict[tuple[str, LayerKind | None], tuple[int, int, Counter[Any]]] = {}
-        total = walls = depth = 0
+        outermost = (document.modelspace().block_record_name, None)
+        level: Counter[_Block] = Counter({outermost: 1})
+        known: dict[_Block, _BlockContents] = {}
+        total = 0
+        walls = 0
+        depth = 0
         while level:
             DEPTH.check(self._source, depth, PlanError)
-            deeper: Counter[tuple[str, LayerKind | None]] = Counter()
-            for key, times in level.items():
-                if key not in contents:
-                    contents[key] = self._contents(document.blocks.get(key[0]) or (), key[1])
-                entities, lines, inserts = contents[key]
-                total, walls = total + times * entities, walls + times * lines
-                for inner, copies in inserts.items():
+            deeper: Counter[_Block] = Counter()
+            for block, times in level.items():
+                if block not in known:
+                    name, kind = block
+                    known[block] = self._contents(document.blocks.get(name) or (), kind)
+                total += times * known[block].entities
+                walls += times * known[block].wall_lines
+                for inner, copies in known[block].inserts.items():
                     deeper[inner] += times * copies
             ENTRIES.check(self._source, total, PlanError)
             VERTICES.check(self._source, walls, PlanError)
-            level, depth = deeper, depth + 1
+            level = deeper
+            depth += 1
 
-    def _contents(
-        self, block: Iterable[Any], parent: LayerKind | None
-    ) -> tuple[int, int, Counter[Any]]:
-        """Entities and lines of walls in a block itself, and how often it holds each other block."""
-        entities = lines = 0
-        inserts: Counter[tuple[str, LayerKind | None]] = Counter()
+    def _contents(self, block: Iterable[Any], parent: LayerKind | None) -> _BlockContents:
+        entities = 0
+        wall_lines = 0
+        inserts: Counter[_Block] = Counter()
         for entity in block:
-            kind, name = self._kind_within(entity, parent), entity.dxftype()
+            kind = self._kind_within(entity, parent)
+            name = entity.dxftype()
             copies = max(entity.mcount, 1) if name == "INSERT" else 1
             entities += copies * _weight(entity)
-            lines += kind == "wall" and name == "LINE"
             if name == "INSERT":
                 inserts[entity.dxf.name.lower(), kind] += copies
-        return entities, lines, inserts
+            elif name == "LINE" and kind == "wall":
+                wall_lines += 1
+        return _BlockContents(entities, wall_lines, inserts)
 
     def take(self, entities: Iterable[Any], parent: LayerKind | None = None) -> None:
         """Sort entities into kinds; blocks are exploded, and their layer 0 is that of the block."""
         for entity in entities:
-            kind, name = self._kind_within(entity, parent), entity.dxftype()
+            kind = self._kind_within(entity, parent)
+            name = entity.dxftype()
             if name == "INSERT" and entity.block():  # an empty block is false
                 copies = entity.multi_insert() if entity.mcount > 1 else (entity,)
                 for copy in copies:
@@ -247,20 +295,21 @@ class _Found:
 
     def doors(self, walls: FloatArray, unit: float) -> FloatArray:
         """The doors, from jamb to jamb [m]: lines, and closed positions of swings."""
-        lines, near = stacked(self.lines["door"]), HINGED / unit
+        lines = stacked(self.lines["door"])
+        near = HINGED / unit
         hinges = shapely.STRtree([shapely.Point(swing[0]) for swing in self.swings])
         segments: Any = shapely.linestrings(lines.reshape(-1, 2, 2))
-        leaves, _ = hinges.query(segments, predicate="dwithin", distance=near)  # that stand open
-        edges = stacked([np.delete(lines, leaves, axis=0), self._closed_leaves(walls, near)]) * unit
+        open_leaves, _ = hinges.query(segments, predicate="dwithin", distance=near)
+        others = np.delete(lines, open_leaves, axis=0)
+        edges = stacked([others, self._closed_leaves(walls, near)]) * unit
         lengths = np.hypot(*(edges[:, 2:] - edges[:, :2]).T)
         return edges[(lengths >= DOOR_LENGTHS[0]) & (lengths <= DOOR_LENGTHS[1])]
 
     def _kind_within(self, entity: Any, parent: LayerKind | None) -> LayerKind:
         """Kind of an entity in a block whose insert is of the kind ``parent``."""
         layer = str(entity.dxf.get("layer", "0"))
-        if parent is not None and (
-            layer == "0" or (parent in ("door", "window") and not self._chosen)
-        ):
+        is_opening = parent in ("door", "window") and not self._chosen
+        if parent is not None and (layer == "0" or is_opening):
             return parent
         if layer not in self._kinds:
             self._kinds[layer] = self._kind(layer)
@@ -277,16 +326,14 @@ class _Found:
     def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
         from ezdxf import path as paths
 
-        sizes = ("radius", "start_angle", "end_angle")[: {"ARC": 3, "CIRCLE": 1}.get(name, 0)]
-        if not all(abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE for size in sizes):
-            raise PlanError(self._source, "has an arc without bounds; delete it")
+        for size in _ARC_SIZES.get(name, ()):
+            if not abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE:  # true for nan
+                raise PlanError(self._source, "has an arc without bounds; delete it")
         if kind == "door" and name == "ARC":
-            hinge = entity.ocs().to_wcs(
-                entity.dxf.center
-            )  # a mirrored block's arc has axes of its own
-            self.swings.append(
-                np.array([tuple(p)[:2] for p in (hinge, entity.start_point, entity.end_point)])
-            )
+            # A mirrored block's arc has axes of its own.
+            hinge = entity.ocs().to_wcs(entity.dxf.center)
+            places = (hinge, entity.start_point, entity.end_point)
+            self.swings.append(np.array([tuple(place)[:2] for place in places]))
             return
         curve = paths.make_path(entity)
         flattened = islice(curve.flattening(self._flatness, 8), ENTRIES.value - self._count + 1)
@@ -295,20 +342,24 @@ class _Found:
         ENTRIES.check(self._source, self._count, PlanError)
         if len(points) < 2 or not np.abs(points).max() < MAX_COORDINATE:
             return
-        closed = bool(curve.is_closed or (name in ("LWPOLYLINE", "POLYLINE") and entity.is_closed))
-        if kind == "room" and closed:
+        is_closed = bool(curve.is_closed or (name in _POLYLINES and entity.is_closed))
+        width = 0.0
+        if name == "LWPOLYLINE":
+            width = float(entity.dxf.get("const_width", 0.0) or 0.0)
+        if kind == "room" and is_closed:
             self.rings.append(points)
-            return
-        width = float(entity.dxf.get("const_width", 0.0) or 0.0) if name == "LWPOLYLINE" else 0.0
-        if width > 0.0:
-            self._crossings = refuse_crossings(
-                edges_of(points, closed), self._source, self._crossings
-            )
-            line = shapely.LineString(np.vstack([points, points[:1]]) if closed else points)
-            body = line.buffer(0.5 * width, cap_style="flat", join_style="mitre")
-            self.lines[kind] += outline_edges(shapely.get_parts(body))
+        elif width > 0.0:
+            self.lines[kind] += self._faces(points, is_closed, width)
         else:
-            self.lines[kind].append(edges_of(points, closed))
+            self.lines[kind].append(edges_of(points, is_closed))
+
+    def _faces(self, points: FloatArray, is_closed: bool, width: float) -> list[FloatArray]:
+        """The outlines of a wide line through points (N, 2), as edges."""
+        edges = edges_of(points, is_closed)
+        self._crossings = refuse_crossings(edges, self._source, self._crossings)
+        whole = np.vstack([points, points[:1]]) if is_closed else points
+        body = shapely.LineString(whole).buffer(0.5 * width, cap_style="flat", join_style="mitre")
+        return outline_edges(shapely.get_parts(body))
 
     def _closed_leaves(self, walls: FloatArray, near: float) -> FloatArray:
         """From hinges to those ends of the arcs that lie at a wall, or at another leaf's arc, shape (N, 4)."""
@@ -318,12 +369,15 @@ class _Found:
             return np.empty((0, 4))
         ends = swings[:, 1:].reshape(-1, 2)
         lines: Any = shapely.linestrings(walls.reshape(-1, 2, 2))
-        _, away = shapely.STRtree(lines).query_nearest(
+        _, to_wall = shapely.STRtree(lines).query_nearest(
             shapely.points(ends), return_distance=True, all_matches=False
         )
         # Of the three nearest ends two may be a swing's own.
         apart, nearest = cKDTree(ends).query(ends, k=3, distance_upper_bound=near)
         own = np.arange(len(ends))[:, None] // 2
-        alone = ~((apart < near) & (nearest // 2 != own)).any(axis=1)
-        best = np.lexsort((away.reshape(-1, 2), alone.reshape(-1, 2)))[:, 0]
-        return np.hstack([swings[:, 0], swings[np.arange(len(swings)), 1 + best]])
+        meets_another = (apart < near) & (nearest // 2 != own)
+        is_alone = ~meets_another.any(axis=1)
+        # Ends that meet another leaf come first, then those nearest to a wall.
+        order = np.lexsort((to_wall.reshape(-1, 2), is_alone.reshape(-1, 2)))
+        closed_ends = swings[np.arange(len(swings)), 1 + order[:, 0]]
+        return np.hstack([swings[:, 0], closed_ends])

@@ -130,9 +130,9 @@ class FloorPlan:
         if degrees == 0.0:
             return self
         radians = math.radians(degrees)
-        matrix = np.array(
-            [[math.cos(radians), -math.sin(radians)], [math.sin(radians), math.cos(radians)]]
-        )
+        cos = math.cos(radians)
+        sin = math.sin(radians)
+        matrix = np.array([[cos, -sin], [sin, cos]])
 
         def turn(shape: Polygon) -> Polygon:
             return shapely.transform(shape, lambda points: points @ matrix.T)
@@ -277,10 +277,8 @@ def _check_reachable(plan: FloorPlan, robot_radius: float) -> None:
     closed = []
     for room in plan.rooms:
         floor = room.polygon.intersection(plan.free_space)
-        if (
-            floor.area >= MIN_ROOM_AREA
-            and reached.intersection(floor).area < MIN_ROOM_SHARE * floor.area
-        ):
+        reached_area = reached.intersection(floor).area
+        if floor.area >= MIN_ROOM_AREA and reached_area < MIN_ROOM_SHARE * floor.area:
             closed.append(room.category)
     if closed:
         names = ", ".join(sorted(set(closed)))
@@ -306,24 +304,28 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     """
     height, width = frame.shape
     # In units of cells, with the centres of the cells at whole numbers and rows counted from the bottom.
-    x0, x1 = ((segments[:, i] - frame.origin_x) / frame.resolution - 0.5 for i in (0, 2))
-    y0, y1 = ((segments[:, i] - frame.origin_y) / frame.resolution - 0.5 for i in (1, 3))
+    x0 = (segments[:, 0] - frame.origin_x) / frame.resolution - 0.5
+    x1 = (segments[:, 2] - frame.origin_x) / frame.resolution - 0.5
+    y0 = (segments[:, 1] - frame.origin_y) / frame.resolution - 0.5
+    y1 = (segments[:, 3] - frame.origin_y) / frame.resolution - 0.5
     # An edge owns the rows in [lower end, upper end): a vertex on a row counts once, a horizontal edge never.
     first = np.clip(np.ceil(np.minimum(y0, y1)), 0, height).astype(np.int64)
     stop = np.clip(np.ceil(np.maximum(y0, y1)), 0, height).astype(np.int64)
     count = stop - first
     edge = np.repeat(np.arange(len(segments)), count)
-    row = np.arange(len(edge)) - np.repeat(np.cumsum(count) - count, count) + first[edge]
+    before = np.cumsum(count) - count
+    row = np.arange(len(edge)) - before[edge] + first[edge]
     slope = (x1 - x0)[edge] / (y1 - y0)[edge]
     crossing = x0[edge] + (row - y0[edge]) * slope
     col = np.clip(np.ceil(crossing), 0, width).astype(np.int64)
     inside = np.zeros((height, width), np.bool_)
     if len(row):
-        top, bottom = height - 1 - row.max(), height - row.min()
-        crossings = np.bincount(
-            (height - 1 - row - top) * (width + 1) + col, minlength=(bottom - top) * (width + 1)
-        )
-        parity = (crossings.reshape(bottom - top, width + 1) & 1).astype(np.uint8)
+        top = height - 1 - row.max()
+        bottom = height - row.min()
+        shape = (bottom - top, width + 1)
+        places = (height - 1 - row - top) * (width + 1) + col
+        crossings = np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
+        parity = (crossings & 1).astype(np.uint8)
         inside[top:bottom] = np.bitwise_xor.accumulate(parity, axis=1)[:, :width]
     return inside
 
@@ -349,11 +351,10 @@ def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:
     )
     fine = fill_segments(segments, fine_frame)
     share = fine.reshape(height, n, width, n).mean(axis=(1, 3), dtype=np.float32)
-    for values, steps in (
-        (share, fine),
-        (share.T, fine.T),
-    ):  # views: both directions change the same shares
-        close_thin_walls(values, steps[n // 2 :: n, n // 2 : -(n // 2)])
+    middle = n // 2
+    # The transposed arrays are views: both directions change the same shares.
+    close_thin_walls(share, fine[middle::n, middle:-middle])
+    close_thin_walls(share.T, fine.T[middle::n, middle:-middle])
     return np.asarray(share, dtype=np.float32)
 
 
@@ -367,9 +368,8 @@ def map_values(
     if outside != OCCUPIED:
         if inside.any():
             # From centre to centre; half a cell less is the distance to the free cell's border.
-            distance = cv2.distanceTransform(
-                (~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE
-            )
+            outer = (~inside).astype(np.uint8)
+            distance = cv2.distanceTransform(outer, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
             far = distance * resolution > wall_thickness + 0.5 * resolution
         else:
             far = np.ones_like(inside)

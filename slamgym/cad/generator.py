@@ -1,12 +1,14 @@
 """A seeded generator of believable homes and offices.
 
-The layout comes first (:mod:`slamgym.cad.layouts`): cells that tile the building.
+The layout comes first (:mod:`slamgym.cad.home_layouts`, :mod:`slamgym.cad.office_layouts`): cells that tile the
+building.
 Then openings join the rooms (:mod:`slamgym.cad.doors`), walls get their thickness, and details such as
 pillars, kitchen islands, chimney breasts, shafts and bay windows break up the rooms. Sizes follow HouseExpo
 (``benchmarks/realism/plan_statistics.py`` compares them); unlike HouseExpo's single outlines, plans may have
 loops: second doors, rings of corridor, cores, pillars and islands.
 """
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Literal, TypeGuard
@@ -19,7 +21,8 @@ from shapely.geometry.base import BaseGeometry
 from slamgym.cad.cells import GRID, Box, Cell, Wall, snap
 from slamgym.cad.doors import Opening, join_rooms
 from slamgym.cad.floorplan import Door, FloorPlan, Room, check_plan
-from slamgym.cad.layouts import lay_out_home, lay_out_office, rooms_for_area
+from slamgym.cad.home_layouts import lay_out_home, rooms_for_area
+from slamgym.cad.office_layouts import lay_out_office
 from slamgym.core.config import Positive, Settings, Share
 from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import FloatArray
@@ -29,24 +32,34 @@ MIN_PASSAGE = 0.6
 PLAN_MARGIN = 0.1
 """Distance of a plan's bounding box from the axes [m], as in HouseExpo."""
 MAX_PLAN_ATTEMPTS = 100
+"""So often a layout is drawn again that can't be built."""
 
 Kind = Literal["mixed", "home", "office"]
 
 
 # The defaults resemble HouseExpo, offices apart: its homes have a median area of 112 m2, 5th and 95th percentiles of 30
-# and 373 m2, and walls of 0.10-0.12 m. Thicknesses are even whole centimetres.
+# and 373 m2, and walls of 0.10-0.12 m.
 _OFFICE_SHARE = 0.15
-_HOME_AREA, _HOME_AREA_SIGMA = 112.0, 0.74  # [m2], of the logarithm
-_HOME_AREA_RANGE = (20.0, 600.0)  # [m2]
-_WALL_THICKNESS = (0.1, 0.12, 0.14)  # [m]
+"""Share of offices among plans of both kinds."""
+_HOME_AREA = 112.0
+"""Median area of homes [m2]."""
+_HOME_AREA_SIGMA = 0.74
+"""Spread of the logarithm of their area."""
+_HOME_AREA_RANGE = (20.0, 600.0)
+"""Smallest and largest home [m2]."""
+_WALL_THICKNESS = (0.1, 0.12, 0.14)
+"""Even whole centimetres [m]."""
 _OPEN_PLAN = {"home": 0.8, "office": 0.2}
 """Probability that two living areas are joined by a wide opening or none of the wall is left."""
 
 _OPENING_CLEARANCE = 0.9
 """Free width kept round pillars and islands, and before doors [m]."""
 _PILLAR_SPACING = (4.5, 6.5)
+"""Distance between pillars [m]."""
 _CHIMNEY_ROOMS = {"Living_Room", "Kitchen", "Bedroom", "Bathroom", "Dining_Room", "Hall"}
+"""Rooms that may have a chimney breast or a shaft."""
 _BAY_ROOMS = {"Living_Room", "Bedroom", "Dining_Room", "Kitchen"}
+"""Rooms that may have a bay window."""
 _PILLARS = 0.35
 """Probability that a room of more than 40 m2 has pillars."""
 _ISLANDS = 0.3
@@ -84,15 +97,17 @@ def generate_plan(
     """
     config = config or PlanGeneratorConfig()
     rng = seed if isinstance(seed, np.random.Generator) else np.random.default_rng(seed)
-    office = config.kind == "office" or (config.kind == "mixed" and rng.random() < _OFFICE_SHARE)
-    kind = "office" if office else "home"
+    is_office = config.kind == "office"
+    if config.kind == "mixed":
+        is_office = rng.random() < _OFFICE_SHARE
+    kind = "office" if is_office else "home"
     if plan_id is None:
         plan_id = kind if isinstance(seed, np.random.Generator) else f"{kind}_{seed:06d}"
     # The size is drawn once: drawing it again after a failure would make large plans rare.
-    area = _draw_area(office, config, rng)
+    area = _draw_area(is_office, config, rng)
     rooms = rooms_for_area(area, rng)
     for _ in range(MAX_PLAN_ATTEMPTS):
-        cells = lay_out_office(area, rng) if office else lay_out_home(area, rooms, rng)
+        cells = lay_out_office(area, rng) if is_office else lay_out_home(area, rooms, rng)
         plan = _build(plan_id, cells, config.loops, _OPEN_PLAN[kind], rng)
         if plan is not None:
             return plan
@@ -101,12 +116,13 @@ def generate_plan(
     )
 
 
-def _draw_area(office: bool, config: PlanGeneratorConfig, rng: np.random.Generator) -> float:
-    if office:
+def _draw_area(is_office: bool, config: PlanGeneratorConfig, rng: np.random.Generator) -> float:
+    if is_office:
         return float(np.exp(rng.uniform(*np.log(config.office_area))))
+    smallest, largest = _HOME_AREA_RANGE
     for _ in range(MAX_PLAN_ATTEMPTS):
         area = float(rng.lognormal(np.log(_HOME_AREA), _HOME_AREA_SIGMA))
-        if _HOME_AREA_RANGE[0] <= area <= _HOME_AREA_RANGE[1]:
+        if smallest <= area <= largest:
             return area
     return _HOME_AREA
 
@@ -148,13 +164,9 @@ def _interior(cell: Polygon, thickness: float) -> Polygon | None:
     interior = cell.buffer(-0.5 * thickness, join_style="mitre")
     interior = shapely.set_precision(interior, GRID)
     narrowest = interior.buffer(-0.45, join_style="mitre")
-    if (
-        not isinstance(interior, Polygon)
-        or not isinstance(narrowest, Polygon)
-        or narrowest.is_empty
-    ):
+    if not isinstance(narrowest, Polygon) or narrowest.is_empty:
         return None
-    return interior
+    return interior if isinstance(interior, Polygon) else None
 
 
 def _is_roomy(space: BaseGeometry) -> TypeGuard[Polygon]:
@@ -173,24 +185,27 @@ def _place(
     rng: np.random.Generator,
 ) -> FloorPlan:
     """Turn by a right angle or mirror, by chance, and move to the positive quadrant."""
-    swap, flip = bool(rng.integers(2)), bool(rng.integers(2))
+    swap = bool(rng.integers(2))
+    flip = bool(rng.integers(2))
 
     def turn(points: FloatArray) -> FloatArray:
         turned = points[:, ::-1] if swap else points
         return turned * [-1.0 if flip else 1.0, 1.0]
 
     min_x, min_y, _, _ = shapely.transform(space, turn).bounds
+    origin = [min_x - PLAN_MARGIN, min_y - PLAN_MARGIN]
 
     def move(points: FloatArray) -> FloatArray:
-        return np.round(turn(points) - [min_x - PLAN_MARGIN, min_y - PLAN_MARGIN], 2)
+        return np.round(turn(points) - origin, 2)
 
-    order = sorted(range(len(cells)), key=lambda index: cells[index].category)
+    placed = []
+    for cell, room in zip(cells, rooms, strict=True):
+        placed.append(Room(cell.category, shapely.transform(room, move)))
+    placed.sort(key=lambda room: room.category)
     return FloorPlan(
         id=plan_id,
         free_space=shapely.transform(space, move),
-        rooms=tuple(
-            Room(cells[index].category, shapely.transform(rooms[index], move)) for index in order
-        ),
+        rooms=tuple(placed),
         doors=tuple(_moved(opening.door, move) for opening in openings if opening.door),
         source=f"generator:{plan_id}",
     )
@@ -217,57 +232,60 @@ def _free_standing(cells: Sequence[Cell], rng: np.random.Generator) -> list[Poly
 
 def _inner_box(polygon: Polygon) -> Box | None:
     """The cell as a box, if it is one."""
-    return (
-        Box(*polygon.bounds)
-        if len(polygon.exterior.coords) == 5 and not polygon.interiors
-        else None
-    )
+    is_box = len(polygon.exterior.coords) == 5 and not polygon.interiors
+    return Box(*polygon.bounds) if is_box else None
 
 
 def _island(box: Box, rng: np.random.Generator) -> list[Polygon]:
     """A kitchen island about the middle of the room, along its longer side."""
-    length, depth = rng.uniform(1.2, 2.2), rng.uniform(0.7, 0.95)
+    length = rng.uniform(1.2, 2.2)
+    depth = rng.uniform(0.7, 0.95)
     width, height = (length, depth) if box.width >= box.height else (depth, length)
     if min(box.width - width, box.height - height) < 2 * _OPENING_CLEARANCE + 0.3:
         return []
-    x, y = 0.5 * (box.x0 + box.x1), 0.5 * (box.y0 + box.y1)
-    return [
-        shapely.box(
-            snap(x - width / 2), snap(y - height / 2), snap(x + width / 2), snap(y + height / 2)
-        )
-    ]
+    x = 0.5 * (box.x0 + box.x1)
+    y = 0.5 * (box.y0 + box.y1)
+    return [_box_about(x, y, width / 2, height / 2)]
+
+
+def _box_about(x: float, y: float, half_width: float, half_height: float) -> Polygon:
+    """A box about a point [m], with its corners on the grid."""
+    return shapely.box(
+        snap(x - half_width), snap(y - half_height), snap(x + half_width), snap(y + half_height)
+    )
 
 
 def _pillars(box: Box, rng: np.random.Generator) -> list[Polygon]:
     """Pillars on a regular grid, square or round."""
-    size, round_ = snap(rng.uniform(0.3, 0.55)), rng.random() < 0.3
+    size = snap(rng.uniform(0.3, 0.55))
+    is_round = bool(rng.random() < 0.3)
     spacing = rng.uniform(*_PILLAR_SPACING)
-    columns, rows = (max(1, round(side / spacing) - 1) for side in (box.width, box.height))
+    columns = max(1, round(box.width / spacing) - 1)
+    rows = max(1, round(box.height / spacing) - 1)
     xs = np.linspace(box.x0, box.x1, columns + 2)[1:-1]
     ys = np.linspace(box.y0, box.y1, rows + 2)[1:-1]
-    return [_pillar(snap(x), snap(y), size, bool(round_)) for x in xs for y in ys]
+    return [_pillar(snap(x), snap(y), size, is_round) for x in xs for y in ys]
 
 
 def _pillar(x: float, y: float, size: float, is_round: bool) -> Polygon:
     if not is_round:
         half = snap(0.5 * size)
-        return shapely.box(snap(x - half), snap(y - half), snap(x + half), snap(y + half))
-    angles = np.linspace(0.0, 2 * math.pi, 12, endpoint=False)
-    return Polygon(
-        [(snap(x + 0.5 * size * math.cos(a)), snap(y + 0.5 * size * math.sin(a))) for a in angles]
-    )
+        return _box_about(x, y, half, half)
+    corners = []
+    for angle in np.linspace(0.0, 2 * math.pi, 12, endpoint=False):
+        corner_x = snap(x + 0.5 * size * math.cos(angle))
+        corner_y = snap(y + 0.5 * size * math.sin(angle))
+        corners.append((corner_x, corner_y))
+    return Polygon(corners)
 
 
 def _wall_blocks(
     cells: Sequence[Cell], openings: Sequence[Opening], thickness: float, rng: np.random.Generator
 ) -> list[Polygon]:
     """Chimney breasts and shafts that stand before a wall, clear of doors and of other walls' openings."""
-    keep_free = shapely.union_all(
-        [
-            opening.box.polygon().buffer(_OPENING_CLEARANCE, join_style="mitre")
-            for opening in openings
-        ]
-    )
+    passages = [opening.box.polygon() for opening in openings]
+    wider = [passage.buffer(_OPENING_CLEARANCE, join_style="mitre") for passage in passages]
+    keep_free = shapely.union_all(wider)
     blocks = []
     for cell in cells:
         box = Box(*cell.polygon.bounds)
@@ -284,29 +302,37 @@ def _wall_blocks(
 
 def _edges(polygon: Polygon) -> list[Wall]:
     """Edges of a cell with the cell on their left."""
-    points = shapely.get_coordinates(shapely.geometry.polygon.orient(polygon).exterior)
-    return [Wall(*a, *b) for a, b in zip(points[:-1].tolist(), points[1:].tolist(), strict=True)]
+    oriented = shapely.geometry.polygon.orient(polygon)
+    points = shapely.get_coordinates(oriented.exterior).tolist()
+    return [Wall(x0, y0, x1, y1) for (x0, y0), (x1, y1) in itertools.pairwise(points)]
 
 
 def _block(wall: Wall, thickness: float, rng: np.random.Generator) -> Polygon | None:
     """A block at a wall: a shaft in its corner, or a chimney breast along it."""
     length = wall.length
-    width, depth = snap(rng.uniform(0.4, 1.4)), snap(rng.uniform(0.2, 0.55))
+    width = snap(rng.uniform(0.4, 1.4))
+    depth = snap(rng.uniform(0.2, 0.55))
     if length < width + 1.8:
         return None
-    corner = rng.random() < 0.5
-    start = 0.0 if corner else snap(rng.uniform(0.7, length - width - 0.7))
+    start = 0.0
+    if rng.random() >= 0.5:  # not in the corner
+        start = snap(rng.uniform(0.7, length - width - 0.7))
+    stop = start + width
     far = snap(depth + 0.5 * thickness)
-    return _along_wall(
-        wall, [(start, 0.0), (start + width, 0.0), (start + width, far), (start, far)]
-    )
+    return _along_wall(wall, [(start, 0.0), (stop, 0.0), (stop, far), (start, far)])
 
 
 def _along_wall(wall: Wall, corners: Sequence[tuple[float, float]]) -> Polygon:
     """A polygon of corners by their distances along a wall and to its left [m]."""
     x0, y0, x1, y1 = wall
-    ux, uy = (x1 - x0) / wall.length, (y1 - y0) / wall.length
-    return Polygon([(snap(x0 + a * ux - b * uy), snap(y0 + a * uy + b * ux)) for a, b in corners])
+    ux = (x1 - x0) / wall.length
+    uy = (y1 - y0) / wall.length
+    points = []
+    for along, left in corners:
+        x = snap(x0 + along * ux - left * uy)
+        y = snap(y0 + along * uy + left * ux)
+        points.append((x, y))
+    return Polygon(points)
 
 
 def _bay_windows(
@@ -318,7 +344,9 @@ def _bay_windows(
     for index, cell in enumerate(cells):
         if cell.category not in _BAY_ROOMS or rng.random() >= _BAYS:
             continue
-        for wall in [wall for wall in _edges(cell.polygon) if wall.length > 3.0]:
+        for wall in _edges(cell.polygon):
+            if wall.length <= 3.0:
+                continue
             bay = _bay(wall, thickness, rng)
             # Its outer wall must not run into another part of the building either.
             outside = bay.buffer(thickness).difference(cell.polygon)
@@ -331,14 +359,18 @@ def _bay_windows(
 def _bay(wall: Wall, thickness: float, rng: np.random.Generator) -> Polygon:
     """A trapezium that leans out of a wall."""
     length = wall.length
-    width, depth = rng.uniform(1.6, min(3.0, length - 0.6)), rng.uniform(0.5, 0.9)
-    start, inside, slant = 0.5 * (length - width), 0.5 * thickness, rng.uniform(0.2, 0.9) * depth
+    width = rng.uniform(1.6, min(3.0, length - 0.6))
+    depth = rng.uniform(0.5, 0.9)
+    slant = rng.uniform(0.2, 0.9) * depth
+    start = 0.5 * (length - width)
+    stop = start + width
+    inside = 0.5 * thickness
     corners = [
         (start, inside),
         (start, 0.0),
         (start + slant, -depth),
-        (start + width - slant, -depth),
-        (start + width, 0.0),
-        (start + width, inside),
+        (stop - slant, -depth),
+        (stop, 0.0),
+        (stop, inside),
     ]
     return _along_wall(wall, corners)

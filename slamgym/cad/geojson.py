@@ -6,7 +6,7 @@ Where no feature has a kind all are walls: a plain MultiLineString or Polygon of
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -42,25 +42,30 @@ def read_geojson(path: Path | str) -> FloorPlan:
     with as_plan_error():
         content = read_bytes(path, DRAWING_BYTES)
     ENTRIES.check(source, content.count(b"["), PlanError)  # every point is a list
-    features = list(_features(parse_json(content, path, PlanError, DRAWING_BYTES), source))
-    named = any(kind for kind, _, _ in features)
+    value = parse_json(content, path, PlanError, DRAWING_BYTES)
+    features = list(_features(value, source))
+    has_kinds = any(feature.kind for feature in features)
     lines: dict[str, list[FloatArray]] = {"wall": [], "door": [], "window": []}
     rooms: list[Room] = []
-    for kind, name, geometry in features:
-        rings = _rings(geometry, source)
-        if kind == "room":
-            rooms += [Room(name, polygon) for polygon in map(Polygon, rings) if _is_area(polygon)]
-        elif kind in lines or not named:
-            is_opening = kind in ("door", "window") and "Polygon" in geometry["type"]
-            lines[kind or "wall"] += [
-                middle_line(Polygon(ring))[None] if is_opening else edges_of(ring, closed=False)
-                for ring in rings
-            ]
-    walls, doors, windows = (stacked(lines[kind]) for kind in ("wall", "door", "window"))
+    for feature in features:
+        rings = _rings(feature.geometry, source)
+        if feature.kind == "room":
+            areas = [polygon for polygon in map(Polygon, rings) if _is_area(polygon)]
+            rooms += [Room(feature.name, area) for area in areas]
+        elif feature.kind in lines or not has_kinds:
+            is_opening = feature.kind in ("door", "window")
+            if is_opening and "Polygon" in feature.geometry["type"]:
+                drawn = [middle_line(Polygon(ring))[None] for ring in rings]
+            else:
+                drawn = [edges_of(ring, closed=False) for ring in rings]
+            lines[feature.kind or "wall"] += drawn
+    walls = stacked(lines["wall"])
     if len(walls) and max(np.ptp(walls.reshape(-1, 2), axis=0)) < DEGREES:
         raise PlanError(
             source, "is smaller than 5 cm: its coordinates are degrees; project it to metres first"
         )
+    doors = stacked(lines["door"])
+    windows = stacked(lines["window"])
     return floor_of_walls(DrawnWalls(walls, doors, windows, tuple(rooms)), path.stem, source)
 
 
@@ -70,8 +75,17 @@ def open_geojson(path: Path, options: PlanOptions) -> PlanIndex:
     return PlanIndex({path.stem: (path,)}, read_geojson)
 
 
-def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, Any]]]:
-    """Kind (empty where it has none), name and geometry of everything in the file."""
+class _Feature(NamedTuple):
+    """A thing in a file."""
+
+    kind: str
+    """Empty where it has none."""
+    name: str
+    geometry: Mapping[str, Any]
+
+
+def _features(value: Any, source: str) -> Iterator[_Feature]:
+    """Everything in the file that has a geometry of a known kind."""
     if not isinstance(value, dict):
         raise PlanError(
             source, "is no GeoJSON; it must be a FeatureCollection, a Feature or a geometry"
@@ -99,7 +113,7 @@ def _features(value: Any, source: str) -> Iterator[tuple[str, str, Mapping[str, 
                     f"has a feature whose kind or name is no text: {shown(kind)}, {shown(name)}",
                 )
             kind = "door" if kind.lower() == "opening" else kind.lower()
-            yield kind, name[:_MAX_NAME], geometry
+            yield _Feature(kind, name[:_MAX_NAME], geometry)
 
 
 def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:
@@ -112,7 +126,8 @@ def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:
                 source, f"has a {kind} whose coordinates are not nested as RFC 7946 says"
             )
         level = [inner for part in level for inner in part]
-    return [points for part in level if len(points := _points(part, kind, source)) >= 2]
+    lines = [_points(part, kind, source) for part in level]
+    return [points for points in lines if len(points) >= 2]
 
 
 def _points(value: Any, kind: str, source: str) -> FloatArray:

@@ -43,7 +43,8 @@ MIN_AREA = 0.01
 MAX_REPAIRED_SHARE = 0.005
 """Repairing may change the area, and cut off crumbs, by at most this share of it."""
 
-_DECIMALS = 6  # a micrometre: below the files' resolution, above the noise of mirroring
+_DECIMALS = 6
+"""A micrometre: below the files' resolution, above the noise of mirroring."""
 
 
 @as_plan_error()
@@ -78,7 +79,8 @@ def parse_houseexpo(text: str | bytes, source: str, plan_id: str | None = None) 
     """
     data = _parse_json(text, source)
     outline = _points(data["verts"], source, "'verts'", at_least=3)
-    holes = [_points(ring, source, "'holes'", at_least=3) for ring in _list(data, "holes", source)]
+    rings = _list(data, "holes", source)
+    holes = [_points(ring, source, "'holes'", at_least=3) for ring in rings]
     VERTICES.check(source, len(outline) + sum(map(len, holes)), PlanError)
     # Before mirroring, so that errors give places as they stand in the file.
     space = repair_outline(outline, holes, source)
@@ -119,16 +121,16 @@ def format_houseexpo(plan: FloorPlan) -> str:
     if any(not room.polygon.equals(shapely.box(*room.polygon.bounds)) for room in plan.rooms):
         data["room_polygons"] = {}
         for room in plan.rooms:
-            rings = [
-                _ring(ring, mirror) for ring in (room.polygon.exterior, *room.polygon.interiors)
-            ]
-            data["room_polygons"].setdefault(room.category, []).append(rings)
+            rings = (room.polygon.exterior, *room.polygon.interiors)
+            mirrored = [_ring(ring, mirror) for ring in rings]
+            data["room_polygons"].setdefault(room.category, []).append(mirrored)
     if plan.free_space.interiors:
         data["holes"] = [_ring(hole, mirror) for hole in plan.free_space.interiors]
     if plan.doors:
-        data["doors"] = [
-            [_rounded([x, mirror - y]) for x, y in (door.start, door.end)] for door in plan.doors
-        ]
+        data["doors"] = []
+        for door in plan.doors:
+            ends = [_rounded([x, mirror - y]) for x, y in (door.start, door.end)]
+            data["doors"].append(ends)
     return json.dumps(data) + "\n"
 
 
@@ -152,7 +154,8 @@ def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) ->
     if polygon.is_valid and polygon.area >= MIN_AREA:
         return polygon
     x, y = outline.T
-    signed_area = abs(float(np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y))) / 2.0
+    doubled = np.dot(x, np.roll(y, -1)) - np.dot(np.roll(x, -1), y)
+    signed_area = abs(float(doubled)) / 2.0
     repaired = make_valid(polygon, source)
     area = sum(part.area for part in polygon_parts(repaired))
     if area < MIN_AREA:
@@ -227,53 +230,52 @@ def _rooms(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Room, .
     rooms = []
     for category, entries in categories.items():
         for entry in _list(categories, category, source) if entries else []:
-            polygon = _rings(entry, source) if key == "room_polygons" else _box(entry, source)
+            read = _rings if key == "room_polygons" else _box
+            polygon = read(entry, source)
             if polygon.is_valid and polygon.area > 0.0:
                 rooms.append(Room(category, _mirrored(polygon, mirror)))
         PLAN_PARTS.check(source, len(rooms), PlanError)
-    VERTICES.check(
-        source, len(shapely.get_coordinates([room.polygon for room in rooms])), PlanError
-    )
+    corners = shapely.get_coordinates([room.polygon for room in rooms])
+    VERTICES.check(source, len(corners), PlanError)
     return tuple(rooms)
 
 
 def _rings(entry: Any, source: str) -> Polygon:
-    what = "'room_polygons'"
     if not isinstance(entry, list) or not entry:
-        raise PlanError(source, f"{what} has a room that is not a list of rings")
-    outline, *holes = (_points(ring, source, what, at_least=3) for ring in entry)
+        raise PlanError(source, "'room_polygons' has a room that is not a list of rings")
+    outline, *holes = (_points(ring, source, "'room_polygons'", at_least=3) for ring in entry)
     return Polygon(outline, holes)
 
 
 def _box(entry: Any, source: str) -> Polygon:
-    ((x0, y0, x1, y1),) = _points(
-        [entry], source, "'room_category'", 1, "[min x, min y, max x, max y]"
-    ).tolist()
+    form = "[min x, min y, max x, max y]"
+    corners = _points([entry], source, "'room_category'", form=form)
+    ((x0, y0, x1, y1),) = corners.tolist()
     return shapely.box(min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1))
 
 
 def _doors(data: Mapping[str, Any], source: str, mirror: float) -> tuple[Door, ...]:
     doors = []
     for entry in _list(data, "doors", source):
-        ends = np.round(
-            _points(entry, source, "'doors'", at_least=2) * [1, -1] + [0, mirror], _DECIMALS
-        )
-        doors.append(
-            Door((float(ends[0, 0]), float(ends[0, 1])), (float(ends[1, 0]), float(ends[1, 1])))
-        )
+        ends = _points(entry, source, "'doors'", at_least=2)
+        (x0, y0), (x1, y1) = _flipped(ends, mirror)[:2].tolist()
+        doors.append(Door((x0, y0), (x1, y1)))
     return tuple(doors)
 
 
 def _mirrored(polygon: Polygon, mirror: float) -> Polygon:
     """Turn y from down to up or back, about the line y = mirror / 2."""
-    return shapely.transform(
-        polygon, lambda points: np.round(points * [1, -1] + [0, mirror], _DECIMALS)
-    )
+    return shapely.transform(polygon, lambda points: _flipped(points, mirror))
+
+
+def _flipped(points: FloatArray, mirror: float) -> FloatArray:
+    """The same of points (N, 2)."""
+    return np.round(points * [1.0, -1.0] + [0.0, mirror], _DECIMALS)
 
 
 def _ring(ring: Any, mirror: float) -> list[list[float]]:
-    points = shapely.get_coordinates(ring)[:-1] * [1.0, -1.0] + [0.0, mirror]
-    return np.round(points, _DECIMALS).tolist()
+    points = shapely.get_coordinates(ring)[:-1]
+    return _flipped(points, mirror).tolist()
 
 
 def _rounded(values: list[float]) -> list[float]:

@@ -9,7 +9,7 @@ Schema: ISO 16739-1 (IFC 4): IfcBuildingStorey, IfcWall, IfcRelVoidsElement, Ifc
 import contextlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import shapely
@@ -62,7 +62,8 @@ def storeys_of(path: Path | str) -> list[str]:
 
 
 def _names(path: Path) -> list[str]:
-    return [name for name, _, _ in _storeys(_open(path), path)]
+    model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
+    return [storey.name for storey in _storeys(model, path)]
 
 
 def _apart(read: Callable[[Any], Any], item: Any, path: Path) -> Any:
@@ -109,20 +110,20 @@ def open_ifc(path: Path, options: PlanOptions) -> PlanIndex:
 
 
 def _read(file: tuple[Path, str | None]) -> FloorPlan:
-    path, storey = file
-    model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
+    path, wanted = file
+    model = _open(path)  # kept to the end, as in _names
     storeys = _storeys(model, path)
-    chosen = [entry for entry in storeys if storey in (None, entry[0])]
+    chosen = [storey for storey in storeys if wanted in (None, storey.name)]
     if not chosen:
-        names = ", ".join(shown(name) for name, _, _ in storeys[:8])
-        raise PlanError(path, f"has no storey called {shown(storey)}; it has {names}")
-    name, elevation, elements = chosen[0]
+        names = ", ".join(shown(storey.name) for storey in storeys[:8])
+        raise PlanError(path, f"has no storey called {shown(wanted)}; it has {names}")
+    storey = chosen[0]
     with _undamaged(path, "has geometry that can't be computed"):
-        drawn = _cut(elements, elevation + LASER_HEIGHT, str(path))
-    plan_id = path.stem if len(storeys) == 1 else f"{path.stem}-{name}"
-    return floor_of_walls(
-        drawn, plan_id, f"{path}, storey {shown(name)}" if len(storeys) > 1 else str(path)
-    )
+        drawn = _cut(storey.elements, storey.elevation + LASER_HEIGHT, str(path))
+    if len(storeys) == 1:
+        return floor_of_walls(drawn, path.stem, str(path))
+    source = f"{path}, storey {shown(storey.name)}"
+    return floor_of_walls(drawn, f"{path.stem}-{storey.name}", source)
 
 
 def _open(path: Path) -> Any:
@@ -145,25 +146,35 @@ def _undamaged(path: Path, fault: str, errors: Any = _DAMAGED) -> Iterator[None]
         raise PlanError(path, f"{fault} ({shown(str(error))}); export it again") from None
 
 
-def _storeys(model: Any, path: Path) -> list[tuple[str, float, list[Any]]]:
-    """Name, elevation [m] and elements of the storeys with walls, from the lowest up."""
+class _Storey(NamedTuple):
+    """A storey of a model."""
+
+    name: str
+    elevation: float  # [m]
+    elements: list[Any]
+
+
+def _storeys(model: Any, path: Path) -> list[_Storey]:
+    """The storeys with walls, from the lowest up."""
     from ifcopenshell.util.element import get_decomposition
     from ifcopenshell.util.placement import get_storey_elevation
     from ifcopenshell.util.unit import calculate_unit_scale
 
     with _undamaged(path, "has storeys that can't be read"):
         scale = float(calculate_unit_scale(model))
-        found, count = [], 0
+        found = []
+        count = 0
         for number, storey in enumerate(model.by_type("IfcBuildingStorey"), start=1):
             elements = list(get_decomposition(storey))
             count += len(elements)
             ENTRIES.check(path, count, PlanError)
             if any(element.is_a("IfcWall") for element in elements):
                 name = str(storey.Name or f"storey {number}")
-                found.append((name, scale * float(get_storey_elevation(storey)), elements))
+                elevation = scale * float(get_storey_elevation(storey))
+                found.append(_Storey(name, elevation, elements))
     if not found:
         raise PlanError(path, "has no storey with walls (IfcBuildingStorey with IfcWall)")
-    return sorted(found, key=lambda entry: entry[1])
+    return sorted(found, key=lambda storey: storey.elevation)
 
 
 def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
@@ -181,7 +192,8 @@ def _cut(elements: list[Any], height: float, source: str) -> DrawnWalls:
             for opening, is_window in _openings(element):
                 line = _across(_section(opening, height), section)
                 if line is not None:
-                    (windows if is_window else doors).append(line[None])
+                    closures = windows if is_window else doors
+                    closures.append(line[None])
         elif element.is_a("IfcSpace"):
             name = str(element.LongName or element.Name or "Room")[:100]
             rooms += [Room(name, part) for part in _section(element, height)]
@@ -192,10 +204,9 @@ def _openings(wall: Any) -> Iterator[tuple[Any, bool]]:
     """The openings of a wall, and whether a window fills them."""
     for relation in getattr(wall, "HasOpenings", ()) or ():
         opening = relation.RelatedOpeningElement
-        fillings = [
-            filled.RelatedBuildingElement for filled in getattr(opening, "HasFillings", ()) or ()
-        ]
-        yield opening, any(filling.is_a("IfcWindow") for filling in fillings)
+        fillings = getattr(opening, "HasFillings", ()) or ()
+        elements = [filling.RelatedBuildingElement for filling in fillings]
+        yield opening, any(element.is_a("IfcWindow") for element in elements)
 
 
 def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
@@ -203,16 +214,23 @@ def _across(openings: list[Polygon], wall: list[Polygon]) -> FloatArray | None:
     if not openings:
         return None
     opening = max(openings, key=lambda part: float(part.area))
-    line, box = middle_line(opening), shapely.oriented_envelope(shapely.union_all(wall))
+    box = shapely.oriented_envelope(shapely.union_all(wall))
     if isinstance(box, Polygon) and not box.is_empty:
         body = middle_line(box)
         line = middle_line(opening, body[2:] - body[:2])
         if not box.intersects(shapely.LineString(line.reshape(2, 2))):  # it sticks out of the wall
-            across = np.array([line[1] - line[3], line[2] - line[0]]) / np.hypot(
-                *(line[2:] - line[:2])
-            )
-            line += np.tile((0.5 * (body[:2] + body[2:]) - line[:2]) @ across * across, 2)
+            line = _moved_to(line, 0.5 * (body[:2] + body[2:]))
+    else:
+        line = middle_line(opening)
     return line if float(np.hypot(*(line[2:] - line[:2]))) >= MIN_LENGTH else None
+
+
+def _moved_to(line: FloatArray, point: FloatArray) -> FloatArray:
+    """A line (4,) moved across itself until it runs through a point (2,), or would if it were longer."""
+    length = np.hypot(*(line[2:] - line[:2]))
+    across = np.array([line[1] - line[3], line[2] - line[0]]) / length
+    offset = (point - line[:2]) @ across * across
+    return np.asarray(line + np.tile(offset, 2), dtype=np.float64)
 
 
 def _section(element: Any, height: float) -> list[Polygon]:
@@ -240,20 +258,21 @@ def _section(element: Any, height: float) -> list[Polygon]:
 
 def _crossings(points: FloatArray, faces: IntArray, height: float) -> FloatArray:
     """Where triangles cross a horizontal plane, shape (N, 2, 2)."""
-    above = points[:, 2] > height
-    count = above[faces].sum(axis=1)
-    crossed = faces[(count == 1) | (count == 2)]
+    is_above = points[:, 2] > height
+    count = is_above[faces].sum(axis=1)
+    is_crossed = (count == 1) | (count == 2)
+    crossed = faces[is_crossed]
     if not len(crossed):
         return np.empty((0, 2, 2))
     ends = []
-    lone = (
-        above[crossed] == (above[crossed].sum(axis=1) == 1)[:, None]
-    )  # the corner alone on its side
-    first = np.argmax(lone, axis=1)
+    # The corner that is alone on its side of the plane.
+    is_lone_above = count[is_crossed] == 1
+    first = np.argmax(is_above[crossed] == is_lone_above[:, None], axis=1)
     rows = np.arange(len(crossed))
     tip = points[crossed[rows, first]]
     for step in (1, 2):
         other = points[crossed[rows, (first + step) % 3]]
-        share = ((height - tip[:, 2]) / (other[:, 2] - tip[:, 2]))[:, None]
-        ends.append((tip + share * (other - tip))[:, :2])
+        share = (height - tip[:, 2]) / (other[:, 2] - tip[:, 2])
+        place = tip + share[:, None] * (other - tip)
+        ends.append(place[:, :2])
     return np.stack(ends, axis=1)

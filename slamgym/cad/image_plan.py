@@ -139,9 +139,8 @@ def trace_plan(
 def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     """The connected patches of cells as polygons; cells that only share a corner are apart."""
     padded = np.pad(inside, ((0, 0), (1, 1))).astype(np.int8)
-    change = np.diff(
-        padded, axis=1
-    )  # (height, width + 1): +1 where a run of free cells begins, -1 after it
+    # Shape (height, width + 1): +1 where a run of free cells begins, -1 after it.
+    change = np.diff(padded, axis=1)
     row, first = np.nonzero(change == 1)
     _, stop = np.nonzero(change == -1)
     RUNS.check(source, len(first), PlanError)
@@ -155,14 +154,17 @@ def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
 
 def _without_outside(white: BoolArray, resolution: float) -> BoolArray:
     """Remove white patches that touch the picture's edge, unless they hold the floor."""
-    rows, cols = np.flatnonzero(~white.all(axis=1)), np.flatnonzero(~white.all(axis=0))
+    rows = np.flatnonzero(~white.all(axis=1))
+    cols = np.flatnonzero(~white.all(axis=0))
     if len(rows) == 0:
         return white
-    box = (rows[-1] - rows[0] + 1) * (cols[-1] - cols[0] + 1)
+    height = rows[-1] - rows[0] + 1
+    width = cols[-1] - cols[0] + 1
+    enough = MIN_ENCLOSED_SHARE * (height * width)
     enclosed = white & ~_connected_to_edge(white)
-    if enclosed.sum() < MIN_ENCLOSED_SHARE * box:
+    if enclosed.sum() < enough:
         enclosed = white & ~_reached_from_edge(white, 0.5 * OUTER_DOOR / resolution)
-    return enclosed if enclosed.sum() >= MIN_ENCLOSED_SHARE * box else white
+    return enclosed if enclosed.sum() >= enough else white
 
 
 def _connected_to_edge(white: BoolArray) -> BoolArray:
@@ -180,10 +182,8 @@ def _reached_from_edge(white: BoolArray, radius: float) -> BoolArray:
 
     pad = int(2.0 * radius) + 2
     around = np.pad(white, pad, constant_values=True).astype(np.uint8)
-    room = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_PRECISE) > radius
-    centres = _connected_to_edge(room)
-    covered = (
-        cv2.distanceTransform((~centres).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-        <= radius
-    )
-    return covered[pad:-pad, pad:-pad]
+    to_wall = cv2.distanceTransform(around, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    centres = _connected_to_edge(to_wall > radius)
+    others = (~centres).astype(np.uint8)
+    to_centre = cv2.distanceTransform(others, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return to_centre[pad:-pad, pad:-pad] <= radius

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Literal
 
 if TYPE_CHECKING:
@@ -30,3 +33,10 @@ def passes(plan: FloorPlan, plan_filter: PlanFilter) -> bool:
         and plan.extent <= LONG_SIDE
         and len(plan.segments()) <= MAX_VERTICES
     )
+
+
+def usual_reason(reasons: Sequence[str]) -> str:
+    """Why most of the plans can't be used, how often, and the advice that it gives; numbers in it are one plan's."""
+    kinds = [re.sub(r"[0-9.]+", "0", reason) for reason in reasons]
+    kind, times = Counter(kinds).most_common(1)[0]
+    return f"{times:,} of {len(reasons):,}: {reasons[kinds.index(kind)]}"

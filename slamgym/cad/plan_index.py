@@ -55,7 +55,8 @@ class PlanIndex:
         read: Callable[..., FloorPlan],
         groups: Sequence[PlanGroup] = (),
     ) -> None:
-        self._places, self._read = places, read
+        self._places = places
+        self._read = read
         self.ids: Sequence[str] = list(places)
         self.groups = tuple(groups) or (PlanGroup(self.ids, 1.0),)
 
@@ -106,12 +107,15 @@ def plan_groups(source: PlanSource) -> tuple[PlanGroup, ...]:
 def refuse_second(places: Mapping[str, Path], plan_id: str, place: Path, where: Path) -> None:
     """Refuse a second plan of the same name: splits and seeds go by the names, so neither may be renamed or lost."""
     if plan_id in places:
-        first, second = (
-            str(path.relative_to(where) if path.is_relative_to(where) else path)
-            for path in (places[plan_id], place)
-        )
+        first = _within(places[plan_id], where)
+        second = _within(place, where)
         raise InputFileError(
             where,
             f"holds two plans called {shown(plan_id)}, {shown(first)} and {shown(second)}; rename one, or "
             "give the folders as two sources, with a comma between them",
         )
+
+
+def _within(path: Path, folder: Path) -> str:
+    """A path as it is called in a folder, or whole if it lies elsewhere."""
+    return str(path.relative_to(folder) if path.is_relative_to(folder) else path)

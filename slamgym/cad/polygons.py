@@ -18,15 +18,20 @@ from slamgym.core.errors import PlanError
 from slamgym.core.limits import CROSSINGS, NEAR_PAIRS
 from slamgym.core.types import FloatArray
 
-_SMALL = 1000  # so few walls can't be crowded
-_AT_ONCE = 64  # walls whose neighbours are looked up together: 50 MB of pairs at most
+_SMALL = 1000
+"""So few walls can't be crowded."""
+_AT_ONCE = 64
+"""Walls whose neighbours are looked up together: 50 MB of pairs at most."""
 
 
 def polygon_parts(geometry: shapely.Geometry) -> list[Polygon]:
     """All polygons in a geometry that have an area."""
     if isinstance(geometry, Polygon):
         return [] if geometry.is_empty else [geometry]
-    return [part for piece in getattr(geometry, "geoms", ()) for part in polygon_parts(piece)]
+    parts = []
+    for piece in getattr(geometry, "geoms", ()):
+        parts += polygon_parts(piece)
+    return parts
 
 
 def largest_part(geometry: shapely.Geometry) -> Polygon:
@@ -46,7 +51,8 @@ def connected_part(geometry: shapely.Geometry, least_share: float, source: str) 
         PlanError: If it makes up less.
     """
     parts = polygon_parts(geometry)
-    largest, total = largest_part(geometry), sum(part.area for part in parts)
+    largest = largest_part(geometry)
+    total = sum(part.area for part in parts)
     if largest.is_empty or not largest.area >= least_share * total:
         raise PlanError(
             source,
@@ -74,10 +80,11 @@ def make_valid(polygon: Polygon, source: str) -> BaseGeometry:
         PlanError: If it crosses itself too often.
     """
     if not polygon.is_valid:
-        rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
-        refuse_crossings(
-            np.vstack([np.hstack([points[:-1], points[1:]]) for points in rings]), source
-        )
+        edges = []
+        for ring in (polygon.exterior, *polygon.interiors):
+            points = shapely.get_coordinates(ring)
+            edges.append(np.hstack([points[:-1], points[1:]]))
+        refuse_crossings(np.vstack(edges), source)
     return shapely.make_valid(polygon)
 
 
@@ -121,10 +128,12 @@ def refuse_crossings(segments: FloatArray, source: str, before: int = 0) -> int:
     """
     refuse_crowded(segments, 0.0, source)
     lines: Any = shapely.linestrings(segments.reshape(-1, 2, 2))
-    tree, crossings = shapely.STRtree(lines), 0
+    tree = shapely.STRtree(lines)
+    crossings = 0
     for start in range(0, len(lines), _AT_ONCE):
         some = lines[start : start + _AT_ONCE]
+        pairs = tree.query(some, predicate="intersects")
         # Every edge meets itself and its two neighbours.
-        crossings += tree.query(some, predicate="intersects").shape[1] - 3 * len(some)
+        crossings += pairs.shape[1] - 3 * len(some)
         CROSSINGS.check(source, before + crossings // 2, PlanError)
     return before + max(crossings, 0) // 2

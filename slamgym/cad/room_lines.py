@@ -34,10 +34,23 @@ DOOR_WIDTH = 1.0
 """Width of a portal [m]."""
 _DOOR_DEPTH = 0.35
 """A door cuts this far to either side [m]: annotated rooms are drawn up to 0.3 m apart."""
-MIN_SCALE, MAX_SCALE = 1e-4, 10.0
-"""Pixels smaller or larger than this are taken for a fault [m]."""
+MIN_SCALE = 1e-4
+"""Smaller pixels are taken for a fault [m]."""
+MAX_SCALE = 10.0
+"""Larger pixels are taken for a fault [m]."""
 MIN_CONNECTED_SHARE = 0.8
 """The largest connected part must make up this share of the floor; closets without a portal are dropped."""
+
+
+_MALFORMED = (
+    TypeError,
+    ValueError,
+    LookupError,
+    AttributeError,
+    OverflowError,
+    shapely.GEOSException,
+)
+"""Errors that rooms raise whose values are of other kinds than they should be."""
 
 
 def build_floor(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
@@ -46,18 +59,10 @@ def build_floor(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPla
     Raises:
         PlanError: If its rooms are malformed, or too little of the floor is connected.
     """
-    malformed = (
-        TypeError,
-        ValueError,
-        LookupError,
-        AttributeError,
-        OverflowError,
-        shapely.GEOSException,
-    )
     try:
         with np.errstate(invalid="ignore"):  # of rooms without any width; the area tells
             return _build(floor, plan_id, source)
-    except malformed as error:
+    except _MALFORMED as error:
         raise PlanError(source, f"its rooms are malformed ({str(error)[:MAX_SHOWN]})") from None
 
 
@@ -104,33 +109,39 @@ def _build(floor: Mapping[str, Any], plan_id: str, source: str) -> FloorPlan:
     scale = float(floor["m_per_px"])
     drawn = [room for room in floor["rooms"] if len(room["polygon"]) >= 3]
     _check_size(drawn, scale, source)
-    rooms = [
-        Room(str(room["label"]).title().replace(" ", "_"), polygon)
-        for room in drawn
-        if (polygon := _interior(_metres(room["polygon"], scale), source)) is not None
-    ]
-    building = shapely.union_all(
-        [make_valid(Polygon(_metres(room["polygon"], scale)), source) for room in drawn]
-    )
+    rooms: list[Room] = []
+    outlines = []
+    doors: list[Door] = []
+    for room in drawn:
+        outline = make_valid(Polygon(_metres(room["polygon"], scale)), source)
+        outlines.append(outline)
+        interior = _interior(outline)
+        if interior is not None:
+            label = str(room["label"]).title().replace(" ", "_")
+            rooms.append(Room(label, interior))
+        doors += _doors(room, scale)
     # Gaps between rooms belong to the building; its outer walls stay closed.
-    building = building.buffer(_DOOR_DEPTH, join_style="mitre").buffer(
-        -_DOOR_DEPTH - 0.5 * WALL_THICKNESS, join_style="mitre"
-    )
-    doors = [door for room in drawn for door in _doors(room, scale)]
+    closed = shapely.union_all(outlines).buffer(_DOOR_DEPTH, join_style="mitre")
+    building = closed.buffer(-_DOOR_DEPTH - 0.5 * WALL_THICKNESS, join_style="mitre")
     passages = [_passage(door).intersection(building) for door in doors]
     space = shapely.union_all([*(room.polygon for room in rooms), *passages])
     largest = connected_part(space, MIN_CONNECTED_SHARE, source)
     return FloorPlan(
         id=plan_id,
         free_space=largest,
-        rooms=tuple(
-            room for room in rooms if room.polygon.intersection(largest).area > 0.5 * room.area
-        ),
-        doors=tuple(
-            door for door in doors if largest.covers(shapely.LineString([door.start, door.end]))
-        ),
+        rooms=tuple(room for room in rooms if _is_part(room, largest)),
+        doors=tuple(door for door in doors if largest.covers(_line(door))),
         source=source,
     )
+
+
+def _is_part(room: Room, floor: Polygon) -> bool:
+    """True if more than half of a room is floor."""
+    return bool(room.polygon.intersection(floor).area > 0.5 * room.area)
+
+
+def _line(door: Door) -> shapely.LineString:
+    return shapely.LineString([door.start, door.end])
 
 
 def _metres(points: Any, scale: float) -> FloatArray:
@@ -148,35 +159,29 @@ def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -
     if not MIN_SCALE <= scale < MAX_SCALE:
         raise ValueError(f"m_per_px is {scale}")
     PLAN_PARTS.check(source, len(rooms), PlanError)
-    VERTICES.check(
-        source, sum(len(room["polygon"]) + len(room["segments"]) for room in rooms), PlanError
-    )
+    corners = sum(len(room["polygon"]) + len(room["segments"]) for room in rooms)
+    VERTICES.check(source, corners, PlanError)
     for room in rooms:
         # Distances of all portals to all walls are computed at once.
-        PLAN_PARTS.check(
-            source, sum(segment[4] == "PORTAL" for segment in room["segments"]), PlanError
-        )
+        portals = sum(segment[4] == "PORTAL" for segment in room["segments"])
+        PLAN_PARTS.check(source, portals, PlanError)
     rings = [_metres(room["polygon"], scale) for room in rooms]
     walls = [np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings]
     if walls:
         refuse_crowded(np.vstack(walls), 2.0 * _DOOR_DEPTH, source)
 
 
-def _interior(points: FloatArray, source: str) -> Polygon | None:
+def _interior(outline: BaseGeometry) -> Polygon | None:
     """A room without its walls, None if nothing is left."""
-    parts = shapely.get_parts(
-        make_valid(Polygon(points), source).buffer(-0.5 * WALL_THICKNESS, join_style="mitre")
-    )
+    parts = shapely.get_parts(outline.buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
     polygons = [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
     return max(polygons, key=lambda part: float(part.area), default=None)
 
 
 def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
     """A door at every portal, along the wall that the portal is on."""
-    walls = np.array([segment[:4] for segment in room["segments"]], dtype=np.float64).reshape(
-        -1, 2, 2
-    )
-    walls = walls * [scale, -scale]
+    ends = np.array([segment[:4] for segment in room["segments"]], dtype=np.float64)
+    walls = ends.reshape(-1, 2, 2) * [scale, -scale]
     along = walls[:, 1] - walls[:, 0]
     length = np.hypot(*along.T)
     doors = []
@@ -185,7 +190,8 @@ def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
             continue
         place = walls[index].mean(axis=0)
         # Of the wall pieces that end here, the longer one has room for a door.
-        near = np.hypot(*(walls - place).transpose(2, 0, 1)).min(axis=1) < 1.5 * scale
+        apart = np.hypot(*(walls - place).transpose(2, 0, 1)).min(axis=1)
+        near = apart < 1.5 * scale
         best = int(np.argmax(np.where(near, length, 0.0)))
         if length[best] < 0.5:
             continue
@@ -193,10 +199,12 @@ def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
         far_end = walls[best, np.argmax(np.hypot(*(walls[best] - place).T))]
         inwards = math.copysign(1.0, float(np.dot(far_end - place, direction)))
         centre = place + direction * inwards * min(0.6 * DOOR_WIDTH, 0.5 * length[best])
-        start, end = (centre + sign * 0.5 * DOOR_WIDTH * direction for sign in (-1, 1))
-        doors.append(Door((float(start[0]), float(start[1])), (float(end[0]), float(end[1]))))
+        half = 0.5 * DOOR_WIDTH * direction
+        x0, y0 = (centre - half).tolist()
+        x1, y1 = (centre + half).tolist()
+        doors.append(Door((x0, y0), (x1, y1)))
     return doors
 
 
 def _passage(door: Door) -> BaseGeometry:
-    return shapely.LineString([door.start, door.end]).buffer(_DOOR_DEPTH, cap_style="flat")
+    return _line(door).buffer(_DOOR_DEPTH, cap_style="flat")

@@ -39,11 +39,12 @@ def generated_plans(
     name: str = "procedural",
 ) -> PlanIndex:
     """Plans that the generator makes when they are asked for; each has its own random stream."""
-    ids = [f"{name}_{seed}_{index:05d}" for index in range(count)]
     config = config or PlanGeneratorConfig()
-    return PlanIndex(
-        {plan_id: ((seed, index), config, plan_id) for index, plan_id in enumerate(ids)}, _generate
-    )
+    places = {}
+    for index in range(count):
+        plan_id = f"{name}_{seed}_{index:05d}"
+        places[plan_id] = ((seed, index), config, plan_id)
+    return PlanIndex(places, _generate)
 
 
 def _generate(seeds: tuple[int, int], config: PlanGeneratorConfig, plan_id: str) -> FloorPlan:
@@ -110,8 +111,8 @@ def read_ids(path: Path | str) -> list[str]:
     Raises:
         InputFileError: If the file can't be read or has no ids.
     """
-    lines = read_text(path).splitlines()
-    ids = list(dict.fromkeys(line.strip().removesuffix(".json") for line in lines if line.strip()))
+    lines = [line.strip() for line in read_text(path).splitlines()]
+    ids = list(dict.fromkeys(line.removesuffix(".json") for line in lines if line))
     if not ids:
         raise InputFileError(path, "has no plan ids; give one a line")
     return ids
@@ -133,7 +134,8 @@ def _metres_per_pixel(spec: str, text: str) -> float:
 def _procedural(spec: str) -> PlanIndex:
     """Read what stands behind ``procedural:``."""
     kind: Kind = "mixed"
-    loops, seed = PlanGeneratorConfig.loops, 0
+    loops = PlanGeneratorConfig.loops
+    seed = 0
     words = [word for word in spec.split(":")[1:] if word]
     for word in words:
         if word in ("home", "office"):
@@ -147,9 +149,9 @@ def _procedural(spec: str) -> PlanIndex:
                 f"{word!r} in {spec!r} must be a whole number (the seed), 'home', 'office' or 'loops', "
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
-    name = "_".join(
-        ["procedural" if kind == "mixed" else kind, *(["loops"] if "loops" in words else [])]
-    )
+    name = "procedural" if kind == "mixed" else kind
+    if "loops" in words:
+        name += "_loops"
     return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
@@ -189,7 +191,8 @@ def _split_scale(spec: str) -> tuple[str, PlanFormat | None, float | None]:
 
 def _open_folder(path: Path) -> PlanSource:
     """HouseExpo plans, or else ROS maps."""
-    plans, maps = list(path.glob("*.json")), list(path.glob("*.yaml"))
+    plans = list(path.glob("*.json"))
+    maps = list(path.glob("*.yaml"))
     if maps and not plans:
         return PlanIndex({map_.stem: (map_,) for map_ in sorted(maps)}, read_ros_plan)
     # HouseExpo unpacks into a folder within a folder.
