@@ -150,9 +150,9 @@ def _procedural(spec: str) -> PlanIndex:
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
     name = "procedural" if kind == "mixed" else kind
+    name: str = "procedural" if kind == "mixed" else kind
     if "loops" in words:
         name += "_loops"
-    return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
 def _open(spec: str, options: PlanOptions) -> PlanSource:

@@ -39,7 +39,8 @@ from slamgym.interop.records import (
     LogRecord,
     LogWarnings,
     OdometryTrack,
-    check_beams,
+    possible_angles,
+    possible_count,
     usable_scans,
 )
 
@@ -57,6 +58,10 @@ PARAMETERS = {
 }
 """Parameters of a log that say something of its laser, and what."""
 MAX_LINE_BYTES = 1 << 22
+"""A longer line is none of a log."""
+
+_BEFORE_STAMP = {"FLASER": 0, "ROBOTLASER1": 5, "ODOM": 3}
+"""So many numbers between the poses and the stamp of a message are passed over."""
 
 _NUMBER = r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?"
 _COMMENT = re.compile(
@@ -76,9 +81,7 @@ class _Message(NamedTuple):
     robot_pose: Pose2D
     laser_pose: Pose2D
     ranges: Float32Array  # (n,) [m], as logged
-    beams: (
-        tuple[float, float] | None
-    )  # angle of the first and step [rad], where the message says so
+    beams: tuple[float, float] | None  # angle of the first and step [rad], if the message says so
     range_max: float | None  # [m]
 
 
@@ -99,36 +102,35 @@ def read_carmen(path: Path | str, range_max: float | None = None) -> Log:
     path = Path(path)
     warnings = LogWarnings()
     hints, messages = _read_messages(path, warnings)
-    scans = _of_one_kind(
-        path, [message for message in messages if message.kind != "ODOM"], warnings
-    )
-    if not scans:
-        faults = "; ".join(
-            ["holds no usable laser scan (FLASER or ROBOTLASER1)", *warnings.sentences()[:3]]
+    every_scan = [message for message in messages if message.kind != "ODOM"]
+    of_one_kind = _of_one_kind(path, every_scan, warnings)
+    if not of_one_kind:
+        raise InputFileError(
+            path,
+            "; ".join(
+                ["holds no usable laser scan (FLASER or ROBOTLASER1)", *warnings.sentences()[:3]]
+            ),
         )
-        raise InputFileError(path, faults)
-    places = [f"{path}:{scan.line}" for scan in scans]
-    scans = [
-        scans[index] for index in usable_scans([scan.stamp for scan in scans], places, warnings)
-    ]
-    declared = scans[0].range_max if scans[0].range_max is not None else hints.get("range_max")
+    scan_stamps = [scan.stamp for scan in of_one_kind]
+    places = [f"{path}:{scan.line}" for scan in of_one_kind]
+    scans = [of_one_kind[index] for index in usable_scans(scan_stamps, places, warnings)]
+    declared = scans[0].range_max
+    if declared is None:
+        declared = hints.get("range_max")
     limit, findings = range_limit([scan.ranges for scan in scans], declared, range_max)
     geometry = _geometry(scans, hints, limit)
     lines = {scan.line for scan in scans}
     driven = [message for message in messages if message.kind == "ODOM" or message.line in lines]
     stamps = np.array([message.stamp for message in driven])
-    poses, jumps = without_jumps(
-        Trajectory(stamps, np.array([message.robot_pose for message in driven]))
-    )
-    track = OdometryTrack(
-        stamps, poses, np.flatnonzero([message.kind != "ODOM" for message in driven])
-    )
+    logged = Trajectory(stamps, np.array([message.robot_pose for message in driven]))
+    poses, jumps = without_jumps(logged)
+    is_scan = [message.kind != "ODOM" for message in driven]
+    track = OdometryTrack(stamps, poses, np.flatnonzero(is_scan))
     records = []
     for scan, pose in zip(scans, poses[track.scans].tolist(), strict=True):
         ranges = _ranges(path, scan, limit, warnings)
-        records.append(
-            LogRecord(scan.stamp, Pose2D(*pose), LaserScan(scan.stamp, ranges, geometry))
-        )
+        laser_scan = LaserScan(scan.stamp, ranges, geometry)
+        records.append(LogRecord(scan.stamp, Pose2D(*pose), laser_scan))
     return Log(str(path), records, geometry, warnings, track, (*findings, *jumps))
 
 
@@ -202,7 +204,8 @@ def _parse(fields: Sequence[str], line: int) -> _Message:
     Raises:
         BrokenMessageError: If it is truncated or holds a broken number, pose or stamp.
     """
-    kind, rest = fields[0], iter(fields[1:])
+    kind = fields[0]
+    rest = iter(fields[1:])
 
     def take(count: float) -> list[float]:
         found = [float(text) for text in itertools.islice(rest, int(count))]
@@ -210,20 +213,25 @@ def _parse(fields: Sequence[str], line: int) -> _Message:
             raise BrokenMessageError(f"truncated {kind} line")
         return found
 
-    ranges, beams, limit = [], None, None
+    ranges: list[float] = []
+    beams: tuple[float, float] | None = None
+    limit: float | None = None
     try:
         if kind == "ROBOTLASER1":
             _, start, _, step, limit, _, _ = take(7)
-            beams = start, step
+            beams = (start, step)
         if kind != "ODOM":
             (count,) = take(1)
-            check_beams(*(beams or (0.0, 1.0)), count, f"{kind} line with")
+            if beams is not None and not possible_angles(*beams):
+                raise BrokenMessageError(f"{kind} line with impossible beam angles")
+            if not possible_count(count):
+                raise BrokenMessageError(f"{kind} line with an impossible number of readings")
             ranges = take(count)
         if kind == "ROBOTLASER1":
             take(take(1)[0])  # remissions
         laser_pose = _pose(take(3))
         robot_pose = laser_pose if kind == "ODOM" else _pose(take(3))
-        take({"FLASER": 0, "ROBOTLASER1": 5, "ODOM": 3}[kind])
+        take(_BEFORE_STAMP[kind])
         (stamp,) = take(1)
     except BrokenMessageError:
         raise
@@ -267,14 +275,21 @@ def _geometry(scans: list[_Message], hints: dict[str, float], range_max: float) 
     start = hints.get("start", math.nan)
     if scans[0].beams is not None:
         start, step = scans[0].beams
+    # An even count covers [-90, 90) degrees, an odd one [-90, 90].
+    steps = count if count % 2 == 0 else count - 1
     if not 0.0 < step * count <= 2.1 * math.pi:
-        step = math.pi / (count if count % 2 == 0 else max(count - 1, 1))
+        step = math.pi / max(steps, 1)
     if not abs(start) <= 2.1 * math.pi:
-        # An even count covers [-90, 90) degrees, an odd one [-90, 90]; other fans are taken as symmetric.
-        covered = step * (count if count % 2 == 0 else count - 1)
-        start = -0.5 * math.pi if abs(covered - math.pi) < 0.02 else -0.5 * step * (count - 1)
+        covers_half_turn = abs(step * steps - math.pi) < 0.02
+        # Other fans are taken as symmetric.
+        start = -0.5 * math.pi if covers_half_turn else -0.5 * step * (count - 1)
     return LaserGeometry(
-        count, start, step, hints.get("range_min", 0.0), range_max, _mount(scans, hints)
+        num_beams=count,
+        angle_min=start,
+        angle_increment=step,
+        range_min=hints.get("range_min", 0.0),
+        range_max=range_max,
+        mount=_mount(scans, hints),
     )
 
 
@@ -286,9 +301,9 @@ def _mount(scans: list[_Message], hints: dict[str, float]) -> Pose2D:
     offsets = np.array([between(scan.robot_pose, scan.laser_pose) for scan in scans])
     middle = np.median(offsets, axis=0)
     difference = np.abs(offsets - middle)
-    agreeing = (difference[:, :2].max(axis=1) < 0.02) & (
-        np.abs(wrap_angle(difference[:, 2])) < 0.02
-    )
+    is_near = difference[:, :2].max(axis=1) < 0.02
+    is_parallel = np.abs(wrap_angle(difference[:, 2])) < 0.02
+    agreeing = is_near & is_parallel
     if agreeing.mean() >= 0.95 and np.hypot(middle[0], middle[1]) < 3.0:
         x, y, theta = (round(float(value), 5) + 0.0 for value in middle)
         return Pose2D(x, y, theta)

@@ -42,8 +42,9 @@ def write_carmen(
     lines = carmen_lines(records, geometry, message)
     content = "".join(lines).encode()
     # mtime=0: the same log gives the same bytes.
-    compressed = Path(path).suffix == ".gz"
-    write_bytes(path, gzip.compress(content, COMPRESSION, mtime=0) if compressed else content)
+    if Path(path).suffix == ".gz":
+        content = gzip.compress(content, COMPRESSION, mtime=0)
+    write_bytes(path, content)
 
 
 def carmen_lines(
@@ -61,11 +62,15 @@ def carmen_lines(
         f"PARAM robot_front_laser_max {limit:.6g} 0 host 0",
         f"PARAM robot_frontlaser_offset {geometry.mount.x:.6g} 0 host 0",
     ]
-    before, between, after = "FLASER", "", ""
+    before = "FLASER"
+    between = ""
+    after = ""
     if message == "ROBOTLASER1":
         view = geometry.angle_increment * (geometry.num_beams - 1)
         beams = f"{geometry.angle_min:.9f} {view:.9f} {geometry.angle_increment:.9f}"
-        before, between, after = f"ROBOTLASER1 0 {beams} {limit:.6g} 0.01 0", "0 ", "0 0 0 0 0 "
+        before = f"ROBOTLASER1 0 {beams} {limit:.6g} 0.01 0"
+        between = "0 "
+        after = "0 0 0 0 0 "
     yield "".join(f"{line}\n" for line in head)
     for record in records:
         stamp = f"{record.stamp:.6f}"

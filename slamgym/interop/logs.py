@@ -45,7 +45,11 @@ def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # no
 
 def episode_log(folder: Path) -> Path | None:
     """The log in an episode's folder, or None if the folder is something else."""
-    return next((folder / name for name in EPISODE_LOGS if (folder / name).is_file()), None)
+    for name in EPISODE_LOGS:
+        path = folder / name
+        if path.is_file():
+            return path
+    return None
 
 
 def read_truth(path: Path | str) -> Trajectory | None:
@@ -55,7 +59,8 @@ def read_truth(path: Path | str) -> Trajectory | None:
         InputFileError: If the file exists but is malformed.
     """
     path = Path(path)
-    truth = (path if path.is_dir() else path.parent) / "truth.tum"
+    folder = path if path.is_dir() else path.parent
+    truth = folder / "truth.tum"
     return read_tum(truth) if truth.is_file() else None
 
 
@@ -73,11 +78,9 @@ def read_relations(path: Path | str) -> Relations:
     Raises:
         InputFileError: If the file is missing or empty, or a line has no eight finite numbers.
     """
-    table = np.array(
-        [row for _, row in rows_of_eight(path, "t1 t2 x y z roll pitch yaw")], dtype=np.float64
-    )
-    if not len(table):
+    rows = [row for _, row in rows_of_eight(path, "t1 t2 x y z roll pitch yaw")]
+    if not rows:
         raise InputFileError(path, "holds no relation")
-    return Relations(
-        table[:, 0], table[:, 1], np.column_stack([table[:, 2:4], wrap_angle(table[:, 7])])
-    )
+    table = np.array(rows, dtype=np.float64)
+    yaw = wrap_angle(table[:, 7])
+    return Relations(table[:, 0], table[:, 1], np.column_stack([table[:, 2:4], yaw]))

@@ -58,12 +58,7 @@ def read_map(path: Path | str, resolution: float | None = None) -> RobotMap:
 def _read(path: Path, resolution: float | None) -> RobotMap:
     suffix = path.suffix.lower()
     if path.is_dir():
-        inner = [*path.glob("*.yaml"), *path.glob("*.yml")]
-        if len(inner) != 1 and path / "map.yaml" not in inner:
-            raise InputFileError(
-                path, f"holds {len(inner)} yaml files; name the one that describes the map"
-            )
-        return _read(path / "map.yaml" if len(inner) != 1 else inner[0], resolution)
+        return _read(_description_in(path), resolution)
     if suffix in (*YAML_SUFFIXES, ".json"):
         _refuse_resolution(path, resolution)
     if suffix in YAML_SUFFIXES:
@@ -80,6 +75,18 @@ def _read(path: Path, resolution: float | None) -> RobotMap:
         )
     raise InputFileError(
         path, "is no known kind of map; give a ROS .yaml, a picture or a Valetudo .json"
+    )
+
+
+def _description_in(folder: Path) -> Path:
+    """The yaml file of the map in a folder."""
+    found = [*folder.glob("*.yaml"), *folder.glob("*.yml")]
+    if len(found) == 1:
+        return found[0]
+    if folder / "map.yaml" in found:
+        return folder / "map.yaml"
+    raise InputFileError(
+        folder, f"holds {len(found)} yaml files; name the one that describes the map"
     )
 
 
@@ -120,7 +127,8 @@ def _refuse_resolution(path: Path, resolution: float | None) -> None:
 
 def _check(grid: OccupancyGrid, path: Path) -> tuple[str, ...]:
     """Refuse what is no map, and say what is doubtful."""
-    free, occupied = grid.cells == FREE, grid.cells == OCCUPIED
+    free = grid.cells == FREE
+    occupied = grid.cells == OCCUPIED
     cell = grid.frame.resolution
     if not free.any():
         raise InputFileError(
@@ -132,8 +140,11 @@ def _check(grid: OccupancyGrid, path: Path) -> tuple[str, ...]:
         raise InputFileError(
             path, f"is no map: it has {free.sum()} free cells, fewer than {MIN_FREE}"
         )
-    rows, cols = np.flatnonzero(free.any(axis=1)), np.flatnonzero(free.any(axis=0))
-    extent = cell * max(int(rows[-1] - rows[0]), int(cols[-1] - cols[0])) + cell
+    rows = np.flatnonzero(free.any(axis=1))
+    cols = np.flatnonzero(free.any(axis=0))
+    height = int(rows[-1] - rows[0])
+    width = int(cols[-1] - cols[0])
+    extent = cell * max(height, width) + cell
     doubts = []
     if not USUAL_CELLS[0] <= cell <= USUAL_CELLS[1]:
         doubts.append(f"scale doubtful: its cells measure {cell:g} m")

@@ -5,47 +5,55 @@ from dataclasses import replace
 import numpy as np
 
 from slamgym.core.geometry import compose, inverse, transform_poses, wrap_angle
-from slamgym.core.types import FloatArray, Pose2D, Trajectory
+from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
 from slamgym.interop.records import Log, LogFinding, OdometryTrack, interpolated
 
-FASTEST, LEAST_JUMP = (5.0, 6.0), 0.5
-"""Robots of laboratories and homes move and turn more slowly [m/s, rad/s]: 2 and 4 in the public logs. Steps below the
-second are no jumps [m or rad]."""
+FASTEST_DRIVE = 5.0
+"""Robots of laboratories and homes drive more slowly [m/s]: at most 2 in the public logs."""
+FASTEST_TURN = 6.0
+"""Robots of laboratories and homes turn more slowly [rad/s]: at most 4 in the public logs."""
+LEAST_JUMP = 0.5
+"""Shorter steps of the odometry are no jumps [m or rad]."""
 MUCH_FASTER = 5.0
 """A faster vehicle's odometry jumps where it is so many times as fast as in half of the log."""
 
 
 def with_track(log: Log, track: OdometryTrack) -> Log:
     """The log with other odometry poses, at the scans and between them."""
-    poses = map(Pose2D._make, track.poses[track.scans].tolist())
-    records = [
-        record._replace(odometry=pose) for record, pose in zip(log.records, poses, strict=True)
-    ]
+    poses = track.poses[track.scans].tolist()
+    records = []
+    for record, pose in zip(log.records, poses, strict=True):
+        records.append(record._replace(odometry=Pose2D(*pose)))
     return replace(log, records=records, recorded_track=track)
 
 
 def merged_track(odometry: Trajectory, stamps: FloatArray) -> OdometryTrack:
     """Odometry with its values at the scans' moments, ``stamps`` [s], in the order of time."""
-    every = np.concatenate([odometry.stamps, stamps])
-    poses = np.concatenate([odometry.poses, interpolated(odometry, stamps)])
-    order = np.argsort(every, kind="stable")
-    return OdometryTrack(every[order], poses[order], np.flatnonzero(order >= len(odometry)))
+    at_scans = interpolated(odometry, stamps)
+    all_stamps = np.concatenate([odometry.stamps, stamps])
+    all_poses = np.concatenate([odometry.poses, at_scans])
+    order = np.argsort(all_stamps, kind="stable")
+    scans = np.flatnonzero(order >= len(odometry))
+    return OdometryTrack(all_stamps[order], all_poses[order], scans)
 
 
 def retimed(log: Log, late: float) -> Log:
     """The log with odometry whose stamps are set back by ``late`` [s]."""
     if late == 0.0 or not log.has_odometry:
         return log
-    order = np.argsort(log.track.stamps, kind="stable")
-    odometry = Trajectory(log.track.stamps[order] - late, log.track.poses[order])
-    return with_track(log, merged_track(odometry, np.array([record.stamp for record in log])))
+    track = log.track
+    order = np.argsort(track.stamps, kind="stable")
+    odometry = Trajectory(track.stamps[order] - late, track.poses[order])
+    scan_stamps = np.array([record.stamp for record in log])
+    return with_track(log, merged_track(odometry, scan_stamps))
 
 
 def without_odometry(log: Log) -> Log:
     """The log with its scans alone: the odometry stands still."""
     track = log.track
-    still = OdometryTrack(track.stamps, np.zeros_like(track.poses), track.scans)
-    return replace(with_track(log, still), has_odometry=False, distrusted=())
+    at_rest = np.zeros_like(track.poses)
+    still = with_track(log, OdometryTrack(track.stamps, at_rest, track.scans))
+    return replace(still, has_odometry=False, distrusted=())
 
 
 def without_jumps(odometry: Trajectory) -> tuple[FloatArray, tuple[LogFinding, ...]]:
@@ -53,30 +61,62 @@ def without_jumps(odometry: Trajectory) -> tuple[FloatArray, tuple[LogFinding, .
 
     The robot is taken to stand still meanwhile.
     """
-    stamps, poses = odometry.stamps, odometry.poses
+    poses = odometry.poses
     if len(poses) < 2:
         return poses, ()
-    # Messages may come in bursts, after a pause in which the robot drove: the longest wait around a step counts.
-    waits = np.pad(np.maximum(np.diff(stamps), 1e-3), 1, mode="edge")
-    waits = np.maximum(np.maximum(waits[:-2], waits[1:-1]), waits[2:])
-    steps = np.array(
-        [np.hypot(*np.diff(poses[:, :2], axis=0).T), np.abs(wrap_angle(np.diff(poses[:, 2])))]
-    )
-    usual = np.median(steps / waits, axis=1)
-    too_fast = steps / waits > np.maximum(FASTEST, MUCH_FASTER * usual)[:, None]
-    jumps = np.flatnonzero((too_fast & (steps > LEAST_JUMP)).any(axis=0))
+    waits = _longest_waits(odometry.stamps)
+    moved = np.diff(poses[:, :2], axis=0)
+    drives = np.hypot(moved[:, 0], moved[:, 1])
+    turns = np.abs(wrap_angle(np.diff(poses[:, 2])))
+    impossible = _impossible(drives, waits, FASTEST_DRIVE) | _impossible(turns, waits, FASTEST_TURN)
+    jumps = np.flatnonzero(impossible)
     if not len(jumps):
         return poses, ()
-    joined, whole = poses.copy(), Pose2D(0.0, 0.0, 0.0)
-    for jump in jumps.tolist():
-        away = compose(Pose2D(*poses[jump].tolist()), inverse(Pose2D(*poses[jump + 1].tolist())))
-        whole = compose(whole, away)
-        joined[jump + 1 :] = transform_poses(whole, poses[jump + 1 :])
-    worst = jumps[np.argmax(steps[0, jumps])]
-    step, turn, when = steps[0, worst], np.degrees(steps[1, worst]), stamps[worst + 1] - stamps[0]
-    sentence = (
-        f"the odometry jumps (in {len(jumps)} places; by {step:.1f} m and {turn:.0f} degrees within {waits[worst]:.2g} "
-        f"s, {when:.1f} s after the start): such steps are left out (--odometry-topic none uses the laser alone); "
-        "where the robot was carried, cut the log"
+    worst = jumps[np.argmax(drives[jumps])]
+    drive = drives[worst]
+    turn = np.degrees(turns[worst])
+    when = odometry.stamps[worst + 1] - odometry.stamps[0]
+    finding = LogFinding(
+        "jump",
+        f"the odometry jumps (in {len(jumps)} places; by {drive:.1f} m and {turn:.0f} degrees within "
+        f"{waits[worst]:.2g} s, {when:.1f} s after the start): such steps are left out "
+        "(--odometry-topic none uses the laser alone); where the robot was carried, cut the log",
     )
-    return joined, (LogFinding("jump", sentence),)
+    return _joined(poses, jumps), (finding,)
+
+
+def _longest_waits(stamps: FloatArray) -> FloatArray:
+    """The time that each step may have taken, shape (N - 1,) [s]: the longest wait next to it counts.
+
+    Messages may come in bursts, after a pause in which the robot drove.
+    """
+    waits = np.maximum(np.diff(stamps), 1e-3)
+    padded = np.pad(waits, 1, mode="edge")
+    before = padded[:-2]
+    after = padded[2:]
+    return np.maximum(np.maximum(before, waits), after)
+
+
+def _impossible(steps: FloatArray, waits: FloatArray, fastest: float) -> BoolArray:
+    """Where the robot would have moved faster than ``fastest`` and than this log's robot does.
+
+    Args:
+        steps: How far it drove or turned at once, shape (N,) [m or rad].
+        waits: In what time [s].
+        fastest: Speed that a slow robot doesn't reach [m/s or rad/s].
+    """
+    speeds = steps / waits
+    limit = np.maximum(fastest, MUCH_FASTER * np.median(speeds))
+    return (speeds > limit) & (steps > LEAST_JUMP)
+
+
+def _joined(poses: FloatArray, jumps: IntArray) -> FloatArray:
+    """The poses, of which all after a jump are moved back to where the robot was before it."""
+    joined = poses.copy()
+    back = Pose2D(0.0, 0.0, 0.0)
+    for jump in jumps.tolist():
+        before = Pose2D(*poses[jump].tolist())
+        after = Pose2D(*poses[jump + 1].tolist())
+        back = compose(back, compose(before, inverse(after)))
+        joined[jump + 1 :] = transform_poses(back, poses[jump + 1 :])
+    return joined

@@ -7,12 +7,16 @@ import numpy as np
 from slamgym.core.types import Float32Array, FloatArray, IntArray
 from slamgym.interop.records import LogFinding
 
-DEFAULT_RANGE_MAX, LONGEST = 80.0, 1000.0
-"""A SICK LMS reports 81.91 m or so where nothing came back; no scanner sees further than the second [m]."""
+DEFAULT_RANGE_MAX = 80.0
+"""Limit where a log tells nothing [m]: a SICK LMS reports 81.91 m or so where nothing came back."""
+LONGEST = 1000.0
+"""No scanner sees further [m]."""
 SAMPLED_SCANS = 500
-OUTSTANDING, LEAST_BEAMS = 10, 8
-"""A reading stands for no return if so many times more readings are exactly the same than share any other value near
-it, in at least so many beams: each beam of a robot at rest always reads the same."""
+"""So many scans of a log are looked at, or a few more."""
+OUTSTANDING = 10
+"""A reading stands for no return if so many times more readings are the same than share any other value near it."""
+LEAST_BEAMS = 8
+"""It must be found in so many beams: each beam of a robot at rest always reads the same."""
 
 
 def range_limit(
@@ -28,14 +32,17 @@ def range_limit(
     if wanted is not None:
         return wanted, ()
     sample = scans[:: max(1, len(scans) // SAMPLED_SCANS)]
-    ranges = np.concatenate(sample).astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is no number may be of the kind that signals it
+        ranges = np.concatenate(sample).astype(np.float64)
     beams = np.concatenate([np.arange(len(scan)) for scan in sample])
     measured = np.isfinite(ranges) & (ranges > 0.0)
-    ranges, beams = ranges[measured], beams[measured]
+    ranges = ranges[measured]
+    beams = beams[measured]
     if declared is None:
         return _no_return(ranges, beams) or DEFAULT_RANGE_MAX, ()
     beyond = ranges[ranges >= declared]
-    if 0.0 < declared <= LONGEST and not (len(beyond) > 0.5 * len(ranges) and np.ptp(beyond) > 0.1):
+    is_exceeded = len(beyond) > 0.5 * len(ranges) and np.ptp(beyond) > 0.1
+    if 0.0 < declared <= LONGEST and not is_exceeded:
         below = ranges < declared - 1e-4
         constant = _no_return(ranges[below], beams[below])
         if constant is None:
@@ -58,8 +65,10 @@ def _no_return(ranges: FloatArray, beams: IntArray) -> float | None:
     far = values > 0.9 * values.max(initial=0.0)
     if not far.any():
         return None
-    values, counts = values[far], counts[far]
+    values = values[far]
+    counts = counts[far]
     top = int(np.argmax(np.where(values > 0.98 * values[-1], counts, 0)))
-    stands_out = counts[top] >= OUTSTANDING * max(2, np.delete(counts, top).max(initial=0))
+    second = np.delete(counts, top).max(initial=0)
+    stands_out = counts[top] >= OUTSTANDING * max(2, second)
     in_many = len(np.unique(beams[ranges == values[top]])) >= LEAST_BEAMS
     return float(values[top]) if stands_out and in_many else None

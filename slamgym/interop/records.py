@@ -21,16 +21,14 @@ class BrokenMessageError(ValueError):
     """A message that can't be used; the text says what kind of fault it has."""
 
 
-def check_beams(start: float, step: float, count: float, what: str) -> None:
-    """Refuse a fan of beams that no laser has, by its first angle and step [rad].
+def possible_angles(start: float, step: float) -> bool:
+    """Whether beams of a laser begin within a turn, and lie between 1e-6 and 1 rad apart; False for nan."""
+    return abs(start) <= 7.0 and 1e-6 <= abs(step) <= 1.0
 
-    Raises:
-        BrokenMessageError: Named by ``what``. Beams begin within a turn, and lie between 1e-6 and 1 rad apart.
-    """
-    if not (abs(start) <= 7.0 and 1e-6 <= abs(step) <= 1.0):  # false for nan
-        raise BrokenMessageError(f"{what} impossible beam angles")
-    if not 1 <= count <= 100_000:
-        raise BrokenMessageError(f"{what} an impossible number of readings")
+
+def possible_count(count: float) -> bool:
+    """Whether a laser can have so many beams; False for nan."""
+    return 1 <= count <= 100_000
 
 
 class LogRecord(NamedTuple):
@@ -113,14 +111,13 @@ class Log:
         if self.recorded_track is not None:
             return self.recorded_track
         stamps = np.array([record.stamp for record in self.records], dtype=np.float64)
-        poses = np.array([record.odometry for record in self.records], dtype=np.float64).reshape(
-            -1, 3
-        )
-        return OdometryTrack(stamps, poses, np.arange(len(stamps)))
+        poses = np.array([record.odometry for record in self.records], dtype=np.float64)
+        return OdometryTrack(stamps, poses.reshape(-1, 3), np.arange(len(stamps)))
 
     def noting(self, kind: str, sentence: str) -> "Log":
         """The log with another finding."""
-        return replace(self, findings=(*self.findings, LogFinding(kind, sentence)))
+        finding = LogFinding(kind, sentence)
+        return replace(self, findings=(*self.findings, finding))
 
     def __iter__(self) -> Iterator[LogRecord]:
         return iter(self.records)
@@ -131,7 +128,9 @@ class Log:
     @property
     def duration(self) -> float:
         """Time between the first and the last scan [s]."""
-        return self.records[-1].stamp - self.records[0].stamp if self.records else 0.0
+        if not self.records:
+            return 0.0
+        return self.records[-1].stamp - self.records[0].stamp
 
 
 def usable_scans(
@@ -145,17 +144,18 @@ def usable_scans(
         warnings: Collects what is left out.
     """
     ordered = longest_ordered(stamps)
-    for index in sorted({*range(len(stamps))} - {*ordered}):
+    for index in sorted(set(range(len(stamps))) - set(ordered)):
         warnings.add("scan left out because time goes backwards", places[index])
     return ordered
 
 
 def interpolated(track: Trajectory, stamps: FloatArray) -> FloatArray:
     """Poses of a track at other moments, shape (N, 3): linear, along the shorter arc; beyond its ends they stay."""
-    columns = [*track.poses[:, :2].T, np.unwrap(track.poses[:, 2])]
-    poses = np.column_stack([np.interp(stamps, track.stamps, column) for column in columns])
-    poses[:, 2] = wrap_angle(poses[:, 2])
-    return poses
+    x = np.interp(stamps, track.stamps, track.poses[:, 0])
+    y = np.interp(stamps, track.stamps, track.poses[:, 1])
+    headings = np.unwrap(track.poses[:, 2])
+    theta = np.interp(stamps, track.stamps, headings)
+    return np.column_stack([x, y, wrap_angle(theta)])
 
 
 class _Chain(NamedTuple):
@@ -173,7 +173,8 @@ def longest_ordered(stamps: Sequence[float]) -> list[int]:
     chains: list[_Chain] = []  # its indices, the last one first
     for index, stamp in enumerate(stamps):
         length = bisect.bisect_right(tails, stamp)
-        chains[length : length + 1] = [_Chain(index, chains[length - 1] if length else None)]
+        before = chains[length - 1] if length else None
+        chains[length : length + 1] = [_Chain(index, before)]
         tails[length : length + 1] = [stamp]
     ordered: list[int] = []
     chain = chains[-1] if chains else None

@@ -28,8 +28,10 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-MIN_RESOLUTION, MAX_RESOLUTION = 1e-5, 100.0
-"""Cells of another size are a broken number [m]."""
+MIN_RESOLUTION = 1e-5
+"""Smaller cells are a broken number [m]."""
+MAX_RESOLUTION = 100.0
+"""Larger cells are a broken number [m]."""
 MAX_ORIGIN = 1e8
 """A map farther from the origin than this is a broken number [m]; UTM coordinates go up to 1e7."""
 
@@ -79,30 +81,25 @@ def write_ros_map(destination: Path | str, grid: OccupancyGrid) -> Path:
     image = destination.with_name(destination.name + ".pgm")
     description = destination.with_name(destination.name + ".yaml")
     rows, cols = grid.cells.shape
-    write_bytes(
-        image, b"P5\n%d %d\n255\n" % (cols, rows) + np.ascontiguousarray(grid.cells).tobytes()
-    )
-    resolution, *origin = map(float, grid.frame[:3])
+    header = b"P5\n%d %d\n255\n" % (cols, rows)
+    write_bytes(image, header + np.ascontiguousarray(grid.cells).tobytes())
+    # -20.700000000000003 is written as -20.7.
+    x = round(float(grid.frame.origin_x), 12)
+    y = round(float(grid.frame.origin_y), 12)
     values = {
         "image": image.name,
         "mode": "trinary",
-        "resolution": resolution,
-        "origin": [
-            *(round(value, 12) for value in origin),
-            0.0,
-        ],  # -20.700000000000003 is written as -20.7
+        "resolution": float(grid.frame.resolution),
+        "origin": [x, y, 0.0],
         "negate": 0,
         "occupied_thresh": OCCUPIED_THRESHOLD,
         "free_thresh": FREE_THRESHOLD,
     }
+    text = yaml.safe_dump(
+        values, allow_unicode=True, width=math.inf, sort_keys=False, default_flow_style=None
+    )
     # The yaml goes last: where it exists, the image is complete.
-    style: dict[str, Any] = {
-        "allow_unicode": True,
-        "width": math.inf,
-        "sort_keys": False,
-        "default_flow_style": None,
-    }
-    write_text(description, yaml.safe_dump(values, **style))
+    write_text(description, text)
     return description
 
 
@@ -144,29 +141,32 @@ def read_turned_map(path: Path | str) -> TurnedMap:
     """
     path = Path(path)
     description = _read_description(path)
-    occupied, free = description.occupied_thresh, description.free_thresh
+    occupied = description.occupied_thresh
+    free = description.free_thresh
     if not free <= occupied:
         raise InputFileError(path, f"'free_thresh' is {free:g}, above 'occupied_thresh'; swap them")
-    negated, mode = description.negate in ("1", "true"), description.mode
+    is_negated = description.negate in ("1", "true")
+    is_raw = description.mode == "raw"
     pixels = _read_pixels(path.parent / description.image)
-    if mode == "raw" and (negated or pixels.dtype != np.uint8):
+    if is_raw and (is_negated or pixels.dtype != np.uint8):
         raise InputFileError(
             path, "has the mode raw, which needs 'negate: 0' and an image of 8 bits a pixel"
         )
     grey, transparent = grey_picture(pixels)
-    if mode == "raw":
+    if is_raw:
         # The occupancy in percent, and 255 (or any value above 100) for unknown.
         cells = np.full(grey.shape, UNKNOWN, np.uint8)
         cells[grey <= 100.0 * free] = FREE
         cells[(grey >= 100.0 * occupied) & (grey <= 100)] = OCCUPIED
     else:
-        cells = classify_greys(255 - grey if negated else grey, occupied, free)
+        cells = classify_greys(255 - grey if is_negated else grey, occupied, free)
     cells[transparent] = UNKNOWN
-    resolution, (x, y, yaw) = description.resolution, description.origin
-    corner, placement = (x, y), Pose2D(0.0, 0.0, 0.0)
-    if abs(yaw) >= 1e-3:
-        corner, placement = (0.0, 0.0), Pose2D(x, y, wrap_angle(yaw))
-    return TurnedMap(OccupancyGrid(cells, GridFrame(resolution, *corner, *grey.shape)), placement)
+    x, y, yaw = description.origin
+    if abs(yaw) < 1e-3:
+        frame = GridFrame(description.resolution, x, y, *grey.shape)
+        return TurnedMap(OccupancyGrid(cells, frame), Pose2D(0.0, 0.0, 0.0))
+    frame = GridFrame(description.resolution, 0.0, 0.0, *grey.shape)
+    return TurnedMap(OccupancyGrid(cells, frame), Pose2D(x, y, wrap_angle(yaw)))
 
 
 def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
@@ -184,7 +184,8 @@ def read_bare_map(path: Path | str, resolution: float) -> OccupancyGrid:
     """
     path = Path(path)
     grey, transparent = grey_picture(_read_pixels(path))
-    common = np.sort(np.bincount(grey.ravel(), minlength=256))[-3:].sum() / grey.size
+    counts = np.sort(np.bincount(grey.ravel(), minlength=256))
+    common = counts[-3:].sum() / grey.size
     if common < COMMON_GREYS_SHARE:
         raise InputFileError(path, f"is no map: its three commonest greys cover {common:.0%} of it")
     cells = classify_greys(grey)
@@ -220,7 +221,8 @@ def classify_greys(
     else:
         # A probability map has free cells of every lightness: what is clearly lighter than unknown is free.
         is_free = np.arange(256) > unknown + max(2.0, 0.25 * (FREE - unknown))
-    table = np.where(occupancy > occupied_thresh, OCCUPIED, np.where(is_free, FREE, UNKNOWN))
+    table = np.where(is_free, FREE, UNKNOWN)
+    table[occupancy > occupied_thresh] = OCCUPIED
     return table.astype(np.uint8)[grey]
 
 
@@ -235,7 +237,9 @@ def _read_description(path: Path) -> MapDescription:
     numbers = {name: _as_number(values[name]) for name in keys if name in values}
     origin = values.get("origin")
     if isinstance(origin, list):
-        numbers["origin"] = [*map(_as_number, origin), *[0.0] * (len(origin) == 2)]
+        numbers["origin"] = [_as_number(value) for value in origin]
+        if len(origin) == 2:
+            numbers["origin"].append(0.0)
     description = known_fields(MapDescription, {**values, **words, **numbers}, path)
     if not description.image or "\0" in description.image:
         raise InputFileError(

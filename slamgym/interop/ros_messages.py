@@ -18,7 +18,12 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.interop.records import MAX_ABS_COORDINATE, BrokenMessageError, check_beams
+from slamgym.interop.records import (
+    MAX_ABS_COORDINATE,
+    BrokenMessageError,
+    possible_angles,
+    possible_count,
+)
 from slamgym.interop.transforms import planar, rigid_transform
 
 POSE_VARIANCES = (1e-5, 1e-5, 1e12, 1e12, 1e12, 1e-3)
@@ -43,13 +48,11 @@ def matrix_of(position: Any, orientation: Any, what: str) -> FloatArray:
         BrokenMessageError: Named by ``what``, if the quaternion is zero.
         ValueError: If a value is no number or absurdly large.
     """
-    place, turn = (
-        (position.x, position.y, position.z),
-        [getattr(orientation, axis) for axis in "xyzw"],
-    )
-    return rigid_transform(
-        np.array(place, dtype=np.float64), np.array(turn, dtype=np.float64), what
-    )
+    place = [position.x, position.y, position.z]
+    turn = [orientation.x, orientation.y, orientation.z, orientation.w]
+    translation = np.array(place, dtype=np.float64)
+    quaternion = np.array(turn, dtype=np.float64)
+    return rigid_transform(translation, quaternion, what)
 
 
 def pose_of(pose: Any, what: str) -> Pose2D:
@@ -63,10 +66,12 @@ def check_scan(message: Any) -> None:
     Raises:
         BrokenMessageError: If its angles, its number of readings or its limits are impossible.
     """
-    what = "scan left out because of"
-    check_beams(float(message.angle_min), float(message.angle_increment), len(message.ranges), what)
+    if not possible_angles(float(message.angle_min), float(message.angle_increment)):
+        raise BrokenMessageError("scan left out because of impossible beam angles")
+    if not possible_count(len(message.ranges)):
+        raise BrokenMessageError("scan left out because of an impossible number of readings")
     if not abs(float(message.range_min)) <= MAX_ABS_COORDINATE:  # false for nan
-        raise BrokenMessageError(f"{what} impossible range limits")
+        raise BrokenMessageError("scan left out because of impossible range limits")
 
 
 def _fan(message: Any, flipped: bool) -> tuple[float, float]:
@@ -77,23 +82,26 @@ def _fan(message: Any, flipped: bool) -> tuple[float, float]:
 
 def geometry_of(message: Any, mount: Pose2D, flipped: bool, range_max: float) -> LaserGeometry:
     """The laser that a LaserScan shows, with its mount and the range from which on a reading means no return [m]."""
-    (first, step), count = _fan(message, flipped), len(message.ranges)
-    angle_min = min(first, first + (count - 1) * step)
-    return LaserGeometry(
-        count, angle_min, abs(step), max(float(message.range_min), 0.0), range_max, mount
-    )
+    first, step = _fan(message, flipped)
+    count = len(message.ranges)
+    last = first + (count - 1) * step
+    range_min = max(float(message.range_min), 0.0)
+    return LaserGeometry(count, min(first, last), abs(step), range_min, range_max, mount)
 
 
 def ranges_of(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
     """Ranges at the angles of a geometry, as those of rotating scanners vary, shape (num_beams,) [m]."""
     first, step = _fan(message, flipped)
     stored = np.array(message.ranges, dtype=np.float32)
+    last = len(stored) - 1
     beam = np.rint((geometry.angles - first) / step).astype(np.int64)
-    inside = (beam >= 0) & (beam < len(stored))
-    ranges = np.where(inside, stored[beam.clip(0, len(stored) - 1)], np.float32(np.nan))
+    inside = (beam >= 0) & (beam <= last)
+    nearest = stored[beam.clip(0, last)]
+    ranges = np.where(inside, nearest, np.float32(np.nan))
     ranges[ranges >= geometry.range_max] = np.inf
     # Some drivers report 0 for "nothing came back" and for errors alike: neither space nor wall is known.
-    ranges[ranges < max(geometry.range_min, 1e-6)] = np.nan
+    shortest = max(geometry.range_min, 1e-6)
+    ranges[ranges < shortest] = np.nan
     return ranges
 
 
@@ -102,7 +110,8 @@ def ranges_of(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Ar
 
 def time_fields(nanoseconds: int) -> Fields:
     """The fields of a Time message."""
-    return dict(zip(("sec", "nanosec"), divmod(nanoseconds, 10**9), strict=True))
+    seconds, rest = divmod(nanoseconds, 10**9)
+    return {"sec": seconds, "nanosec": rest}
 
 
 def header_fields(nanoseconds: int, frame: str) -> Fields:
@@ -113,37 +122,41 @@ def header_fields(nanoseconds: int, frame: str) -> Fields:
 def pose_fields(pose: Pose2D) -> dict[str, Fields]:
     """The fields of a Pose message."""
     half = 0.5 * pose.theta
-    return {
-        "position": {"x": float(pose.x), "y": float(pose.y)},
-        "orientation": {"z": math.sin(half), "w": math.cos(half)},
-    }
+    position = {"x": float(pose.x), "y": float(pose.y)}
+    orientation = {"z": math.sin(half), "w": math.cos(half)}
+    return {"position": position, "orientation": orientation}
 
 
 def transform_fields(header: Fields, child: str, pose: Pose2D) -> Fields:
     """The fields of a TransformStamped message: the pose of a frame, ``child``, in that of the header."""
-    transform = dict(zip(("translation", "rotation"), pose_fields(pose).values(), strict=True))
+    place = pose_fields(pose)
+    transform = {"translation": place["position"], "rotation": place["orientation"]}
     return {"header": header, "child_frame_id": child, "transform": transform}
 
 
 def odometry_fields(header: Fields, child: str, pose: Pose2D, twist: FloatArray) -> Fields:
     """The fields of an Odometry message: a pose, and the speeds [m/s, rad/s] in the robot's own frame, ``child``."""
     covariance = np.diag(POSE_VARIANCES).ravel()
-    speeds = {"linear": {"x": float(twist[0])}, "angular": {"z": float(twist[1])}}
+    linear = {"x": float(twist[0])}
+    angular = {"z": float(twist[1])}
+    speeds = {"linear": linear, "angular": angular}
     return {
-        "header": header, "child_frame_id": child,
+        "header": header,
+        "child_frame_id": child,
         "pose": {"pose": pose_fields(pose), "covariance": covariance},
         "twist": {"twist": speeds, "covariance": covariance},
-    }  # fmt: skip
+    }
 
 
 def scan_fields(
     header: Fields, ranges: Float32Array, laser: LaserGeometry, scan_time: float
 ) -> Fields:
     """The fields of a LaserScan message; no return is +inf, as REP 117 has it."""
+    angle_max = laser.angle_min + laser.angle_increment * (laser.num_beams - 1)
     return {
         "header": header,
         "angle_min": laser.angle_min,
-        "angle_max": laser.angle_min + laser.angle_increment * (laser.num_beams - 1),
+        "angle_max": angle_max,
         "angle_increment": laser.angle_increment,
         "scan_time": scan_time,
         "range_min": laser.range_min,
@@ -158,11 +171,13 @@ def grid_fields(header: Fields, grid: OccupancyGrid) -> Fields:
     data = np.full(grid.cells.shape, -1, dtype=np.int8)
     data[grid.cells == FREE] = 0
     data[grid.cells == OCCUPIED] = 100
-    resolution, x, y, rows, cols = grid.frame
-    origin = pose_fields(Pose2D(x, y, 0.0))
-    info = {"resolution": resolution, "width": cols, "height": rows, "origin": origin}
-    return {
-        "header": header,
-        "info": {**info, "map_load_time": header["stamp"]},
-        "data": data[::-1].ravel(),
+    frame = grid.frame
+    corner = Pose2D(frame.origin_x, frame.origin_y, 0.0)
+    info = {
+        "resolution": frame.resolution,
+        "width": frame.width_px,
+        "height": frame.height_px,
+        "origin": pose_fields(corner),
+        "map_load_time": header["stamp"],
     }
+    return {"header": header, "info": info, "data": data[::-1].ravel()}

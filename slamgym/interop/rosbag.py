@@ -119,59 +119,62 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
     mount, flipped = _mount(contents, base_frame)
     geometry = _geometry(contents, mount, flipped)
     stamps = np.array([stamp for stamp, _ in contents.scans])
-    places, warnings = [f"{path} at {stamp:.3f} s" for stamp in stamps.tolist()], contents.warnings
-    kept = np.array(usable_scans(stamps.tolist(), places, warnings))
+    places = [f"{path} at {stamp:.3f} s" for stamp in stamps.tolist()]
+    kept = np.array(usable_scans(stamps.tolist(), places, contents.warnings))
     if odometry is not None:
         far = _away(odometry.stamps, stamps[kept]) > ODOMETRY_GAP
         if far.mean() > 0.5:
-            late = f"{odometry.stamps[0] - stamps[0]:.1f}"
-            what = f"the clocks of odometry and scans differ by {late} s or so: the laser alone is used"
-            contents.find("odometry", f"{what} (--time-offset {late} sets the odometry back)")
-            odometry, far = None, np.zeros(len(kept), dtype=bool)
-        for index in kept[far].tolist():
-            warnings.add("scan left out because no odometry is near in time", places[index])
-        kept = kept[~far]
-    track = OdometryTrack(stamps[kept], np.zeros((len(kept), 3)), np.arange(len(kept)))
+            late = odometry.stamps[0] - stamps[0]
+            contents.find(
+                "odometry",
+                f"the clocks of odometry and scans differ by {late:.1f} s or so: the laser alone is used "
+                f"(--time-offset {late:.1f} sets the odometry back)",
+            )
+            odometry = None
+        else:
+            for index in kept[far].tolist():
+                contents.warnings.add(
+                    "scan left out because no odometry is near in time", places[index]
+                )
+            kept = kept[~far]
     if odometry is not None:
         track = merged_track(odometry, stamps[kept])
+    else:
+        track = OdometryTrack(stamps[kept], np.zeros((len(kept), 3)), np.arange(len(kept)))
     records = []
     for index, pose in zip(kept.tolist(), track.poses[track.scans].tolist(), strict=True):
         stamp, message = contents.scans[index]
         scan = LaserScan(stamp, ranges_of(message, geometry, flipped), geometry)
         records.append(LogRecord(stamp, Pose2D(*pose), scan))
-    found, sources = contents.findings, contents.sources
     return Log(
-        str(path), records, geometry, warnings, track, found, odometry is not None, sources=sources
+        source=str(path),
+        records=records,
+        geometry=geometry,
+        warnings=contents.warnings,
+        recorded_track=track,
+        findings=contents.findings,
+        has_odometry=odometry is not None,
+        sources=contents.sources,
     )
 
 
 def _away(times: FloatArray, stamps: FloatArray) -> FloatArray:
     """How far each stamp lies from the nearest of some ordered times."""
     after = np.searchsorted(times, stamps)
-    neighbours = times[np.clip([after - 1, after], 0, len(times) - 1)]
+    around = np.clip([after - 1, after], 0, len(times) - 1)
+    neighbours = times[around]
     return np.asarray(np.abs(neighbours - stamps).min(axis=0), dtype=np.float64)
 
 
 def _read_contents(contents: _Contents) -> None:
-    rosbags, path, warnings = import_rosbags(), contents.path, contents.warnings
+    rosbags = import_rosbags()
+    path = contents.path
+    warnings = contents.warnings
     try:
         # ROS 2 bags before Iron carry no message definitions; those of Humble serve all that is read here.
         typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
         with rosbags.highlevel.AnyReader([_bag_path(path)], default_typestore=typestore) as reader:
-            topics = _choose_topics(contents, reader)
-            wanted = [
-                c for c in reader.connections if c.topic in topics or c.msgtype in TRANSFORM_TYPES
-            ]
-            for connection, stamp_ns, raw in reader.messages(connections=wanted):
-                try:
-                    _take(
-                        contents, connection, reader.deserialize(raw, connection.msgtype), stamp_ns
-                    )
-                except Exception as error:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
-                    fault = f"message on {connection.topic} that can't be decoded"
-                    known = isinstance(error, BrokenMessageError)
-                    warnings.add(str(error) if known else fault, f"{path} at {stamp_ns} ns")
-                SCANS.check(connection.topic, len(contents.scans))
+            _read_messages(contents, reader)
     except InputFileError:
         raise
     except Exception as error:  # on a damaged file the library may raise any exception
@@ -183,14 +186,36 @@ def _read_contents(contents: _Contents) -> None:
         raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
 
 
+def _read_messages(contents: _Contents, reader: Any) -> None:
+    """Take scans, odometry and transforms; those that can't be read are counted."""
+    topics = _choose_topics(contents, reader)
+
+    def is_wanted(connection: Any) -> bool:
+        return connection.topic in topics or connection.msgtype in TRANSFORM_TYPES
+
+    wanted = [connection for connection in reader.connections if is_wanted(connection)]
+    for connection, stamp_ns, raw in reader.messages(connections=wanted):
+        try:
+            message = reader.deserialize(raw, connection.msgtype)
+            _take(contents, connection, message, stamp_ns)
+        except Exception as error:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
+            fault = f"message on {connection.topic} that can't be decoded"
+            if isinstance(error, BrokenMessageError):
+                fault = str(error)
+            contents.warnings.add(fault, f"{contents.path} at {stamp_ns} ns")
+        SCANS.check(connection.topic, len(contents.scans))
+
+
 def _bag_path(path: Path) -> Path:
     """The path as the library wants it: a folder without metadata stands for the one storage file in it."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
     storage = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3", ".bag")]
     if len(storage) != 1:
-        found = f"is a folder without a ROS bag's metadata.yaml, and with {len(storage)} bags; name a bag"
-        raise InputFileError(path, found)
+        raise InputFileError(
+            path,
+            f"is a folder without a ROS bag's metadata.yaml, and with {len(storage)} bags; name a bag",
+        )
     return storage[0]
 
 
@@ -200,7 +225,8 @@ def _choose_topics(contents: _Contents, reader: Any) -> set[str]:
     for connection in reader.connections:
         if connection.msgtype in kinds and connection.msgcount:
             kinds[connection.msgtype][connection.topic] += connection.msgcount
-    choices, scans = contents.choices, kinds[SCAN_TYPE]
+    choices = contents.choices
+    scans = kinds[SCAN_TYPE]
     scan = _choose_topic(contents.path, scans, choices.scan_topic, USUAL_SCAN_TOPICS)
     if scan is None:
         topics = ", ".join(sorted(reader.topics)) or "none"
@@ -230,41 +256,51 @@ def _choose_topic(
         raise InputFileError(
             path, f"holds no such message on the topic {wanted!r} (such topics: {known})"
         )
-    most = max(topics, key=lambda topic: (topics[topic], topic), default=None)
-    return wanted or next((name for name in usual if name in topics), most)
+    if wanted is not None:
+        return wanted
+    for name in usual:
+        if name in topics:
+            return name
+    return max(topics, key=lambda topic: (topics[topic], topic), default=None)
 
 
 def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
     topic = connection.topic
+    recorded = stamp_ns * 1e-9
     if connection.msgtype == SCAN_TYPE:
         check_scan(message)
-        contents.scans.append((stamp_of(message.header, stamp_ns * 1e-9), message))
+        contents.scans.append((stamp_of(message.header, recorded), message))
     elif connection.msgtype == ODOMETRY_TYPE:
         place = pose_of(message.pose.pose, f"pose on {topic}")
-        contents.odometry.append((stamp_of(message.header, stamp_ns * 1e-9), place))
+        contents.odometry.append((stamp_of(message.header, recorded), place))
         contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
     else:
+        is_static = topic.endswith("tf_static")
         for entry in message.transforms:
-            parent, child = entry.header.frame_id, entry.child_frame_id
-            stamp = stamp_of(entry.header, stamp_ns * 1e-9)
+            parent = entry.header.frame_id
+            child = entry.child_frame_id
+            stamp = stamp_of(entry.header, recorded)
+            transform = entry.transform
             try:
-                what = f"transform from {parent} to {child}"
-                matrix = matrix_of(entry.transform.translation, entry.transform.rotation, what)
+                matrix = matrix_of(
+                    transform.translation, transform.rotation, f"transform from {parent} to {child}"
+                )
             except BrokenMessageError as error:
                 contents.warnings.add(str(error), f"{stamp:.3f} s")
                 continue
-            contents.transforms.add(
-                parent, child, stamp, matrix, static=topic.endswith("tf_static")
-            )
+            contents.transforms.add(parent, child, stamp, matrix, static=is_static)
 
 
 def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
     """The base's motion in the odometry frame, None where there is none to use, and the name of the base's frame."""
-    tree, sources = contents.transforms, contents.sources
+    tree = contents.transforms
+    sources = contents.sources
     if contents.odometry:
         ordered = longest_ordered([stamp for stamp, _ in contents.odometry])
-        stamps, poses = zip(*(contents.odometry[index] for index in ordered), strict=True)
-        base, motion = contents.base_frame, Trajectory(np.array(stamps), np.array(poses))
+        messages = [contents.odometry[index] for index in ordered]
+        stamps, poses = zip(*messages, strict=True)
+        motion = Trajectory(np.array(stamps), np.array(poses))
+        base = contents.base_frame
     else:
         frame = _odometry_frame(contents)
         if frame is None:
@@ -275,46 +311,61 @@ def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
     joined, findings = without_jumps(motion)
     contents.findings += findings
     seconds = max(float(motion.stamps[-1] - motion.stamps[0]), 1e-9)
-    sources["odometry from"] += f", {(len(motion) - 1) / seconds:.1f} Hz"
+    rate = (len(motion) - 1) / seconds
+    sources["odometry from"] += f", {rate:.1f} Hz"
     return Trajectory(motion.stamps - contents.choices.time_offset, joined), base
 
 
 def _odometry_frame(contents: _Contents) -> str | None:
     """The frame of tf that the laser moves in; None, and a finding, without one."""
-    choices, tree = contents.choices, contents.transforms
+    choices = contents.choices
     if choices.odometry_topic == NO_ODOMETRY:
         return None
-    frames = tree.odometry_frames(contents.laser_frame)
     if choices.odometry_frame is not None:
-        frames, wanted = sorted({*tree.moving().values()}), clean_frame(choices.odometry_frame)
-        if wanted in frames:
-            return wanted
-        fault = f"holds no frame that moves in {wanted!r} (--odometry-frame may be: {', '.join(frames) or 'none'})"
-        raise InputFileError(contents.path, fault)
+        return _wanted_frame(contents, clean_frame(choices.odometry_frame))
+    frames = contents.transforms.odometry_frames(contents.laser_frame)
     if len(frames) > 1:
-        found = f"holds no usable Odometry message and several frames that the laser may move in: {', '.join(frames)}"
-        raise InputFileError(contents.path, f"{found}; choose by --odometry-frame")
+        raise InputFileError(
+            contents.path,
+            "holds no usable Odometry message and several frames that the laser may move in: "
+            f"{', '.join(frames)}; choose by --odometry-frame",
+        )
     if frames:
         return frames[0]
-    faults = [
-        f"{count} x {kind}"
-        for kind, count in contents.warnings.counts.items()
-        if "quaternion" in kind
-    ]
+    faults = []
+    for kind, count in contents.warnings.counts.items():
+        if "quaternion" in kind:
+            faults.append(f"{count} x {kind}")
     reason = "; ".join(faults[:2]) or "no Odometry messages, and the laser moves in no frame of tf"
-    choose = "the laser alone is used (--odometry-topic, --odometry-frame choose)"
-    contents.find("odometry", f"there is none ({reason}): {choose}")
+    contents.find(
+        "odometry",
+        f"there is none ({reason}): the laser alone is used (--odometry-topic, --odometry-frame choose)",
+    )
     return None
+
+
+def _wanted_frame(contents: _Contents, wanted: str) -> str:
+    """The odometry frame that the user names."""
+    frames = sorted({*contents.transforms.moving().values()})
+    if wanted not in frames:
+        raise InputFileError(
+            contents.path,
+            f"holds no frame that moves in {wanted!r} (--odometry-frame may be: {', '.join(frames) or 'none'})",
+        )
+    return wanted
 
 
 def _mount(contents: _Contents, base_frame: str) -> tuple[Pose2D, bool]:
     """The laser in the base's frame, and true if it hangs upside down."""
-    laser_frame, base_frame = contents.laser_frame, base_frame or "base_link"
+    laser_frame = contents.laser_frame
+    base_frame = base_frame or "base_link"
     contents.sources["laser"] = f"{laser_frame} on {base_frame}"
     matrix = contents.transforms.lookup(laser_frame, base_frame)
     if matrix is None:
-        fault = f"missing transform from {base_frame!r} to {laser_frame!r}; the mount is taken as 0"
-        contents.warnings.add(fault, contents.path)
+        contents.warnings.add(
+            f"missing transform from {base_frame!r} to {laser_frame!r}; the mount is taken as 0",
+            contents.path,
+        )
         return Pose2D(0.0, 0.0, 0.0), False
     return planar(matrix), bool(matrix[2, 2] < 0.0)
 
@@ -322,9 +373,10 @@ def _mount(contents: _Contents, base_frame: str) -> tuple[Pose2D, bool]:
 def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometry:
     """The geometry of the first scan with the most frequent number of beams."""
     messages = [message for _, message in contents.scans]
-    usual = Counter(len(message.ranges) for message in messages).most_common(1)[0][0]
-    message = next(message for message in messages if len(message.ranges) == usual)
-    every = [message.ranges for message in messages]
-    limit, findings = range_limit(every, float(message.range_max), contents.choices.range_max)
+    ranges = [message.ranges for message in messages]
+    counts = [len(each) for each in ranges]
+    usual, _ = Counter(counts).most_common(1)[0]
+    message = messages[counts.index(usual)]
+    limit, findings = range_limit(ranges, float(message.range_max), contents.choices.range_max)
     contents.findings += findings
     return geometry_of(message, mount, flipped, limit)

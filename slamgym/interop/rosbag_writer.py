@@ -86,14 +86,12 @@ def write_rosbag2(
         _staged_folder(path) as part,
         rosbags.rosbag2.Writer(part, version=8, storage_plugin=plugin) as writer,
     ):
-        bag = _Bag(writer, rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE), shift)
-        bag.write_transform(
-            "/tf_static", records[0].stamp, ("base_footprint", "base_scan"), geometry.mount
-        )
+        typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
+        bag = _Bag(writer, typestore, shift)
+        first = records[0].stamp
+        bag.write_transform("/tf_static", first, ("base_footprint", "base_scan"), geometry.mount)
         if grid is not None:
-            bag.write(
-                "/map", records[0].stamp, **grid_fields(bag.header(records[0].stamp, "map"), grid)
-            )
+            bag.write("/map", first, grid_fields(bag.header(first, "map"), grid))
         _write_records(bag, records, geometry, tracks)
 
 
@@ -102,27 +100,39 @@ def _write_records(
 ) -> None:
     """Write what changes from scan to scan."""
     stamps = np.array([record.stamp for record in records])
-    twists = _twists(stamps, np.array([record.odometry for record in records]))
-    at_scans = (None if track is None else interpolated(track, stamps) for track in tracks)
-    true_poses, estimates = at_scans
-    true_twists = _twists(stamps, true_poses) if true_poses is not None else twists
+    odometry = _Motion.at(stamps, np.array([record.odometry for record in records]))
+    truth = None
+    if tracks.truth is not None:
+        truth = _Motion.at(stamps, interpolated(tracks.truth, stamps))
+    estimates = None if tracks.estimate is None else interpolated(tracks.estimate, stamps)
     scan_time = float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
     for i, record in enumerate(records):
-        stamp, pose = record.stamp, record.odometry
-        bag.write(
-            "/clock", stamp, clock=bag.header(stamp, "")["stamp"]
-        )  # for nodes with use_sim_time
+        stamp = record.stamp
+        pose = record.odometry
+        # For nodes with use_sim_time.
+        bag.write("/clock", stamp, {"clock": bag.header(stamp, "")["stamp"]})
         bag.write_transform("/tf", stamp, ("odom", "base_footprint"), pose)
         if estimates is not None:
             map_to_odom = compose(Pose2D(*estimates[i]), inverse(pose))
             bag.write_transform("/tf", stamp, ("map", "odom"), map_to_odom)
-        bag.write_odometry("/odom", stamp, "odom", pose, twists[i])
-        if true_poses is not None:
-            bag.write_odometry(
-                "/ground_truth", stamp, "map", Pose2D(*true_poses[i]), true_twists[i]
-            )
+        bag.write_odometry("/odom", stamp, "odom", pose, odometry.twists[i])
+        if truth is not None:
+            true_pose = Pose2D(*truth.poses[i])
+            bag.write_odometry("/ground_truth", stamp, "map", true_pose, truth.twists[i])
         header = bag.header(stamp, "base_scan")
-        bag.write("/scan", stamp, **scan_fields(header, record.scan.ranges, laser, scan_time))
+        bag.write("/scan", stamp, scan_fields(header, record.scan.ranges, laser, scan_time))
+
+
+class _Motion(NamedTuple):
+    """Poses at the scans, and the speeds of the robot in its own frame."""
+
+    poses: FloatArray  # (N, 3)
+    twists: FloatArray  # (N, 2)
+
+    @staticmethod
+    def at(stamps: FloatArray, poses: FloatArray) -> "_Motion":
+        """The speeds follow from the poses."""
+        return _Motion(poses, _twists(stamps, poses))
 
 
 def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
@@ -131,9 +141,11 @@ def _twists(stamps: FloatArray, poses: FloatArray) -> FloatArray:
     if len(poses) < 2:
         return twists
     dt = np.maximum(np.diff(stamps), 1e-9)
-    steps, turns = np.diff(poses[:, :2], axis=0), wrap_angle(np.diff(poses[:, 2]))
+    steps = np.diff(poses[:, :2], axis=0)
+    turns = wrap_angle(np.diff(poses[:, 2]))
     half = 0.5 * turns
-    forward = np.einsum("ij,ij->i", steps, unit_vectors(poses[:-1, 2] + half))
+    directions = unit_vectors(poses[:-1, 2] + half)
+    forward = np.einsum("ij,ij->i", steps, directions)
     twists[1:, 0] = forward / np.sinc(half / np.pi) / dt  # the arc is longer than its chord
     twists[1:, 1] = turns / dt
     return twists
@@ -167,9 +179,17 @@ def _latched_qos() -> Any:
     )
 
     forever = QosTime(9223372036, 854775807)
-    keep, reliable = QosHistory.KEEP_LAST, QosReliability.RELIABLE
-    latched, alive = QosDurability.TRANSIENT_LOCAL, QosLiveliness.AUTOMATIC
-    return Qos(keep, 1, reliable, latched, forever, forever, alive, forever, False)
+    return Qos(
+        history=QosHistory.KEEP_LAST,
+        depth=1,
+        reliability=QosReliability.RELIABLE,
+        durability=QosDurability.TRANSIENT_LOCAL,
+        deadline=forever,
+        lifespan=forever,
+        liveliness=QosLiveliness.AUTOMATIC,
+        liveliness_lease_duration=forever,
+        avoid_ros_namespace_conventions=False,
+    )
 
 
 class _Bag:
@@ -182,18 +202,20 @@ class _Bag:
     """
 
     def __init__(self, writer: Any, typestore: Any, shift: float) -> None:
-        self._writer, self._typestore = writer, typestore
+        self._writer = writer
+        self._typestore = typestore
         self._shift_ns = round(shift * 1e9)
         self._connections: dict[str, Any] = {}
 
-    def write(self, topic: str, stamp: float, **fields: Any) -> None:
+    def write(self, topic: str, stamp: float, fields: Fields) -> None:
         """Write a message; a field that isn't given is zero."""
         kind = TOPICS[topic]
         if topic not in self._connections:
             # Their last message also reaches who subscribes later.
             qos = [_latched_qos()] if topic in ("/tf_static", "/map") else []
-            types = {"typestore": self._typestore, "offered_qos_profiles": qos}
-            self._connections[topic] = self._writer.add_connection(topic, kind, **types)
+            self._connections[topic] = self._writer.add_connection(
+                topic, kind, typestore=self._typestore, offered_qos_profiles=qos
+            )
         content = self._typestore.serialize_cdr(self._message(kind, fields), kind)
         self._writer.write(self._connections[topic], self._nanoseconds(stamp), content)
 
@@ -219,18 +241,13 @@ class _Bag:
         self, topic: str, stamp: float, frames: tuple[str, str], pose: Pose2D
     ) -> None:
         """Write the pose of a frame, the second, in its parent."""
-        self.write(
-            topic,
-            stamp,
-            transforms=[transform_fields(self.header(stamp, frames[0]), frames[1], pose)],
-        )
+        parent, child = frames
+        transform = transform_fields(self.header(stamp, parent), child, pose)
+        self.write(topic, stamp, {"transforms": [transform]})
 
     def write_odometry(
         self, topic: str, stamp: float, frame: str, pose: Pose2D, twist: FloatArray
     ) -> None:
         """Write a pose in ``frame`` and the speeds [m/s, rad/s] in the robot's own."""
-        self.write(
-            topic,
-            stamp,
-            **odometry_fields(self.header(stamp, frame), "base_footprint", pose, twist),
-        )
+        header = self.header(stamp, frame)
+        self.write(topic, stamp, odometry_fields(header, "base_footprint", pose, twist))

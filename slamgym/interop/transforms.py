@@ -17,6 +17,11 @@ def clean_frame(name: str) -> str:
     return name.lstrip("/")
 
 
+def _own_name(frame: str) -> str:
+    """A frame's name without the robot's that stands before it, as in ``robot1/odom``."""
+    return frame.rpartition("/")[2]
+
+
 def rigid_transform(
     translation: FloatArray, quaternion: FloatArray, what: str = "transform"
 ) -> FloatArray:
@@ -38,9 +43,10 @@ def rigid_transform(
 
 def planar(matrix: FloatArray) -> Pose2D:
     """Position and heading of a transform, seen from above."""
-    return Pose2D(
-        float(matrix[0, 3]), float(matrix[1, 3]), float(np.arctan2(matrix[1, 0], matrix[0, 0]))
-    )
+    x = float(matrix[0, 3])
+    y = float(matrix[1, 3])
+    theta = float(np.arctan2(matrix[1, 0], matrix[0, 0]))
+    return Pose2D(x, y, theta)
 
 
 class TransformTree:
@@ -62,60 +68,61 @@ class TransformTree:
         self, parent: str, child: str, stamp: float, matrix: FloatArray, *, static: bool
     ) -> None:
         """Take one published transform."""
-        parent, child = clean_frame(parent), clean_frame(child)
-        self._parents[child] = parent
+        child = clean_frame(child)
+        self._parents[child] = clean_frame(parent)
         self._latest[child] = matrix
         if self._keeps_history and not static:
             self._history[child].append((stamp, planar(matrix)))
 
     def moving(self) -> dict[str, str]:
         """Frames that move, each with the frame that it moves in."""
-        return {
-            child: self._parents[child]
-            for child, history in self._history.items()
-            if len(history) > 1
-        }
+        moving = {}
+        for child, history in self._history.items():
+            if len(history) > 1:
+                moving[child] = self._parents[child]
+        return moving
 
     def odometry_frames(self, laser: str) -> list[str]:
         """Frames in which the laser moves, of several those called ``odom``, else those not called as the world is.
 
         Where the tree doesn't hold the laser, all in which something moves.
         """
-        moving, above = self.moving(), self._chain(clean_frame(laser))
-        frames = sorted(
-            {parent for child, parent in moving.items() if child in above} or {*moving.values()}
-        )
-        called = [frame for frame in frames if frame.rpartition("/")[2] == "odom"]
-        return (
-            called
-            or [frame for frame in frames if frame.rpartition("/")[2] not in WORLDS]
-            or frames
-        )
+        moving = self.moving()
+        above = self._chain(clean_frame(laser))
+        carrying = {parent for child, parent in moving.items() if child in above}
+        frames = sorted(carrying or set(moving.values()))
+        called_odom = [frame for frame in frames if _own_name(frame) == "odom"]
+        no_worlds = [frame for frame in frames if _own_name(frame) not in WORLDS]
+        return called_odom or no_worlds or frames
 
     def base_of(self, frame: str) -> str:
         """The topmost frame to which a frame is fixed."""
-        moving, base = self.moving(), clean_frame(frame)
-        return next(
-            (name for name in self._chain(base) if name in moving or name not in self._parents),
-            base,
-        )
+        moving = self.moving()
+        base = clean_frame(frame)
+        for name in self._chain(base):
+            if name in moving or name not in self._parents:
+                return name
+        return base
 
     def motion(self, parent: str) -> tuple[str, Trajectory]:
         """The frame with the longest history of those that move in ``parent``, and its planar poses, by time."""
         children = [child for child, above in self.moving().items() if above == parent]
         child = max(children, key=lambda one: len(self._history[one]))
-        stamps, poses = zip(*sorted(self._history[child], key=lambda entry: entry[0]), strict=True)
-        return child, Trajectory(np.array(stamps), np.array(poses))
+        history = sorted(self._history[child], key=lambda entry: entry[0])
+        stamps = np.array([stamp for stamp, _ in history])
+        poses = np.array([pose for _, pose in history])
+        return child, Trajectory(stamps, poses)
 
     def lookup(self, frame: str, ancestor: str) -> FloatArray | None:
         """The latest transform of ``frame`` in ``ancestor``, or in a frame above which both hang; 4 x 4.
 
         None where the tree doesn't connect the two.
         """
-        up, up_ancestor = self._chain(clean_frame(frame)), self._chain(clean_frame(ancestor))
-        for name, matrix in up.items():
-            if name in up_ancestor:
-                return np.linalg.inv(up_ancestor[name]) @ matrix
+        above_frame = self._chain(clean_frame(frame))
+        above_ancestor = self._chain(clean_frame(ancestor))
+        for name, matrix in above_frame.items():
+            if name in above_ancestor:
+                return np.linalg.inv(above_ancestor[name]) @ matrix
         return None
 
     def _chain(self, frame: str) -> dict[str, FloatArray]:

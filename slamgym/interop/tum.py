@@ -19,13 +19,11 @@ def write_tum(path: Path | str, trajectory: Trajectory) -> None:
         InputFileError: If the file can't be written.
     """
     half = 0.5 * trajectory.poses[:, 2]
-    lines = [
-        f"{stamp:.6f} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n"
-        for stamp, (x, y, _), qz, qw in zip(
-            trajectory.stamps, trajectory.poses, np.sin(half), np.cos(half), strict=True
-        )
-    ]
-    write_text(path, "# timestamp x y z qx qy qz qw\n" + "".join(lines))
+    columns = (trajectory.stamps, trajectory.poses, np.sin(half), np.cos(half))
+    lines = ["# timestamp x y z qx qy qz qw\n"]
+    for stamp, (x, y, _), qz, qw in zip(*columns, strict=True):
+        lines.append(f"{stamp:.6f} {x:.6f} {y:.6f} 0 0 0 {qz:.9f} {qw:.9f}\n")
+    write_text(path, "".join(lines))
 
 
 def write_doubt(
@@ -46,11 +44,11 @@ def write_doubt(
     """
     rows, cols = np.triu_indices(3)
     upper = covariances[:, rows, cols]
-    lines = [
-        f"{stamp:.6f},{int(doubt)},{','.join(f'{value:.9g}' for value in row)}\n"
-        for stamp, doubt, row in zip(stamps, doubtful, upper.tolist(), strict=True)
-    ]
-    write_text(path, "timestamp,doubtful,xx,xy,xt,yy,yt,tt\n" + "".join(lines))
+    lines = ["timestamp,doubtful,xx,xy,xt,yy,yt,tt\n"]
+    for stamp, is_doubtful, row in zip(stamps, doubtful, upper.tolist(), strict=True):
+        values = ",".join(f"{value:.9g}" for value in row)
+        lines.append(f"{stamp:.6f},{int(is_doubtful)},{values}\n")
+    write_text(path, "".join(lines))
 
 
 def read_tum(path: Path | str) -> Trajectory:
@@ -65,10 +63,13 @@ def read_tum(path: Path | str) -> Trajectory:
         if stamps and stamp < stamps[-1]:
             raise InputFileError(where, "time goes backwards; sort the lines by their stamp")
         stamps.append(stamp)
-        yaw = math.atan2(2.0 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
+        sine = 2.0 * (qw * qz + qx * qy)
+        cosine = qw * qw + qx * qx - qy * qy - qz * qz
+        yaw = math.atan2(sine, cosine)
         poses.append((x, y, wrap_angle(yaw)))
     return Trajectory(
-        np.array(stamps, dtype=np.float64), np.array(poses, dtype=np.float64).reshape(-1, 3)
+        stamps=np.array(stamps, dtype=np.float64),
+        poses=np.array(poses, dtype=np.float64).reshape(-1, 3),
     )
 
 
@@ -79,7 +80,9 @@ def rows_of_eight(path: Path | str, meaning: str) -> Iterator[tuple[str, list[fl
         InputFileError: If the file can't be read, or a line has no eight finite numbers.
     """
     for number, line in enumerate(read_text(path).splitlines(), start=1):
-        fields, where = line.split("#", 1)[0].replace(",", " ").split(), f"{path}:{number}"
+        before_comment = line.split("#", 1)[0]
+        fields = before_comment.replace(",", " ").split()
+        where = f"{path}:{number}"
         if not fields:
             continue
         try:

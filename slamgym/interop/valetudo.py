@@ -60,46 +60,62 @@ def parse_valetudo(value: Any, where: Path | str) -> tuple[OccupancyGrid, tuple[
     """
     if not (isinstance(value, dict) and "pixelSize" in value and "layers" in value):
         raise InputFileError(where, "is no Valetudo map; it needs the keys pixelSize and layers")
-    size, pixel = value.get("size"), value["pixelSize"]
+    size = value.get("size")
+    pixel = value["pixelSize"]
     if not (_is_number(pixel) and PIXEL_SIZES[0] <= pixel <= PIXEL_SIZES[1]):
         raise InputFileError(
             where, f"'pixelSize' is {shown(pixel)}; it must be the centimetres of a pixel"
         )
-    height = (
-        size.get("y", 0) if isinstance(size, dict) else 0
-    )  # y = 0 of the map's frame lies so far below its top
+    # y = 0 of the map's frame lies so far below its top.
+    height = size.get("y", 0) if isinstance(size, dict) else 0
     if not (_is_number(height) and abs(height) < 1e7):
         raise InputFileError(where, f"'size' is {shown(size)}; it must be x and y in centimetres")
-    entries, resolution = value["layers"] or [], 0.01 * float(pixel)
-    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
-        raise InputFileError(where, "'layers' is not a list of objects")
-    ENTRIES.check(where, len(entries))
-    layers = [layer for layer in (_layer(entry, where) for entry in entries) if len(layer.runs)]
-    if not layers:
-        raise InputFileError(
-            where, "has no pixels of floor, rooms or walls; let the robot map first"
-        )
-    runs = np.vstack([layer.runs for layer in layers])
-    left, top = runs[:, :2].min(axis=0).tolist()
-    cols, rows = int(runs[:, [0, 2]].sum(axis=1).max()) - left, int(runs[:, 1].max()) + 1 - top
-    # A few bytes stand for a million pixels: what all runs paint, and the masks of all segments, are counted before.
-    masks = sum(layer.kind == "segment" for layer in layers)
-    PIXELS.check(where, max(int(runs[:, 2].sum()), rows * cols * (1 + masks)))
+    layers = _layers(value["layers"] or [], where)
+    left, top, rows, cols = _extent(layers, where)
     cells = np.full((rows, cols), UNKNOWN, np.uint8)
     for kind, grey in (("floor", FREE), ("segment", FREE), ("wall", OCCUPIED)):
         for layer in layers:
             if layer.kind == kind:
                 layer.paint(cells, left, top, grey)
-    frame = GridFrame(
-        resolution, left * resolution, 0.01 * height - (top + rows) * resolution, rows, cols
-    )
     segments = []
     for number, layer in enumerate(layers):
         if layer.kind == "segment":
             mask = np.zeros((rows, cols), np.bool_)
             layer.paint(mask, left, top, True)
             segments.append(MapSegment(layer.name or f"segment {number}", mask))
+    resolution = 0.01 * float(pixel)
+    bottom = 0.01 * height - (top + rows) * resolution
+    frame = GridFrame(resolution, left * resolution, bottom, rows, cols)
     return OccupancyGrid(cells, frame), tuple(segments)
+
+
+def _layers(entries: Any, where: Path | str) -> list["_Layer"]:
+    """The layers that have pixels."""
+    if not isinstance(entries, list) or not all(isinstance(entry, dict) for entry in entries):
+        raise InputFileError(where, "'layers' is not a list of objects")
+    ENTRIES.check(where, len(entries))
+    every = [_layer(entry, where) for entry in entries]
+    layers = [layer for layer in every if len(layer.runs)]
+    if not layers:
+        raise InputFileError(
+            where, "has no pixels of floor, rooms or walls; let the robot map first"
+        )
+    return layers
+
+
+def _extent(layers: list["_Layer"], where: Path | str) -> tuple[int, int, int, int]:
+    """The leftmost column and topmost row of the map [px], and the number of its rows and columns."""
+    runs = np.vstack([layer.runs for layer in layers])
+    left, top = runs[:, :2].min(axis=0).tolist()
+    right = int((runs[:, 0] + runs[:, 2]).max())
+    bottom = int(runs[:, 1].max()) + 1
+    rows = bottom - top
+    cols = right - left
+    # A few bytes stand for a million pixels: what all runs paint, and the masks of all segments, are counted before.
+    painted = int(runs[:, 2].sum())
+    masks = sum(layer.kind == "segment" for layer in layers)
+    PIXELS.check(where, max(painted, rows * cols * (1 + masks)))
+    return left, top, rows, cols
 
 
 def embedded_map(content: bytes, where: Path | str) -> Any:
@@ -115,7 +131,8 @@ def embedded_map(content: bytes, where: Path | str) -> Any:
     place = 8
     while place + 12 <= len(content):
         (length,) = struct.unpack_from(">I", content, place)
-        kind, data = content[place + 4 : place + 8], content[place + 8 : place + 8 + length]
+        kind = content[place + 4 : place + 8]
+        data = content[place + 8 : place + 8 + length]
         if kind == b"zTXt" and data.startswith(CHUNK + b"\0"):
             inflate = zlib.decompressobj()
             try:
@@ -136,7 +153,7 @@ class _Layer(NamedTuple):
 
     def paint(self, cells: Any, left: int, top: int, value: int) -> None:
         """Set the layer's pixels in an array whose first pixel is at (left, top)."""
-        for x, y, count in zip(*(self.runs - [left, top, 0]).T.tolist(), strict=True):
+        for x, y, count in (self.runs - [left, top, 0]).tolist():
             cells[y, x : x + count] = value
 
 
@@ -145,7 +162,8 @@ def _is_number(value: Any) -> bool:
 
 
 def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
-    kind, about = layer.get("type"), layer.get("metaData") or {}
+    kind = layer.get("type")
+    about = layer.get("metaData") or {}
     if kind not in ("floor", "segment", "wall"):
         return _Layer("other", "", np.empty((0, 3), np.int64))
     if not isinstance(about, dict):
@@ -156,7 +174,8 @@ def _layer(layer: Mapping[str, Any], where: Path | str) -> _Layer:
     if (runs[:, 2] < 0).any():
         raise InputFileError(where, "has a run of pixels of a negative length")
     if not len(runs):
-        runs = np.pad(_numbers(layer, "pixels", 2, where), ((0, 0), (0, 1)), constant_values=1)
+        pixels = _numbers(layer, "pixels", 2, where)
+        runs = np.pad(pixels, ((0, 0), (0, 1)), constant_values=1)
     name = about.get("name") or about.get("segmentId") or ""
     name = str(name)[:_MAX_NAME] if isinstance(name, str | int) else ""
     return _Layer(str(kind), name, runs[runs[:, 2] > 0])
@@ -166,8 +185,8 @@ def _numbers(layer: Mapping[str, Any], key: str, group: int, where: Path | str) 
     """A flat list of whole numbers in groups, shape (N, group)."""
     values = layer.get(key) or []
     # numpy would give every item the size of the longest text among them.
-    whole = isinstance(values, list) and all(type(number) is int for number in values)
-    if not whole or len(values) % group or max(map(abs, values), default=0) > MAX_PIXEL:
+    is_whole = isinstance(values, list) and all(type(number) is int for number in values)
+    if not is_whole or len(values) % group or max(map(abs, values), default=0) > MAX_PIXEL:
         raise InputFileError(
             where, f"'{key}' of a layer is no list of whole numbers in groups of {group}"
         )

@@ -9,6 +9,7 @@ import pytest
 from slamgym.core.errors import InputFileError
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.interop import BagChoices, open_log
+from slamgym.interop.ranges import range_limit
 from slamgym.interop.rosbag import import_rosbags
 from slamgym.interop.rosbag_writer import TOPICS, _Bag
 
@@ -57,26 +58,28 @@ class Robot:
                         "pose": {"position": {"x": x, "y": y}, "orientation": turn},
                         "covariance": np.zeros(36),
                     }
-                    header = bag.header(stamp + self.late, "odom")
-                    twist = {"covariance": np.zeros(36)}
-                    bag.write(
-                        topic,
-                        stamp,
-                        header=header,
-                        child_frame_id=self.base_frame,
-                        pose=pose,
-                        twist=twist,
-                    )
+                    odometry = {
+                        "header": bag.header(stamp + self.late, "odom"),
+                        "child_frame_id": self.base_frame,
+                        "pose": pose,
+                        "twist": {"covariance": np.zeros(36)},
+                    }
+                    bag.write(topic, stamp, odometry)
                 for frames, poses in self.transforms:
                     bag.write_transform("/tf", stamp, frames, poses[k])
                 for topic in self.scans:
                     ranges = ranges_at(k)
                     ranges[::4] = self.no_return
-                    bag.write(
-                        topic, stamp, header=bag.header(stamp, self.laser_frame), ranges=ranges,
-                        angle_min=GEOMETRY.angle_min, angle_increment=GEOMETRY.angle_increment,
-                        range_min=GEOMETRY.range_min, range_max=self.range_max, intensities=np.zeros(0, np.float32),
-                    )  # fmt: skip
+                    scan = {
+                        "header": bag.header(stamp, self.laser_frame),
+                        "ranges": ranges,
+                        "angle_min": GEOMETRY.angle_min,
+                        "angle_increment": GEOMETRY.angle_increment,
+                        "range_min": GEOMETRY.range_min,
+                        "range_max": self.range_max,
+                        "intensities": np.zeros(0, np.float32),
+                    }
+                    bag.write(topic, stamp, scan)
         return path
 
 
@@ -197,3 +200,9 @@ def test_a_number_that_stands_for_no_return_is_found(read, limit):
     assert log.geometry.range_max == pytest.approx(7.999, abs=1e-6)
     assert np.isinf(log.records[3].scan.ranges[::4]).all()
     assert np.isfinite(log.records[3].scan.ranges[1::4]).all()
+
+
+def test_damaged_numbers_that_signal_themselves_are_passed_over_in_silence():
+    damaged = np.array([0x7F80_0001], np.uint32).view(np.float32)
+    scan = np.append(np.linspace(1.0, 3.0, 20, dtype=np.float32), damaged)
+    assert range_limit([scan], 3.5, None) == (3.5, ())
