@@ -149,10 +149,10 @@ def _procedural(spec: str) -> PlanIndex:
                 f"{word!r} in {spec!r} must be a whole number (the seed), 'home', 'office' or 'loops', "
                 "as in 'procedural:7' or 'procedural:office:loops'"
             )
-    name = "procedural" if kind == "mixed" else kind
     name: str = "procedural" if kind == "mixed" else kind
     if "loops" in words:
         name += "_loops"
+    return generated_plans(seed, PlanGeneratorConfig(kind=kind, loops=loops), name=name)
 
 
 def _open(spec: str, options: PlanOptions) -> PlanSource:
