@@ -18,16 +18,21 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from shapely import LineString, Point
+from shapely import LineString, Point, box
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.config import Positive, Within
+from slamgym.core.config import Within
 from slamgym.core.documents import known_fields, read_json
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.limits import shown
 from slamgym.core.names import Label
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.settings import NARROWEST_CUT, OUTER_THICKNESS
 
+THICKEST = 2.0
+"""Walls that a person adds or takes away are no thicker [m]."""
+BEYOND_MAP = 5.0
+"""Corrections lie at most so far from the known part of the map [m]."""
 _Metres = Annotated[float, Within(ge=-1e5, le=1e5)]
 
 
@@ -40,7 +45,7 @@ class Correction:
     """Two places, of all kinds but ``join`` and ``name_room`` [m]. Doors and splits go on to the next walls."""
     at: tuple[_Metres, ...] = ()
     """A place on the boundary at which two rooms are joined, or in the room that is named [m]."""
-    thickness: Positive = OUTER_THICKNESS
+    thickness: Annotated[float, Within(gt=0.0, le=THICKEST)] = OUTER_THICKNESS
     """Of a wall [m]."""
     name: Label = ""
 
@@ -82,7 +87,7 @@ class Corrections:
         """Refuse corrections of another map than the one whose known part this is.
 
         Raises:
-            InputFileError: If they are of another map, or name none.
+            InputFileError: If they are of another map, or name none, or lie beyond it.
         """
         if not self.corrections:
             return
@@ -90,8 +95,12 @@ class Corrections:
         if self.map.get("sha256") != digest:
             raise InputFileError(
                 self.where,
-                f"is of another map, {self.map.get('name')!r}; for this one, map.sha256 must be {digest}",
+                f"is of another map, {shown(self.map.get('name'))}; for this one, map.sha256 must be {digest}",
             )
+        around = box(*grid.frame.bounds).buffer(BEYOND_MAP)
+        for entry in self.corrections:
+            if not around.covers(entry.shape):
+                raise self.error(entry, "it doesn't lie on the map")
 
     def of(self, *kinds: str) -> Iterator[Correction]:
         """The corrections of some kinds, in an order of their own."""

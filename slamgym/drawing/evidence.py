@@ -5,6 +5,7 @@ seen. Floor was observed where the map says free.
 """
 
 import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -86,6 +87,26 @@ def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     return fill_segments(ring_segments(rings), frame)
 
 
+class Patch(NamedTuple):
+    """A part of a map, and which of its cells are meant."""
+
+    place: tuple[slice, slice]  # rows and columns
+    inside: BoolArray
+
+
+def filled_patch(shape: Polygon, frame: GridFrame) -> Patch:
+    """The cells of a frame whose centres lie in a polygon, and where: most of a large map is far from a room."""
+    min_x, min_y, max_x, max_y = shape.bounds
+    first_row, first_col = frame.to_cell(min_x, max_y)
+    last_row, last_col = frame.to_cell(max_x, min_y)
+    top, bottom = np.clip([first_row, last_row + 1], 0, frame.height_px).tolist()
+    left, right = np.clip([first_col, last_col + 1], 0, frame.width_px).tolist()
+    x = frame.origin_x + left * frame.resolution
+    y = frame.origin_y + (frame.height_px - bottom) * frame.resolution
+    part = GridFrame(frame.resolution, x, y, bottom - top, right - left)
+    return Patch((slice(top, bottom), slice(left, right)), filled(shape, part))
+
+
 def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     """Patches of the floor that the robot never observed: not free in the map, and not next to a wall's face."""
     inside = filled(floor, grid.frame)
@@ -117,10 +138,10 @@ def echo_outlines(grid: OccupancyGrid) -> list[Polygon]:
 
 def share_known(shape: Polygon, grid: OccupancyGrid) -> float:
     """Share of a polygon of which the map says something."""
-    inside = filled(shape, grid.frame)
-    if not inside.any():
+    patch = filled_patch(shape, grid.frame)
+    if not patch.inside.any():
         return 0.0
-    is_known = grid.cells[inside] != UNKNOWN
+    is_known = grid.cells[patch.place][patch.inside] != UNKNOWN
     return float(is_known.mean())
 
 

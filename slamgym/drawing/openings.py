@@ -7,20 +7,22 @@ multicuts*, 2015). All boundaries between two rooms count together, so two rooms
 joined, and loops are closed or open as a whole.
 """
 
+import heapq
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiPolygon, Point, Polygon
+from shapely import LineString, MultiPolygon, Polygon
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.floorplan import ring_segments
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
 from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, line_widths
-from slamgym.drawing.drawing import DrawnPoint, Segment
+from slamgym.drawing.drawing import Segment
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
 from slamgym.metrics.layers import MapLayers
 
@@ -141,7 +143,7 @@ def _from_top_left(part: Polygon) -> tuple[float, float]:
     return -round(centre.y, 3), centre.x
 
 
-def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
+def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> list[int]:
     """The room of each part: a number that all parts of a room share.
 
     Args:
@@ -149,28 +151,73 @@ def _joined(area: FloatArray, pairs: IntArray, odds: FloatArray) -> IntArray:
         pairs: The parts on both sides of each boundary, (G, 2); -1 for none.
         odds: Log odds of the boundaries, (G,).
     """
-    count = len(area)
-    room = np.arange(count)
-    is_inside = pairs.min(axis=1) >= 0
-    pairs = pairs[is_inside]
-    odds = odds[is_inside]
-    while True:
-        pairs = np.sort(room[pairs], axis=1)
-        low = pairs[:, 0]
-        high = pairs[:, 1]
-        is_apart = low != high
-        code, number = np.unique(pairs[is_apart] @ (count, 1), return_inverse=True)
-        pairs = np.stack(np.divmod(code, count), axis=1)
-        odds = np.bincount(number, odds[is_apart]).astype(np.float64)
+    graph = _PartGraph(area.tolist())
+    for (a, b), boundary_odds in zip(pairs.tolist(), odds.tolist(), strict=True):
+        if min(a, b) >= 0 and a != b:
+            graph.connect(a, b, boundary_odds)
+    graph.join_all()
+    return [graph.room_of(part) for part in range(len(area))]
+
+
+class _PartGraph:
+    """Parts of a floor, and the log odds of all boundaries between two of them; the parts are joined to rooms.
+
+    The next pair comes from a queue: an office of a thousand rooms takes ten times as long as one of a hundred.
+    """
+
+    def __init__(self, area: list[float]) -> None:
+        self._area = area
+        self._odds: list[dict[int, float]] = [{} for _ in area]
+        self._room = list(range(len(area)))
+        self._queue: list[tuple[bool, float, int, int]] = []
+
+    def connect(self, a: int, b: int, odds: float) -> None:
+        """Add a boundary between two parts."""
+        total = self._odds[a].get(b, 0.0) + odds
+        self._odds[a][b] = total
+        self._odds[b][a] = total
+
+    def room_of(self, part: int) -> int:
+        """The part whose number stands for the room of a part."""
+        while self._room[part] != part:
+            self._room[part] = self._room[self._room[part]]
+            part = self._room[part]
+        return part
+
+    def join_all(self) -> None:
+        """Join two parts, the least likely boundary first, as long as that lowers the energy."""
+        for part, around in enumerate(self._odds):
+            self._enqueue(part, [other for other in around if other > part])
+        while self._queue:
+            is_room, odds, a, b = heapq.heappop(self._queue)
+            is_of_now = self._odds[a].get(b) == odds and self._is_room(a, b) == is_room
+            if is_of_now and (odds < 0.0 or not is_room):
+                self._join(a, b)
+
+    def _is_room(self, a: int, b: int) -> bool:
         # What is too small for a room is a niche, whatever stands before it.
-        is_room = area[pairs].min(axis=1) >= SMALLEST_ROOM
-        next_one = np.lexsort((odds, is_room))[:1]
-        should_join = ~is_room | (odds < 0.0)
-        if not should_join[next_one].any():
-            return room
-        first, second = pairs[next_one[0]]
-        area[first] += area[second]
-        room[room == second] = first
+        return min(self._area[a], self._area[b]) >= SMALLEST_ROOM
+
+    def _enqueue(self, part: int, others: Iterable[int]) -> None:
+        for other in others:
+            a, b = sorted((part, other))
+            entry = (self._is_room(a, b), self._odds[a][b], a, b)
+            heapq.heappush(self._queue, entry)
+
+    def _join(self, a: int, b: int) -> None:
+        """Make two parts one, under the number of the one with more neighbours."""
+        if len(self._odds[a]) < len(self._odds[b]):
+            a, b = b, a
+        was_niche = self._area[a] < SMALLEST_ROOM
+        self._room[b] = a
+        self._area[a] += self._area[b]
+        moved = self._odds[b]
+        self._odds[b] = {}
+        del self._odds[a][b], moved[a]
+        for other, odds in moved.items():
+            del self._odds[other][b]
+            self.connect(a, other, odds)
+        self._enqueue(a, self._odds[a] if was_niche else moved)
 
 
 def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
@@ -203,17 +250,33 @@ def joined_rooms(parts: Sequence[Polygon], gaps: Sequence[Gap]) -> IntArray:
     return sides.T
 
 
-def onto_faces(gap: Gap, floor: MultiPolygon) -> Gap:
-    """A boundary whose ends lie on the faces that were drawn, at corners if there are some."""
-    start = _onto_face(gap.start, floor)
-    end = _onto_face(gap.end, floor)
-    return replace(gap, start=start, end=end) if start != end else gap
+def onto_faces(gaps: Sequence[Gap], floor: MultiPolygon) -> list[Gap]:
+    """Boundaries whose ends lie on the faces that were drawn, at corners if there are some.
+
+    An end far from all faces stays where it is.
+    """
+    ends = [(gap.start, gap.end) for gap in gaps]
+    if not ends:
+        return []
+    fitted = _nearest_on_faces(np.array(ends).reshape(-1, 2), floor).reshape(-1, 2, 2)
+    moved = []
+    for gap, (start, end) in zip(gaps, fitted.tolist(), strict=True):
+        has_length = start != end
+        moved.append(replace(gap, start=tuple(start), end=tuple(end)) if has_length else gap)
+    return moved
 
 
-def _onto_face(point: DrawnPoint, floor: MultiPolygon) -> DrawnPoint:
-    """The corner at a point, or else the nearest place on a face; the point itself if that is far."""
-    line = shapely.shortest_line(shapely.extract_unique_points(floor), Point(point))
-    if line.length > AT_JAMB:
-        line = shapely.shortest_line(floor.boundary, Point(point))
-    x, y = line.coords[0] if line.length <= FITTED else point
-    return float(x), float(y)
+def _nearest_on_faces(ends: FloatArray, floor: MultiPolygon) -> FloatArray:
+    """The corners at points (N, 2), or else the nearest places on faces; points far from both stay."""
+    edges = ring_segments(shapely.get_rings(polygon_parts(floor))).reshape(-1, 2, 2)
+    fitted = ends.copy()
+    for shapes, most in (
+        (shapely.linestrings(edges), FITTED),
+        (shapely.points(edges[:, 0]), AT_JAMB),
+    ):
+        points = shapely.points(ends)
+        tree = shapely.STRtree(np.asarray(shapes))
+        end, found = tree.query_nearest(points, max_distance=most, all_matches=False)
+        lines = shapely.shortest_line(tree.geometries[found], points[end])
+        fitted[end] = shapely.get_coordinates(lines).reshape(-1, 2, 2)[:, 0]
+    return fitted

@@ -1,7 +1,6 @@
 """A drawing with a person's corrections: walls first, then the boundaries between rooms, the rooms' names last."""
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from typing import Literal
 
@@ -10,6 +9,7 @@ from shapely import MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.polygons import polygon_parts
+from slamgym.drawing.drawing import Segment
 from slamgym.drawing.edits import Correction, Corrections
 from slamgym.drawing.openings import INTO_WALLS, Division, Gap, divide, lengthened, onto_faces
 from slamgym.drawing.polygons import NECK, SLIT
@@ -17,6 +17,8 @@ from slamgym.drawing.settings import NARROWEST_CUT, SMALLEST_ROOM, THICKEST_WALL
 
 SAME_DOOR = 0.3
 """Boundaries whose ends are so near to each other are one [m]."""
+AROUND = 1.0
+"""A floor is looked at so far around a new boundary [m]."""
 
 
 def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon:
@@ -88,28 +90,64 @@ def revised_division(
     Raises:
         InputFileError: If no boundary lies where one is taken away, or a new one doesn't part two rooms.
     """
-    joined = []
-    for entry in corrections.of("join"):
-        away = [gap.line.distance(entry.shape) for gap in gaps]
-        if min(away, default=math.inf) > SAME_DOOR:
-            raise corrections.error(entry, "no door and no boundary between two rooms lies there")
-        joined.append(gaps[away.index(min(away))])
-    gaps = [gap for gap in gaps if gap not in joined]
-    added = {}
-    for entry in corrections.of("split", "add_door"):
-        added[entry] = list(_crossings(entry, floor, gaps))
-    for gap in itertools.chain(*added.values()):
-        others = [old for old in gaps if not _is_same(old, gap)]
-        gaps = [*others, gap]
-    division = divide(floor, gaps)
+    gaps = _without_joined(gaps, corrections)
+    added = _added_gaps(floor, gaps, corrections)
+    new = list(itertools.chain(*added.values()))
+    division = divide(floor, _without_repeated(gaps, new))
+    doors = _Lines(division.doors)
     for entry, lines in added.items():
-        pairs = itertools.product(lines, division.doors)
-        if not any(_is_same(door, line) for line, door in pairs):
+        if not any(doors.same_as(line) for line in lines):
             raise corrections.error(
                 entry,
                 f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall",
             )
     return division
+
+
+def _without_joined(gaps: Sequence[Gap], corrections: Corrections) -> list[Gap]:
+    """The boundaries that a person hasn't taken away."""
+    tree = shapely.STRtree([gap.line for gap in gaps])
+    gone = set[int]()
+    for entry in corrections.of("join"):
+        nearest = tree.query_nearest(entry.shape, max_distance=SAME_DOOR, all_matches=False)
+        if not len(nearest):
+            raise corrections.error(entry, "no door and no boundary between two rooms lies there")
+        gone.update(nearest.tolist())
+    return [gap for number, gap in enumerate(gaps) if number not in gone]
+
+
+def _added_gaps(
+    floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections
+) -> dict[Correction, list[Gap]]:
+    """The boundaries that a person adds, by corrections."""
+    entries = list(corrections.of("split", "add_door"))
+    if not entries:
+        return {}
+    crossings = _Crossings(floor, gaps)
+    return {entry: list(crossings.of(entry)) for entry in entries}
+
+
+def _without_repeated(gaps: Sequence[Gap], new: Sequence[Gap]) -> list[Gap]:
+    """Old and new boundaries, without those that a later one of the new ones repeats."""
+    if not new:
+        return list(gaps)
+    lines = _Lines(new)
+    kept = [gap for gap in gaps if not lines.same_as(gap)]
+    return kept + [gap for number, gap in enumerate(new) if max(lines.same_as(gap)) == number]
+
+
+class _Lines:
+    """Boundaries in which the same ones are found quickly."""
+
+    def __init__(self, gaps: Sequence[Gap]) -> None:
+        self._lines = [gap.line for gap in gaps]
+        self._tree = shapely.STRtree(self._lines)
+
+    def same_as(self, line: Segment) -> list[int]:
+        """Numbers of those whose ends are near those of a line."""
+        near = self._tree.query(line.line, predicate="dwithin", distance=SAME_DOOR)
+        lines = self._lines
+        return [k for k in near.tolist() if lines[k].hausdorff_distance(line.line) <= SAME_DOOR]
 
 
 def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, str]:
@@ -136,23 +174,35 @@ def _share_within(line: BaseGeometry, floor: BaseGeometry) -> float:
     return float(line.intersection(floor).length / line.length)
 
 
-def _is_same(gap: Gap, other: Gap) -> bool:
-    return bool(gap.line.hausdorff_distance(other.line) <= SAME_DOOR)
+class _Crossings:
+    """A floor, cut by the boundaries that it has, for lines that lead through its rooms."""
 
+    def __init__(self, floor: MultiPolygon, gaps: Sequence[Gap]) -> None:
+        self._floor = floor
+        self._gaps = gaps
+        self._known = _Lines(gaps)
+        self._cuts = shapely.STRtree([gap.cut for gap in gaps])
 
-def _crossings(entry: Correction, floor: MultiPolygon, gaps: Sequence[Gap]) -> Iterator[Gap]:
-    """Where a line, led on to the next walls, leads through rooms; it covers at least half of the way."""
-    others = [gap.cut for gap in gaps if gap.line.hausdorff_distance(entry.shape) > SAME_DOOR]
-    cut = floor.difference(shapely.union_all(others).buffer(1e-3))
-    space = MultiPolygon(polygon_parts(cut))
-    # So it ends at corners, too, and doesn't run along walls.
-    inside = space.buffer(-INTO_WALLS, join_style="mitre")
-    line = lengthened(entry.shape, 1e3, 1e3)
-    near = entry.shape.buffer(1e-3)
-    kind: Literal["door", "opening"] = "opening" if entry.kind == "split" else "door"
-    for piece in shapely.get_parts(line.intersection(inside)):
-        covered = piece.intersection(near).length
-        if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
-            start = piece.coords[0]
-            end = piece.coords[-1]
-            yield onto_faces(Gap(start, end, kind=kind), space)
+    def of(self, entry: Correction) -> Iterator[Gap]:
+        """Where a line, led on to the next walls, leads through rooms; it covers at least half of the way."""
+        space = self._space_around(entry)
+        # So it ends at corners, too, and doesn't run along walls.
+        inside = space.buffer(-INTO_WALLS, join_style="mitre")
+        line = lengthened(entry.shape, 1e3, 1e3)
+        near = entry.shape.buffer(1e-3)
+        kind: Literal["door", "opening"] = "opening" if entry.kind == "split" else "door"
+        for piece in shapely.get_parts(line.intersection(inside)):
+            covered = piece.intersection(near).length
+            if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
+                gap = Gap(piece.coords[0], piece.coords[-1], kind=kind)
+                yield from onto_faces([gap], space)
+
+    def _space_around(self, entry: Correction) -> MultiPolygon:
+        """The rooms as far as a line through them can matter: a piece that it covers half of is twice as long."""
+        line = lengthened(entry.shape, entry.shape.length, entry.shape.length)
+        around = line.buffer(AROUND)
+        floor = self._floor.intersection(around)
+        own = self._known.same_as(Segment(*entry.line))
+        others = [self._gaps[k].cut for k in self._cuts.query(around).tolist() if k not in own]
+        cut = floor.difference(shapely.union_all(others).buffer(1e-3))
+        return MultiPolygon(polygon_parts(cut))

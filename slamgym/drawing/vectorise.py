@@ -19,7 +19,13 @@ from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.edits import Corrections
-from slamgym.drawing.evidence import Evidence, filled, share_known, share_seen_open, unseen_floor
+from slamgym.drawing.evidence import (
+    Evidence,
+    filled_patch,
+    share_known,
+    share_seen_open,
+    unseen_floor,
+)
 from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
 from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
 from slamgym.drawing.polygons import straightened
@@ -133,13 +139,14 @@ def _find_floor(
     division = divide(space, gaps)
     rooms = np.zeros(seen.shape, np.int64)
     for number, room in enumerate(division.rooms, 1):
-        rooms[filled(room, grid.frame)] = number
+        patch = filled_patch(room, grid.frame)
+        rooms[patch.place][patch.inside] = number
     echoes = grid.cells == OCCUPIED
     picture = floor_of_rooms(layers.free, seen, echoes, rooms, grid.frame.resolution)
     floor = straightened(picture, grid.frame, angle_deg)
     if floor.is_empty:
         return floor, []
-    return floor, [onto_faces(gap, floor) for gap in division.doors]
+    return floor, onto_faces(division.doors, floor)
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:
@@ -215,6 +222,7 @@ def _dimensions(
     """Clear width and depth of each room through its middle, and both lengths of the building."""
     axes = unit_vectors(np.radians([angle_deg, angle_deg + 90.0]))
     shut = shapely.union_all([door.line.buffer(0.02) for door in doors])
+    shapely.prepare(shut)
     found = list[tuple[LineString, str]]()
     for room in rooms:
         if room.area < SMALLEST_DIMENSIONED:

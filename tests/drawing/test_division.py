@@ -66,13 +66,13 @@ def test_each_door_says_which_rooms_it_joins():
 
 def test_ends_of_doors_lie_on_the_faces_that_were_drawn():
     floor = MultiPolygon([FLAT])
-    moved = onto_faces(Gap((4.05, 1.26), (4.03, 2.22)), floor)
+    (moved,) = onto_faces([Gap((4.05, 1.26), (4.03, 2.22))], floor)
     assert (moved.start[1], moved.end[1]) == pytest.approx((1.3, 2.2))
     assert all(floor.boundary.distance(Point(end)) < 1e-9 for end in (moved.start, moved.end))
-    jambs = onto_faces(Gap((4.0, 1.27), (4.0, 2.24)), floor)  # a face is nearer than the jamb
+    (jambs,) = onto_faces([Gap((4.0, 1.27), (4.0, 2.24))], floor)  # a face is nearer than the jamb
     assert (*jambs.start, *jambs.end) == pytest.approx((4.0, 1.3, 4.0, 2.2))
     far = Gap((2.0, 1.5), (2.6, 1.5))
-    assert onto_faces(far, MultiPolygon([shapely.box(0, 0, 9, 9)])) == far
+    assert onto_faces([far], MultiPolygon([shapely.box(0, 0, 9, 9)])) == [far]
 
 
 def test_cleaning_alone_finds_the_door_of_a_plain_flat():
