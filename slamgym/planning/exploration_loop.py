@@ -185,11 +185,12 @@ class ExplorationLoop:
 
     def command(self) -> Twist2D:
         """Velocity for the next control step."""
+        belief = self._belief
         if self._recovery.is_turning:
-            return self._recovery.turn(self.pose)
+            return self._recovery.turn(belief.pose)
         if self.finished:
             return STOP
-        command = self.navigator.step(self.pose, self._belief.scan, self.time)
+        command = self.navigator.step(belief.pose, belief.scan, belief.time)
         if self.target is None and self.navigator.status is GoalStatus.SUCCEEDED:
             self._close_recovery()
         return command
