@@ -54,9 +54,9 @@ class Box(NamedTuple):
         """Two boxes; the first gets ``share`` of the area and lies left, or below."""
         if along_x:
             x = snap(self.x0 + share * self.width)
-            return Box(self.x0, self.y0, x, self.y1), Box(x, self.y0, self.x1, self.y1)
+            return self._replace(x1=x), self._replace(x0=x)
         y = snap(self.y0 + share * self.height)
-        return Box(self.x0, self.y0, self.x1, y), Box(self.x0, y, self.x1, self.y1)
+        return self._replace(y1=y), self._replace(y0=y)
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,11 @@ class Cell:
 
     category: str
     polygon: Polygon
+
+    @staticmethod
+    def of_box(category: str, box: Box) -> "Cell":
+        """A rectangular room."""
+        return Cell(category, box.polygon())
 
 
 def total_area(spaces: Sequence[Space]) -> float:
@@ -102,11 +107,16 @@ class Wall(NamedTuple):
 
     def opening(self, start: float, stop: float, thickness: float) -> Box:
         """The piece of the wall between two distances from its start [m], as thick as the wall."""
-        (x0, y0), (x1, y1) = sorted((self.point(start), self.point(stop)))
+        ends = sorted((self.point(start), self.point(stop)))
+        (x0, y0), (x1, y1) = ends
         half = 0.5 * thickness
         if y0 == y1:
-            return Box(x0, snap(y0 - half), x1, snap(y0 + half))
-        return Box(snap(x0 - half), y0, snap(x0 + half), y1)
+            below = snap(y0 - half)
+            above = snap(y0 + half)
+            return Box(x0, below, x1, above)
+        left = snap(x0 - half)
+        right = snap(x0 + half)
+        return Box(left, y0, right, y1)
 
 
 def snap(value: float) -> float:
@@ -142,7 +152,7 @@ def subdivide(box: Box, spaces: Sequence[Space], rng: np.random.Generator) -> li
     are neighbours in the list become neighbours in the plan.
     """
     if len(spaces) == 1:
-        return [Cell(spaces[0].category, box.polygon())]
+        return [Cell.of_box(spaces[0].category, box)]
     total = total_area(spaces)
     options: list[_Cut] = []
     share = 0.0

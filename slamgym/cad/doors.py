@@ -151,9 +151,10 @@ def _tree(count: int, pairs: Sequence[_Neighbours]) -> set[tuple[int, int]]:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import minimum_spanning_tree
 
-    ends = np.array([pair.cells for pair in pairs], np.int32).reshape(-1, 2).T
+    ends = np.array([pair.cells for pair in pairs], np.int32)
+    rows, cols = ends.reshape(-1, 2).T
     costs = [pair.cost for pair in pairs]
-    graph = coo_array((costs, tuple(ends)), shape=(count, count))
+    graph = coo_array((costs, (rows, cols)), shape=(count, count))
     tree = minimum_spanning_tree(graph.tocsr()).tocoo()
     return set(zip(tree.row.tolist(), tree.col.tolist(), strict=True))
 
@@ -255,10 +256,12 @@ def _first_hit(
 ) -> tuple[float, int]:
     """Distance [m] and index of the first edge that a ray meets; infinite if there is none."""
     offset = start - origin
+    x, y = offset.T
+    along_x, along_y = along.T
     with np.errstate(divide="ignore", invalid="ignore"):
-        cross = direction[0] * along[:, 1] - direction[1] * along[:, 0]
-        distance = (offset[:, 0] * along[:, 1] - offset[:, 1] * along[:, 0]) / cross
-        share = (offset[:, 0] * direction[1] - offset[:, 1] * direction[0]) / cross
+        cross = direction[0] * along_y - direction[1] * along_x
+        distance = (x * along_y - y * along_x) / cross
+        share = (x * direction[1] - y * direction[0]) / cross
         ahead = (distance > 1e-3) & (share >= 0.0) & (share <= 1.0)
     distance = np.where(ahead, distance, np.inf)
     nearest = int(np.argmin(distance))

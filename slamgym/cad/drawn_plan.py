@@ -147,7 +147,8 @@ def middle_line(polygon: Polygon, direction: FloatArray | None = None) -> FloatA
     fit = lengths if direction is None else np.abs(sides @ direction) / lengths
     along = sides[np.argmax(fit)]
     centre = box[:4].mean(axis=0)
-    return np.concatenate([centre - 0.5 * along, centre + 0.5 * along])
+    half = 0.5 * along
+    return np.concatenate([centre - half, centre + half])
 
 
 def _checked(drawn: DrawnWalls, source: str) -> DrawnWalls:
@@ -175,8 +176,8 @@ def _refuse_tangled(segments: FloatArray, source: str) -> None:
     """Refuse lines of which too many cross or all but touch."""
     refuse_crowded(segments, CROWDED, source)
     lines: Any = _lines(segments)
-    crossings = shapely.STRtree(lines).query(lines, predicate="intersects").shape[1]
-    NEAR_PAIRS.check(source, crossings * 10, PlanError)
+    pairs = shapely.STRtree(lines).query(lines, predicate="intersects")
+    NEAR_PAIRS.check(source, pairs.shape[1] * 10, PlanError)
 
 
 def _joined(segments: FloatArray) -> Any:
@@ -193,8 +194,8 @@ def _lines(segments: FloatArray) -> Any:
 def _lengthened(segments: FloatArray) -> FloatArray:
     direction = segments[:, 2:] - segments[:, :2]
     length = np.maximum(np.hypot(*direction.T), 1e-9)
-    unit = direction / length[:, None]
-    return np.hstack([segments[:, :2] - JAMB * unit, segments[:, 2:] + JAMB * unit])
+    more = JAMB * (direction / length[:, None])
+    return np.hstack([segments[:, :2] - more, segments[:, 2:] + more])
 
 
 def _spaces(network: Any, drawn_lines: FloatArray) -> list[Polygon]:
@@ -298,7 +299,8 @@ def _largest_group(spaces: Sequence[Polygon], doorways: Sequence[_Doorway]) -> s
     """The spaces that doors join to the largest floor."""
     group = _groups(len(spaces), [way.spaces for way in doorways])
     areas = np.bincount(group, [space.area for space in spaces])
-    return set(np.flatnonzero(group == np.argmax(areas)).tolist())
+    is_member = group == np.argmax(areas)
+    return set(np.flatnonzero(is_member).tolist())
 
 
 def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> IntArray:
@@ -306,8 +308,8 @@ def _groups(count: int, pairs: Sequence[tuple[int, int]]) -> IntArray:
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    ends = np.array(pairs, np.int64).reshape(-1, 2).T
-    joined = coo_array((np.ones(ends.shape[1]), ends), shape=(count, count))
+    rows, cols = np.array(pairs, np.int64).reshape(-1, 2).T
+    joined = coo_array((np.ones(len(rows)), (rows, cols)), shape=(count, count))
     _, group = connected_components(joined, directed=False)
     return np.asarray(group, np.int64)
 

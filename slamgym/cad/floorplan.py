@@ -24,6 +24,7 @@ from slamgym.core.types import (
     Float32Array,
     FloatArray,
     GridFrame,
+    IntArray,
     OccupancyGrid,
 )
 
@@ -303,6 +304,22 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
         Shape (height_px, width_px), true inside.
     """
     height, width = frame.shape
+    row, col = _crossings(segments, frame)
+    inside = np.zeros((height, width), np.bool_)
+    if len(row):
+        top = height - 1 - row.max()
+        bottom = height - row.min()
+        shape = (bottom - top, width + 1)
+        places = (height - 1 - row - top) * (width + 1) + col
+        crossings = np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
+        parity = (crossings & 1).astype(np.uint8)
+        inside[top:bottom] = np.bitwise_xor.accumulate(parity, axis=1)[:, :width]
+    return inside
+
+
+def _crossings(segments: FloatArray, frame: GridFrame) -> tuple[IntArray, IntArray]:
+    """Where edges cross the rows of cell centres: rows counted from the bottom, and the first columns behind."""
+    height, width = frame.shape
     # In units of cells, with the centres of the cells at whole numbers and rows counted from the bottom.
     x0 = (segments[:, 0] - frame.origin_x) / frame.resolution - 0.5
     x1 = (segments[:, 2] - frame.origin_x) / frame.resolution - 0.5
@@ -317,17 +334,7 @@ def fill_segments(segments: FloatArray, frame: GridFrame) -> BoolArray:
     row = np.arange(len(edge)) - before[edge] + first[edge]
     slope = (x1 - x0)[edge] / (y1 - y0)[edge]
     crossing = x0[edge] + (row - y0[edge]) * slope
-    col = np.clip(np.ceil(crossing), 0, width).astype(np.int64)
-    inside = np.zeros((height, width), np.bool_)
-    if len(row):
-        top = height - 1 - row.max()
-        bottom = height - row.min()
-        shape = (bottom - top, width + 1)
-        places = (height - 1 - row - top) * (width + 1) + col
-        crossings = np.bincount(places, minlength=shape[0] * shape[1]).reshape(shape)
-        parity = (crossings & 1).astype(np.uint8)
-        inside[top:bottom] = np.bitwise_xor.accumulate(parity, axis=1)[:, :width]
-    return inside
+    return row, np.clip(np.ceil(crossing), 0, width).astype(np.int64)
 
 
 def floor_share(segments: FloatArray, frame: GridFrame) -> Float32Array:

@@ -212,7 +212,8 @@ def _place(
 
 
 def _moved(door: Door, move: Callable[[FloatArray], FloatArray]) -> Door:
-    (x0, y0), (x1, y1) = move(np.array([door.start, door.end])).tolist()
+    ends = np.array([door.start, door.end])
+    (x0, y0), (x1, y1) = move(ends).tolist()
     return Door((x0, y0), (x1, y1))
 
 

@@ -4,7 +4,7 @@ Features say what they are by ``properties.kind``: wall, door, opening, window o
 Where no feature has a kind all are walls: a plain MultiLineString or Polygon of walls is a plan, too.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -44,29 +44,13 @@ def read_geojson(path: Path | str) -> FloorPlan:
     ENTRIES.check(source, content.count(b"["), PlanError)  # every point is a list
     value = parse_json(content, path, PlanError, DRAWING_BYTES)
     features = list(_features(value, source))
-    has_kinds = any(feature.kind for feature in features)
-    lines: dict[str, list[FloatArray]] = {"wall": [], "door": [], "window": []}
-    rooms: list[Room] = []
-    for feature in features:
-        rings = _rings(feature.geometry, source)
-        if feature.kind == "room":
-            areas = [polygon for polygon in map(Polygon, rings) if _is_area(polygon)]
-            rooms += [Room(feature.name, area) for area in areas]
-        elif feature.kind in lines or not has_kinds:
-            is_opening = feature.kind in ("door", "window")
-            if is_opening and "Polygon" in feature.geometry["type"]:
-                drawn = [middle_line(Polygon(ring))[None] for ring in rings]
-            else:
-                drawn = [edges_of(ring, closed=False) for ring in rings]
-            lines[feature.kind or "wall"] += drawn
-    walls = stacked(lines["wall"])
-    if len(walls) and max(np.ptp(walls.reshape(-1, 2), axis=0)) < DEGREES:
+    drawn = _drawn_walls(features, source)
+    corners = drawn.walls.reshape(-1, 2)
+    if len(corners) and max(np.ptp(corners, axis=0)) < DEGREES:
         raise PlanError(
             source, "is smaller than 5 cm: its coordinates are degrees; project it to metres first"
         )
-    doors = stacked(lines["door"])
-    windows = stacked(lines["window"])
-    return floor_of_walls(DrawnWalls(walls, doors, windows, tuple(rooms)), path.stem, source)
+    return floor_of_walls(drawn, path.stem, source)
 
 
 def open_geojson(path: Path, options: PlanOptions) -> PlanIndex:
@@ -114,6 +98,30 @@ def _features(value: Any, source: str) -> Iterator[_Feature]:
                 )
             kind = "door" if kind.lower() == "opening" else kind.lower()
             yield _Feature(kind, name[:_MAX_NAME], geometry)
+
+
+def _drawn_walls(features: Sequence[_Feature], source: str) -> DrawnWalls:
+    """Walls, doors, windows and rooms of a file; all are walls where no feature has a kind."""
+    has_kinds = any(feature.kind for feature in features)
+    lines: dict[str, list[FloatArray]] = {"wall": [], "door": [], "window": []}
+    rooms: list[Room] = []
+    for feature in features:
+        rings = _rings(feature.geometry, source)
+        if feature.kind == "room":
+            areas = [polygon for polygon in map(Polygon, rings) if _is_area(polygon)]
+            rooms += [Room(feature.name, area) for area in areas]
+        elif feature.kind in lines or not has_kinds:
+            kind = feature.kind or "wall"
+            if kind != "wall" and "Polygon" in feature.geometry["type"]:
+                lines[kind] += [middle_line(Polygon(ring))[None] for ring in rings]
+            else:
+                lines[kind] += [edges_of(ring, closed=False) for ring in rings]
+    return DrawnWalls(
+        walls=stacked(lines["wall"]),
+        doors=stacked(lines["door"]),
+        windows=stacked(lines["window"]),
+        rooms=tuple(rooms),
+    )
 
 
 def _rings(geometry: Mapping[str, Any], source: str) -> list[FloatArray]:

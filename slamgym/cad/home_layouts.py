@@ -67,8 +67,10 @@ def rooms_for_area(area: float, rng: np.random.Generator) -> int:
     HouseExpo's median number of rooms grows as 1.2 area^0.375: 4 at 30 m2, 7 at 112 m2, 11 at 400 m2. Its
     largest plans with few rooms are halls rather than homes: here a room has at most 60 m2 on average.
     """
-    drawn = round(1.12 * area**0.375 * float(rng.lognormal(0.0, 0.36)))
-    return int(np.clip(drawn, max(1, int(area / 60.0)), 26))
+    usual = 1.12 * area**0.375
+    drawn = round(usual * float(rng.lognormal(0.0, 0.36)))
+    fewest = max(1, int(area / 60.0))
+    return int(np.clip(drawn, fewest, 26))
 
 
 def lay_out_home(area: float, rooms: int, rng: np.random.Generator) -> list[Cell]:
@@ -129,14 +131,18 @@ def _chosen_rooms(rooms: int, rng: np.random.Generator) -> list[str]:
 def _sized(categories: Sequence[str], area: float, rng: np.random.Generator) -> list[Space]:
     """Rooms whose areas sum to that of the home."""
     usual = {**_PUBLIC, **_PRIVATE}
-    sizes = [usual[category] * float(rng.lognormal(0.0, 0.22)) for category in categories]
-    growth = area / sum(sizes)
+    spaces = []
+    for category in categories:
+        size = usual[category] * float(rng.lognormal(0.0, 0.22))
+        spaces.append(Space(category, size))
+    growth = area / total_area(spaces)
     grown = []
-    for category, size in zip(categories, sizes, strict=True):
+    for space in spaces:
         # Baths and closets don't grow as the house does.
-        grown.append(size * growth ** (0.6 if category in _CARVED else 1.0))
-    scale = area / sum(grown)
-    return [Space(category, size * scale) for category, size in zip(categories, grown, strict=True)]
+        power = 0.6 if space.category in _CARVED else 1.0
+        grown.append(Space(space.category, space.area * growth**power))
+    scale = area / total_area(grown)
+    return [Space(space.category, space.area * scale) for space in grown]
 
 
 def _wings(
@@ -185,7 +191,7 @@ def _along_corridor(
     room_depth = 1.0 - width / depth
     if depth < width + 5.0:
         near, corridor = box.cut(room_depth, along_x=not along_x)
-        return [*subdivide(near, spaces, rng), Cell("Hallway", corridor.polygon())]
+        return [*subdivide(near, spaces, rng), Cell.of_box("Hallway", corridor)]
     count = len(spaces)
     split = int(np.clip(round(count * rng.uniform(0.4, 0.6)), 1, count - 1))
     share = total_area(spaces[:split]) / total_area(spaces) * room_depth
@@ -195,7 +201,8 @@ def _along_corridor(
     corridor, far = rest.cut(width / rest_depth, along_x=not along_x)
     cells = subdivide(near, spaces[:split], rng)
     cells += subdivide(far, spaces[split:], rng)
-    return [*cells, Cell("Hallway", corridor.polygon())]
+    cells.append(Cell.of_box("Hallway", corridor))
+    return cells
 
 
 def _attach_wing(
@@ -207,9 +214,11 @@ def _attach_wing(
     for _ in range(30):
         horizontal = bool(rng.integers(2))  # at the top or bottom side
         side = main.width if horizontal else main.height
-        width = float(np.clip(np.sqrt(area * rng.uniform(0.6, 1.7)), 2.0, 0.85 * side))
+        wanted = np.sqrt(area * rng.uniform(0.6, 1.7))
+        width = float(np.clip(wanted, 2.0, 0.85 * side))
         depth = area / width
-        offset = float(rng.choice([0.0, side - width, rng.uniform(0.0, side - width)]))
+        last = side - width
+        offset = float(rng.choice([0.0, last, rng.uniform(0.0, last)]))
         if depth > 2.2 * width:
             continue
         box = _beside(main, horizontal, bool(rng.integers(2)), offset, width, depth)
@@ -246,9 +255,8 @@ def _carve(cells: list[Cell], carved: list[str], rng: np.random.Generator) -> li
             box = _niche(Box(*host.polygon.bounds), host.category in _PUBLIC, rng)
             if box is None or host.category in _CARVED | {"Hallway"} or host.polygon.interiors:
                 continue
-            rest = cut_out(host.polygon, box)
-            cells[index] = Cell(host.category, rest)
-            cells.append(Cell(category, box.polygon()))
+            cells[index] = Cell(host.category, cut_out(host.polygon, box))
+            cells.append(Cell.of_box(category, box))
             break
     return cells
 
@@ -261,10 +269,11 @@ def _niche(host: Box, may_be_core: bool, rng: np.random.Generator) -> Box | None
         width, height = height, width
     free_x = host.width - width
     free_y = host.height - height
-    if may_be_core and min(free_x, free_y) > 2.8 and rng.random() < 0.4:
+    narrowest = min(free_x, free_y)
+    if may_be_core and narrowest > 2.8 and rng.random() < 0.4:
         x0 = snap(host.x0 + free_x * rng.uniform(0.45, 0.55))
         y0 = snap(host.y0 + free_y * rng.uniform(0.45, 0.55))
-    elif min(free_x, free_y) > 1.5:
+    elif narrowest > 1.5:
         x0 = host.x0 if rng.random() < 0.5 else snap(host.x1 - width)
         y0 = host.y0 if rng.random() < 0.5 else snap(host.y1 - height)
     else:

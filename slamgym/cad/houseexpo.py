@@ -118,7 +118,7 @@ def format_houseexpo(plan: FloorPlan) -> str:
         x0, y0, x1, y1 = room.polygon.bounds
         box = _rounded([x0, mirror - y1, x1, mirror - y0])
         data["room_category"].setdefault(room.category, []).append(box)
-    if any(not room.polygon.equals(shapely.box(*room.polygon.bounds)) for room in plan.rooms):
+    if not all(_is_box(room.polygon) for room in plan.rooms):
         data["room_polygons"] = {}
         for room in plan.rooms:
             rings = (room.polygon.exterior, *room.polygon.interiors)
@@ -132,6 +132,11 @@ def format_houseexpo(plan: FloorPlan) -> str:
             ends = [_rounded([x, mirror - y]) for x, y in (door.start, door.end)]
             data["doors"].append(ends)
     return json.dumps(data) + "\n"
+
+
+def _is_box(polygon: Polygon) -> bool:
+    """True if an axis-parallel box says all of a room."""
+    return polygon.equals(shapely.box(*polygon.bounds))
 
 
 def repair_outline(outline: FloatArray, holes: list[FloatArray], source: str) -> Polygon:

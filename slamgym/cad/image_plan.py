@@ -145,7 +145,8 @@ def _patches(inside: BoolArray, frame: GridFrame, source: str) -> list[Polygon]:
     _, stop = np.nonzero(change == -1)
     RUNS.check(source, len(first), PlanError)
     # Rows count from the top; whole numbers keep the union exact, metres come after it.
-    runs = shapely.box(first, frame.height_px - 1 - row, stop, frame.height_px - row)
+    top = frame.height_px - row
+    runs = shapely.box(first, top - 1, stop, top)
     origin = np.array([frame.origin_x, frame.origin_y])
     union = shapely.union_all(runs).simplify(0.0)
     metres = shapely.transform(union, lambda points: points * frame.resolution + origin)
@@ -172,7 +173,8 @@ def _connected_to_edge(white: BoolArray) -> BoolArray:
     import cv2
 
     _, labels = cv2.connectedComponents(white.astype(np.uint8), connectivity=4)
-    at_edge = np.unique(np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]]))
+    edges = (labels[0], labels[-1], labels[:, 0], labels[:, -1])
+    at_edge = np.unique(np.concatenate(edges))
     return white & np.isin(labels, at_edge)
 
 

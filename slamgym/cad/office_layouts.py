@@ -58,9 +58,9 @@ def _spine(box: Box, depth: float, corridor: float, rng: np.random.Generator) ->
     lobby_end = snap(box.x0 + min(rng.uniform(3.5, 5.5), 0.4 * box.width))
     cells = _row(Box(lobby_end, box.y0, box.x1, near), rng)
     cells += _row(Box(lobby_end, far, box.x1, box.y1), rng)
-    hallway = Box(lobby_end, near, box.x1, far)
-    lobby = Box(box.x0, box.y0, lobby_end, box.y1)
-    return [*cells, Cell("Hallway", hallway.polygon()), Cell("Lobby", lobby.polygon())]
+    cells.append(Cell.of_box("Hallway", Box(lobby_end, near, box.x1, far)))
+    cells.append(Cell.of_box("Lobby", Box(box.x0, box.y0, lobby_end, box.y1)))
+    return cells
 
 
 def _angled_spine(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> list[Cell]:
@@ -72,33 +72,25 @@ def _angled_spine(box: Box, depth: float, corridor: float, rng: np.random.Genera
     # The corridor's two walls.
     near = snap(depth)
     far = snap(depth + corridor)
-    lobby = Box(0.0, 0.0, side, side)
-    cells = [Cell("Lobby", lobby.polygon())]
+    cells = [Cell.of_box("Lobby", Box(0.0, 0.0, side, side))]
     cells += _row(Box(side, 0.0, end_x, near), rng)
     cells += _row(Box(side, far, end_x, side), rng)
-    hallway = Box(side, near, end_x, far)
-    cells.append(Cell("Hallway", hallway.polygon()))
+    cells.append(Cell.of_box("Hallway", Box(side, near, end_x, far)))
     cells += _row(Box(0.0, side, near, end_y), rng, along_x=False)
     cells += _row(Box(far, side, side, end_y), rng, along_x=False)
-    hallway = Box(near, side, far, end_y)
-    cells.append(Cell("Hallway", hallway.polygon()))
+    cells.append(Cell.of_box("Hallway", Box(near, side, far, end_y)))
     return cells
 
 
 def _ring(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> list[Cell]:
     """Rooms all round, a ring of corridor, and a core of service rooms in the middle."""
-    hall = Box(box.x0, snap(box.y0 + depth), box.x1, snap(box.y1 - depth))
+    hall = _inset(box, 0.0, depth)
     if rng.random() < 0.6:  # rooms at the two ends too
-        hall = Box(snap(box.x0 + depth), hall.y0, snap(box.x1 - depth), hall.y1)
-    core = Box(
-        snap(hall.x0 + corridor),
-        snap(hall.y0 + corridor),
-        snap(hall.x1 - corridor),
-        snap(hall.y1 - corridor),
-    )
+        hall = _inset(box, depth, depth)
+    core = _inset(hall, corridor, corridor)
     cells = [Cell("Hallway", cut_out(hall.polygon(), core))]
-    cells += _row(Box(box.x0, box.y0, box.x1, hall.y0), rng)
-    cells += _row(Box(box.x0, hall.y1, box.x1, box.y1), rng)
+    cells += _row(box._replace(y1=hall.y0), rng)
+    cells += _row(box._replace(y0=hall.y1), rng)
     cells += _row(core, rng, weights=_CORE_WEIGHTS)
     if hall.x0 > box.x0:
         cells += _row(Box(box.x0, hall.y0, hall.x0, hall.y1), rng, along_x=False)
@@ -106,12 +98,21 @@ def _ring(box: Box, depth: float, corridor: float, rng: np.random.Generator) -> 
     return cells
 
 
+def _inset(box: Box, margin_x: float, margin_y: float) -> Box:
+    """A box without so much at each end [m]."""
+    x0 = snap(box.x0 + margin_x)
+    y0 = snap(box.y0 + margin_y)
+    x1 = snap(box.x1 - margin_x)
+    y1 = snap(box.y1 - margin_y)
+    return Box(x0, y0, x1, y1)
+
+
 def _open_floor(box: Box, depth: float, rng: np.random.Generator) -> list[Cell]:
     """A large open office with a row of rooms along one side."""
     y = snap(box.y0 + depth)
-    rooms = _row(Box(box.x0, box.y0, box.x1, y), rng)
-    hall = Box(box.x0, y, box.x1, box.y1)
-    return [*rooms, Cell("Office", hall.polygon())]
+    cells = _row(box._replace(y1=y), rng)
+    cells.append(Cell.of_box("Office", box._replace(y0=y)))
+    return cells
 
 
 def _row(
@@ -133,5 +134,6 @@ def _row(
     cells = []
     for index, space in enumerate(spaces[:-1]):
         room, box = box.cut(space.area / total_area(spaces[index:]), along_x)
-        cells.append(Cell(space.category, room.polygon()))
-    return [*cells, Cell(spaces[-1].category, box.polygon())]
+        cells.append(Cell.of_box(space.category, room))
+    cells.append(Cell.of_box(spaces[-1].category, box))
+    return cells

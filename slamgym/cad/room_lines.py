@@ -21,7 +21,7 @@ from slamgym.cad.floorplan import Door, FloorPlan, Room
 from slamgym.cad.houseexpo import MAX_ID, MAX_PLAN_COORDINATE
 from slamgym.cad.plan_formats import PlanOptions
 from slamgym.cad.plan_index import PlanIndex
-from slamgym.cad.polygons import connected_part, make_valid, refuse_crowded
+from slamgym.cad.polygons import connected_part, largest_part, make_valid, refuse_crowded
 from slamgym.core.documents import parse_json
 from slamgym.core.errors import InputFileError, PlanError
 from slamgym.core.limits import ENTRIES, MAX_SHOWN, PLAN_PARTS, VERTICES, shown
@@ -173,9 +173,8 @@ def _check_size(rooms: Sequence[Mapping[str, Any]], scale: float, source: str) -
 
 def _interior(outline: BaseGeometry) -> Polygon | None:
     """A room without its walls, None if nothing is left."""
-    parts = shapely.get_parts(outline.buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
-    polygons = [part for part in parts if isinstance(part, Polygon) and not part.is_empty]
-    return max(polygons, key=lambda part: float(part.area), default=None)
+    interior = largest_part(outline.buffer(-0.5 * WALL_THICKNESS, join_style="mitre"))
+    return None if interior.is_empty else interior
 
 
 def _doors(room: Mapping[str, Any], scale: float) -> list[Door]:
