@@ -105,7 +105,8 @@ class Crowd:
 
     def legs(self) -> FloatArray:
         """Segments that the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
-        angles = np.arange(_LEG_CORNERS + 1) * (2.0 * math.pi / _LEG_CORNERS)
+        numbers = np.arange(_LEG_CORNERS + 1, dtype=np.float64)
+        angles = numbers * (2.0 * math.pi / _LEG_CORNERS)
         ring = _LEG_RADIUS * unit_vectors(angles)
         outlines = []
         for index, heading in enumerate(self._headings):
