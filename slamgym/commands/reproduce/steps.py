@@ -23,9 +23,11 @@ OWN_NETWORK = "slam2cad"
 """This package's translator from SLAM to CAD."""
 TO_SLAM = "modelprog"
 """The paper's translator from CAD to SLAM."""
-TRAINED = "trained"
-"""The translator that the reproduction itself trains."""
-REDRAWN = ("parametric", "generator")
+TRAINED = {network: f"trained_{network}" for network in (PAPER_NETWORK, OWN_NETWORK, TO_SLAM)}
+"""Names of the networks that the reproduction itself trains, by those of the pretrained ones."""
+PARAMETRIC = "parametric"
+"""Method of ``slamgym deform``: the paper's parametric model."""
+REDRAWN = (PARAMETRIC, "generator")
 """Methods of ``slamgym deform`` whose maps of the same plans and paths are compared with the simulated ones."""
 
 
@@ -81,26 +83,40 @@ class Reproduction:
 
     def commands(self, step: str) -> list[list[str]]:
         """The commands of a step, word by word."""
-        from slamgym.dataset.images.format import read_images
-        from slamgym.dataset.realism.comparison import MIN_MAPS
-
         lines = [[word.format_map(self._words) for word in line.split()] for line in STEPS[step]]
         if step == "training" and not self.train:
             return []
-        if step in ("translators", "drawings"):
-            names = [record.name for record in read_images(self.out / "images", "test")]
-            if step == "drawings":
-                shown = names[: self.scale["pictures"]]
-                return [lines[0] + [f"{self.out}/pairs/episodes/{name}/map.yaml" for name in shown]]
-            if self.train:
-                lines[-1].append(f"{TRAINED}={self.out / 'run'}")
-            if len(names) < MIN_MAPS:
-                return lines[-1:]
-            lines[-1] += [
-                "--generated",
-                *(f"{m}={self.out / 'redrawn' / m / 'episodes'}" for m in REDRAWN),
-            ]
+        if step == "drawings":
+            shown = self._test_names()[: self.scale["pictures"]]
+            return [lines[0] + [f"{self.out}/pairs/episodes/{name}/map.yaml" for name in shown]]
+        if step == "table_one":
+            lines[-1] += self._trained(PAPER_NETWORK, OWN_NETWORK)
+        if step == "translators":
+            return self._comparison(lines)
         return lines
+
+    def _comparison(self, lines: list[list[str]]) -> list[list[str]]:
+        """The commands of the step ``translators``; of few maps those that draw the way back are left out."""
+        from slamgym.dataset.realism.comparison import MIN_MAPS
+
+        evaluate = lines[-1] + self._trained(PAPER_NETWORK, OWN_NETWORK)
+        if len(self._test_names()) < MIN_MAPS:
+            return [evaluate]
+        redrawn = [f"{method}={self.out / 'redrawn' / method / 'episodes'}" for method in REDRAWN]
+        evaluate += [TO_SLAM, *self._trained(TO_SLAM), "--generated", *redrawn]
+        return [*lines[:-1], evaluate]
+
+    def _test_names(self) -> list[str]:
+        """Names of the test maps."""
+        from slamgym.dataset.images.format import read_images
+
+        return [record.name for record in read_images(self.out / "images", "test")]
+
+    def _trained(self, *networks: str) -> list[str]:
+        """Those of the networks that this run trains, as ``NAME=FOLDER``."""
+        if not self.train:
+            return []
+        return [f"{TRAINED[network]}={self.out / 'runs' / network}" for network in networks]
 
     def run_steps(self) -> None:
         """Run what isn't done yet.
