@@ -35,7 +35,9 @@ def make_images(out: Path, pairs: int) -> Path:
     build_dataset(out / "pairs", open_plans("bundled"), config, make_explorer, pairs=pairs)
     split = make_split(out / "pairs", test=0.3, seed=3)
     selection = select_pairs(out / "pairs", 0.5)  # at least half of the floor seen
-    render_images(out / "pairs", out / "images", ImageConfig(size=128), split, selection=selection)
+    # The default translator is made for cells of 5 cm.
+    images = ImageConfig(size=640, scaling="fixed", metres_per_px=0.05)
+    render_images(out / "pairs", out / "images", images, split, selection=selection)
     return out / "images"
 
 
