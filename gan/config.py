@@ -24,6 +24,7 @@ Direction = Literal["slam2cad", "cad2slam"]
 Encoding = Literal["grey", "free_occupied", "rgb", "layers"]
 Precision = Literal["auto", "float32", "bfloat16"]
 DeviceName = Literal["auto", "cpu", "cuda", "mps"]
+LossForm = Literal["lsgan", "printed"]
 
 CHANNELS: dict[Encoding, int] = {"grey": 1, "free_occupied": 2, "rgb": 3, "layers": 4}
 """Channels of a map in each encoding; all values lie in [-1, 1]."""
@@ -78,6 +79,9 @@ class DiscriminatorConfig(Settings, section="discriminator"):
 class LossConfig(Settings, section="loss"):
     """Weights of the terms; a term of weight 0 isn't computed."""
 
+    form: LossForm = "lsgan"
+    """Of eqs. (2) to (5). ``lsgan``: squares, and weights of layers, as in the published code; ``printed``: the paper's
+    logarithms, and all layers alike (:mod:`slamgym.gan.training.losses`)."""
     adversarial: NonNegative = 1.0
     """Each of the four terms of the discriminators: both are to be deceived, feature matching, input consistency."""
     l1: NonNegative = 10.0
@@ -165,6 +169,9 @@ class TranslatorTrainingConfig(Settings):
     (:mod:`slamgym.gan.registration`)."""
     start_from: str = ""
     """Weights that the generator starts with instead of random ones: a pretrained name, a file, or a run's folder."""
+    patience: CountOrZero = 0
+    """Stop after so many passes without a better wall F1 of held-out pairs, and keep the weights of the best pass; 0
+    trains to the end (``slam2cad``)."""
     seed: int = 0
     minutes: Positive | None = None
     """Wall-clock time of the whole training; each stage gets the share of it that it has of the epochs. None goes by
@@ -189,3 +196,5 @@ class TranslatorTrainingConfig(Settings):
             )
         if self.translator.generator.kind == "residual" and len(self.stages) > 1:
             raise ConfigError("the residual generator has one stage")
+        if self.patience > 0 and self.translator.direction != "slam2cad":
+            raise ConfigError("patience goes by the walls of CAD maps: set it to 0 for cad2slam")

@@ -6,9 +6,9 @@ Two layouts are taken:
   with plans and scales;
 * ``IMAGES/{A,B}/<name>.png``: any folder of pairs, without splits.
 
-A is the CAD map (0 walls and outside, 254 inside), B the SLAM map (0 occupied, 205 unknown, 254 free). All
-images are square, grey, and of one size; file names are the same on both sides. Without a manifest every name
-is a separate plan.
+A is the CAD map (0 walls and outside, 254 inside), B the SLAM map (0 occupied, 205 unknown, 254 free); white may be
+255, and PNG is one format of several (:mod:`slamgym.gan.pair_files`). All images are square, grey, and of one size;
+file names are the same on both sides but for the format. Without a manifest every name is a separate plan.
 """
 
 import hashlib
@@ -23,15 +23,13 @@ from numpy.typing import ArrayLike
 
 from slamgym.core.documents import parse_json, read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import read_bytes, sha256_of, text_lines
-from slamgym.core.pictures import PICTURE_SUFFIXES, decode_picture, grey_picture
+from slamgym.core.files import sha256_of, text_lines
+from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import UNKNOWN, ByteArray, FloatArray, IntArray
 from slamgym.gan.encoding import resample_grey
+from slamgym.gan.pair_files import cad_shares, pictures_in, read_grey, slam_cells
 from slamgym.metrics.layers import USUAL_SCALE
 from slamgym.metrics.maps import resample_slam
-
-MAX_COLOUR = 8
-"""A picture is grey if the channels of no pixel differ by more."""
 
 
 @dataclass(frozen=True)
@@ -132,8 +130,9 @@ def load_pairs(root: Path | str, split: str, size: int) -> PairSet:
     for index, name in enumerate(names):
         a, b = (read_grey(path) for path in files[name])
         side = _check_shapes(files[name], a, b, side)
-        cad[index] = resample_grey(a, (size, size))
-        slam[index] = resample_slam(b, (size, size))
+        cad_path, slam_path = files[name]
+        cad[index] = resample_grey(cad_shares(cad_path, a), (size, size))
+        slam[index] = resample_slam(slam_cells(slam_path, b), (size, size))
     known = [recorded.get(name, _Recorded(name, name, math.nan)) for name in names]
     read_side = side or size
     scales = np.array([record.metres_per_px * read_side / size for record in known])
@@ -232,36 +231,6 @@ def _settings(root: Path | str) -> dict[str, Any]:
     return {name: part for name, part in settings.items() if isinstance(part, dict)}
 
 
-def read_grey(path: Path) -> ByteArray:
-    """Read an image of one channel, or of several equal ones, 8 bits each.
-
-    Raises:
-        InputFileError: If it can't be read or is coloured.
-    """
-    image = decode_picture(path, read_bytes(path))
-    if image.dtype != np.uint8:
-        raise InputFileError(
-            path, f"has pixels of type {image.dtype}; save it with 8 bits per channel"
-        )
-    if image.ndim == 3 and image.shape[2] > 2 and _colourfulness(image) > MAX_COLOUR:
-        raise InputFileError(path, f"is coloured ({image.shape[2]} channels); maps are grey images")
-    return grey_picture(image)[0]
-
-
-def _colourfulness(image: ByteArray) -> int:
-    """Largest difference between red, green and blue of a pixel; a fourth channel is alpha."""
-    return int(np.ptp(image[:, :, :3], axis=2).max())
-
-
-def image_side(root: Path | str, split: str) -> int:
-    """Side of the images of a folder [px]; 256 where there is none to ask, whose error comes with the pairs."""
-    folder = Path(root) / split / "A"
-    if not folder.is_dir():
-        folder = Path(root) / "A"
-    images = sorted(folder.glob("*.png"))
-    return len(read_grey(images[0])) if images else 256
-
-
 def _split_folder(root: Path, split: str) -> Path:
     if not root.is_dir():
         raise InputFileError(
@@ -301,7 +270,7 @@ def _images(folder: Path) -> dict[str, Path]:
         raise InputFileError(
             folder, "is missing; pairs need a folder A (CAD) and a folder B (SLAM)"
         )
-    images = [path for path in sorted(folder.iterdir()) if path.suffix.lower() in PICTURE_SUFFIXES]
+    images = pictures_in(folder)
     if not images:
         raise InputFileError(folder, f"holds no images ({', '.join(PICTURE_SUFFIXES)})")
     found = {path.stem: path for path in images}

@@ -21,7 +21,7 @@ import numpy as np
 from slamgym.core.errors import SlamgymError
 from slamgym.core.types import UNKNOWN
 from slamgym.dataset.generate.recipe import MIXTURE
-from slamgym.gan.data import PairSet, image_side, load_pairs
+from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.evaluation.evaluate import (
     CLEANED,
     RAW,
@@ -33,6 +33,7 @@ from slamgym.gan.evaluation.evaluate import (
     learned,
 )
 from slamgym.gan.evaluation.summary import dimensions_table, summarise_scores
+from slamgym.gan.pair_files import image_side
 from slamgym.gan.translation.translate import load_translator
 from slamgym.interop import read_ros_map
 from slamgym.metrics import unseen_share

@@ -20,7 +20,7 @@ import numpy as np
 from slamgym.commands.cli import TABLE
 from slamgym.gan.data import PairSet, load_pairs
 from slamgym.gan.evaluation.evaluate import MapScore, baselines, evaluate_method, learned
-from slamgym.gan.training.train import MAX_VALIDATION_PAIRS, VALIDATION_SHARE
+from slamgym.gan.training.held_out import MAX_VALIDATION_PAIRS, VALIDATION_SHARE
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.metrics import improvement
 

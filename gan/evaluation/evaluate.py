@@ -17,7 +17,7 @@ import numpy as np
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, UNKNOWN, BoolArray, ByteArray, Float32Array, FloatArray
 from slamgym.gan.data import PairSet
-from slamgym.gan.translation.classical import outline_only
+from slamgym.gan.translation.classical import outline_only, thickened_walls, wall_growth
 from slamgym.gan.translation.finishing import shrunk_floor
 from slamgym.gan.translation.translate import Translator
 from slamgym.metrics import (
@@ -46,6 +46,8 @@ RAW = "raw SLAM map"
 """Name of the method that leaves the SLAM map as it is."""
 BLURRED = "raw SLAM map, blurred"
 """Name of the method that blurs the SLAM map's free space."""
+THICKENED = "raw SLAM map, walls thickened"
+"""Name of the method that makes the SLAM map's walls as thick as the CAD map's."""
 CLEANED = "classical cleaning"
 """Name of the method that cleans the SLAM map without learning."""
 OUTLINE_ONLY = "outline only (oracle)"
@@ -87,12 +89,13 @@ class TranslationMethod:
 def baselines() -> list[TranslationMethod]:
     """Baselines that every translator is compared with.
 
-    The blurred map shows what greys alone do to the error, and the last one, which has seen the answer, what the error
-    misses.
+    The blurred map shows what greys alone do to the error, the thickened one what thick walls do, and the last one,
+    which has seen the answer, what the error misses.
     """
     return [
         TranslationMethod(RAW, _free_space),
         TranslationMethod(BLURRED, _blurred),
+        TranslationMethod(THICKENED, _thickened),
         TranslationMethod(CLEANED, _cleaned),
         TranslationMethod(OUTLINE_ONLY, _outline),
     ]
@@ -107,6 +110,11 @@ def _blurred(pairs: PairSet, index: int) -> Float32Array:
     sigma = BLUR / pairs.scale(index)
     blurred = cv2.GaussianBlur(_free_space(pairs, index), (0, 0), sigma)
     return np.asarray(blurred, dtype=np.float32)
+
+
+def _thickened(pairs: PairSet, index: int) -> Float32Array:
+    growth_px = wall_growth(pairs.cad[index], pairs.slam[index], pairs.scale(index))
+    return thickened_walls(pairs.slam[index], growth_px).astype(np.float32)
 
 
 def _cleaned(pairs: PairSet, index: int) -> Float32Array:

@@ -10,7 +10,8 @@ import numpy as np
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import ByteArray
-from slamgym.gan.data import PairSet, read_grey
+from slamgym.gan.data import PairSet
+from slamgym.gan.pair_files import read_grey
 from slamgym.gan.translation.translate import LearnedTranslator
 from slamgym.interop import read_ros_map
 from slamgym.interop.ros_map import classify_greys

@@ -56,6 +56,7 @@ class Learner:
             built = build_discriminators(translator, config.discriminator, config.seed)
             self.discriminators = compute.put(built)
         self.average = copy.deepcopy(self.generator) if config.optimiser.average > 0.0 else None
+        self.kept = copy.deepcopy(self.generator) if config.patience > 0 else None
         self.optimisers = {"generator": self._optimiser(self.generator)}
         self.optimisers |= {
             name: self._optimiser(network) for name, network in self.discriminators.items()
@@ -74,7 +75,14 @@ class Learner:
         named |= {f"discriminator_{name}": network for name, network in self.discriminators.items()}
         if self.average is not None:
             named["average"] = self.average
+        if self.kept is not None:
+            named["kept"] = self.kept
         return named
+
+    def keep(self) -> None:
+        """Keep the generator as it is now: none before was better."""
+        assert self.kept is not None  # only a training that may stop early compares
+        self.kept.load_state_dict(self.best_generator.state_dict())
 
     def adopt(self, generator: Generator) -> None:
         """Start with the weights of a trained generator of the same settings; the discriminators start again."""
@@ -174,11 +182,14 @@ class Learner:
         terms: dict[str, Tensor] = {}
         fake = self._features(x_small, output.image, fade)
         if fake:
-            terms["domain"] = losses.taken_for_real_loss(fake["domain"])
-            terms["feature_matching"] = losses.feature_matching_loss(fake["domain"], real["domain"])
-            terms["real_fake"] = losses.taken_for_real_loss(fake["real_fake"])
+            form = weights.form
+            terms["domain"] = losses.taken_for_real_loss(fake["domain"], form)
+            terms["feature_matching"] = losses.feature_matching_loss(
+                fake["domain"], real["domain"], form
+            )
+            terms["real_fake"] = losses.taken_for_real_loss(fake["real_fake"], form)
             terms["input_consistency"] = losses.feature_matching_loss(
-                fake["real_fake"], real["real_fake"]
+                fake["real_fake"], real["real_fake"], form
             )
         if weights.l1 > 0.0:
             terms["l1"] = losses.l1_loss(output.image, y)
@@ -211,7 +222,7 @@ class Learner:
                 if name == "domain" and other is not None:
                     unassociated = self.discriminators[name](x_small, other, fade)
                     fakes.append(unassociated)
-                terms[name] = losses.discriminator_loss(real[name], fakes)
+                terms[name] = losses.discriminator_loss(real[name], fakes, self.config.loss.form)
         return terms
 
     def _descend(self, name: str, loss: Tensor) -> None:

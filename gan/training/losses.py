@@ -2,6 +2,9 @@
 
 A discriminator returns, for each of its copies (scales), a list of features whose last entry holds the scores (logits).
 Every sample and every scale takes part in every term.
+
+Eqs. (2) to (5) have two forms. ``lsgan``: squares, and the weights that the published code gives to the first layers.
+``printed``: the paper's logarithms, summed, and every layer i with the weight 1 / N_i, its number of values.
 """
 
 import functools
@@ -10,6 +13,8 @@ from collections.abc import Sequence
 import torch
 from torch import Tensor
 from torch.nn import functional
+
+from slamgym.gan.config import LossForm
 
 Features = Sequence[Sequence[Tensor]]
 """Features per copy, the last one the scores."""
@@ -21,53 +26,74 @@ WALL_WEIGHT = 6.0
 """Pixels in and next to thin walls count as much more: one hole in such a wall joins two rooms."""
 
 
-def adversarial_loss(scores: Tensor, real: bool) -> Tensor:
-    """Distance of scores from ``real`` (1) or fake (0): the mean of squares (LSGAN, Mao et al. 2017).
+def adversarial_loss(scores: Tensor, real: bool, form: LossForm = "lsgan") -> Tensor:
+    """Distance of scores from ``real`` (1) or fake (0).
+
+    The mean of squares (LSGAN, Mao et al. 2017), or of the logarithms of eqs. (2) and (3): -log D, or -log(1 - D), of
+    D = sigmoid(scores).
 
     Args:
         scores: Any shape, before any sigmoid.
         real: Their target.
+        form: ``lsgan`` or ``printed``.
     """
     target = torch.full_like(scores, float(real), dtype=torch.float32)
+    if form == "printed":
+        return functional.binary_cross_entropy_with_logits(scores.float(), target)
     return functional.mse_loss(scores.float(), target)
 
 
-def _over_copies(copies: Features, real: bool) -> Tensor:
-    terms = [adversarial_loss(features[-1], real) for features in copies]
+def _over_copies(copies: Features, real: bool, form: LossForm) -> Tensor:
+    terms = [adversarial_loss(features[-1], real, form) for features in copies]
     return torch.stack(terms).sum()
 
 
-def discriminator_loss(real: Features, fakes: Sequence[Features]) -> Tensor:
-    """Eqs. (2) and (3) for a discriminator: the mean over the kinds of input of the sums over the copies.
+def discriminator_loss(
+    real: Features, fakes: Sequence[Features], form: LossForm = "lsgan"
+) -> Tensor:
+    """Eqs. (2) and (3) for a discriminator, which maximises what is minimised here.
+
+    The kinds of input are averaged, as in the published code, or added, as printed; each is a sum over the copies.
 
     Args:
         real: Of (x, y), or of y for the real/fake discriminator.
         fakes: Of (x, G(x)) and of an unassociated target (x, y'); or of G(x).
+        form: ``lsgan`` or ``printed``.
     """
-    of_real = _over_copies(real, True)
-    of_fakes = [_over_copies(fake, False) for fake in fakes]
-    return torch.stack([of_real, *of_fakes]).mean()
+    of_real = _over_copies(real, True, form)
+    of_fakes = [_over_copies(fake, False, form) for fake in fakes]
+    kinds = torch.stack([of_real, *of_fakes])
+    return kinds.sum() if form == "printed" else kinds.mean()
 
 
-def taken_for_real_loss(fake: Features) -> Tensor:
-    """Eqs. (2) and (3) for the generator: a discriminator shall take every output for real. Sum over the copies."""
-    return _over_copies(fake, True)
+def taken_for_real_loss(fake: Features, form: LossForm = "lsgan") -> Tensor:
+    """Eqs. (2) and (3) for the generator: a discriminator shall take every output for real. Sum over the copies.
+
+    With logarithms it minimises -log D(G(x)) where the print has log(1 - D(G(x))): the two have their minimum in the
+    same place, but the printed one hardly has a gradient where an output is recognised (Goodfellow et al. 2014).
+    """
+    return _over_copies(fake, True, form)
 
 
-def feature_matching_loss(fake: Features, reference: Features) -> Tensor:
+def feature_matching_loss(fake: Features, reference: Features, form: LossForm = "lsgan") -> Tensor:
     """Eqs. (4) and (5): a discriminator's features of the output and of a reference shall agree. Sum over the copies.
 
     Eq. (4) compares the domain discriminator's features of (x, G(x)) and (x, y). Eq. (5), input consistency, compares
-    the real/fake discriminator's of G(x) and of y (the published code: of x). The scores themselves never count.
+    the real/fake discriminator's of G(x) and of y (the published code: of x). As printed all layers count, the scores
+    among them, each as the sum of its differences over its number of values; ``lsgan`` leaves the scores out.
 
     Args:
         fake: Of the output.
         reference: Taken as constants.
+        form: ``lsgan`` or ``printed``.
     """
     distances = []
     for ours, theirs in zip(fake, reference, strict=True):  # one copy each
+        weights: Sequence[float] = LAYER_WEIGHTS[: len(ours) - 1]
+        if form == "printed":
+            weights = [1.0] * len(ours)
         terms = []
-        for weight, our, their in zip(LAYER_WEIGHTS, ours[:-1], theirs[:-1], strict=False):
+        for weight, our, their in zip(weights, ours, theirs, strict=False):
             constant = their.detach().float()
             distance = functional.l1_loss(our.float(), constant)
             terms.append(weight * distance)

@@ -8,6 +8,7 @@ A run is a folder::
       weights.safetensors     the translator, written at the end (and weights.md, its model card)
       registration.safetensors  how each SLAM map was moved onto its CAD map (presets that do so)
       figures.jsonl           one line per checkpoint: validation figures, terms of the loss
+      losses.jsonl            mean losses, a line every tenth of a pass; losses.png draws them
       samples/                input, translation and target of held-out pairs
 """
 
@@ -15,9 +16,8 @@ import dataclasses
 import json
 import math
 import time
-import zlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -33,22 +33,17 @@ from slamgym.core.interruption import Interruption, deferred_interrupt
 from slamgym.core.pictures import encode_png
 from slamgym.core.progress import counted, duration, say
 from slamgym.gan.config import TranslatorConfig, TranslatorTrainingConfig
-from slamgym.gan.data import PairSet, describe_data, image_side, load_training_pairs
+from slamgym.gan.data import PairSet, describe_data
 from slamgym.gan.device import Compute, make_deterministic
 from slamgym.gan.networks.factory import Generator
-from slamgym.gan.registration import registered
+from slamgym.gan.training.held_out import checksum, training_pairs
+from slamgym.gan.training.history import LossHistory
 from slamgym.gan.training.learner import Learner, load_training_state
 from slamgym.gan.training.monitoring import ProgressLines, validate
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import plan_schedule
+from slamgym.gan.training.stopping import BestPass
 from slamgym.gan.weights import ModelCard, load_weights, save_translator
-
-VALIDATION_SHARE = 0.04
-"""Share of the training plans that is held out to watch the training."""
-MAX_VALIDATION_PAIRS = 64
-"""Most pairs of the held-out plans that are looked at."""
-MIN_PAIRS = 2
-"""Fewest pairs that a training is begun with."""
 
 
 class TrainingDivergedError(SlamgymError):
@@ -125,7 +120,7 @@ class _Training:
         if config.start_from and not self.checkpoint.exists():
             start = _starting_generator(config)
         self.images = describe_data(images)
-        self.pairs, self.held_out = _training_pairs(images, run, config)
+        self.pairs, self.held_out = training_pairs(images, run, config)
         scales = self.pairs.scale_percentiles()
         if scales is not None:
             translator = dataclasses.replace(config.translator, metres_per_px=scales)
@@ -142,21 +137,24 @@ class _Training:
         self.seconds_used = 0.0
         self.identity = _identity(config, compute, self.pairs)
         self.figures: dict[str, float] = {}
+        self.best = BestPass()
         if self.checkpoint.exists():
             self._resume()
         else:
             self._begin()
+        self.history = LossHistory(run, len(self.pairs), self.learner.steps_done)
+        self.history.draw()
 
     def run(self) -> TrainingReport:
         """Train to the end of the schedule, to the step to stop at, or to an interruption."""
         learner = self.learner
-        if self._place() < self.schedule.images:
+        if not self._is_over():
             with deferred_interrupt() as interruption:
                 self._loop(interruption)
             if interruption.requested:
                 say(f"interrupted; the same command goes on at step {learner.steps_done:,}")
                 interruption.conclude()
-        finished = self._place() >= self.schedule.images
+        finished = self._is_over()
         if finished:
             self._finish()
         return TrainingReport(
@@ -169,18 +167,28 @@ class _Training:
             return self.learner.images_done
         return self.schedule.images * self.seconds_used / (60.0 * self.config.minutes)
 
+    def _is_over(self) -> bool:
+        """True at the schedule's end, or if the last passes made nothing better."""
+        patience = self.config.patience
+        stopped = 0 < patience <= self.best.passes_since
+        return stopped or self._place() >= self.schedule.images
+
     def _loop(self, interruption: Interruption) -> None:
         learner = self.learner
         options = self.options
         began = time.monotonic() - self.seconds_used
         last_save = time.monotonic()
         lines = ProgressLines()
-        while (place := self._place()) < self.schedule.images:
+        if learner.steps_done == 0:
+            self._judge_pass()
+        while not self._is_over():
             if interruption.requested or learner.steps_done == options.stop_after_steps:
                 break
-            moment = self.schedule.moment(place)
+            moment = self.schedule.moment(self._place())
             terms = learner.step(self.sampler.draw(moment.batch), moment)
             self._require_finite(terms)
+            self.history.add(terms, learner.steps_done, learner.images_done, moment.resolution)
+            self._judge_pass()
             self.seconds_used = time.monotonic() - began
             lines.show(self._place() / self.schedule.images, terms["total"])
             if time.monotonic() - last_save >= 60.0 * options.checkpoint_minutes:
@@ -188,9 +196,22 @@ class _Training:
                 self.seconds_used = time.monotonic() - began
                 self._save()
                 last_save = time.monotonic()
-        if place >= self.schedule.images:
+        if self._is_over():
             self._validate(self.config.translator.output_size, terms)
         self._save()
+
+    def _judge_pass(self) -> None:
+        """At the end of a pass, keep the weights if none before drew better walls."""
+        learner = self.learner
+        passes = learner.images_done // len(self.pairs)
+        is_due = learner.steps_done == 0 or passes > self.best.passes
+        if self.config.patience == 0 or not is_due or len(self.held_out) == 0:
+            return
+        translator = self.config.translator
+        side = translator.output_size
+        figures, _ = validate(learner.best_generator, self.held_out, translator, self.compute, side)
+        if self.best.judge(figures["wall_f1"], learner.steps_done, passes):
+            learner.keep()
 
     def _require_finite(self, terms: dict[str, float]) -> None:
         for name, value in terms.items():
@@ -207,9 +228,11 @@ class _Training:
         return "nothing was kept"
 
     def _validate(self, resolution: int, terms: dict[str, float]) -> None:
+        self.history.note()
+        self.history.draw()
         if len(self.held_out) == 0:
             return
-        generator = self.learner.best_generator
+        generator = self._result() if self._is_over() else self.learner.best_generator
         translator = self.config.translator
         self.figures, grid = validate(
             generator, self.held_out, translator, self.compute, resolution
@@ -263,6 +286,7 @@ class _Training:
         self.sampler.restore(facts["sampler"])
         self.seconds_used = float(facts["seconds_used"])
         self.figures = dict(facts["figures"])
+        self.best = BestPass(**facts["best"])
 
     def _save(self) -> None:
         for name, network in self.learner.networks().items():
@@ -276,11 +300,22 @@ class _Training:
             "sampler": self.sampler.state(),
             "seconds_used": self.seconds_used,
             "figures": self.figures,
+            "best": asdict(self.best),
         }
+        self.history.note()
         self.learner.save(self.checkpoint, facts)
+
+    def _result(self) -> Generator:
+        """The generator of the best pass, where passes were compared, or as it is now."""
+        if self.learner.kept is None or self.best.wall_f1 < 0.0:
+            return self.learner.best_generator
+        return self.learner.kept
 
     def _finish(self) -> None:
         path = self.folder / "weights.safetensors"
+        best = self.best
+        if best.wall_f1 >= 0.0:
+            say(f"best after step {best.step:,}: wall F1 {best.wall_f1:.3f} on held-out pairs")
         card = ModelCard(
             preset=self.config.preset,
             pairs=len(self.pairs),
@@ -292,51 +327,8 @@ class _Training:
             figures=self.figures,
             device=f"{self.compute.device.type}, {self.compute.precision}",
         )
-        save_translator(path, self.learner.best_generator, self.config.translator, card)
+        save_translator(path, self._result(), self.config.translator, card)
         say(f"trained for {duration(self.seconds_used)}; weights: {path}")
-
-
-def _training_pairs(
-    images: Sequence[Path], run: Path, config: TranslatorTrainingConfig
-) -> tuple[PairSet, PairSet]:
-    """(pairs to train on, pairs of held-out plans)."""
-    if not images:
-        raise ConfigError(
-            "name at least one folder of pairs, as `slamgym dataset render` writes them"
-        )
-    named = ", ".join(folder.name for folder in images)
-    say(f"reading the pairs of {named}")
-    side = config.translator.input_size
-    read_side = side
-    if config.augment:  # windows are cut at the images' own scale
-        read_side = max(side, _common_side(images))
-    pairs = load_training_pairs(images, read_side)
-    if config.register:
-        pairs = registered(pairs, run / "registration.safetensors", _checksum(pairs))
-    rest, held_out = pairs.split(VALIDATION_SHARE)
-    if len(rest) < MIN_PAIRS:
-        raise ConfigError(
-            f"{named}: training needs at least {MIN_PAIRS} pairs beside the held-out ones, not {len(rest)}"
-        )
-    watched = held_out.subset(range(min(len(held_out), MAX_VALIDATION_PAIRS)))
-    return rest, watched.windows(side)
-
-
-def _common_side(images: Sequence[Path]) -> int:
-    """Side of all folders' images [px].
-
-    Raises:
-        InputFileError: If they differ: windows are cut at the images' own scale.
-    """
-    first = image_side(images[0], "train")
-    for folder in images:
-        side = image_side(folder, "train")
-        if side != first:
-            raise InputFileError(
-                folder,
-                f"has images of {side} px but {images[0]} of {first}; render all with one --size",
-            )
-    return first
 
 
 def _starting_generator(config: TranslatorTrainingConfig) -> Generator:
@@ -369,17 +361,11 @@ def _shape_settings(translator: TranslatorConfig) -> dict[str, Any]:
     }
 
 
-def _checksum(pairs: PairSet) -> str:
-    of_cad = zlib.crc32(pairs.cad.data)
-    of_both = zlib.crc32(pairs.slam.data, of_cad)
-    return f"{of_both:08x}"
-
-
 def _identity(config: TranslatorTrainingConfig, compute: Compute, pairs: PairSet) -> dict[str, Any]:
     """Values that must be the same for a training to continue."""
     return {
         "preset": config.preset,
-        "set of images": f"{len(pairs)} pairs, checksum {_checksum(pairs)}",
+        "set of images": f"{len(pairs)} pairs, checksum {checksum(pairs)}",
         "configuration": to_dict(config),
         "device": compute.device.type,
         "precision": compute.precision,

@@ -63,7 +63,7 @@ def layer_shares(
     """The layers that a translator shall draw for a pair.
 
     Args:
-        cad: (H, W): 0 walls and outside, 254 inside, shades where a face crosses a pixel.
+        cad: (H, W): 0 walls and outside, 254 or lighter inside, shades where a face crosses a pixel.
         doors: Its :func:`door_cells`, found before anything was cut off: a room cut in two would lose its doors.
         slam: The SLAM map in the same frame, (H, W).
         metres_per_px: Scale [m].
@@ -72,7 +72,7 @@ def layer_shares(
         (4, H, W): shares of floor, wall, door and unseen; they add up to 254.
     """
     explored = explored_floor(slam, metres_per_px, EXPLORED_MARGIN)
-    floor = np.where(explored, cad, 0).astype(np.uint8)
+    floor = np.where(explored, np.minimum(cad, FREE), 0).astype(np.uint8)
     depth = max(WALL_DEPTH / metres_per_px, 1.0)
     near_floor = distance_to(floor > FREE // 2) <= depth
     wall = np.where(explored & near_floor, FREE - floor, 0)

@@ -6,6 +6,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from slamgym.core.errors import SlamgymError
 from slamgym.core.files import staged
 from slamgym.core.types import FloatArray
@@ -59,6 +61,34 @@ def plot_curves(path: Path, curves: Sequence[Curve], labels: tuple[str, str], ti
         axis.legend(loc="best", fontsize=8, frameon=False)
 
 
+def plot_losses(
+    path: Path, epochs: FloatArray, panels: Mapping[str, FloatArray], changes: Mapping[float, str]
+) -> None:
+    """Plot losses over the epochs of a training, one above the other, as Figure 4 of the paper.
+
+    Args:
+        path: PNG to write.
+        epochs: Where they were noted, shape (N,).
+        panels: By name, shape (N,).
+        changes: Epoch of each change to the words beside it.
+
+    Raises:
+        SlamgymError: If matplotlib isn't installed.
+        InputFileError: If the file can't be written.
+    """
+    with _figure(path, (7.5, 2.6 * len(panels)), len(panels)) as axes:
+        # One panel comes without a list around it.
+        for axis, name, colour in zip(np.ravel(axes), panels, _COLOURS, strict=False):
+            axis.plot(epochs, panels[name], color=colour, linewidth=1.2)
+            axis.set(xlabel="epoch", ylabel=name)
+            axis.margins(x=0.0)
+            axis.grid(alpha=0.25)
+            for epoch, words in changes.items():
+                axis.axvline(epoch, color="0.4", linewidth=0.8, linestyle="--")
+                place = (epoch, axis.get_ylim()[1])
+                axis.annotate(words, place, (3, -9), textcoords="offset points", fontsize=8)
+
+
 def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> None:
     """Plot a box for each sample, with its mean, and a line at zero.
 
@@ -88,8 +118,8 @@ def plot_boxes(path: Path, samples: Mapping[str, FloatArray], label: str) -> Non
 
 
 @contextmanager
-def _figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
-    """Give the axes of a figure that has no window; write it when the block ends well."""
+def _figure(path: Path, size: tuple[float, float], rows: int = 1) -> Iterator[Any]:
+    """Give the axes of a figure that has no window, or those of several rows; write it when the block ends well."""
     try:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
         from matplotlib.figure import Figure
@@ -99,6 +129,6 @@ def _figure(path: Path, size: tuple[float, float]) -> Iterator[Any]:
         ) from error
     figure = Figure(figsize=size, dpi=130, layout="constrained")
     FigureCanvasAgg(figure)
-    yield figure.subplots()
+    yield figure.subplots(rows)
     with staged(path) as part:
         figure.savefig(part, format="png")

@@ -19,6 +19,7 @@ from slamgym.gan.evaluation.evaluate import (
     CLEANED,
     OUTLINE_ONLY,
     RAW,
+    THICKENED,
     TranslationMethod,
     baselines,
     evaluate_method,
@@ -32,7 +33,7 @@ from slamgym.gan.evaluation.generated_maps import (
     translated_maps,
 )
 from slamgym.gan.evaluation.summary import main_table, scores_csv, summarise_scores, table_one
-from slamgym.gan.translation.classical import outline_only
+from slamgym.gan.translation.classical import outline_only, thickened_walls, wall_growth
 from slamgym.gan.translation.elastic import bend_with_field
 from slamgym.gan.translation.translate import Translator
 from slamgym.interop import write_ros_map
@@ -288,6 +289,31 @@ class TestCleaning:
         for value in (OCCUPIED, UNKNOWN):
             assert not clean_map(np.full((40, 50), value, np.uint8), 0.05).any()
 
+    def test_walls_are_thickened_to_those_of_the_target_and_no_more(self):
+        cad = np.full((80, 120), OCCUPIED, np.uint8)
+        cad[10:70, 10:50] = cad[10:70, 60:110] = FREE  # a wall of 10 px
+        slam = np.full((80, 120), UNKNOWN, np.uint8)
+        slam[9:71, 9:111] = OCCUPIED
+        slam[10:70, 10:53] = slam[10:70, 57:110] = FREE  # of 4 px
+        assert wall_growth(cad, slam, SCALE) == 3.0
+        thick = thickened_walls(slam, 3.0)
+        assert np.flatnonzero(thick[30]).tolist() == [*range(13, 50), *range(60, 107)]
+        assert np.array_equal(thickened_walls(slam, 0.0), slam == FREE)
+        assert wall_growth(slam, cad, SCALE) == 0.0  # never thinner
+        nothing = np.full((80, 120), UNKNOWN, np.uint8)
+        assert wall_growth(cad, nothing, SCALE) == 0.0
+
+    def test_thick_walls_buy_error_on_thick_targets_but_no_rooms(self):
+        thin = plan()
+        floor = cv2.erode((thin == FREE).astype(np.uint8), np.ones((7, 7), np.uint8))
+        cad = np.where(floor > 0, FREE, OCCUPIED).astype(np.uint8)
+        slam = explored(thin, np.random.default_rng(0))
+        names, scales = ("a",), np.array([SCALE])
+        pairs = PairSet(cad[None], slam[None], names, names, scales)
+        raw, _, thickened, *_ = (evaluate_method(method, pairs)[0] for method in baselines())
+        assert thickened["mse"] < 0.8 * raw["mse"]
+        assert thickened["room_f1"] <= raw["room_f1"] + 0.35
+
     def test_the_outline_has_no_inner_wall_and_keeps_the_outer_ones(self):
         outline = outline_only(plan(), SCALE)
         assert label_rooms(outline, SCALE).max() == 1
@@ -313,7 +339,7 @@ class TestTables:
         )
         assert better["share_improved"]["value"] == pytest.approx(expected)
         headings, rows = main_table(summary)
-        assert [row[0] for row in rows] == [RAW, BLURRED, CLEANED, OUTLINE_ONLY]
+        assert [row[0] for row in rows] == [RAW, BLURRED, THICKENED, CLEANED, OUTLINE_ONLY]
         assert all(len(row) == len(headings) for row in rows)
         headings, rows = table_one(scores)
         assert len(rows) == len(pairs) + 1
@@ -322,7 +348,7 @@ class TestTables:
         assert of_table["count"] == len(rows) - 1
         mean = dict(zip(headings, rows[-1], strict=True))[f"MSE1: {CLEANED}"]
         assert of_table["mean_mse1"]["value"] == pytest.approx(float(mean), abs=1e-4)
-        assert len(scores_csv(scores).splitlines()) == 1 + 4 * len(pairs)
+        assert len(scores_csv(scores).splitlines()) == 1 + 5 * len(pairs)
 
     def test_the_choice_of_maps_is_even_and_never_twice(self):
         assert evenly_spaced(10, 4) == [0, 3, 6, 9]

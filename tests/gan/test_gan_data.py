@@ -12,16 +12,9 @@ from hypothesis import strategies as st
 
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN
-from slamgym.gan.data import (
-    PairSet,
-    describe_data,
-    face_lines,
-    image_side,
-    load_pairs,
-    load_training_pairs,
-    read_grey,
-)
+from slamgym.gan.data import PairSet, describe_data, face_lines, load_pairs, load_training_pairs
 from slamgym.gan.encoding import decode_slam, encode, enlarge_means, free_probability
+from slamgym.gan.pair_files import image_side, read_grey
 from slamgym.gan.presets import find_preset
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.metrics.maps import resample_slam
@@ -191,6 +184,80 @@ def break_manifest(root):
 def test_malformed_folders_are_one_clear_error(tmp_path, make_images, damage, message):
     with pytest.raises(InputFileError, match=message):
         load_pairs(damage(make_images(tmp_path)), "train", 32)
+
+
+def rewrite(root, change, suffix=".png"):
+    """Write all images of a folder again, changed or in another format."""
+    for path in list((root / "train").rglob("*.png")):
+        image = change(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE))
+        path.unlink()
+        cv2.imwrite(str(path.with_suffix(suffix)), image)
+    return root
+
+
+def test_white_may_be_255(tmp_path, make_images):
+    expected = load_pairs(make_images(tmp_path / "a"), "train", 32)
+    white = rewrite(make_images(tmp_path / "b"), lambda image: np.where(image == FREE, 255, image))
+    found = load_pairs(white, "train", 32)
+    assert np.array_equal(found.cad, expected.cad)
+    assert np.array_equal(found.slam, expected.slam)
+
+
+@pytest.mark.parametrize("suffix", [".jpg", ".bmp", ".pgm"])
+def test_folders_of_other_formats_keep_their_size_and_cells(tmp_path, make_images, suffix):
+    expected = load_pairs(make_images(tmp_path / "a", side=64), "train", 64)
+    root = rewrite(make_images(tmp_path / "b", side=64), lambda image: image, suffix)
+    assert image_side(root, "train") == 64
+    found = load_pairs(root, "train", 64)
+    right = np.mean(found.slam == expected.slam)
+    if suffix == ".jpg":  # its blocks smear walls of one pixel
+        assert right > 0.93
+        assert np.mean((found.cad > 127) == (expected.cad > 127)) > 0.99
+    else:
+        assert right == 1.0
+        assert np.array_equal(found.cad, expected.cad)
+
+
+def test_what_a_mac_leaves_beside_images_is_no_image(tmp_path, make_images):
+    root = make_images(tmp_path)
+    for side in "AB":
+        (root / "train" / side / "._000.png").write_bytes(b"Mac OS X        resource fork")
+    (root / "train" / "A" / ".DS_Store").write_bytes(b"x")
+    assert image_side(root, "train") == 32
+    assert len(load_pairs(root, "train", 32)) == 6
+
+
+@pytest.mark.parametrize(
+    ("side", "values", "message"),
+    [
+        ("A", {OCCUPIED: 0, FREE: 1}, "A/003.png: is no CAD map: its lightest value is 1,"),
+        ("A", {OCCUPIED: 205}, "A/003.png: is no CAD map: it has areas of the value 205,"),
+        ("B", {UNKNOWN: 1, FREE: 2}, "B/003.png: is no grey map: its lightest value is 2,"),
+        ("B", {UNKNOWN: 64}, "B/003.png: is no grey map: it has areas of the value 64,"),
+    ],
+)
+def test_images_of_other_values_are_named_with_the_value(
+    tmp_path, make_images, side, values, message
+):
+    path = make_images(tmp_path) / "train" / side / "003.png"
+    image = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    changed = image.copy()
+    for value, other in values.items():
+        changed[image == value] = other
+    cv2.imwrite(str(path), changed)
+    with pytest.raises(InputFileError, match=message):
+        load_pairs(tmp_path, "train", 32)
+
+
+def test_a_probability_map_is_a_grey_map(tmp_path, make_images):
+    rng = np.random.default_rng(0)
+    root = make_images(tmp_path)
+    path = root / "train" / "B" / "003.png"
+    cells = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    grey = np.where(cells == FREE, rng.integers(225, 256, cells.shape), cells)
+    grey = np.where(cells == OCCUPIED, rng.integers(0, 80, cells.shape), grey)
+    cv2.imwrite(str(path), grey.astype(np.uint8))
+    assert np.array_equal(load_pairs(root, "train", 32).slam[3], cells)
 
 
 def test_a_grey_image_of_three_channels_is_taken(tmp_path):

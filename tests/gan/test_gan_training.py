@@ -8,65 +8,24 @@ import numpy as np
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
+from tiny_trainings import CPU, PROGRESSIVE, QUIET, RESIDUAL
 
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.interruption import Terminated, deferred_interrupt
-from slamgym.gan.config import (
-    DiscriminatorConfig,
-    GeneratorConfig,
-    LossConfig,
-    OptimiserConfig,
-    Stage,
-    TranslatorConfig,
-    TranslatorTrainingConfig,
-)
+from slamgym.gan.config import LossConfig, OptimiserConfig, Stage
 from slamgym.gan.data import load_pairs
 from slamgym.gan.device import choose_compute
 from slamgym.gan.training.learner import Learner, load_training_state
 from slamgym.gan.training.monitoring import ProgressLines
 from slamgym.gan.training.sampler import BatchSampler
 from slamgym.gan.training.schedule import Moment
-from slamgym.gan.training.train import RunOptions, TrainingDivergedError, train_translator
+from slamgym.gan.training.train import TrainingDivergedError, train_translator
 from slamgym.gan.translation.translate import load_translator
 
 
 def main(argv):
     return TABLE.run("slamgym", ["gan", "train", *map(str, argv)])
-
-
-CPU = choose_compute("cpu", "float32")
-PROGRESSIVE = TranslatorTrainingConfig(
-    preset="tiny",
-    translator=TranslatorConfig(
-        direction="slam2cad",
-        input_size=32,
-        output_size=32,
-        input_encoding="grey",
-        output_encoding="grey",
-        generator=GeneratorConfig(width=2),
-    ),
-    discriminator=DiscriminatorConfig(width=8, patch_width=8),
-    augment=True,
-    optimiser=OptimiserConfig(average=0.9),
-    stages=(Stage(16, 1.0, 2), Stage(32, 2.0, 2, 1.0, 1)),
-    register=True,
-)
-RESIDUAL = dataclasses.replace(
-    PROGRESSIVE,
-    translator=dataclasses.replace(
-        PROGRESSIVE.translator,
-        derotate=True,
-        input_encoding="free_occupied",
-        output_encoding="layers",
-        generator=GeneratorConfig("residual", width=8, depth=2),
-    ),
-    loss=LossConfig(adversarial=0.0, l1=0.0, overlap=1.0),
-    optimiser=OptimiserConfig(learning_rate=5e-3, average=0.8, clip_norm=1.0),
-    stages=(Stage(32, 2.0, 2),),
-    register=False,
-)
-QUIET = RunOptions(checkpoint_minutes=60.0)
 
 
 @pytest.fixture
@@ -217,7 +176,7 @@ def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tm
 
 
 def test_the_residual_network_learns(tmp_path, make_images, monkeypatch):
-    monkeypatch.setattr("slamgym.gan.training.train.VALIDATION_SHARE", 0.25)
+    monkeypatch.setattr("slamgym.gan.training.held_out.VALIDATION_SHARE", 0.25)
     images = make_images(tmp_path / "images", count=24)
     config = dataclasses.replace(RESIDUAL, augment=False, stages=(Stage(32, 40.0, 6),))
     report = train_translator(images, tmp_path / "run", config, CPU, QUIET)

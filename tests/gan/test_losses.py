@@ -67,6 +67,56 @@ def test_references_are_constants():
     assert real.grad is None
 
 
+def log_loss(score, real):
+    """-log D or -log(1 - D) of D = sigmoid(score), by hand."""
+    chance = 1.0 / (1.0 + math.exp(-score))
+    return -math.log(chance if real else 1.0 - chance)
+
+
+@pytest.mark.parametrize("real", [True, False])
+def test_printed_adversarial_loss_by_hand(real):
+    found = losses.adversarial_loss(torch.tensor([0.5, -2.0]), real, "printed")
+    expected = 0.5 * (log_loss(0.5, real) + log_loss(-2.0, real))
+    assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
+def test_equation_2_as_printed_sums_the_three_kinds_of_pairs_over_the_copies():
+    real = features([[3.0], [1.0]], [[0.0], [2.0]])
+    fake = features([[1.0], [-1.0]], [[0.0], [0.5]])
+    other = features([[2.0], [0.3]], [[0.0], [-3.0]])
+    expected = log_loss(1.0, True) + log_loss(2.0, True)
+    expected += log_loss(-1.0, False) + log_loss(0.5, False)
+    expected += log_loss(0.3, False) + log_loss(-3.0, False)
+    found = losses.discriminator_loss(real, [fake, other], "printed")
+    assert float(found) == pytest.approx(expected, rel=1e-5)
+
+
+def test_equation_3_as_printed_sums_right_and_drawn_images():
+    real, fake = features([[1.5]]), features([[-0.5]])
+    expected = log_loss(1.5, True) + log_loss(-0.5, False)
+    assert float(losses.discriminator_loss(real, [fake], "printed")) == pytest.approx(expected)
+    # The generator wants the opposite for what it draws, and better drawings lower its loss.
+    assert float(losses.taken_for_real_loss(fake, "printed")) == pytest.approx(log_loss(-0.5, True))
+    better = losses.taken_for_real_loss(features([[0.5]]), "printed")
+    assert float(better) < log_loss(-0.5, True)
+
+
+def test_equations_4_and_5_as_printed_take_all_layers_alike():
+    fake = features([[1.0, 2.0], [1.0], [50.0]], [[4.0, 4.0, 4.0, 7.0], [0.0]])
+    real = features([[0.0, 5.0], [3.0], [0.0]], [[2.0, 2.0, 2.0, 2.0], [0.5]])
+    # 1 / N_i of the sums: (1 + 3) / 2 + 2 + 50, and (2 + 2 + 2 + 5) / 4 + 0.5.
+    expected = 2.0 + 2.0 + 50.0 + 2.75 + 0.5
+    assert float(losses.feature_matching_loss(fake, real, "printed")) == pytest.approx(expected)
+
+
+def test_more_layers_than_weights_all_pass_a_gradient_as_printed():
+    layers_of = [torch.ones(3, requires_grad=True) for _ in range(9)]
+    constants = [torch.zeros(3) for _ in range(9)]
+    losses.feature_matching_loss([layers_of], [constants], "printed").backward()
+    for layer in layers_of:
+        assert layer.grad.tolist() == pytest.approx([1.0 / 3.0] * 3)
+
+
 def test_l1_by_hand():
     assert float(losses.l1_loss(torch.tensor([1.0, -1.0]), torch.tensor([1.0, 0.0]))) == 0.5
 

@@ -46,6 +46,13 @@ def test_gaps_are_closed_and_frontiers_are_passed_by_the_margin_alone():
     assert not wall[: 9 - depth].any()
 
 
+def test_a_floor_of_255_is_no_wall():
+    cad, slam = half_explored()
+    expected = layer_shares(cad, NO_DOOR, slam, SCALE)
+    white = np.where(cad == FREE, 255, cad).astype(np.uint8)
+    assert np.array_equal(layer_shares(white, NO_DOOR, slam, SCALE), expected)
+
+
 @given(seed=st.integers(0, 1000), scale=st.sampled_from([0.03, 0.05, 0.1]))
 @settings(max_examples=20, deadline=None)
 def test_shares_add_up_to_the_whole(seed, scale):

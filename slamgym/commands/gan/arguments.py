@@ -24,7 +24,7 @@ class TrainTranslatorArguments(Arguments):
     """Folder of pairs: what `slamgym dataset render` writes, or any folder with A (CAD) and B (SLAM) images of equal
     names. Several are learned from together; plans on the test side of one train nothing from another."""
     out: Out
-    """Folder of the run: settings, checkpoint, weights, samples, curves."""
+    """Folder of the run: settings, checkpoint, weights, samples, losses.png."""
     preset: str = "slam2cad"
     """slam2cad (the default translator), model32 and modelprog (the paper's), model32-cpu, modelprog-cpu."""
     minutes: Annotated[float, Within(gt=0.0, le=1e5)] | None = None
@@ -38,7 +38,8 @@ class TrainTranslatorArguments(Arguments):
     """Instead of the preset's."""
     start_from: str | None = None
     """Train on from these weights instead of random ones: a pretrained name (slam2cad, ...), a .safetensors file, or a
-    run's folder. For your own maps, or for more hours."""
+    run's folder. By default at a tenth of the preset's rate, until five passes draw no better walls on held-out pairs;
+    the best weights are kept."""
     seed: int | None = None
     """Seed of weights, order and augmentation; by default 0."""
     device: DeviceName = "auto"
@@ -74,8 +75,8 @@ class TranslateArguments(Arguments):
 
 
 class EvaluateTranslatorsArguments(Arguments):
-    """Measure translators on held-out pairs, and the raw SLAM map, a cleaning without learning, and an oracle that
-    erases all inner walls.
+    """Measure translators on held-out pairs, and the raw SLAM map, the same with thick walls, a cleaning without
+    learning, and an oracle that erases all inner walls.
 
     Each method is aligned with the CAD map by the same search over similarities. OUT gets evaluation.json, scores.csv,
     tables.md and pictures. Weights that translate CAD maps to SLAM maps get a two-sample test instead.

@@ -51,14 +51,18 @@ def training_config(arguments: TrainTranslatorArguments) -> TranslatorTrainingCo
     Raises:
         ConfigError: If a setting is unknown or impossible.
     """
-    from slamgym.gan.presets import find_preset
+    from slamgym.gan.presets import find_preset, fine_tuning
 
     options = {
         "seed": arguments.seed,
         "start_from": arguments.start_from,
         "learning_rate": arguments.learning_rate,
     }
-    config = arguments.settings.configured(find_preset(arguments.preset), options)
+    preset = find_preset(arguments.preset)
+    config = arguments.settings.configured(preset, options)
+    if config.start_from:
+        # The settings once more, on top of gentler defaults.
+        config = arguments.settings.configured(fine_tuning(preset), options)
     stages = config.stages
     if arguments.epochs is not None:
         stages = scaled_stages(stages, arguments.epochs)

@@ -14,7 +14,7 @@ from slamgym.core.names import distinct_names
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.progress import counted, say, show_progress, tell
 from slamgym.core.types import OccupancyGrid
-from slamgym.gan.data import read_grey
+from slamgym.gan.pair_files import read_grey
 from slamgym.gan.translation.translate import LearnedTranslator, load_translator
 from slamgym.interop.ros_map import classify_greys, described_picture, read_ros_map, write_ros_map
 
