@@ -24,7 +24,7 @@ from slamgym.core.errors import SlamgymError
 from slamgym.core.types import FREE, BoolArray, Float32Array, FloatArray, GridFrame
 from slamgym.parametric import ParametricConfig, plan_trajectory
 from slamgym.parametric.config import EkfConfig, ScannerView
-from slamgym.parametric.ekf_slam import landmark_problem
+from slamgym.parametric.landmarks import landmark_problem
 from slamgym.parametric.lidar_error import LidarErrors
 from slamgym.parametric.odometry_error import (
     WHEEL_BASE,
@@ -80,9 +80,7 @@ def runs_of(plan: FloorPlan, kind: str, seed: list[int]) -> dict[str, tuple[Plac
 
     def landmarks(ekf: EkfConfig, noise: float = 1.0) -> Placement:
         draws = np.random.default_rng([*seed, 1])
-        problem = landmark_problem(
-            poses, believed, seen, ScannerView().mount_x, LidarErrors(), ekf, draws, noise
-        )
+        problem = landmark_problem(poses, believed, seen, LidarErrors(), ekf, draws, noise)
         estimate = solve_schur(problem)
         field, known = np.zeros((2, *frame.shape)), np.zeros(frame.shape, dtype=np.bool_)
         rows, cols = np.divmod(problem.cells, frame.width_px)

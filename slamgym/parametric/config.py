@@ -11,7 +11,8 @@ from typing import Literal, NamedTuple
 from slamgym.core.config import NonNegative, Positive, Settings
 from slamgym.sim.lidar import LidarConfig
 
-ConversionMethod = Literal["ekf_schur", "two_phase"]
+ConversionMethod = Literal["ekf_schur", "ekf", "two_phase"]
+Equations = Literal["corrected", "printed"]
 
 
 class MotionConfig(Settings, section="motion"):
@@ -83,8 +84,11 @@ class ParametricConfig(Settings):
     """The whole model."""
 
     method: ConversionMethod = "ekf_schur"
-    """Conversion of odometry errors to map errors. ekf_schur: the answer of EKF-SLAM as one least-squares problem, at
-    any size; two_phase: dead reckoning."""
+    """Conversion of odometry errors to map errors. ekf: the paper's EKF-SLAM, up to 128 px a side; ekf_schur: our own,
+    its answer as one least-squares problem, at any size; two_phase: the paper's other, dead reckoning."""
+    equations: Equations = "corrected"
+    """corrected: each beam is one kind of a mixture; printed: the paper's LIDAR model with its misprints, as far as it
+    can be computed."""
     resolution: Positive = 0.05
     """[m/px]"""
     severity: NonNegative = 1.0

@@ -1,163 +1,217 @@
-"""EKF-SLAM over wall cells as landmarks with known association: what one run measures, and its observation model."""
+"""EKF-SLAM over wall cells as landmarks: the paper's conversion of odometry errors to map errors.
+
+The state is the robot's pose and all landmarks, 3 + 2 N numbers, with one covariance. The textbook update (I - K H) P
+with a dense H costs O(n^3) for each landmark, 15-94 s of the paper at 64 x 64. Here H touches the five columns that it
+has, and the m observations of a scan enter at once as P -= W^T W with W = L^-1 H P and L the Cholesky factor of the
+innovation's covariance: O(m n^2) for each scan, and P stays symmetric.
+"""
 
 import math
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray, Int32Array, IntArray
-from slamgym.parametric.config import EkfConfig
-from slamgym.parametric.lidar_error import LidarErrors
-from slamgym.parametric.odometry_error import Increments, increments_of
-from slamgym.parametric.visibility import Visibility
+from slamgym.core.jit import kernel
+from slamgym.core.types import FloatArray, GridFrame, IntArray
+from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
+from slamgym.parametric.odometry_error import Increments, step_x, step_y
 
-_DISTANCE_FLOOR = 0.002
-"""Least standard deviation of an increment's distance [m]; the systematic part on top is the paper's."""
-_HEADING_FLOOR_DEG = 0.1
-"""Least standard deviation of an increment's turn [deg]; the systematic part on top is the paper's."""
-_LATERAL_SLIP = 0.0005
-"""Standard deviation of the slip sideways [m]; small, it only keeps the increments' covariance regular."""
+MAX_PIXELS = 128
+"""Side of the largest map: the covariance grows with the fourth power of it."""
 
 
-@dataclass(frozen=True)
-class LandmarkProblem:
-    """EKF-SLAM with known association: controls, measurements, and the truth to linearise about.
+@kernel
+def correct(
+    mean: FloatArray, P: FloatArray, S: FloatArray, HP: FloatArray, innovation: FloatArray
+) -> None:
+    """Correct a state and its covariance by observations, both in place.
 
-    Convention: world frame; bearings counter-clockwise from the heading, seen from the scanner, which stands
-    ``mount_x`` ahead of the base.
-    """
-
-    true_poses: FloatArray  # (T, 3)
-    controls: FloatArray  # (T - 1, 3) believed distance [m], lateral [m], turn [rad]
-    control_sigmas: FloatArray  # (T - 1, 3) of the same
-    mount_x: float  # [m]
-    cells: Int32Array  # (N,) flat index of each landmark's cell, in the order of first observation
-    points: FloatArray  # (N, 2) true landmarks [m]
-    scan: IntArray  # (M,) scan of each observation, not decreasing
-    landmark: IntArray  # (M,) landmark of each observation
-    measured: FloatArray  # (M, 2) range [m] and bearing [rad]
-    sigmas: FloatArray  # (2,) of a range [m] and a bearing [rad]
-
-
-class LandmarkEstimate(NamedTuple):
-    """SLAM's estimate for a problem."""
-
-    poses: FloatArray  # (T, 3)
-    landmarks: FloatArray  # (N, 2) [m]
-
-
-def landmark_problem(
-    true_poses: FloatArray,
-    controls: Increments,
-    visibility: Visibility,
-    mount_x: float,
-    errors: LidarErrors,
-    config: EkfConfig,
-    rng: np.random.Generator,
-    noise: float = 1.0,
-) -> LandmarkProblem:
-    """Draw the measurements of one run.
-
-    The systematic LIDAR error enters here, as the paper's z_meas, and so must not be added to the map again.
+    A kernel, as the matrices are small: a library's threads would wait for each other longer than they compute, and
+    round differently from processor to processor.
 
     Args:
-        true_poses: (T, 3).
-        controls: T - 1 motions that odometry reports.
-        visibility: Which beams meet which cells.
-        mount_x: [m] of the scanner ahead of the base.
-        errors: Systematic LIDAR errors.
-        config: Assumed noise, number of landmarks.
-        rng: Source of randomness.
-        noise: Noise that the measurements really have, as a share of what is assumed.
+        mean: The state, of which the first n numbers are in use.
+        P: Its covariance, likewise.
+        S: Covariance of the innovation (m, m); its lower triangle becomes its Cholesky factor.
+        HP: H P (m, n); becomes W.
+        innovation: Measured minus predicted (m,); becomes L^-1 of it.
     """
-    scan, seen_cells = _observed_cells(visibility.cells.hits, config.landmarks_per_scan, rng)
-    cells, landmark = _numbered_by_first_use(seen_cells)
-    points = visibility.cell_points(cells)
-    sensors = visibility.sensors[scan]
-    dx, dy = (points[landmark] - sensors[:, :2]).T
-    distance = np.hypot(dx, dy)
-    bearing = np.asarray(wrap_angle(np.arctan2(dy, dx) - sensors[:, 2]))
-    sigma_range = max(config.sigma_range, visibility.frame.resolution / math.sqrt(12.0))
-    sigma_bearing = math.radians(config.sigma_bearing_deg)
-    range_noise, bearing_noise = noise * rng.standard_normal((2, len(scan)))
-    measured_range = distance - errors.range_error(distance) + sigma_range * range_noise
-    bearing_error = errors.bearing_error(distance, bearing)
-    measured_bearing = bearing - bearing_error + sigma_bearing * bearing_noise
-    believed = np.column_stack(controls)
-    # The paper takes the difference of nominal and actual motion for a standard deviation.
-    control_sigmas = np.abs(believed - np.column_stack(increments_of(true_poses)))
-    control_sigmas += (_DISTANCE_FLOOR, 0.0, math.radians(_HEADING_FLOOR_DEG))
-    control_sigmas[:, 1] = _LATERAL_SLIP
-    return LandmarkProblem(
-        true_poses=true_poses,
-        controls=believed,
-        control_sigmas=control_sigmas,
-        mount_x=mount_x,
-        cells=cells,
-        points=points,
-        scan=scan,
-        landmark=landmark,
-        measured=np.column_stack([measured_range, measured_bearing]),
-        sigmas=np.array([sigma_range, sigma_bearing]),
+    count, size = HP.shape
+    for i in range(count):
+        # Row i of L, by Cholesky and Banachiewicz.
+        for k in range(i):
+            for j in range(k):
+                S[i, k] -= S[i, j] * S[k, j]
+            S[i, k] /= S[k, k]
+            S[i, i] -= S[i, k] * S[i, k]
+        S[i, i] = math.sqrt(S[i, i])
+        # Row i of W, by forward substitution.
+        for k in range(i):
+            innovation[i] -= S[i, k] * innovation[k]
+            factor = S[i, k]
+            for j in range(size):
+                HP[i, j] -= factor * HP[k, j]
+        innovation[i] /= S[i, i]
+        for j in range(size):
+            HP[i, j] /= S[i, i]
+            mean[j] += innovation[i] * HP[i, j]
+    for i in range(size):
+        for k in range(count):
+            factor = HP[k, i]
+            for j in range(size):
+                P[i, j] -= factor * HP[k, j]
+
+
+class EkfSlam:
+    """The filter: the base pose, then the landmarks in the order in which they were first seen.
+
+    Convention: world frame; bearings counter-clockwise from the heading, seen from the scanner.
+
+    Args:
+        start: First pose (3,), known exactly.
+        num_landmarks: How many landmarks will come.
+        mount_x: [m] of the scanner ahead of the base.
+        sigmas: Standard deviations of a range [m] and a bearing [rad], (2,).
+
+    Attributes:
+        mean: Pose (heading not wrapped) and landmarks, (3 + 2 N,).
+        covariance: Of the same, (3 + 2 N, 3 + 2 N).
+        size: How many numbers are in use of either.
+    """
+
+    def __init__(
+        self, start: FloatArray, num_landmarks: int, mount_x: float, sigmas: FloatArray
+    ) -> None:
+        size = 3 + 2 * num_landmarks
+        self.mean = np.zeros(size)
+        self.mean[:3] = start
+        self.covariance = np.zeros((size, size))
+        self.size = 3
+        self._mount_x = mount_x
+        self._noise = np.square(sigmas)
+
+    def predict(self, motion: FloatArray, sigmas: FloatArray) -> None:
+        """Move by (18)-(20).
+
+        Args:
+            motion: Distance [m], lateral [m] and turn [rad] that odometry reports, (3,).
+            sigmas: Standard deviations of the same; their Q enters by the Jacobian V.
+        """
+        moved = Increments(*motion)
+        middle = self.mean[2] + 0.5 * moved.turn
+        cos = np.cos(middle)
+        sin = np.sin(middle)
+        dx = step_x(moved, middle)
+        dy = step_y(moved, middle)
+        self.mean[:3] += (dx, dy, moved.turn)
+        F = np.array([[1.0, 0.0, -dy], [0.0, 1.0, dx], [0.0, 0.0, 1.0]])
+        V = np.array([[cos, -sin, -0.5 * dy], [sin, cos, 0.5 * dx], [0.0, 0.0, 1.0]])
+        P = self.covariance[: self.size, : self.size]
+        P[:3] = F @ P[:3]
+        P[:, :3] = P[:, :3] @ F.T
+        P[:3, :3] += (V * sigmas**2) @ V.T
+
+    def add_landmarks(self, measured: FloatArray) -> None:
+        """Append landmarks first seen in this scan at (range [m], bearing [rad]), shape (m, 2)."""
+        x, y, theta = self.mean[:3]
+        distance = measured[:, 0]
+        direction = theta + measured[:, 1]
+        cos = np.cos(direction)
+        sin = np.sin(direction)
+        points = np.empty((len(measured), 2))
+        points[:, 0] = x + self._mount_x * np.cos(theta) + distance * cos
+        points[:, 1] = y + self._mount_x * np.sin(theta) + distance * sin
+        by_pose = np.zeros((len(measured), 2, 3))
+        by_pose[:, 0, 0] = 1.0
+        by_pose[:, 1, 1] = 1.0
+        by_pose[:, 0, 2] = y - points[:, 1]
+        by_pose[:, 1, 2] = points[:, 0] - x
+        by_sight = np.stack([cos, -distance * sin, sin, distance * cos], axis=-1)
+        by_sight = by_sight.reshape(-1, 2, 2)
+
+        old = self.size
+        new = old + points.size
+        G = by_pose.reshape(points.size, 3)
+        P = self.covariance
+        with_old = G @ P[:3, :old]
+        among_new = G @ P[:3, :3] @ G.T
+        number = np.arange(len(points))
+        blocks = among_new.reshape(len(points), 2, len(points), 2)
+        blocks[number, :, number] += np.einsum("mij,j,mkj->mik", by_sight, self._noise, by_sight)
+        self.mean[old:new] = points.ravel()
+        P[old:new, :old] = with_old
+        P[:old, old:new] = with_old.T
+        P[old:new, old:new] = among_new
+        self.size = new
+
+    def update(self, landmark: IntArray, measured: FloatArray) -> None:
+        """Correct by z_meas and alpha_meas of all known landmarks of a scan at once.
+
+        Args:
+            landmark: (m,) numbers of landmarks seen before.
+            measured: (m, 2) range [m] and bearing [rad].
+        """
+        count = len(landmark)
+        columns = 3 + 2 * landmark[:, None] + np.arange(2)  # (m, 2)
+        pose = np.broadcast_to(self.mean[:3], (count, 3))
+        predicted, by_pose, by_point = observation_model(pose, self.mean[columns], self._mount_x)
+        innovation = measured - predicted
+        innovation[:, 1] = wrap_angle(innovation[:, 1])
+        P = self.covariance[: self.size, : self.size]
+        # H P and H P H^T: H has the pose's three columns and the landmark's two.
+        HP = np.einsum("mij,jn->min", by_pose, P[:3])
+        HP += np.einsum("mij,mjn->min", by_point, P[columns])
+        HP = HP.reshape(2 * count, self.size)
+        S = HP[:, :3] @ by_pose.reshape(2 * count, 3).T
+        S += np.einsum("rmj,mij->rmi", HP[:, columns], by_point).reshape(S.shape)
+        S = 0.5 * (S + S.T)
+        S += np.diag(np.tile(self._noise, count))
+        correct(self.mean, self.covariance, S, HP, innovation.ravel())
+
+
+def check_ekf_size(frame: GridFrame, num_landmarks: int) -> None:
+    """Refuse a map that is too large for one covariance of everything.
+
+    Raises:
+        ConfigError: If a side is longer than :data:`MAX_PIXELS`.
+    """
+    height, width = frame.shape
+    if max(height, width) <= MAX_PIXELS:
+        return
+    gigabytes = 8.0 * (3 + 2 * num_landmarks) ** 2 / 1e9
+    raise ConfigError(
+        f"ekf would keep one covariance of the robot and {num_landmarks:,} wall cells, {gigabytes:.2g} GB, for a map "
+        f"of {width} x {height} px; give --size {MAX_PIXELS} or less (--resize enlarges the result), or take "
+        "--conversion ekf_schur"
     )
 
 
-def _numbered_by_first_use(seen_cells: Int32Array) -> tuple[Int32Array, IntArray]:
-    """Each cell once, in the order of first observation (N,), and its number for each observation (M,)."""
-    cells, first_use, number = np.unique(seen_cells, return_index=True, return_inverse=True)
-    order = np.argsort(first_use, kind="stable")
-    new_number = np.argsort(order)
-    return cells[order], new_number[number]
-
-
-def _observed_cells(
-    hits: Int32Array, per_scan: int, rng: np.random.Generator
-) -> tuple[IntArray, Int32Array]:
-    """(scan, cell) of every observation: each cell once per scan, at most ``per_scan`` of them, at random."""
-    of_scan = []
-    for row in hits:
-        seen = np.unique(row)
-        seen = seen[seen >= 0]
-        if per_scan and len(seen) > per_scan:
-            seen = np.sort(rng.choice(seen, per_scan, replace=False))
-        of_scan.append(seen)
-    counts = [len(seen) for seen in of_scan]
-    return np.repeat(np.arange(len(hits)), counts), np.concatenate(of_scan)
-
-
-def observation_model(
-    poses: FloatArray, points: FloatArray, mount_x: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Range and bearing of landmarks from poses, with Jacobians.
+def run_ekf(problem: LandmarkProblem) -> LandmarkEstimate:
+    """Filter a whole run.
 
     Args:
-        poses: (M, 3) of the base.
-        points: (M, 2).
-        mount_x: [m] of the scanner ahead of the base.
+        problem: Controls and measurements.
 
     Returns:
-        Predicted (M, 2) range [m] and bearing [rad, not wrapped]; Jacobian by the pose (M, 2, 3); by the
-        landmark (M, 2, 2).
+        Poses as filtered at their time (the first is exact), and the final landmarks.
     """
-    x, y, heading = poses.T
-    cos = np.cos(heading)
-    sin = np.sin(heading)
-    dx = points[:, 0] - (x + mount_x * cos)
-    dy = points[:, 1] - (y + mount_x * sin)
-    square = np.maximum(dx**2 + dy**2, 1e-12)
-    distance = np.sqrt(square)
-    bearing = np.arctan2(dy, dx) - heading
-    by_point = np.empty((len(poses), 2, 2))
-    by_point[:, 0, 0] = dx / distance
-    by_point[:, 0, 1] = dy / distance
-    by_point[:, 1, 0] = -dy / square
-    by_point[:, 1, 1] = dx / square
-    by_pose = np.empty((len(poses), 2, 3))
-    by_pose[:, :, :2] = -by_point
-    # Turning the base also swings the scanner.
-    swing = np.column_stack([-mount_x * sin, mount_x * cos])
-    by_pose[:, :, 2] = -np.einsum("mij,mj->mi", by_point, swing)
-    by_pose[:, 1, 2] -= 1.0
-    return np.column_stack([distance, bearing]), by_pose, by_point
+    bounds = np.searchsorted(problem.scan, np.arange(len(problem.true_poses) + 1))
+    ekf = EkfSlam(problem.true_poses[0], len(problem.cells), problem.mount_x, problem.sigmas)
+    poses = np.empty_like(problem.true_poses)
+    for k in range(len(poses)):
+        if k > 0:
+            ekf.predict(problem.controls[k - 1], problem.control_sigmas[k - 1])
+        scan = slice(bounds[k], bounds[k + 1])
+        landmark = problem.landmark[scan]
+        measured = problem.measured[scan]
+        is_known = 3 + 2 * landmark < ekf.size
+        if is_known.any():
+            ekf.update(landmark[is_known], measured[is_known])
+        if not is_known.all():
+            # Landmarks are numbered by first observation: the new ones of a scan follow each other.
+            in_order = np.argsort(landmark[~is_known])
+            ekf.add_landmarks(measured[~is_known][in_order])
+        poses[k] = ekf.mean[:3]
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return LandmarkEstimate(poses, ekf.mean[3 : ekf.size].reshape(-1, 2))

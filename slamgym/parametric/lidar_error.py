@@ -1,44 +1,23 @@
-"""Exteroceptive model: what the LIDAR measures of a wall cell, and the displacement that follows.
+"""Exteroceptive model: equations (7)-(12), what a LIDAR measures of a wall and the displacement that follows.
 
-Systematic terms after Mader, Westfeld and Maas 2014; the beam mixture after Thrun, Burgard and Fox
-(*Probabilistic Robotics*, ch. 6.3). Equation numbers are the seed paper's, corrected (docs/parametric.md).
+Systematic terms after Mader, Westfeld and Maas 2014; the kinds of beams after Thrun, Burgard and Fox (*Probabilistic
+Robotics*, ch. 6.3). Equation numbers are those of Daher, Chakhachiro and Asmar (*From SLAM to CAD Maps and Back Using
+Generative Models*); docs/parametric.md lists the misprints.
 
-Convention: range D [m] and bearing a [rad, counter-clockwise] are in the sensor frame. A cell at
-D [cos a, sin a] is measured at z [cos(a - da), sin(a - da)].
+Convention: range D [m] and bearing a [rad, counter-clockwise] of a wall are in the sensor frame. It is measured at
+the range z and the bearing a - da.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 
-from slamgym.core.geometry import unit_vectors, wrap_angle
-from slamgym.core.types import (
-    FREE,
-    OCCUPIED,
-    UNKNOWN,
-    BoolArray,
-    ByteArray,
-    Float32Array,
-    FloatArray,
-    IntArray,
-)
-from slamgym.parametric.visibility import Visibility
+from slamgym.core.types import FloatArray
 from slamgym.sim.lidar import LidarConfig
 
-_RANGE_NOISE = 0.01
-"""Standard deviation of a range [m]."""
-_BEARING_NOISE = math.radians(0.2)
-"""Standard deviation of a bearing [rad]."""
-_SHORT = 0.03
-"""Share of the beams that meet something in front of the wall."""
-_MAX = 0.01
-"""Share of the beams that have no return."""
-_RAND = 0.01
-"""Share of the beams that have any range."""
-_MEDIAN_PX = 5
-"""Window of the median filter over the hits."""
+LAMBDA_SHORT = 0.5
+"""Rate of the short readings along the beam [1/m], the paper's lambda."""
 
 
 @dataclass(frozen=True)
@@ -69,12 +48,16 @@ class LidarErrors:
             b6=severity * _SPREAD.b6 * unit[7],
         )
 
+    def as_printed(self) -> "LidarErrors":
+        """The same scanner with the paper's misprint: ``b4 sin 2a + b4 cos 2a``."""
+        return replace(self, b5=self.b4)
+
     def range_error(self, distance: FloatArray) -> FloatArray:
-        """Systematic part of D minus the measured range [m]."""
+        """Systematic part of D minus the measured range [m]: dD of (11), (12)."""
         return self.a0 + self.a1 * distance
 
     def bearing_error(self, distance: FloatArray, bearing: FloatArray) -> FloatArray:
-        """Systematic part of a minus the measured bearing [rad]; the paper prints b4 twice for b4, b5."""
+        """Systematic part of a minus the measured bearing [rad]: da of (11), (12)."""
         return (
             self.b1 * bearing
             + self.b2 * np.sin(bearing)
@@ -99,105 +82,80 @@ _SPREAD = LidarErrors(
 0.2 deg that its abstract reports."""
 
 
-@dataclass(frozen=True)
-class WallBeams:
-    """The beam that measured each seen wall cell (from the pose that saw it best)."""
-
-    field: Float32Array  # (2, H, W) [m] displacement d_L, world frame, 0 where no beam hit
-    hit: BoolArray  # (H, W) walls whose beam measured them
-    lost: BoolArray  # (H, W) walls whose beam met something else
-    stray_points: FloatArray
-    """(N, 2) [m] where beams of any range set a cell, true placement, world frame."""
-
-
-def wall_beams(
-    visibility: Visibility,
-    errors: LidarErrors,
-    range_max: float,
-    severity: float,
-    rng: np.random.Generator,
-) -> WallBeams:
-    """The exteroceptive displacement of every seen wall cell: eqs. (11), (12) corrected.
-
-    Convention: world frame, component 0 = x, 1 = y, true minus measured [m]; lies on *true* cells.
+def short_density(ranges: FloatArray, distance: FloatArray) -> FloatArray:
+    """Equation (7): density [1/m] of the range of a beam that meets something before the wall.
 
     Args:
-        visibility: Which pose saw the cell best.
-        errors: Systematic coefficients.
-        range_max: Longest range that a stray beam can have [m].
-        severity: Multiplies the noise, and the shares of stray beams until none hits.
-        rng: Source of randomness.
+        ranges: z (N,) [m] from 0 to the wall.
+        distance: D (N,) [m] of the wall.
     """
-    rows, cols = np.nonzero(visibility.cells.best >= 0)
-    sensors = visibility.sensors[visibility.cells.best[rows, cols]]
-    x, y = visibility.frame.to_point(rows, cols)
-    dx = x - sensors[:, 0]
-    dy = y - sensors[:, 1]
-    distance = np.hypot(dx, dy)
-    bearing = np.asarray(wrap_angle(np.arctan2(dy, dx) - sensors[:, 2]))
-    range_noise, bearing_noise = rng.standard_normal((2, *distance.shape))
-    range_error = errors.range_error(distance)
-    bearing_error = errors.bearing_error(distance, bearing)
-    measured_distance = distance - range_error - severity * _RANGE_NOISE * range_noise
-    measured_bearing = bearing - bearing_error - severity * _BEARING_NOISE * bearing_noise
-    is_hit, is_stray = _fates(severity, rng.random(distance.shape))
-    any_range = rng.uniform(0.0, range_max, distance.shape)
-    to_wall = unit_vectors(sensors[:, 2] + bearing)
-    to_measured = unit_vectors(sensors[:, 2] + measured_bearing)
-
-    shape = visibility.frame.shape
-    shift = distance[:, None] * to_wall - measured_distance[:, None] * to_measured
-    field = np.zeros((2, *shape), dtype=np.float32)
-    field[:, rows[is_hit], cols[is_hit]] = shift[is_hit].T
-    hit = np.zeros(shape, dtype=np.bool_)
-    hit[rows, cols] = is_hit
-    lost = np.zeros(shape, dtype=np.bool_)
-    lost[rows, cols] = ~is_hit
-    length = np.minimum(any_range, distance)[is_stray, None]
-    return WallBeams(
-        field=_median_over_hits(field, rows[is_hit], cols[is_hit]),
-        hit=hit,
-        lost=lost,
-        stray_points=sensors[is_stray, :2] + length * to_wall[is_stray],
-    )
+    whole = -np.expm1(-LAMBDA_SHORT * distance)
+    return LAMBDA_SHORT * np.exp(-LAMBDA_SHORT * ranges) / whole
 
 
-def _fates(severity: float, dice: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """For each beam, True if it hits the wall, and True if its range is random; by uniform draws."""
-    factor = min(severity, 1.0 / (_SHORT + _MAX + _RAND))
-    short = _SHORT * factor
-    long = _MAX * factor
-    rand = _RAND * factor
-    edges = np.cumsum([1.0 - short - long - rand, short, long])
-    return dice < edges[0], dice >= edges[2]
+def max_ranges(count: int, range_max: float) -> FloatArray:
+    """Equation (8): beams without a return (count,) [m], a point mass at the longest range."""
+    return np.full(count, range_max)
 
 
-def _median_over_hits(field: Float32Array, rows: IntArray, cols: IntArray) -> Float32Array:
-    """Median of the hits in the window round each hit; cells without a hit don't count."""
-    half = _MEDIAN_PX // 2
-    height, width = field.shape[1:]
-    hits = np.full((2, height + 2 * half, width + 2 * half), np.nan, np.float32)
-    hits[:, rows + half, cols + half] = field[:, rows, cols]
-    windows = sliding_window_view(hits, (_MEDIAN_PX, _MEDIAN_PX), axis=(1, 2))
-    neighbours = windows[:, rows, cols].reshape(2, len(rows), _MEDIAN_PX**2)
-    ordered = np.sort(neighbours)  # what is no number goes last
-    count = np.isfinite(ordered).sum(axis=2, keepdims=True)
-    median = np.take_along_axis(ordered, (count - 1) // 2, axis=2)
-    filtered = np.zeros_like(field)
-    filtered[:, rows, cols] = median[:, :, 0]
-    return filtered
+def rand_ranges(count: int, range_max: float, rng: np.random.Generator) -> FloatArray:
+    """Equation (9): beams of any range (count,) [m], uniform up to the longest, wherever the wall is."""
+    return rng.uniform(0.0, range_max, count)
 
 
-def observed_cad(occupied: BoolArray, visibility: Visibility, beams: WallBeams) -> ByteArray:
-    """The part of the CAD map that the scans show, still in its true place: the picture that is then warped.
+def short_range(density: FloatArray, distance: FloatArray) -> FloatArray:
+    """Equation (10): the range [m] at which (7) has a density, its inverse.
 
-    Walls whose beam met something else are lost; a stray beam may set a cell elsewhere.
-
-    Returns:
-        (H, W) on true cells: 0 occupied, 205 unknown, 254 free.
+    Args:
+        density: P (N,) [1/m], from (7)'s at the wall to (7)'s at the scanner.
+        distance: D (N,) [m] of the wall.
     """
-    true = np.where(occupied, OCCUPIED, FREE).astype(np.uint8)
-    true[~visibility.seen | beams.lost] = UNKNOWN
-    stray_x, stray_y = beams.stray_points.T
-    true[visibility.frame.to_cell(stray_x, stray_y)] = OCCUPIED
-    return true
+    whole = -np.expm1(-LAMBDA_SHORT * distance)
+    return np.asarray(-np.log(density * whole / LAMBDA_SHORT) / LAMBDA_SHORT)
+
+
+def short_ranges(distance: FloatArray, rng: np.random.Generator) -> FloatArray:
+    """Ranges of beams that meet something before the wall (N,) [m], distributed as (7) says.
+
+    The paper gives P of (10) any random value, and half of them lie where (7) has no range. The distribution function
+    of (7) falls linearly with its density, so a uniform density between both ends inverts it exactly.
+    """
+    most = short_density(np.zeros_like(distance), distance)
+    share = rng.random(distance.shape)
+    ranges = short_range(most - LAMBDA_SHORT * share, distance)
+    return np.clip(ranges, 0.0, distance)
+
+
+def displacement_x(
+    distance: FloatArray, direction: FloatArray, measured: FloatArray, bearing_error: FloatArray
+) -> FloatArray:
+    """Equation (11): true minus measured x [m] of a wall.
+
+    Args:
+        distance: D (N,) [m].
+        direction: a (N,) [rad] in the sensor frame, or plus the sensor's heading for x of the world.
+        measured: z (N,) [m]; the paper prints the error E = D - z in its place.
+        bearing_error: da (N,) [rad].
+    """
+    return distance * np.cos(direction) - measured * np.cos(direction - bearing_error)
+
+
+def displacement_y(
+    distance: FloatArray, direction: FloatArray, measured: FloatArray, bearing_error: FloatArray
+) -> FloatArray:
+    """Equation (12): true minus measured y [m] of a wall; arguments as of (11)."""
+    return distance * np.sin(direction) - measured * np.sin(direction - bearing_error)
+
+
+def measured_sight(offsets: FloatArray, displacements: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The paper's z_meas and alpha_meas: range (N,) [m] and direction (N,) [rad] of walls that are displaced.
+
+    Printed as ``D - d / cos(a - da)``, with d in pixels, D in metres and a pole at 90 degrees, which nothing can
+    compute; this is what the sentence round it says.
+
+    Args:
+        offsets: (N, 2) [m] true walls as seen from the scanner.
+        displacements: (N, 2) [m] of the walls, true minus measured, in the same frame.
+    """
+    x, y = (offsets - displacements).T
+    return np.hypot(x, y), np.arctan2(y, x)

@@ -1,4 +1,4 @@
-"""Proprioceptive model: what a differential drive with wrong wheel parameters believes about its motion.
+"""Proprioceptive model: equations (13)-(20), what a differential drive with wrong wheels believes about its motion.
 
 Two descriptions of one robot: wrong wheels (UMBmark), and the errors of straight lines and turns in place, after
 Souza, Santana, Britto, Goncalves and Medeiros, *Representation of Odometry Errors on Occupancy Grids* (ICINCO 2008).
@@ -60,17 +60,55 @@ class WheelErrors:
 
     @property
     def wheel_base_ratio(self) -> float:
-        """E_b = b_actual / b_nominal, eq. (13) in radians."""
+        """E_b = b_actual / b_nominal."""
         # Error of a quarter turn through unequal wheels: Jung and Chung's pi b beta / (4 L).
         alpha_ed = math.pi * WHEEL_BASE * self.kappa / 4.0
-        quarter = math.pi / 2.0
-        return quarter / (quarter - (self.alpha_eb + alpha_ed))
+        return wheel_base_ratio(self.alpha_eb, alpha_ed)
 
     @property
     def diameter_ratio(self) -> float:
-        """E_d = D_right / D_left, eq. (14) with R = 1 / kappa, once per robot."""
-        half = 0.5 * self.wheel_base_ratio * WHEEL_BASE
-        return (1.0 + self.kappa * half) / (1.0 - self.kappa * half)
+        """E_d = D_right / D_left."""
+        return diameter_ratio(self.kappa, self.wheel_base_ratio * WHEEL_BASE)
+
+
+def wheel_base_ratio(alpha_eb: float, alpha_ed: float) -> float:
+    """Equation (13): E_b, the actual over the nominal distance of the wheels; printed in degrees.
+
+    Args:
+        alpha_eb: Error of a quarter turn [rad] through the wheel base.
+        alpha_ed: Error of a quarter turn [rad] through unequal wheels.
+    """
+    quarter = math.pi / 2.0
+    return quarter / (quarter - (alpha_eb + alpha_ed))
+
+
+def diameter_ratio(kappa: float, wheel_base: float) -> float:
+    """Equation (14): E_d, the right over the left diameter; printed as ``D_R / D_R``, for each segment of the path.
+
+    Args:
+        kappa: Curvature [rad/m] of a straight line, 1 / R, of the robot.
+        wheel_base: Actual distance of the wheels [m].
+    """
+    half = 0.5 * wheel_base
+    return (1.0 + kappa * half) / (1.0 - kappa * half)
+
+
+def left_diameter(mean: float, ratio: float) -> float:
+    """Equation (15): actual diameter [m] of the left wheel, from the mean diameter [m] and E_d."""
+    return 2.0 * mean / (ratio + 1.0)
+
+
+def right_diameter(mean: float, ratio: float) -> float:
+    """Equation (16): actual diameter [m] of the right wheel, from the mean diameter [m] and E_d."""
+    return 2.0 * mean / (1.0 / ratio + 1.0)
+
+
+def wheel_way(rolled: FloatArray, diameter: float) -> FloatArray:
+    """Equation (17): way (N,) [m] of a wheel that rolled by angles (N,) [rad].
+
+    Printed without the half, and with one angle for both wheels, which could not turn: each wheel has its own here.
+    """
+    return 0.5 * rolled * diameter
 
 
 @dataclass(frozen=True)
@@ -104,8 +142,23 @@ def increments_of(poses: FloatArray) -> Increments:
     return Increments(distance=cos * dx + sin * dy, lateral=-sin * dx + cos * dy, turn=turn)
 
 
+def step_x(motion: Increments, middle: FloatArray) -> FloatArray:
+    """Equation (18): change of x (N,) [m] of motions whose mean headings are ``middle`` (N,) [rad]."""
+    return motion.distance * np.cos(middle) - motion.lateral * np.sin(middle)
+
+
+def step_y(motion: Increments, middle: FloatArray) -> FloatArray:
+    """Equation (19): change of y (N,) [m] of motions whose mean headings are ``middle`` (N,) [rad]."""
+    return motion.distance * np.sin(middle) + motion.lateral * np.cos(middle)
+
+
+def step_heading(way_right: FloatArray, way_left: FloatArray, wheel_base: float) -> FloatArray:
+    """Equation (20): change of the heading (N,) [rad] by the ways of the wheels (N,) [m]."""
+    return (way_right - way_left) / wheel_base
+
+
 def integrate(start: FloatArray, increments: Increments) -> FloatArray:
-    """Eqs. (18)-(20): turn half, translate, turn half.
+    """Sum up the steps of (18)-(20): turn half, translate, turn half.
 
     Args:
         start: First pose, shape (3,).
@@ -114,16 +167,11 @@ def integrate(start: FloatArray, increments: Increments) -> FloatArray:
     Returns:
         Poses, shape (T, 3), heading wrapped.
     """
-    half_turn = 0.5 * increments.turn
     heading = start[2] + _sums_from_zero(increments.turn)
-    middle = heading[:-1] + half_turn
-    cos = np.cos(middle)
-    sin = np.sin(middle)
-    dx = increments.distance * cos - increments.lateral * sin
-    dy = increments.distance * sin + increments.lateral * cos
+    middle = heading[:-1] + 0.5 * increments.turn
     poses = np.empty((len(heading), 3))
-    poses[:, 0] = start[0] + _sums_from_zero(dx)
-    poses[:, 1] = start[1] + _sums_from_zero(dy)
+    poses[:, 0] = start[0] + _sums_from_zero(step_x(increments, middle))
+    poses[:, 1] = start[1] + _sums_from_zero(step_y(increments, middle))
     poses[:, 2] = wrap_angle(heading)
     return poses
 
@@ -135,16 +183,14 @@ def _sums_from_zero(steps: FloatArray) -> FloatArray:
 def believed_increments(true: Increments, errors: WheelErrors) -> Increments:
     """Motion that odometry with the actual wheels reports for the true one; the lateral part, unmeasured, is kept."""
     ratio = errors.diameter_ratio
-    left = 2.0 * errors.scale * WHEEL_DIAMETER / (ratio + 1.0)  # eq. (15)
-    right = 2.0 * errors.scale * WHEEL_DIAMETER / (1.0 / ratio + 1.0)  # eq. (16)
-    # Eq. (17), corrected: one rolled angle per wheel, and the arc is half the angle times the diameter.
+    mean = errors.scale * WHEEL_DIAMETER
     half_turn = 0.5 * WHEEL_BASE * true.turn
     rolled_right = 2.0 * (true.distance + half_turn) / WHEEL_DIAMETER
     rolled_left = 2.0 * (true.distance - half_turn) / WHEEL_DIAMETER
-    distance_right = 0.5 * rolled_right * right
-    distance_left = 0.5 * rolled_left * left
-    distance = 0.5 * (distance_right + distance_left)
-    turn = (distance_right - distance_left) / (errors.wheel_base_ratio * WHEEL_BASE)
+    way_right = wheel_way(rolled_right, right_diameter(mean, ratio))
+    way_left = wheel_way(rolled_left, left_diameter(mean, ratio))
+    distance = 0.5 * (way_right + way_left)
+    turn = step_heading(way_right, way_left, errors.wheel_base_ratio * WHEEL_BASE)
     return Increments(distance, true.lateral, turn)
 
 

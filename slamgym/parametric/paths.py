@@ -17,12 +17,19 @@ from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymE
 from slamgym.core.files import read_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import shown
-from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid, Trajectory
+from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
-from slamgym.planning.prm import Roadmap, build_roadmap, random_path, spread_stops, tour
+from slamgym.planning.prm import (
+    DrivableArea,
+    build_roadmap,
+    drivable_area,
+    random_path,
+    spread_stops,
+    tour,
+)
 from slamgym.sim.clutter import Clutter
-from slamgym.sim.passages import PASSAGE_CELL
+from slamgym.sim.passages import ROUNDING, Passages
 from slamgym.sim.robot import RobotConfig
 
 if TYPE_CHECKING:
@@ -31,8 +38,8 @@ if TYPE_CHECKING:
 _ROBOT = RobotConfig()
 _SAMPLE_INTERVAL = 0.05
 """Time between two poses of the fine trajectory that scans are picked from [s]."""
-_CLEARANCE = 0.25
-"""Distance that a planned path keeps from walls [m]: the radius of the robot and 3 cm."""
+_CLEARANCE = RobotConfig.radius + ROUNDING
+"""Distance that a planned path keeps from walls [m], so that it leads through every doorway that the robot fits in."""
 _STOP_SPACING = 5.0
 """Distance between stops in a plan without rooms [m]; the LIDAR sees what lies between."""
 
@@ -233,6 +240,19 @@ def pick_scans(trajectory: Trajectory, config: MotionConfig) -> Trajectory:
     return Trajectory(trajectory.stamps[kept], poses[kept])
 
 
+def thinned_scans(
+    trajectory: Trajectory, config: MotionConfig, most: int
+) -> tuple[Trajectory, MotionConfig]:
+    """Pick scans wider apart, so that there are at most so many; also the distances between them."""
+    wider = config
+    picked = pick_scans(trajectory, wider)
+    while len(picked) > most:
+        factor = 1.05 * len(picked) / most
+        wider = MotionConfig(factor * wider.scan_spacing, factor * wider.scan_angle)
+        picked = pick_scans(trajectory, wider)
+    return picked, wider
+
+
 def check_path_is_free(
     points: FloatArray, free_space: shapely.Polygon, name: str, what: str = "waypoint"
 ) -> None:
@@ -347,34 +367,44 @@ def plan_trajectory(
     Raises:
         PlanError: If the robot fits nowhere.
     """
-    grid = plan.raster(PASSAGE_CELL)
-    if clutter is not None and clutter.passages is not None:
-        passages = clutter.passages
-        cells = np.where(passages.clearance[::-1] > 0.0, FREE, OCCUPIED)
-        grid = OccupancyGrid(cells, passages.frame)
-    if not (grid.cells == FREE).any():
-        raise PlanError(plan.id, "has no free space")
+    passages = None if clutter is None else clutter.passages
+    if passages is None:
+        passages = Passages(plan, 2.0 * _CLEARANCE)
     try:
-        roadmap = build_roadmap(grid, _CLEARANCE, rng)
+        # Rows of passages grow upwards.
+        area = drivable_area(passages.clearance[::-1], passages.frame, _CLEARANCE)
     except SlamgymError as error:
         raise PlanError(plan.id, str(error)) from error
     if kind == "pair":
-        points = random_path(roadmap, rng)
+        points = random_path(build_roadmap(area, rng), rng)
     else:
-        stops = [spread_stops(roadmap, _STOP_SPACING, rng)]
-        stops += [_room_centre(plan, roadmap, room.polygon) for room in plan.rooms]
-        points = tour(roadmap, np.concatenate(stops), rng)
+        middles = _room_middles(plan, area)
+        roadmap = build_roadmap(area, rng, middles)
+        stops = np.concatenate([spread_stops(roadmap, _STOP_SPACING, rng), middles])
+        points = tour(roadmap, stops, rng)
     return drive(Waypoints(points), f"the path planned in {plan.id}", robot)
 
 
-def _room_centre(plan: "FloorPlan", roadmap: Roadmap, room: shapely.Polygon) -> FloatArray:
-    """The roadmap's node nearest to the middle of a room's free part, (1, 2), or (0, 2) if none is inside."""
-    free = shapely.intersection(room, plan.free_space)
-    middle = free.centroid
-    node_x, node_y = roadmap.nodes.T
-    inside = roadmap.nodes[shapely.intersects_xy(free, node_x, node_y)]
-    if len(inside) == 0:
-        return inside
-    away = [math.hypot(x - middle.x, y - middle.y) for x, y in inside]
-    nearest = int(np.argmin(away))
-    return inside[[nearest]]
+def _room_middles(plan: "FloorPlan", area: DrivableArea) -> FloatArray:
+    """Of each room that the area reaches into, the cell nearest to the middle of its free part; (R, 2) [m]."""
+    points = area.points
+    middles = []
+    for room in plan.rooms:
+        free = shapely.intersection(room.polygon, plan.free_space)
+        shapely.prepare(free)
+        inside = points[shapely.intersects_xy(free, *points.T)]
+        if len(inside):
+            away = inside - shapely.get_coordinates(free.centroid)
+            middles.append(inside[np.argmin(np.square(away).sum(axis=1))])
+    return np.array(middles).reshape(-1, 2)
+
+
+def rooms_left_out(plan: "FloorPlan", trajectory: Trajectory) -> list[str]:
+    """Names of the rooms that a path doesn't enter, with their middles."""
+    x, y, _ = trajectory.poses.T
+    left_out = []
+    for room in plan.rooms:
+        if not shapely.intersects_xy(room.polygon, x, y).any():
+            middle = room.polygon.centroid
+            left_out.append(f"{room.category} at ({middle.x:.1f}, {middle.y:.1f})")
+    return left_out

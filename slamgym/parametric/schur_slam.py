@@ -9,16 +9,15 @@ import numpy as np
 from scipy.sparse import block_array, bsr_array, csc_array
 from scipy.sparse.linalg import splu
 
-from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.parametric.ekf_slam import LandmarkEstimate, LandmarkProblem, observation_model
+from slamgym.parametric.landmarks import LandmarkEstimate, LandmarkProblem, observation_model
 from slamgym.parametric.odometry_error import increments_of
 
 _ITERATIONS = 2
 """Gauss-Newton steps, the first from the truth; the second matters if the heading errs by 5 deg."""
-_MAX_SCANS = 4000
-"""Beyond this the factors of a long winding path fill gigabytes."""
+MAX_SCANS = 4000
+"""Beyond this the factors of a long winding path fill gigabytes: longer paths are to be thinned."""
 
 
 def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
@@ -29,16 +28,7 @@ def solve_schur(problem: LandmarkProblem) -> LandmarkEstimate:
 
     Returns:
         Smoothed poses (the first is exact) and landmarks.
-
-    Raises:
-        ConfigError: If there are too many scans for the memory.
     """
-    num_scans = len(problem.true_poses)
-    if num_scans > _MAX_SCANS:
-        raise ConfigError(
-            f"ekf_schur would solve for {num_scans} scans, more than {_MAX_SCANS}; use a "
-            "larger scan spacing, a shorter path or the method two_phase"
-        )
     poses = problem.true_poses.copy()
     points = problem.points.copy()
     of_poses = 3 * (len(poses) - 1)

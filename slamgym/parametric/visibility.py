@@ -106,6 +106,7 @@ class Visibility:
     frame: GridFrame
     sensors: FloatArray  # (T, 3) true poses of the scanner, world frame
     cells: SeenCells
+    mount_x: float  # [m] of the scanner ahead of the base
 
     @property
     def seen(self) -> BoolArray:
@@ -163,4 +164,4 @@ def observe(
         scanner.range_max / frame.resolution,
         cells,
     )
-    return Visibility(frame, sensors, cells)
+    return Visibility(frame, sensors, cells, scanner.mount_x)

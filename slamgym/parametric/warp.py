@@ -83,6 +83,16 @@ def densify(field: Float32Array, known: BoolArray, sigma_px: float) -> Float32Ar
     return np.stack(smooth)
 
 
+def enlarged(field: Float32Array, shape: tuple[int, int]) -> Float32Array:
+    """Interpolate a field (2, H, W) [m] for a grid of the same extent and another shape."""
+    height, width = shape
+    components = [
+        cv2.resize(component, (width, height), interpolation=cv2.INTER_LINEAR)
+        for component in field
+    ]
+    return np.stack(components)
+
+
 def invert(forward: Float32Array, resolution: float) -> Float32Array:
     """Carry a dense field from true to output cells by the fixed point d(q) = f(q + d(q)).
 

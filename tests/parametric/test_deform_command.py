@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import shapely
 
-from slamgym.cad.floorplan import FloorPlan
+from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.houseexpo import write_houseexpo
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import InputFileError, PlanError, SlamgymError
@@ -101,7 +101,7 @@ def test_the_same_seed_writes_the_same_map(plan_file, tmp_path, recipe) -> None:
         assert first == second
 
 
-@pytest.mark.parametrize("conversion", ["two_phase", "ekf_schur"])
+@pytest.mark.parametrize("conversion", ["two_phase", "ekf_schur", "ekf"])
 def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion) -> None:
     way = csv(tmp_path / "way.csv", tour_points)
     out = tmp_path / "out"
@@ -111,6 +111,48 @@ def test_a_waypoint_file_and_a_size(plan_file, tmp_path, tour_points, conversion
     assert read_ros_map(folder / "map.yaml").cells.shape == (64, 64)
     end = read_tum(folder / "truth.tum").poses[-1, :2] + tour_points[0]
     np.testing.assert_allclose(end, tour_points[-1], atol=1e-5)
+
+
+@pytest.mark.parametrize("equations", ["corrected", "printed"])
+def test_an_ekf_of_64_pixels_enlarged_to_256(plan_file, tmp_path, capsys, equations) -> None:
+    out = tmp_path / "out"
+    options = ("--conversion", "ekf", "--equations", equations, "--size", "64", "--resize", "256")
+    main([str(plan_file), "-o", str(out), "--method", "parametric", *options])
+    assert "ekf took" in capsys.readouterr().out
+    folder = episodes(out)[0]
+    assert read_ros_map(folder / "map.yaml").cells.shape == (256, 256)
+    facts = json.loads((folder / "parameters.json").read_text())
+    assert facts["config"]["equations"] == equations
+
+
+def test_rooms_that_a_tour_leaves_out_are_named(tmp_path, capsys) -> None:
+    closed = shapely.box(0.0, 0.0, 6.0, 4.0).difference(shapely.box(3.0, 0.0, 3.1, 3.7))
+    rooms = (
+        Room("Bedroom", shapely.box(0.0, 0.0, 3.0, 4.0)),
+        Room("Bath", shapely.box(3.1, 0, 6, 4)),
+    )
+    path = tmp_path / "closed.json"
+    write_houseexpo(path, FloorPlan("closed", closed, rooms))
+    main([str(path), "-o", str(tmp_path / "out"), "--method", "parametric", "--size", "64"])
+    said = capsys.readouterr().err
+    assert said.count("leaves out") == 1
+    assert ("Bedroom at (1.5, 2.0)" in said) != ("Bath at (4.5, 2.0)" in said)
+
+
+def test_plans_that_cannot_be_used_are_counted_by_their_reason(plan_file, tmp_path) -> None:
+    plans = tmp_path / "plans"
+    plans.mkdir()
+    for name in ("a", "b", "c"):
+        (plans / f"{name}.json").write_text('{"id": "x", "verts": 3}')
+    write_houseexpo(plans / "d.json", FloorPlan("d", shapely.box(0.0, 0.0, 6.0, 0.001)))
+    with pytest.raises(SlamgymError, match=r"none of the 4 plans .* can be used; 3 of 4: .*verts"):
+        main([str(plans), "-o", str(tmp_path / "out"), "--plans", "2"])
+    options = ("--plans", "2", "--plans-filter", "useful")
+    hall = tmp_path / "hall"
+    hall.mkdir()
+    write_houseexpo(hall / "a.json", FloorPlan("a", shapely.box(0.0, 0.0, 60.0, 60.0)))
+    with pytest.raises(SlamgymError, match="1 of 1: --plans-filter useful omits it"):
+        main([str(hall), "-o", str(tmp_path / "out"), *options])
 
 
 def test_a_recorded_path(plan_file, tmp_path, tour) -> None:
@@ -248,6 +290,13 @@ def test_bad_trajectories_give_one_clear_error_and_write_nothing(plan_file, tmp_
         (["--method", "generator", "--recipe", "papper"], "papper"),
         (["--method", "parametric", "--recipe", "paper"], "take --method generator"),
         (["--resolution", "-0.1"], "--resolution must be above 0"),
+        (["--equations", "printed"], "--equations has no effect with --method generator"),
+        (["--method", "parametric", "--conversion", "ekf"], r"ekf would keep .* GB.*--size 128"),
+        (["--method", "parametric", "--resize", "256"], "--resize enlarges a map of --size"),
+        (
+            ["--method", "parametric", "--size", "64", "--resize", "32"],
+            "--resize must be at least --size, 64, not 32",
+        ),
         (["--size", "3"], "--size must be 0 or at least 16, not 3"),
         (["--seed", "-4"], "--seed must be at least 0, not -4"),
         (["--trajectory", "missing.csv"], "missing.csv"),

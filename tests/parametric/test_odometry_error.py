@@ -12,8 +12,16 @@ from slamgym.parametric.odometry_error import (
     Increments,
     WheelErrors,
     believed_increments,
+    diameter_ratio,
     increments_of,
     integrate,
+    left_diameter,
+    right_diameter,
+    step_heading,
+    step_x,
+    step_y,
+    wheel_base_ratio,
+    wheel_way,
 )
 
 
@@ -109,3 +117,51 @@ def test_documented_loop_ends_where_the_formulas_say() -> None:
     errors = WheelErrors(kappa=math.radians(-0.35) / 4.0, alpha_eb=math.radians(1.0))
     heading = math.degrees(abs(believed_heading_after_square(errors, 7.25, 1.0)))
     assert 4.0 < heading < 8.0
+
+
+def test_13_a_wider_base_turns_too_little() -> None:
+    # A quarter turn that errs by 1 and 0.5 degrees: Borenstein and Feng's 90 / (90 - alpha).
+    ratio = wheel_base_ratio(math.radians(1.0), math.radians(0.5))
+    assert ratio == pytest.approx(90.0 / 88.5)
+    believed = believed_increments(
+        motion([0.0], [math.pi / 2]), WheelErrors(alpha_eb=math.radians(1.0))
+    )
+    assert believed.turn[0] == pytest.approx(math.radians(89.0))
+
+
+def test_14_the_outer_wheel_of_a_left_bend_is_the_right_one() -> None:
+    # Curve of radius 10 m, wheels 0.3 m apart: 10.15 to 9.85.
+    assert diameter_ratio(0.1, 0.3) == pytest.approx(10.15 / 9.85)
+
+
+@given(mean=st.floats(0.03, 0.2), ratio=st.floats(0.98, 1.02))
+def test_15_and_16_have_the_mean_and_the_ratio(mean, ratio) -> None:
+    left = left_diameter(mean, ratio)
+    right = right_diameter(mean, ratio)
+    assert 0.5 * (left + right) == pytest.approx(mean)
+    assert right / left == pytest.approx(ratio)
+
+
+def test_17_a_whole_turn_of_a_wheel_is_its_circumference() -> None:
+    way = wheel_way(np.array([2.0 * math.pi]), 0.066)
+    assert way[0] == pytest.approx(math.pi * 0.066)
+
+
+def test_18_and_19_lead_along_the_mean_heading_and_sideways_to_the_left() -> None:
+    ahead = motion([2.0], [0.0])
+    pushed = Increments(np.zeros(1), np.array([1.0]), np.zeros(1))
+    heading = np.array([math.radians(30.0)])
+    assert step_x(ahead, heading)[0] == pytest.approx(math.sqrt(3.0))
+    assert step_y(ahead, heading)[0] == pytest.approx(1.0)
+    assert step_x(pushed, heading)[0] == pytest.approx(-0.5)
+    assert step_y(pushed, heading)[0] == pytest.approx(0.5 * math.sqrt(3.0))
+
+
+def test_20_the_right_wheel_turns_to_the_left() -> None:
+    assert step_heading(np.array([1.1]), np.array([0.9]), 0.4)[0] == pytest.approx(0.5)
+
+
+def test_18_to_20_turn_half_translate_turn_half() -> None:
+    # A quarter circle of 1 m radius in one step: the chord under 45 degrees.
+    end = integrate(np.zeros(3), motion([math.sqrt(2.0)], [math.pi / 2]))[-1]
+    np.testing.assert_allclose(end, [1.0, 1.0, math.pi / 2])

@@ -10,12 +10,14 @@ from slamgym.commands.frame import Out
 from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Within
 from slamgym.core.errors import ConfigError
 from slamgym.dataset.format import is_dataset
-from slamgym.parametric.config import ConversionMethod
+from slamgym.parametric.config import ConversionMethod, Equations
 
 Method = Literal["parametric", "generator", "modelprog", "elastic"]
 _OF_METHODS: dict[str, tuple[Method, ...]] = {
     "--conversion": ("parametric",),
+    "--equations": ("parametric",),
     "--size": ("parametric",),
+    "--resize": ("parametric",),
     "--severity": ("parametric",),
     "--recipe": ("generator",),
     "--trajectory": ("parametric", "generator"),
@@ -25,6 +27,7 @@ _OF_METHODS: dict[str, tuple[Method, ...]] = {
 """Options that not every method takes."""
 _NOT_OF_DATASETS = (
     "--plans", "--plans-filter", "--plan-id", "--trajectory", "--prm-kind", "--recipe", "--size",
+    "--resize",
 )  # fmt: skip
 """Options about what the pairs of a dataset bring with them."""
 
@@ -70,8 +73,11 @@ class DeformArguments(Arguments):
     reference or a YAML file. Without it the default robot in an empty building."""
 
     conversion: ConversionMethod | None = None
-    """Parametric: conversion of odometry errors to map errors: ekf_schur (the default) or two_phase (dead
-    reckoning)."""
+    """Parametric: conversion of odometry errors to map errors: ekf_schur (the default; EKF-SLAM's answer at once),
+    ekf (the paper's filter, up to 128 px) or two_phase (dead reckoning)."""
+
+    equations: Equations | None = None
+    """Parametric: corrected (the default), or printed: the paper's LIDAR model with its misprints."""
 
     severity: Annotated[float, Within(ge=0.0, le=10.0)] = 1.0
     """Parametric: multiplies every error magnitude; 0 gives the CAD map back where the robot looked."""
@@ -85,6 +91,9 @@ class DeformArguments(Arguments):
     size: Literal[0] | Annotated[int, Within(ge=16)] = 0
     """Parametric: side of the square map [px]; the resolution follows from the plan. 0 takes --resolution."""
 
+    resize: Literal[0] | Annotated[int, Within(ge=16)] = 0
+    """Parametric: enlarge the displacements of --size to a map of this side [px]; 0 doesn't."""
+
     weights: str | None = None
     """Modelprog: a pretrained name, a .safetensors file or a run's folder."""
 
@@ -94,6 +103,8 @@ class DeformArguments(Arguments):
     def _check(self) -> None:
         if self.plan_id is not None and self.plans > 1:
             raise ConfigError("--plan-id and --plans exclude each other; give one")
+        if self.resize and self.resize < self.size:
+            raise ConfigError(f"--resize must be at least --size, {self.size}, not {self.resize}")
         given = self._given()
         for option, methods in _OF_METHODS.items():
             if self.method not in methods and option in given:
@@ -101,6 +112,10 @@ class DeformArguments(Arguments):
                     f"{option} has no effect with --method {self.method}; leave it out "
                     f"or take --method {' or '.join(methods)}"
                 )
+        if self.resize and not self.size:
+            raise ConfigError(
+                "--resize enlarges a map of --size; give --size, too, as in --size 64"
+            )
         if is_dataset(self.plan):
             for option in _NOT_OF_DATASETS:
                 if option in given:
@@ -113,7 +128,9 @@ class DeformArguments(Arguments):
         default = DeformArguments
         differs = {
             "--conversion": self.conversion != default.conversion,
+            "--equations": self.equations != default.equations,
             "--size": self.size != default.size,
+            "--resize": self.resize != default.resize,
             "--severity": self.severity != default.severity,
             "--recipe": self.recipe != default.recipe,
             "--trajectory": self.trajectory != default.trajectory,

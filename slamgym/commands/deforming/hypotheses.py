@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from slamgym.cad.plan_filter import passes
+from slamgym.cad.plan_filter import passes, usual_reason
 from slamgym.cad.sources import open_plans
 from slamgym.commands.frame import require_plan
 from slamgym.core.config import from_dict, to_dict
@@ -31,7 +31,12 @@ from slamgym.envs.plan_cache import Streams
 from slamgym.parametric.config import ParametricConfig
 from slamgym.parametric.generator import map_along_path
 from slamgym.parametric.model import DRIFT_MARGIN, Deformation, deform
-from slamgym.parametric.paths import check_recorded, plan_trajectory, trajectory_from_file
+from slamgym.parametric.paths import (
+    check_recorded,
+    plan_trajectory,
+    rooms_left_out,
+    trajectory_from_file,
+)
 from slamgym.sim import Clutter, make_clutter
 
 if TYPE_CHECKING:
@@ -89,6 +94,7 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
         arguments.plans == 1 and arguments.plans_filter == "none"
     )
     found = 0
+    reasons: list[str] = []
     for plan_id in ids:
         try:
             plan = source.load(plan_id)
@@ -98,19 +104,21 @@ def _plans(arguments: DeformArguments) -> Iterator[FloorPlan]:
                 raise PlanError(
                     plan.id, "has no free cell; use a finer --resolution or another plan"
                 )
-        except PlanError:
+        except PlanError as error:
             if is_one:
                 raise
+            reasons.append(error.reason)
             continue
         if is_one or passes(plan, arguments.plans_filter):
             found += 1
             yield plan
+        else:
+            reasons.append(f"--plans-filter {arguments.plans_filter} omits it")
         if found == arguments.plans:
             return
     if not found:
         raise ConfigError(
-            f"none of the {len(source)} plans of {arguments.plan} can be used; "
-            "give other plans or another --plans-filter"
+            f"none of the {len(source):,} plans of {arguments.plan} can be used; {usual_reason(reasons)}"
         )
 
 
@@ -222,13 +230,15 @@ def hypotheses(
 def _parametric(subject: Subject, arguments: DeformArguments, rng: np.random.Generator) -> DrawnMap:
     config = ParametricConfig(
         method=arguments.conversion or "ekf_schur",
+        equations=arguments.equations or "corrected",
         severity=arguments.severity,
         resolution=arguments.resolution or ParametricConfig.resolution,
     )
     frame = _square_around(subject.plan, arguments.size) if arguments.size else None
+    map_frame = _square_around(subject.plan, arguments.resize) if arguments.resize else None
     path = _path(subject, arguments, rng, None)
     began = time.process_time()
-    result = deform(subject.plan, path, config, rng, frame)
+    result = deform(subject.plan, path, config, rng, frame, map_frame)
     return _drawn(result, config.method, to_dict(config), time.process_time() - began)
 
 
@@ -333,4 +343,8 @@ def _path(
         return subject.driven
     path = plan_trajectory(plan, rng, arguments.prm_kind, robot, clutter)
     last = max(2, int(np.searchsorted(path.stamps, time_limit(plan, subject.settings.minutes))))
-    return Trajectory(path.stamps[:last], path.poses[:last])
+    path = Trajectory(path.stamps[:last], path.poses[:last])
+    left_out = rooms_left_out(plan, path) if arguments.prm_kind == "tour" else []
+    if left_out:
+        say(f"{plan.id}: the tour leaves out {', '.join(left_out)}")
+    return path

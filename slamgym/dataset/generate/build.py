@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from slamgym.cad import FloorPlan, PlanGroup, PlanSource, check_plan, plan_groups
-from slamgym.cad.plan_filter import passes
+from slamgym.cad.plan_filter import passes, usual_reason
 from slamgym.core.errors import PlanError, SlamgymError
 from slamgym.core.names import exploration_seed, shuffled
 from slamgym.core.parallel.backlog import Lost, tried
@@ -194,9 +194,11 @@ class SlotQueue:
     def _note_barren(self) -> None:
         self._barren += 1
         if self._barren >= max(len(self._plans), 1) * self._config.trajectories:
+            omitted = f"--plans-filter {self._config.plans_filter} omits it"
+            reasons = [reason or omitted for reason in self._unfit.values()]
+            why = f"; {usual_reason(reasons)}" if reasons else ""
             raise SlamgymError(
-                f"no plan gave a pair (of {len(self._plans)}); {self._folder.layout.rejected} says why, "
-                "unless the filter leaves none"
+                f"no plan gave a pair (of {len(self._plans):,}){why}; {self._folder.layout.rejected} says more"
             )
 
 
