@@ -15,7 +15,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.pictures import PICTURE_SUFFIXES
 from slamgym.core.types import FREE, OCCUPIED, OccupancyGrid, Pose2D
-from slamgym.interop.ros_map import MAX_RESOLUTION, MIN_RESOLUTION, read_bare_map, read_turned_map
+from slamgym.interop.ros_map import LARGEST_CELL, SMALLEST_CELL, read_bare_map, read_turned_map
 from slamgym.interop.valetudo import MapSegment, embedded_map, parse_valetudo
 
 MIN_FREE = 50
@@ -113,7 +113,7 @@ def _read_picture(path: Path, resolution: float | None) -> RobotMap:
         raise InputFileError(
             path, "is a picture without a yaml; give its metres per pixel by --resolution"
         )
-    if not (math.isfinite(resolution) and MIN_RESOLUTION <= resolution <= MAX_RESOLUTION):
+    if not (math.isfinite(resolution) and SMALLEST_CELL <= resolution <= LARGEST_CELL):
         raise InputFileError(
             path, f"its resolution is {resolution}; it must be metres per pixel, above 0"
         )

@@ -28,9 +28,9 @@ OCCUPIED_THRESHOLD = 0.65
 FREE_THRESHOLD = 0.196
 """map_saver's own thresholds: the grey value 205 lies between them."""
 
-MIN_RESOLUTION = 1e-5
+SMALLEST_CELL = 1e-5
 """Smaller cells are a broken number [m]."""
-MAX_RESOLUTION = 100.0
+LARGEST_CELL = 100.0
 """Larger cells are a broken number [m]."""
 MAX_ORIGIN = 1e8
 """A map farther from the origin than this is a broken number [m]; UTM coordinates go up to 1e7."""
@@ -51,7 +51,7 @@ class MapDescription:
 
     image: str
     """The picture, in the folder of the file."""
-    resolution: Annotated[float, Within(ge=MIN_RESOLUTION, le=MAX_RESOLUTION)]
+    resolution: Annotated[float, Within(ge=SMALLEST_CELL, le=LARGEST_CELL)]
     """Metres of a cell."""
     origin: tuple[_Place, _Place, float]
     """x and y of the outer corner of the bottom-left cell [m], yaw [rad]."""
