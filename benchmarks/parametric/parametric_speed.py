@@ -1,4 +1,4 @@
-"""Time of the parametric model per method and map size, compared with the paper's Table II.
+"""Table II: time of the parametric model by conversion and map size, all in one run, beside the paper's.
 
 Run: ``python benchmarks/parametric/parametric_speed.py``. CPU seconds of one thread,
 kernels warm, best of several runs.
@@ -11,9 +11,9 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy starts its threads
 
-import dataclasses
 import itertools
 import time
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -29,9 +29,8 @@ from report import print_and_save
 
 ROOM = 6.4  # [m]
 MARGIN = 0.5  # [m] of wall round the building
-PAPER = {("two_phase", 256): "2.6-3.6 (Matlab)", ("ekf_schur", 64): "15-94 (Matlab)"}
-GOALS = {("two_phase", 256): 0.15, ("ekf_schur", 256): 0.3, ("two_phase", 1600): 3.0}
 COLUMNS = (
+    "Table II",
     "method",
     "map px",
     "building m",
@@ -41,6 +40,33 @@ COLUMNS = (
     "CPU [s]",
     "goal",
     "paper s",
+)
+
+
+class Case(NamedTuple):
+    """A row of the table."""
+
+    name: str
+    method: ConversionMethod
+    rooms_per_side: int
+    pixels: int
+    resize: int = 0
+    landmarks: int = 10  # of a scan, 0 all
+    goal: float | None = None  # [s]
+    paper: str = "-"
+
+
+CASES = (
+    Case("EKF (a)", "ekf", 2, 64, goal=2.0, paper="15-94 (Matlab)"),
+    Case("EKF (a), all wall cells", "ekf", 2, 64, landmarks=0, goal=2.0, paper="15-94 (Matlab)"),
+    Case("EKF (b)", "ekf", 2, 64, resize=256, goal=2.0),
+    Case("[26]", "two_phase", 2, 256, goal=0.15, paper="2.6-3.6 (Matlab)"),
+    Case("ours", "ekf_schur", 2, 64),
+    Case("ours", "ekf_schur", 2, 256, goal=0.05),
+    Case("ours, all wall cells", "ekf_schur", 2, 256, landmarks=0),
+    Case("EKF, largest", "ekf", 2, 128),
+    Case("[26], largest", "two_phase", 12, 1600, goal=5.0),
+    Case("ours, larger", "ekf_schur", 4, 512),
 )
 
 
@@ -77,14 +103,18 @@ def tour_of(rooms_per_side: int) -> Trajectory:
 
 
 def seconds(
-    plan: FloorPlan, path: Trajectory, config: ParametricConfig, repeats: int
+    plan: FloorPlan, path: Trajectory, case: Case, config: ParametricConfig, repeats: int
 ) -> tuple[float, int]:
     """Least CPU time of a run, and its number of scans."""
     frame = GridFrame.covering(plan.bounds, config.resolution, margin=MARGIN)
+    finer = None
+    if case.resize:
+        step = config.resolution * case.pixels / case.resize
+        finer = GridFrame.covering(plan.bounds, step, margin=MARGIN)
     times = []
     for _ in range(repeats + 1):  # the first warms up
         begun = time.process_time()
-        result = deform(plan, path, config, np.random.default_rng(1), frame)
+        result = deform(plan, path, config, np.random.default_rng(1), frame, finer)
         times.append(time.process_time() - begun)
     return min(times[1:]), len(result.true)
 
@@ -94,36 +124,27 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
-    home, block, tower = grid_building(2), grid_building(4), grid_building(12)
     motion = MotionConfig(scan_spacing=0.25, scan_angle=0.35)
-    home_path = tour_of(2)
-    block_path = tour_of(4)
-    tower_path = tour_of(12)
-    cases: list[tuple[ConversionMethod, FloorPlan, Trajectory, int, int]] = [
-        ("two_phase", home, home_path, 64, 0),
-        ("two_phase", home, home_path, 256, 0),
-        ("ekf_schur", home, home_path, 64, 0),
-        ("ekf_schur", home, home_path, 256, 10),
-        ("ekf_schur", home, home_path, 256, 0),
-        ("two_phase", tower, tower_path, 1600, 0),
-        ("ekf_schur", block, block_path, 512, 10),
-    ]
     rows = []
-    for method, plan, path, pixels, landmarks in cases:
+    for case in CASES:
+        plan = grid_building(case.rooms_per_side)
+        path = tour_of(case.rooms_per_side)
         side = plan.bounds[2]
         config = ParametricConfig(
-            method=method,
-            resolution=(side + 2.0 * MARGIN) / pixels,
+            method=case.method,
+            resolution=(side + 2.0 * MARGIN) / case.pixels,
             motion=motion,
-            ekf=dataclasses.replace(EkfConfig(), landmarks_per_scan=landmarks),
+            ekf=EkfConfig(landmarks_per_scan=case.landmarks),
         )
-        took, scans = seconds(plan, path, config, arguments.repeats if pixels < 500 else 2)
-        length = round(path.length, 1)
-        per_scan = "-" if method == "two_phase" else str(landmarks or "all")
-        goal = GOALS.get((method, pixels))
-        row = (method, pixels, round(side, 1), length, scans, per_scan, round(took, 3), goal)
-        rows.append((*row, PAPER.get((method, pixels), "-")))
-    title = "One map by the parametric model, one thread"
+        repeats = arguments.repeats if case.pixels < 500 else 2
+        took, scans = seconds(plan, path, case, config, repeats)
+        pixels = f"{case.pixels} to {case.resize}" if case.resize else str(case.pixels)
+        landmarks = "-" if case.method == "two_phase" else str(case.landmarks or "all")
+        rows.append(
+            (case.name, case.method, pixels, round(side, 1), round(path.length, 1), scans,
+             landmarks, round(took, 3), case.goal, case.paper)
+        )  # fmt: skip
+    title = "Table II: one map by the parametric model, one thread"
     print_and_save("parametric/parametric_speed", title, rows, COLUMNS, times=("CPU [s]",))
 
 

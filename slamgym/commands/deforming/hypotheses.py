@@ -234,8 +234,8 @@ def _parametric(subject: Subject, arguments: DeformArguments, rng: np.random.Gen
         severity=arguments.severity,
         resolution=arguments.resolution or ParametricConfig.resolution,
     )
-    frame = _square_around(subject.plan, arguments.size) if arguments.size else None
-    map_frame = _square_around(subject.plan, arguments.resize) if arguments.resize else None
+    frame = square_around(subject.plan, arguments.size) if arguments.size else None
+    map_frame = square_around(subject.plan, arguments.resize) if arguments.resize else None
     path = _path(subject, arguments, rng, None)
     began = time.process_time()
     result = deform(subject.plan, path, config, rng, frame, map_frame)
@@ -318,7 +318,7 @@ def _without_path(
     return DrawnMap(OccupancyGrid(cells, cad.frame), cad, field, outcome, {})
 
 
-def _square_around(plan: FloorPlan, size_px: int) -> GridFrame:
+def square_around(plan: FloorPlan, size_px: int) -> GridFrame:
     """A square grid of ``size_px`` that holds the plan and its margin, the plan in the middle."""
     min_x, min_y, max_x, max_y = plan.bounds
     side = max(max_x - min_x, max_y - min_y) + 2.0 * DRIFT_MARGIN
