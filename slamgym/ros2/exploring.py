@@ -1,6 +1,7 @@
 """The explorers as a node: a drop-in for explore_lite on anybody's map, driving itself or by another navigation."""
 
 import functools
+import threading
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,12 +21,14 @@ from slamgym.interop.ros_messages import pose_of, stamp_of
 from slamgym.planning.navigator import STOP
 from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
-from slamgym.ros2.frames import CLOCK_JUMP, POSES_END, RobotFrames, ScanSync
+from slamgym.ros2.frames import POSES_END, RobotFrames, ScanSync
 from slamgym.ros2.goals import GoalSender
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.mapping import draw_saved_map
 from slamgym.ros2.node import SENSOR, RosNode
+from slamgym.ros2.orders import DriveOrder
 from slamgym.ros2.parameters import ExploreParameters
+from slamgym.ros2.stamps import CLOCK_JUMP
 from slamgym.ros2.topics import KeptTopic, VelocityTopic, listen_to_odometry, listen_to_scans
 from slamgym.ros2.viewing import Display
 
@@ -74,7 +77,7 @@ class ExploreNode(RosNode):
         self._exploration = exploration = Exploration(names)
         if names.wait:
             exploration.pause()
-        self._frames = RobotFrames(names)
+        self._frames = RobotFrames(names, self.once)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
         self._laser = LaserReader(self._frames, names.mount, self.once)
         self._foreign = ForeignMap("map")
@@ -84,14 +87,17 @@ class ExploreNode(RosNode):
         self._stepped_at = time.monotonic()
         self._is_saved = False
         self._is_moving = True
+        self._is_halted = False
+        self._driving = threading.Lock()  # held while an order is sent to the robot
+        self.worker.most_pending = 1  # an older scan is of no use to a robot that drives
         self._goals = GoalSender(self, self._end_goal) if names.drive == "goals" else None
         if self._goals is None:
             self._velocity = VelocityTopic(self)
         self._display = Display(self, names)
         self._listen()
-        self.serve("start", self._start)
-        self.serve("stop", self._stop)
-        self.serve("return_to_start", self._return_to_start)
+        self.serve("start", self._start, at_once=True)
+        self.serve("stop", self._stop, at_once=True)
+        self.serve("return_to_start", self._return_to_start, at_once=True)
         self.create_timer(0.1, self._look, clock=self.wall_clock)
 
     def _listen(self) -> None:
@@ -112,10 +118,11 @@ class ExploreNode(RosNode):
     def _take_map(self, message: Any) -> None:
         self.heard("map", for_good=True)  # a map that stays as it is isn't sent again
         if self.is_on_map(message, "map"):
-            self.worker.put(functools.partial(self._read_map, message))
+            read = functools.partial(self._read_map, message)
+            self.worker.order(read, "map", replaces=True)
 
     def _take_update(self, message: Any) -> None:
-        self.worker.put(functools.partial(self._patch_map, message))
+        self.worker.order(functools.partial(self._patch_map, message), "map")
 
     def _take_pose(self, message: Any) -> None:
         if not self.is_on_map(message, "pose"):
@@ -144,26 +151,48 @@ class ExploreNode(RosNode):
             self._go()
         if now - self._stepped_at > STOP_AFTER:
             self._stepped_at = now
+            if self._goals is None and self._is_moving:
+                with self._driving:
+                    self._stand()  # the worker may be busy
             self.worker.put(functools.partial(self._step, None))
 
     def _switch(self, message: Any) -> None:
         """Start or stop, as explore_lite's users do."""
-        self.worker.put(self._exploration.resume if message.data else self._exploration.pause)
+        if message.data:
+            self._start()
+        else:
+            self._stop()
 
     def _start(self) -> str:
-        self._exploration.resume()
+        self._is_halted = False
+        self.worker.order(self._exploration.resume)
         return "exploring"
 
     def _stop(self) -> str:
-        self._exploration.pause()
+        self.halt()
+        self.worker.order(self._exploration.pause)
         return "the robot stands"
 
     def _return_to_start(self) -> str:
-        self._exploration.return_to_start()
+        self._is_halted = False
+        self.worker.order(self._exploration.return_to_start)
         return "returning to the start"
 
+    def halt(self) -> None:
+        """Stop the robot at once; what is being computed now doesn't drive it any more."""
+        with self._driving:
+            self._is_halted = True
+            self._stand()
+
+    def _stand(self) -> None:
+        """Have the robot stand."""
+        if self._goals is not None:
+            self._goals.halt()
+        else:
+            self._velocity.send(STOP, self.header(self._stamp, self._options.base_frame))
+
     def _end_goal(self, number: int, reached: bool) -> None:
-        self.worker.put(functools.partial(self._exploration.goal_ended, number, reached))
+        self.worker.order(functools.partial(self._exploration.goal_ended, number, reached))
 
     # --- the worker ---
 
@@ -211,7 +240,7 @@ class ExploreNode(RosNode):
         scan = None
         if due is not None:
             try:
-                scan = self._laser.read(due.message, due.stamp)
+                scan = self._laser.read(due.message, due.stamp, due.odometry)
             except BrokenMessageError as error:
                 self.once("scan", str(error))
                 return
@@ -234,16 +263,25 @@ class ExploreNode(RosNode):
             self._is_saved = False
 
     def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
-        """Ask what is to be done now, and send it."""
+        """Ask what is to be done now, and send it, unless the robot was stopped meanwhile."""
         order = self._exploration.step(pose, scan, self._stamp)
-        is_moving = order.twist != STOP
+        with self._driving:
+            if not self._is_halted:
+                self._send(order, pose)
+            elif self._goals is None and self._is_moving:
+                self._stand()
+            self._is_moving = order.twist != STOP and not self._is_halted
+
+    def _send(self, order: DriveOrder, pose: Pose2D | None) -> None:
+        """Send an order."""
         if self._goals is not None:
             header = self.header(self._stamp, self._options.map_frame)
             self._goals.send(order.number, order.goal, pose, header)
-        elif self._is_moving or is_moving or self._exploration.state not in STANDING:
+            return
+        is_needed = self._is_moving or order.twist != STOP
+        if is_needed or self._exploration.state not in STANDING:
             header = self.header(self._stamp, self._options.base_frame)
             self._velocity.send(order.twist, header)
-        self._is_moving = is_moving
 
     def _finish(self) -> None:
         """Save the map, and begin its drawing."""
@@ -264,8 +302,5 @@ class ExploreNode(RosNode):
 
     def close(self) -> None:
         """Stop the robot, and complete the files."""
-        if self._goals is not None:
-            self._goals.cancel()
-        else:
-            self._velocity.send(STOP, self.header(self._stamp, self._options.base_frame))
+        self.halt()
         self._display.close()

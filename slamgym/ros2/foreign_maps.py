@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from slamgym.core.errors import InputFileError
-from slamgym.core.limits import MAP_CELLS, shown
+from slamgym.core.limits import shown
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -28,6 +28,10 @@ from slamgym.interop.ros_map import MAX_ORIGIN
 
 LATTICE_CELL = 0.05
 """Side of the cells that foreign maps are brought to [m]."""
+MOST_CELLS = 25_000_000
+"""A map has so many cells at most, as it is published and on our lattice: 250 m x 250 m."""
+COARSEST_CELL = 1.0
+"""Larger cells [m] show no door."""
 _BLOCK = 8
 """Maps begin and end at multiples of so many cells: how places are rounded doesn't change as a map grows."""
 _MARGIN = 10
@@ -84,8 +88,18 @@ class ForeignMap:
                 f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0"
             )
         resolution = round(resolution, 7)  # the message has it in single precision
+        if resolution > COARSEST_CELL:
+            raise self._error(
+                f"has cells of {resolution:g} m, and a robot needs {COARSEST_CELL:g} m at most; let the mapper "
+                "publish finer ones (0.05 m is usual)"
+            )
         growth = max(1.0, resolution / LATTICE_CELL)
-        MAP_CELLS.check(self.name, width * height * growth**2)
+        if width * height * growth**2 > MOST_CELLS:
+            raise self._error(
+                f"is {width * resolution:.0f} m x {height * resolution:.0f} m of {resolution:g} m a cell, more than "
+                f"{MOST_CELLS // 10**6} million cells of {min(resolution, LATTICE_CELL):g} m; let the mapper crop it "
+                "to the building"
+            )
         values = self._checked(data, width, height)
         self._values = values.copy()
         self._resolution = resolution

@@ -15,6 +15,7 @@ from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import matrix_of, pose_of, stamp_of
 from slamgym.interop.transforms import TransformTree, clean_frame, planar
 from slamgym.ros2.parameters import FrameNames
+from slamgym.ros2.stamps import CLOCK_JUMP, StampGate, Warn
 
 KEPT = 500
 """So many of the latest odometry poses are kept: 10 s at 50 Hz."""
@@ -24,12 +25,8 @@ MOST_WAITING = 10
 """So many scans wait for their odometry; more are dropped, the oldest first."""
 POSES_END = 5.0
 """A mapper that has given no pose, and no transform, for so long gives none any more [s]."""
-CLOCK_JUMP = 1.0
-"""A stamp that is so much older than the last one belongs to another run [s]; less is disorder."""
 MOUNT_WAIT = 2.0
 """Where there are transforms, that of the laser is waited for so long [s]: it may come after the first scan."""
-Warn = Callable[[str, str], None]
-"""Takes a kind of fault, each of which is said once, and the sentence."""
 
 
 class PoseHistory:
@@ -82,10 +79,16 @@ class RobotFrames:
 
     The transform ``odom`` to ``base`` of /tf is taken, or /odom as long as /tf has none; for ``map`` to ``odom`` that
     of /tf, or a pose on the map together with the odometry at its moment.
+
+    Args:
+        names: Of the frames.
+        warn: Told what is wrong.
     """
 
-    def __init__(self, names: FrameNames) -> None:
+    def __init__(self, names: FrameNames, warn: Warn) -> None:
         self._names = names
+        self._warn = warn
+        self._gate: StampGate[Pose2D] = StampGate("odometry", warn)
         self._tree = TransformTree(keeps_history=False)
         self.has_tf = False  # it gives the odometry
         self.odometry = PoseHistory()
@@ -107,8 +110,9 @@ class RobotFrames:
 
     def _move(self, message: Any, pose: Pose2D) -> None:
         """Take a pose by odometry; on a clock that has jumped back the map's place isn't known any more."""
-        has_jumped = self.odometry.add(stamp_of(message.header, 0.0), pose)
-        if has_jumped and self.map_stamp < math.inf:
+        usable = self._gate.take(stamp_of(message.header, 0.0), pose)
+        jumps = [self.odometry.add(stamp, moved) for stamp, moved in usable]
+        if any(jumps) and self.map_stamp < math.inf:
             self.map_from_odom = None
             self.pose_stamp = -math.inf
             self.map_stamp = -math.inf
@@ -133,6 +137,7 @@ class RobotFrames:
             if parent == names.odom_frame:
                 if not self.has_tf:
                     self.odometry = PoseHistory()
+                    self._gate = StampGate("odometry", self._warn)
                     self.has_tf = True
                 self._move(entry, planar(matrix))
                 moved = True

@@ -6,9 +6,12 @@ import numpy as np
 
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.ranges import range_limit
+from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import check_scan, geometry_of, ranges_of
 from slamgym.interop.transforms import clean_frame
-from slamgym.ros2.frames import RobotFrames, Warn
+from slamgym.ros2.frames import RobotFrames
+from slamgym.ros2.stamps import Warn
+from slamgym.slam.repeated_scans import Repetition
 
 OTHER_BEAMS = 0.1
 """A rotating scanner's number of beams varies by less than this share."""
@@ -32,12 +35,18 @@ class LaserReader:
         self._warn = warn
         self.geometry: LaserGeometry | None = None
         self._flipped = False
+        self._repetition = Repetition()
 
-    def read(self, message: Any, stamp: float) -> LaserScan:
+    def read(self, message: Any, stamp: float, odometry: Pose2D | None) -> LaserScan:
         """The scan of a message.
 
+        Args:
+            message: A LaserScan.
+            stamp: Its time [s].
+            odometry: The robot's pose by the odometry then, if there is any.
+
         Raises:
-            BrokenMessageError: If no laser sends such a message.
+            BrokenMessageError: If no laser sends such a message, or it sends the same one again while the robot moves.
         """
         check_scan(message)
         if self.geometry is None:
@@ -51,6 +60,10 @@ class LaserReader:
                 "call the service reset if the laser was changed",
             )
         ranges = ranges_of(message, self.geometry, self._flipped)
+        if odometry is not None and self._repetition.is_stuck(stamp, ranges, odometry):
+            raise BrokenMessageError(
+                "the laser repeats one reading while the robot moves: such scans are left out; restart its driver"
+            )
         return LaserScan(stamp, ranges, self.geometry)
 
     def _first(self, message: Any) -> LaserGeometry:

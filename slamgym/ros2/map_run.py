@@ -1,7 +1,6 @@
 """One map in the making: scans and odometry from messages into the mapper, and its files. Works without rclpy."""
 
 import gzip
-import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -9,24 +8,25 @@ from typing import IO, Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.errors import SlamgymError
+from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import StorageError, storage_errors
 from slamgym.core.geometry import compose, inverse
 from slamgym.core.types import LaserScan, OccupancyGrid, Pose2D
 from slamgym.interop import write_ros_map, write_tum
+from slamgym.interop.carmen import read_carmen
 from slamgym.interop.carmen_writer import carmen_lines
+from slamgym.interop.odometry import FASTEST_DRIVE
 from slamgym.interop.records import LogRecord
-from slamgym.ros2.frames import RobotFrames, Warn
+from slamgym.ros2.frames import RobotFrames
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.parameters import MapParameters
+from slamgym.ros2.run_files import LOG, MAP, OF_A_DRIVE, OF_A_MAP, TRAJECTORY, put_files_aside
+from slamgym.ros2.stamps import Warn
 from slamgym.slam import Mapper, SlamConfig, make_mapper
 from slamgym.slam.graph.relative import moved_by
 from slamgym.slam.laser_odometry import LaserTracker
 
 Configure = Callable[[SlamConfig], SlamConfig]
-
-LOG = "log.carmen.gz"
-"""Name of the log: what `slamgym slam` maps again."""
 
 
 class KnownPlace(NamedTuple):
@@ -47,6 +47,7 @@ class MapRun:
         known: A finished map, to localise on it instead.
         frames: Where the laser is.
         warn: Told what is wrong.
+        older: The log of a run to go on with: it is mapped once more before the first scan.
 
     Attributes:
         mapper: None before the first scan.
@@ -62,6 +63,7 @@ class MapRun:
         known: KnownPlace | None,
         frames: RobotFrames,
         warn: Warn,
+        older: Path | None = None,
     ) -> None:
         self.mapper: Mapper | None = None
         self.map_from_odom: Pose2D | None = None
@@ -70,6 +72,7 @@ class MapRun:
         self._configure = configure
         self._known = known
         self._warn = warn
+        self._older = older
         self._laser = LaserReader(frames, parameters.mount, warn)
         self._tracker: LaserTracker | None = None
         self.odometry = Pose2D(0.0, 0.0, 0.0)
@@ -86,9 +89,16 @@ class MapRun:
             BrokenMessageError: If no laser sends such a message.
             StorageError: If the log can't be made.
         """
-        scan = self._laser.read(message, stamp)
+        scan = self._laser.read(message, stamp, odometry)
+        if self._older is not None:
+            self._go_on(self._older, scan, odometry)
+            self._older = None
         self.stamp = stamp
         self.odometry = self._by_laser(scan) if odometry is None else odometry
+        return self._map(scan)
+
+    def _map(self, scan: LaserScan) -> bool:
+        """Map a scan at the odometry as it is now, and log it."""
         if self.mapper is None:
             self.mapper = self._make_mapper(scan)
             self._open_log()
@@ -97,6 +107,31 @@ class MapRun:
         if self._log is not None and np.isfinite(scan.ranges).any():
             self._write(scan)
         return processed
+
+    def _go_on(self, path: Path, scan: LaserScan, odometry: Pose2D | None) -> None:
+        """Map an older log, unless the robot can't have come to a scan from its end."""
+        try:
+            records = read_carmen(path).records
+        except InputFileError as error:
+            self._warn("continue", f"the map begins anew: {error}")
+            return
+        last = records[-1]
+        passed = scan.stamp - last.stamp
+        here = last.odometry if odometry is None else odometry
+        apart = np.hypot(here.x - last.odometry.x, here.y - last.odometry.y)
+        is_same_laser = len(last.scan.ranges) == len(scan.ranges)
+        if passed <= 0.0 or apart > FASTEST_DRIVE * passed or not is_same_laser:
+            self._warn(
+                "continue",
+                f"the map begins anew: clock, odometry or laser aren't those of {path} any more",
+            )
+            return
+        for record in records:
+            self.odometry = record.odometry
+            self._map(LaserScan(record.stamp, record.scan.ranges, scan.geometry))
+        if odometry is None:
+            self._tracker = LaserTracker(LaserScan(last.stamp, last.scan.ranges, scan.geometry))
+        self._warn("continue", f"the map goes on from the {len(records)} scans of {path}")
 
     def _open_log(self) -> None:
         out = self._parameters.out
@@ -136,22 +171,26 @@ class MapRun:
             self._log = None
         self._is_logged = True
 
-    def save(self, folder: Path) -> str:
+    def save(self) -> str:
         """Write map.yaml, map.pgm, trajectory.tum and what there is of the log; returns what to say.
+
+        A map that was there already stays where a robot localises itself.
 
         Raises:
             SlamgymError: If no scan has come, or they can't be written.
         """
         if self.mapper is None:
             raise SlamgymError("nothing to save: no scan has come yet")
-        with storage_errors(folder):
-            folder.mkdir(parents=True, exist_ok=True)
-        path = write_ros_map(folder, self.mapper.occupancy_grid())
-        write_tum(folder / "trajectory.tum", self.mapper.trajectory())
+        out = self._parameters.out
+        with storage_errors(out):
+            out.mkdir(parents=True, exist_ok=True)
+        if self._known is None or not (out / MAP).exists():
+            write_ros_map(out, self.mapper.occupancy_grid())
+        write_tum(out / TRAJECTORY, self.mapper.trajectory())
         if self._log is not None:
-            with storage_errors(folder):
+            with storage_errors(out):
                 self._log.flush()
-        return f"{path}"
+        return f"{out / MAP}"
 
     def close(self) -> None:
         """Complete the log."""
@@ -167,14 +206,13 @@ class MapRun:
         Raises:
             StorageError: If they can't be written.
         """
-        if self.mapper is None or self._known is not None:
-            self.close()
-            return "there was no map yet" if self._known is None else "the map stays"
         out = self._parameters.out
-        runs = (out / f"run{number}" for number in itertools.count(1))
-        folder = next(path for path in runs if not path.exists())
-        self.save(folder)
+        if self._known is not None:
+            self.close()
+            put_files_aside(out, OF_A_DRIVE)
+            return "the map stays"
+        if self.mapper is None:
+            return "there was no map yet"
+        self.save()
         self.close()
-        with storage_errors(folder):
-            (out / LOG).replace(folder / LOG)
-        return f"the map until now is in {folder}"
+        return f"the map until now is in {put_files_aside(out, OF_A_MAP)}"

@@ -5,6 +5,8 @@ import functools
 import subprocess
 import sys
 import threading
+import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 
+from slamgym.core.errors import SlamgymError
 from slamgym.core.files import exclusive_lock, storage_errors
 from slamgym.core.types import Pose2D
 from slamgym.interop import read_ros_map
@@ -24,10 +27,12 @@ from slamgym.interop.ros_messages import (
     stamp_of,
     transform_fields,
 )
-from slamgym.ros2.frames import CLOCK_JUMP, RobotFrames, ScanSync
+from slamgym.ros2.frames import RobotFrames, ScanSync
 from slamgym.ros2.map_run import Configure, KnownPlace, MapRun
 from slamgym.ros2.node import LATCHED, RosNode
 from slamgym.ros2.parameters import MapParameters
+from slamgym.ros2.run_files import LOG, OF_A_DRIVE, OF_A_MAP, put_files_aside
+from slamgym.ros2.stamps import CLOCK_JUMP
 from slamgym.ros2.topics import listen_to_odometry, listen_to_scans
 from slamgym.slam import Mapper
 
@@ -35,6 +40,8 @@ TRANSFORM_INTERVAL = 0.05
 """Time between two transforms ``map`` -> ``odom`` [s]."""
 TRANSFORM_AHEAD = 0.1
 """A transform is published as true until so much later [s]: others look it up for newer scans."""
+SAVE_INTERVAL = 60.0
+"""Time between two times that map, path and log are saved unasked [s]: so much is lost of a node that is killed."""
 
 
 class MapNode(RosNode):
@@ -63,9 +70,10 @@ class MapNode(RosNode):
         with storage_errors(names.out):
             names.out.mkdir(parents=True, exist_ok=True)
         self._files.enter_context(exclusive_lock(names.out / ".lock"))
-        self._frames = RobotFrames(names)
+        self._frames = RobotFrames(names, self.once)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
-        self._begin()
+        self._saved_at = time.monotonic()
+        self._begin(self._put_older_aside())
         self._listen()
         self.create_timer(TRANSFORM_INTERVAL, self._send_transform)
         if self._known is not None:
@@ -74,7 +82,7 @@ class MapNode(RosNode):
         self.serve("draw", self._draw)
         self.serve("reset", self._reset)
         self.serve_switch("pause", self._pause)
-        self.create_timer(1.0, lambda: self.worker.put(self._diagnose), clock=self.wall_clock)
+        self.create_timer(1.0, self._look, clock=self.wall_clock)
 
     def _listen(self) -> None:
         self.need("scan")
@@ -85,9 +93,21 @@ class MapNode(RosNode):
         if self._known is not None:
             self.listen(PoseWithCovarianceStamped, "initialpose", self._begin_at)
 
-    def _begin(self) -> None:
-        """Begin a map, or look for the robot, anew."""
-        self._run = MapRun(self._options, self._configure, self._known, self._frames, self.once)
+    def _put_older_aside(self) -> Path | None:
+        """Put aside what an earlier node left in the folder; returns its log if the map is to go on."""
+        names = self._options
+        files = OF_A_MAP if self._known is None else OF_A_DRIVE
+        aside = put_files_aside(names.out, files)
+        if aside is None:
+            return None
+        self.get_logger().info(f"what was in {names.out} is in {aside}")
+        return aside / LOG if names.continue_ else None
+
+    def _begin(self, older: Path | None = None) -> None:
+        """Begin a map, or look for the robot, anew, or go on with an older log."""
+        self._run = MapRun(
+            self._options, self._configure, self._known, self._frames, self.once, older
+        )
         self._drawn_at = -np.inf
 
     def _header(self, stamp: float) -> Fields:
@@ -104,14 +124,13 @@ class MapNode(RosNode):
             self._sync.take(message)
 
     def _hand_on(self, message: Any, stamp: float, odometry: Pose2D | None) -> None:
-        self.worker.put(functools.partial(self._add, self._run, message, stamp, odometry))
+        self.worker.put(functools.partial(self._add, message, stamp, odometry))
 
     # --- the worker ---
 
-    def _add(self, run: MapRun, message: Any, stamp: float, odometry: Pose2D | None) -> None:
+    def _add(self, message: Any, stamp: float, odometry: Pose2D | None) -> None:
         """Map one scan, and publish what is new."""
-        if run is not self._run:
-            return  # from before a reset
+        run = self._run
         if stamp < run.stamp - CLOCK_JUMP:
             passed = run.stamp - stamp
             self.get_logger().warning(
@@ -160,7 +179,15 @@ class MapNode(RosNode):
 
     def save(self) -> str:
         """Write map, path and log into the folder."""
-        return self._run.save(self._options.out)
+        return self._run.save()
+
+    def _keep(self) -> None:
+        """Save what there is, if it can be."""
+        if self._run.mapper is not None:
+            try:
+                self.save()
+            except SlamgymError as error:
+                self.once("save", f"not saved: {error}")
 
     def _draw(self) -> str:
         """Write the map, and begin its drawing in a process of its own."""
@@ -175,6 +202,7 @@ class MapNode(RosNode):
         return aside
 
     def _reset(self) -> str:
+        self.worker.forget()  # scans from before it
         return f"begun again; {self._restart()}"
 
     def _pause(self, is_paused: bool) -> str:
@@ -186,9 +214,19 @@ class MapNode(RosNode):
         assert self._known is not None, "else the topic isn't listened to"
         if not self.is_on_map(message, "initialpose"):
             return
-        with self.worker.lock:
-            self._known = self._known._replace(start=pose_of(message.pose.pose, "initialpose"))
-            self._restart()
+        place = self._known._replace(start=pose_of(message.pose.pose, "initialpose"))
+
+        def begin_there() -> None:
+            self._known = place
+            self._reset()
+
+        self.worker.order(begin_there)
+
+    def _look(self) -> None:
+        self.worker.order(self._diagnose, "diagnose", replaces=True)
+        if time.monotonic() - self._saved_at >= SAVE_INTERVAL:
+            self._saved_at = time.monotonic()
+            self.worker.order(self._keep, "keep", replaces=True)
 
     def _diagnose(self) -> None:
         """Say how the mapper does: whether the pose is in doubt, and figures."""

@@ -9,17 +9,19 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import TransformStamped
 from rcl_interfaces.msg import ParameterDescriptor
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 from std_srvs.srv import SetBool, Trigger
 
 from slamgym.core.config import Arguments
@@ -42,7 +44,7 @@ LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 PATIENCE = 3.0
 """A node says what it waits for after so long [s]."""
 MOST_PENDING = 10
-"""So many scans wait for the worker; more are dropped, the oldest first."""
+"""So many scans wait for the worker; more are left out, the oldest first."""
 
 _Parameters = TypeVar("_Parameters", bound=Arguments)
 
@@ -60,6 +62,11 @@ def fill(message: Any, fields: Fields) -> Any:
     return message
 
 
+def _ros_name(name: str) -> str:
+    """The name of an option's ROS parameter: `continue`, whose field has another name, as Python has that word."""
+    return name.rstrip("_")
+
+
 def _as_type_of(default: Any, value: Any) -> Any:
     """A parameter's value in the type of its default; as it is where it can't be, which its field refuses."""
     with contextlib.suppress(TypeError, ValueError):
@@ -70,28 +77,45 @@ def _as_type_of(default: Any, value: Any) -> Any:
     return value
 
 
+class _Order(NamedTuple):
+    """A piece of work that must be done."""
+
+    work: Callable[[], None]
+    kind: str
+
+
 class Worker:
     """Does a node's work in a thread of its own, so that callbacks return at once.
 
+    Orders (a stop, the end of a goal, a map) are all done, before any data (scans), of which only the newest wait.
+
     Args:
-        wake: Called, from any thread, when the node is to end.
+        wake: Called, from any thread, when the node is to end, or an answer to a service is ready.
 
     Attributes:
         lock: Held while a piece of work is done.
-        dropped: Pieces that were left out because newer ones came faster than they were done.
+        most_pending: So many pieces of data wait at most.
+        dropped: Pieces of data that were left out because newer ones came faster than they were worked off.
         error: What ended it.
         is_over: The node is to end; no work is begun any more.
     """
 
     def __init__(self, wake: Callable[[], None]) -> None:
         self.lock = threading.Lock()
+        self.most_pending = MOST_PENDING
         self.dropped = 0
         self.error: Exception | None = None
         self.is_over = False
         self._wake = wake
-        self._pending: deque[Callable[[], None]] = deque()
+        self._orders: deque[_Order] = deque()
+        self._data: deque[Callable[[], None]] = deque()
         self._has_work = threading.Condition()
         self.start(self._run)
+
+    @property
+    def num_pending(self) -> int:
+        """Pieces of work that wait."""
+        return len(self._orders) + len(self._data)
 
     def start(self, loop: Callable[[], None]) -> None:
         """Run a loop in a thread; an error in it ends the node, which says it."""
@@ -112,23 +136,60 @@ class Worker:
         self._wake()
 
     def put(self, work: Callable[[], None]) -> None:
-        """Have something done after what is pending; of too much the oldest is dropped."""
+        """Have data worked off after what is pending; of too much the oldest is left out."""
         with self._has_work:
-            if len(self._pending) == MOST_PENDING:
-                self._pending.popleft()
+            if len(self._data) >= self.most_pending:
+                self._data.popleft()
                 self.dropped += 1
-            self._pending.append(work)
+            self._data.append(work)
             self._has_work.notify()
+
+    def order(self, work: Callable[[], None], kind: str = "", *, replaces: bool = False) -> None:
+        """Have something done before all data, and after the orders until now.
+
+        Args:
+            work: It.
+            kind: What it is about.
+            replaces: True if orders of its kind that are pending needn't be done any more.
+        """
+        with self._has_work:
+            if replaces:
+                self._orders = deque(one for one in self._orders if one.kind != kind)
+            self._orders.append(_Order(work, kind))
+            self._has_work.notify()
+
+    def forget(self) -> None:
+        """Leave out the data that wait."""
+        with self._has_work:
+            self._data.clear()
+
+    def ask(self, question: Callable[[], str]) -> Future[str]:
+        """Order something that has an answer; an error of the user's is the answer's."""
+        answer: Future[str] = Future()
+
+        def find() -> None:
+            try:
+                answer.set_result(question())
+            except SlamgymError as error:
+                answer.set_exception(error)
+            self._wake()
+
+        self.order(find)
+        return answer
+
+    def _next(self) -> Callable[[], None]:
+        """Take what is to be done now."""
+        with self._has_work:
+            return self._orders.popleft().work if self._orders else self._data.popleft()
 
     def _run(self) -> None:
         while True:
             with self._has_work:
-                self._has_work.wait_for(lambda: self._pending)
-                work = self._pending.popleft()
+                self._has_work.wait_for(lambda: self.num_pending)
             with self.lock:
                 if self.is_over:
                     return
-                work()
+                self._next()()
 
 
 class RosNode(Node):
@@ -149,13 +210,14 @@ class RosNode(Node):
             value = getattr(parameters, field.name)
             if isinstance(value, bool | int | float | str | Path | tuple):
                 value = str(value) if isinstance(value, Path) else value
-                self.declare_parameter(field.name, value, any_type)
+                self.declare_parameter(_ros_name(field.name), value, any_type)
         self.worker = Worker(self._wake)
         self._heard: dict[str, float] = {}
         self._missing: set[str] = set()
         self._said: set[str] = set()
         self.single = ["scan", "odom", "map"]
         self._born = time.monotonic()
+        self._answering = ReentrantCallbackGroup()  # what waits for an answer holds nothing up
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._watch, clock=self.wall_clock)
 
@@ -167,9 +229,10 @@ class RosNode(Node):
         """
         changes = {}
         for field in dataclasses.fields(parameters):
-            if self.has_parameter(field.name):
+            name = _ros_name(field.name)
+            if self.has_parameter(name):
                 default = getattr(parameters, field.name)
-                value = self.get_parameter(field.name).value
+                value = self.get_parameter(name).value
                 changes[field.name] = _as_type_of(default, value)
         return dataclasses.replace(parameters, **changes)
 
@@ -224,6 +287,10 @@ class RosNode(Node):
         elif self._missing - missing:
             self.get_logger().info(f"received {', '.join(sorted(self._missing - missing))}")
         self._missing = missing
+        if self.worker.dropped > MOST_PENDING:  # a few at once are no habit
+            self.once(
+                "behind", "scans come faster than they are worked off: the oldest are left out"
+            )
         for topic in self.single:
             if self.count_publishers(self.resolve_topic_name(topic)) > 1:
                 self.once(
@@ -259,13 +326,18 @@ class RosNode(Node):
 
         self.create_subscription(kind, topic, take, qos)
 
-    def serve(self, name: str, action: Callable[[], str]) -> None:
-        """Offer a service without arguments that answers with a sentence; an error of the user's is a failure."""
+    def serve(self, name: str, action: Callable[[], str], *, at_once: bool = False) -> None:
+        """Offer a service without arguments that answers with a sentence; an error of the user's is a failure.
 
-        def answer(_request: Any, response: Any) -> Any:
+        Args:
+            name: Of the service.
+            action: Done by the worker, which may be busy.
+            at_once: True if it is done here and now instead.
+        """
+
+        async def answer(_request: Any, response: Any) -> Any:
             try:
-                with self.worker.lock:
-                    response.message = action()
+                response.message = action() if at_once else await self.worker.ask(action)
                 response.success = True
             except SlamgymError as error:
                 response.success = False
@@ -273,18 +345,20 @@ class RosNode(Node):
             self.get_logger().info(response.message)
             return response
 
-        self.create_service(Trigger, f"~/{name}", answer)
+        self.create_service(Trigger, f"~/{name}", answer, callback_group=self._answering)
 
     def serve_switch(self, name: str, switch: Callable[[bool], str]) -> None:
-        """Offer a service that turns something on and off (SetBool)."""
+        """Offer a service that turns something on and off (SetBool) at once."""
 
         def answer(request: Any, response: Any) -> Any:
-            with self.worker.lock:
-                response.message = switch(request.data)
+            response.message = switch(request.data)
             response.success = True
             return response
 
         self.create_service(SetBool, f"~/{name}", answer)
+
+    def halt(self) -> None:
+        """Stop the robot at once, whatever is computed; called in the executor's thread."""
 
     def close(self) -> None:
         """Leave things in order before the node ends."""
@@ -319,6 +393,7 @@ def run_node(make: Callable[[], RosNode], ros_arguments: Sequence[str]) -> None:
                     executor.spin_once()  # the watch makes it return
             finally:
                 node.worker.is_over = True
+                node.halt()
                 with node.worker.lock:
                     node.close()
                     node.destroy_node()

@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 import tyro
 
-from slamgym.core.config import Arguments, Positive, Within
+from slamgym.core.config import Arguments, CountOrZero, Positive, Within
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D
 
@@ -40,7 +40,7 @@ class SimParameters(Arguments):
     """Id of the plan; by default one that follows from the seed."""
     start: tuple[float, ...] = ()
     """Start in the plan's frame (x, y, theta [m, rad]); by default it follows from the seed."""
-    seed: int = 0
+    seed: CountOrZero = 0
     """Seed of everything random: with the same commands the scans are the environment's."""
     speed: Annotated[float, Within(ge=0.0)] = 1.0
     """Times real time; 0: as fast as commands come, a step for each (with none for 0.2 s it goes on)."""
@@ -50,13 +50,23 @@ class MapParameters(FrameNames):
     """Map by graph SLAM, as slam_toolbox or GMapping do, or localise on a finished map."""
 
     out: RosOut = Path("mapped")
-    """Folder that the services `save` and `draw` write to, and the end of the node."""
+    """Folder that is written to every minute, by the services `save` and `draw`, and at the end of the node. What an
+    earlier run left there is put aside (run1, run2, ...)."""
+    continue_: Annotated[bool, tyro.conf.arg(name="continue")] = False
+    """Go on with the map that an earlier run left there: its log is mapped again first. The robot's odometry must have
+    run on since."""
     map: str = ""
     """A finished map (yaml): the robot is localised on it, nothing is mapped."""
     odometry: Literal["tf", "laser"] = "tf"
     """tf: from /tf, or from /odom where /tf has none; laser: by the laser alone."""
     map_interval: Positive = 2.0
     """Time between two maps [s]."""
+
+    def _check(self) -> None:
+        if self.continue_ and self.map:
+            raise ConfigError(
+                "--continue goes on with mapping, but with --map nothing is mapped; leave one of them out"
+            )
 
 
 class ExploreParameters(FrameNames):

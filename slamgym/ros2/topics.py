@@ -1,6 +1,7 @@
 """Topics that need more than a subscription: those of the robot's place, of its laser, of maps and of velocities."""
 
 import functools
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -14,6 +15,7 @@ from slamgym.core.types import Twist2D
 from slamgym.interop.ros_messages import Fields, stamp_of
 from slamgym.ros2.frames import RobotFrames
 from slamgym.ros2.node import LATCHED, RELIABLE, SENSOR, RosNode, TFMessage, fill
+from slamgym.ros2.stamps import StampGate
 
 
 def listen_to_odometry(node: RosNode, frames: RobotFrames, then: Callable[[], None]) -> None:
@@ -39,13 +41,16 @@ def listen_to_odometry(node: RosNode, frames: RobotFrames, then: Callable[[], No
 
 def listen_to_scans(node: RosNode, callback: Callable[[Any], None]) -> None:
     """Subscribe to the laser."""
+    gate: StampGate[Any] = StampGate("scan", node.once)
 
     def take(message: Any) -> None:
         node.heard("scan")
-        if stamp_of(message.header, 0.0) > 0.0:
-            callback(message)
-        else:
+        stamp = stamp_of(message.header, 0.0)
+        if stamp <= 0.0:
             node.once("stamp", "scans without a stamp are left out: have the driver set it")
+            return
+        for _, usable in gate.take(stamp, message):
+            callback(usable)
 
     node.listen(LaserScan, "scan", take, SENSOR)
 
@@ -92,6 +97,7 @@ class VelocityTopic:
         self._receive = receive
         self._kind: Any = None
         self._end: Any = None
+        self._lock = threading.Lock()  # the type may change while another thread sends
         self._open(Twist)
         node.single.append("cmd_vel")
         node.create_timer(0.5, self._adapt, clock=node.wall_clock)
@@ -115,7 +121,7 @@ class VelocityTopic:
             close = node.destroy_subscription
         stamped = {end.topic_type.endswith("TwistStamped") for end in ends}
         if len(stamped) == 1 and stamped != {self._kind is TwistStamped}:
-            with node.worker.lock:  # which may be sending
+            with self._lock:
                 close(self._end)
                 self._open(TwistStamped if self._kind is Twist else Twist)
 
@@ -126,11 +132,12 @@ class VelocityTopic:
             self._receive(command)
 
     def send(self, command: Twist2D, header: Fields) -> None:
-        """Publish a command."""
+        """Publish a command, from any thread."""
         fields: Fields = {
             "linear": {"x": float(command.linear)},
             "angular": {"z": float(command.angular)},
         }
-        if self._kind is TwistStamped:
-            fields = {"header": header, "twist": fields}
-        self._end.publish(fill(self._kind(), fields))
+        with self._lock:
+            if self._kind is TwistStamped:
+                fields = {"header": header, "twist": fields}
+            self._end.publish(fill(self._kind(), fields))

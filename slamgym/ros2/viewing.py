@@ -46,8 +46,8 @@ class Display:
         self._node = node
         self._parameters = parameters
         self._status = node.offer(String, "explore/status", LATCHED)
-        self._markers = node.offer(MarkerArray, "explore/frontiers")
-        self._paths = node.offer(Path, "explore/path")
+        self._markers = node.offer(MarkerArray, "explore/frontiers", LATCHED)
+        self._paths = node.offer(Path, "explore/path", LATCHED)
         self._text = ""
         self._filmed_at = -np.inf  # [s]
         self._driven: list[Pose2D] = []

@@ -18,6 +18,7 @@ from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_odometry import LaserTracker, with_steps
+from slamgym.slam.repeated_scans import without_repeats
 
 MOST_PAIRS = 2000
 """About so many pairs are looked at."""
@@ -71,7 +72,7 @@ class PairMotions(NamedTuple):
 
 
 def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
-    """The log with what its odometry got wrong put right, or left out, and said.
+    """The log with what its odometry got wrong put right, or left out, and said; and what a stuck laser repeats.
 
     Args:
         log: Any log; one without odometry comes back as it is.
@@ -79,6 +80,7 @@ def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
     """
     if not log.has_odometry or len(log) < 2:
         return log
+    log = without_repeats(log)
     pairs = measure_pairs(log)
     checked = log
     late = _lateness(log, pairs) if estimate_offset else 0.0

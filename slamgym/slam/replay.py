@@ -13,6 +13,7 @@ from slamgym.slam.laser_odometry import with_laser_odometry
 from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
 from slamgym.slam.motion_model import poses_between
+from slamgym.slam.repeated_scans import blind_scans
 
 OnScan = Callable[[int, Mapper, bool], None]
 """Function that is called after each scan with its index, the mapper, and true if the scan was processed."""
@@ -84,6 +85,9 @@ def replay(
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
     mapper.finish()
+    blind = blind_scans(log)
+    unseen = [log.records[index].stamp for index in processed if blind[index]]
+    mapper.stats.doubtful = sorted({*mapper.stats.doubtful, *unseen})
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
     if older is not None:
@@ -97,7 +101,7 @@ def replay(
         processed=path,
         trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
         moments=Trajectory(track.stamps[in_time], poses[in_time]),
-        doubtful=np.isin(last, mapper.stats.doubtful),
+        doubtful=blind | np.isin(last, mapper.stats.doubtful),
         covariances=covariances,
         stats=mapper.stats,
         extra=mapper.report(),

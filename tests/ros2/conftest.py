@@ -1,8 +1,8 @@
 """Nodes in this process without middleware, and ROS for those in others."""
 
 import importlib
+import inspect
 import os
-import threading
 import time
 import warnings
 from types import SimpleNamespace
@@ -69,21 +69,26 @@ class Desk:
 
     def settle(self, node):
         """Wait until the worker has done what is pending."""
-        for _ in range(2):  # what was done may have given it more to do
-            done = threading.Event()
-            node.worker.put(done.set)
-            deadline = 300
-            while not (node.worker.is_over or done.wait(0.1)):
-                deadline -= 1
-                assert deadline, "the worker hangs"
-        return node
+        for _ in range(30_000):
+            with node.worker.lock:
+                if node.worker.is_over or not node.worker.num_pending:
+                    return node
+            time.sleep(0.001)
+        raise AssertionError("the worker hangs")
 
     def call(self, node, name, **request):
         """Call a service; returns its response."""
         service = next(one for one in node.services if one.srv_name == f"~/{name}")
-        return service.callback(
+        answer = service.callback(
             SimpleNamespace(**request), SimpleNamespace(success=None, message="")
         )
+        while inspect.iscoroutine(answer):  # as an executor does
+            try:
+                answer.send(None)
+            except StopIteration as end:
+                return end.value
+            time.sleep(0.001)
+        return answer
 
     def tick(self, node):
         """Let each of the node's timers come once."""

@@ -13,7 +13,7 @@ from slamgym.envs import ExploreEnv
 from slamgym.envs.episode import episode_steps
 from slamgym.interop import read_ros_map
 from slamgym.interop.logs import open_log
-from slamgym.ros2.map_run import LOG
+from slamgym.ros2.run_files import LOG
 
 PLAN, EXPLORER, SEED = "home_000009", "tour", 0
 SPREAD = 0.1

@@ -140,8 +140,10 @@ def test_updates_patch_the_last_map():
         ({"resolution": 0.0}, "has cells of 0.0 m"),
         ({"origin": Pose2D(float("inf"), 0.0, 0.0)}, "an origin within"),
         ({"origin": Pose2D(0.0, 0.0, 0.2)}, "is turned by 0.2 rad"),
-        ({"resolution": 1e4}, "above the limit of"),
-        ({"width": 1 << 20, "height": 1 << 20}, "above the limit of"),
+        ({"resolution": 1e4}, "cells of 10000 m, and a robot needs 1 m at most"),
+        ({"resolution": 700.0, "width": 1, "height": 1}, "cells of 700 m"),
+        ({"width": 1 << 20, "height": 1 << 20}, "more than 25 million cells of 0.05 m"),
+        ({"resolution": 0.9, "width": 300, "height": 300}, "is 270 m x 270 m of 0.9 m a cell"),
     ],
 )
 def test_broken_maps_are_refused_with_one_sentence(changes, sentence):

@@ -19,12 +19,12 @@ class Reading:
     """A reader and its warnings."""
 
     def __init__(self, *transforms):
-        self.frames, self.warnings = RobotFrames(FrameNames()), {}
+        self.frames, self.warnings = RobotFrames(FrameNames(), lambda *_: None), {}
         self.frames.take_transforms(Transforms(transforms), static=True)
         self.reader = LaserReader(self.frames, LASER.mount, self.warnings.setdefault)
 
     def __call__(self, message):
-        return self.reader.read(message, 1.0)
+        return self.reader.read(message, 1.0, None)
 
 
 def test_a_usual_scan_is_read_as_it_is():

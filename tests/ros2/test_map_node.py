@@ -21,9 +21,9 @@ from slamgym.interop import read_ros_map, read_tum
 from slamgym.interop.logs import open_log
 from slamgym.interop.ros_messages import pose_of
 from slamgym.ros2 import mapping
-from slamgym.ros2.map_run import LOG
 from slamgym.ros2.mapping import TRANSFORM_AHEAD, MapNode
 from slamgym.ros2.parameters import MapParameters
+from slamgym.ros2.run_files import LOG
 from slamgym.sim import Lidar
 from slamgym.slam import SlamConfig, make_mapper
 
@@ -293,7 +293,7 @@ def test_scans_that_are_pending_at_a_reset_belong_to_no_map(desk, drive):
         for odom, seen in list(drive.messages(2.0))[:3]:
             for topic, message in (("/odom", odom), ("/scan", seen)):
                 next(end for end in desk.answers[node] if end.topic == topic).callback(message)
-        node._restart()
+        node._reset()
     desk.settle(node)
     assert len(desk.sent["/pose"]) == 3
 

@@ -13,7 +13,7 @@ pytest.importorskip("rclpy")
 
 from slamgym.interop import read_ros_map
 from slamgym.interop.logs import open_log
-from slamgym.ros2.map_run import LOG
+from slamgym.ros2.run_files import LOG
 
 PLAN = "home_000009"
 PATIENT = 120.0
