@@ -104,7 +104,10 @@ NEAR_PAIRS = Limit(
     "a floor plan: closer than the robot is wide, which makes its geometry slow",
 )
 RUNS = Limit(
-    "SLAMGYM_MAX_RUNS", 1_000_000, "runs of floor in its rows", "a picture traced as a floor plan"
+    "SLAMGYM_MAX_RUNS",
+    1_000_000,
+    "runs of floor or wall in its rows",
+    "a picture traced as a floor plan, a map that is drawn",
 )
 MAP_CELLS = Limit(
     "SLAMGYM_MAX_MAP_CELLS",

@@ -140,14 +140,14 @@ class _Lines:
     """Boundaries in which the same ones are found quickly."""
 
     def __init__(self, gaps: Sequence[Gap]) -> None:
-        self._lines = [gap.line for gap in gaps]
-        self._tree = shapely.STRtree(self._lines)
+        self._tree = shapely.STRtree([gap.line for gap in gaps])
 
     def same_as(self, line: Segment) -> list[int]:
         """Numbers of those whose ends are near those of a line."""
         near = self._tree.query(line.line, predicate="dwithin", distance=SAME_DOOR)
-        lines = self._lines
-        return [k for k in near.tolist() if lines[k].hausdorff_distance(line.line) <= SAME_DOOR]
+        apart = shapely.hausdorff_distance(self._tree.geometries[near], line.line)
+        same: list[int] = near[apart <= SAME_DOOR].tolist()
+        return same
 
 
 def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, str]:

@@ -13,6 +13,7 @@ from shapely.geometry.base import BaseGeometry
 import slamgym
 from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import unit_vectors
+from slamgym.core.limits import RUNS
 from slamgym.core.text import printable
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.confidence import judged_walls
@@ -79,6 +80,8 @@ def make_drawing(
         raise InputFileError(where, "has no free cell; a map needs some that the robot saw free")
     if not (grid.cells == OCCUPIED).any():
         raise InputFileError(where, "has no occupied cell; a drawing needs walls")
+    changes = int(np.count_nonzero(np.diff(grid.cells, axis=1)))
+    RUNS.check(where, changes // 2)
     used = load_floor_model(model) if isinstance(model, str) else model
     grid = known_part(grid)
     corrections.require(grid)

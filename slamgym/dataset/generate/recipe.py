@@ -230,7 +230,8 @@ def parse_recipe(content: Mapping[Any, Any], where: str) -> Recipe:
     """
     factors = _factors(content, where)
     chosen = [choice.settings for choices in factors.values() for choice in choices]
-    for name in [str(settings[MIXTURE]) for settings in chosen if MIXTURE in settings]:
+    names = [str(settings[MIXTURE]) for settings in chosen if MIXTURE in settings]
+    for name in dict.fromkeys(names):
         path, mixed = _read_recipe(name)
         own = _factors(mixed, str(path))
         factors |= {f"{name}/{factor}": choices for factor, choices in own.items()}

@@ -1,5 +1,8 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
+import itertools
+import math
+from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from string import Template
@@ -38,6 +41,8 @@ LETTER_WIDTH = 0.56
 """Width of a letter [heights of letters]."""
 KEY_HEIGHT = 6.0 + 1.6 * LEGEND_ROWS
 """Height of the strip with the key [heights of letters]."""
+SQUARE = 5.0
+"""Labels are looked up by squares of this side [m]."""
 SHEET_MARGIN = 1.0
 """Round the drawing [m]."""
 
@@ -236,6 +241,9 @@ def place_labels(
         name = f"D{number}"
         wanted.append(_Wanted(name, "number", Dimension(door.start, door.end, name)))
 
+    shapely.prepare(inside)
+    shapely.prepare(floor)
+
     def covers(place: tuple[DrawnLabel, BaseGeometry]) -> tuple[bool, bool]:
         """At best it covers neither lines nor walls, at second best no walls."""
         _, box = place
@@ -243,18 +251,42 @@ def place_labels(
 
     labels = list[DrawnLabel]()
     shown = list[Dimension]()
-    taken = list[BaseGeometry]()
+    taken = _TakenPlaces()
     for one in wanted:
         places = [(label, label.box(letters)) for label in _tries(one, letters, turned)]
-        free = [place for place in places if not shapely.intersects(taken, place[1]).any()]
+        free = [place for place in places if taken.leaves(place[1])]
         if not free:
             continue
         label, box = min(free, key=covers)
         labels.append(label)
-        taken.append(box)
+        taken.add(box)
         if label.kind == "size":
             shown.append(one.line)
     return labels, shown
+
+
+class _TakenPlaces:
+    """Boxes on a sheet, by the squares that they touch: only near ones are compared."""
+
+    def __init__(self) -> None:
+        self._boxes: dict[tuple[int, int], list[BaseGeometry]] = defaultdict(list)
+
+    def leaves(self, box: BaseGeometry) -> bool:
+        """True if none of them intersects a box."""
+        return not any(
+            box.intersects(other) for square in _squares(box) for other in self._boxes[square]
+        )
+
+    def add(self, box: BaseGeometry) -> None:
+        """Take a place."""
+        for square in _squares(box):
+            self._boxes[square].append(box)
+
+
+def _squares(box: BaseGeometry) -> Iterator[tuple[int, int]]:
+    """The squares of :data:`SQUARE` that the bounds of a box touch."""
+    left, bottom, right, top = (math.floor(value / SQUARE) for value in box.bounds)
+    return itertools.product(range(left, right + 1), range(bottom, top + 1))
 
 
 class _Wanted(NamedTuple):

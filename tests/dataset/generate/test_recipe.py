@@ -4,6 +4,7 @@ import json
 from collections import Counter
 
 import pytest
+from growth import growth
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -336,3 +337,8 @@ def test_buildings_are_turned_by_the_recipe():
         make_pair(episode.plan, episode.start, episode.slam_map, PairConfig()).frame.resolution
         == 0.08
     )
+
+
+def test_naming_a_recipe_often_costs_no_more_than_naming_it_once():
+    entries = [{"value": "quick", "weight": 1}] * 300
+    assert growth(lambda count: parse_recipe({"recipe": entries[:count]}, "r"), 75) < 2.0

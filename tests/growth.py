@@ -1,0 +1,23 @@
+"""How much longer something takes with four times the input: at most 2.5 times 2.5 where the cost is nearly linear."""
+
+import time
+from collections.abc import Callable
+
+MOST = 6.25
+"""Two doublings that cost 2.5 times each; what is quadratic costs 16 times."""
+
+
+def growth(run: Callable[[int], object], size: int) -> float:
+    """CPU time of ``run(4 * size)`` over that of ``run(size)``; what is compiled or read once is done before.
+
+    The shortest of several runs of each: what else the machine does only adds.
+    """
+    small = min(_seconds(run, size) for _ in range(4))
+    large = min(_seconds(run, 4 * size) for _ in range(2))
+    return large / small
+
+
+def _seconds(run, size):
+    began = time.process_time()
+    run(size)
+    return time.process_time() - began
