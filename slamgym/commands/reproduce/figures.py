@@ -27,8 +27,8 @@ class CaptionedPicture(NamedTuple):
 PAPER_FIGURES = (
     CaptionedPicture(
         "protocol/evaluation/maps.png",
-        "The paper's Figure 5 shows translations beside the CAD maps. Here, by its protocol: SLAM map, what each "
-        "method makes of it, and the CAD map with walls of 10 px.",
+        "The paper's Figure 5 shows translations beside the CAD maps. Here, by its protocol: SLAM map, what the "
+        "methods named make of it, and the CAD map with walls of 10 px.",
     ),
     CaptionedPicture(
         "protocol/evaluation/overlays.png",
@@ -38,7 +38,7 @@ PAPER_FIGURES = (
     CaptionedPicture(
         "protocol/evaluation/differences.png",
         "The paper's Figure 6 is a box plot of MSE2 - MSE1 of Model32 over its 21 maps: quartiles 0 and 0.080. Here "
-        "the same difference of each method over all maps of the protocol.",
+        "the same difference of the methods named over all maps of the protocol.",
     ),
     CaptionedPicture(
         "deformed/modelprog.png",

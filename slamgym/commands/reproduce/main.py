@@ -21,11 +21,12 @@ class ReproduceArguments(Arguments):
     """Folder of everything that is made."""
     scale: Literal["smoke", "laptop", "full"] = "smoke"
     """``smoke``: 24 explorations of bundled plans by the recipe ``quick``, minutes. ``laptop``: 480 of HouseExpo's by
-    ``paper``, half an hour of a core. ``full``: 10,000, some hours."""
+    ``paper``, over an hour of a core. ``full``: 10,000, some hours."""
     plans: str | None = None
     """Other floor plans than the scale's, as `slamgym generate` takes them."""
     train: bool = False
-    """Also train a translator on one part of the plans; without it the pretrained ones are measured on all."""
+    """Also train translators on one part of the plans: slam2cad, and the paper's two in their sizes for a CPU. Without
+    it the pretrained ones are measured on all."""
     seed: CountOrZero = 1
     """Seed of everything random."""
     workers: CountOrZero = 0
