@@ -100,6 +100,23 @@ def open_expanded(path: Path) -> Iterator[io.BufferedReader]:
         yield io.BufferedReader(_Expanded(path, raw, content), _CHUNK)
 
 
+def check_expansion(path: Path, opener: Callable[[BinaryIO], Any]) -> None:
+    """Refuse a compressed file that expands beyond the limits, before somebody else expands it.
+
+    Args:
+        path: The file.
+        opener: Gives the decompressed stream of an open file.
+
+    Raises:
+        InputFileError: If it can't be read, is no regular file, or expands beyond the limits.
+    """
+    with open_regular(path, FILE_BYTES) as raw:
+        content = io.BufferedReader(_Expanded(path, raw, opener(raw)), _CHUNK)
+        with contextlib.suppress(*DAMAGED, OSError):  # the reader says what is wrong with it
+            while content.read1(_CHUNK):
+                pass
+
+
 class DownloadError(SlamgymError):
     """A file can't be fetched: no network, no such address, or the connection broke off."""
 

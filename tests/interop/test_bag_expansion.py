@@ -1,0 +1,154 @@
+"""Compressed bags that expand beyond the limits are refused soon, and bags that were cut off say what repairs them."""
+
+import bz2
+import struct
+import tracemalloc
+
+import lz4.frame
+import numpy as np
+import pytest
+from interop.test_bag_faults import Robot
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from slamgym.core.errors import InputFileError
+from slamgym.interop import open_log
+from slamgym.interop.rosbag import import_rosbags
+
+pytest.importorskip("rosbags")
+
+BOMB = 32 << 20
+"""Bytes of zeros that expand from a few kB or, with lz4, a hundred."""
+MOST_MEMORY = 36 << 20
+"""What lz4 may expand to, 200 bytes for each; the library took twice the bomb."""
+TYPES = get_typestore(Stores.ROS2_HUMBLE)
+
+
+def record(head, data):
+    fields = b"".join(struct.pack("<I", len(field)) + field for field in head)
+    return struct.pack("<I", len(fields)) + fields + struct.pack("<I", len(data)) + data
+
+
+def ros1_bomb(path, compression, content):
+    """A ROS 1 bag of one chunk whose index names a message in it."""
+    time = struct.pack("<II", 1, 0)
+    number = b"conn=" + struct.pack("<I", 0)
+    kind = [
+        b"topic=/scan",
+        b"type=sensor_msgs/LaserScan",
+        b"md5sum=abd5d1e9c3ac157a0df3ba27b65d3384",
+        b"message_definition=float32 x",
+    ]
+    connection_data = b"".join(struct.pack("<I", len(field)) + field for field in kind)
+    connection = record([b"op=\x07", number, b"topic=/scan"], connection_data)
+    size = b"size=" + struct.pack("<I", BOMB)
+    chunk = record([b"op=\x05", b"compression=" + compression, size], content)
+    index_head = [
+        b"op=\x04",
+        b"ver=" + struct.pack("<I", 1),
+        number,
+        b"count=" + struct.pack("<I", 1),
+    ]
+    index = record(index_head, time + struct.pack("<I", 0))
+    magic = b"#ROSBAG V2.0\n"
+    place = len(magic) + 4096
+    info = [b"op=\x06", b"ver=" + struct.pack("<I", 1), b"chunk_pos=" + struct.pack("<Q", place)]
+    info += [b"start_time=" + time, b"end_time=" + time, b"count=" + struct.pack("<I", 1)]
+    chunk_info = record(info, struct.pack("<II", 0, 1))
+    counts = [b"conn_count=" + struct.pack("<I", 1), b"chunk_count=" + struct.pack("<I", 1)]
+    at = b"index_pos=" + struct.pack("<Q", place + len(chunk) + len(index))
+    head = record([b"op=\x03", at, *counts], b"")
+    head = head[:-4] + struct.pack("<I", 4096 - len(head)) + b" " * (4096 - len(head))
+    path.write_bytes(magic + head + chunk + index + connection + chunk_info)
+
+
+def rosbag2(folder, mode, plugin=StoragePlugin.SQLITE3, size=BOMB):
+    """A rosbag2 of one scan of very many equal ranges."""
+    writer = Writer(folder, version=8, storage_plugin=plugin)
+    writer.set_compression(mode, CompressionFormat.ZSTD)
+    with writer:
+        kind = "sensor_msgs/msg/LaserScan"
+        connection = writer.add_connection("/scan", kind, typestore=TYPES)
+        stamp = TYPES.types["builtin_interfaces/msg/Time"](1, 0)
+        header = TYPES.types["std_msgs/msg/Header"](stamp, "laser")
+        ranges = np.zeros(size // 4, np.float32)
+        scan = TYPES.types[kind](header, -1.0, 1.0, 0.1, 0.0, 0.1, 0.1, 8.0, ranges, ranges[:0])
+        writer.write(connection, 10**9, TYPES.serialize_cdr(scan, kind))
+    return folder
+
+
+def refused(path, match="bytes for each compressed one, above the limit of 200"):
+    tracemalloc.start()
+    with pytest.raises(InputFileError, match=match):
+        open_log(path)
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    return most
+
+
+@pytest.mark.parametrize("compression", [b"bz2", b"lz4"])
+def test_chunks_of_ros1_that_expand_too_much_are_refused(tmp_path, compression):
+    compress = bz2.compress if compression == b"bz2" else lz4.frame.compress
+    import_rosbags()
+    path = tmp_path / "bomb.bag"
+    ros1_bomb(path, compression, compress(bytes(BOMB)))
+    assert path.stat().st_size < 200_000
+    assert refused(path) < MOST_MEMORY
+
+
+@pytest.mark.parametrize("mode", [CompressionMode.FILE, CompressionMode.MESSAGE])
+def test_rosbag2_that_expands_too_much_is_refused(tmp_path, monkeypatch, mode):
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "none"))  # nothing is expanded to disk
+    folder = rosbag2(tmp_path / "bomb", mode)
+    assert refused(folder) < MOST_MEMORY
+
+
+@pytest.mark.parametrize("is_indexed", [True, False])
+def test_chunks_of_mcap_that_expand_too_much_are_refused(tmp_path, is_indexed):
+    folder = rosbag2(tmp_path / "bomb", CompressionMode.STORAGE, StoragePlugin.MCAP)
+    (path,) = folder.glob("*.mcap")
+    if not is_indexed:
+        content = bytearray(path.read_bytes())
+        content[-28:-20] = bytes(8)  # where the summary starts
+        path.write_bytes(content)
+    assert refused(path) < MOST_MEMORY
+
+
+def test_the_whole_bag_stays_below_the_limit_of_files(tmp_path, monkeypatch):
+    monkeypatch.setenv("SLAMGYM_MAX_FILE_BYTES", "1000000")
+    folder = rosbag2(tmp_path / "bag", CompressionMode.FILE, size=3 << 20)
+    refused(folder, "bytes, above the limit of 1,000,000")
+
+
+@pytest.mark.parametrize(
+    ("mode", "plugin"),
+    [
+        (CompressionMode.FILE, StoragePlugin.SQLITE3),
+        (CompressionMode.MESSAGE, StoragePlugin.SQLITE3),
+        (CompressionMode.STORAGE, StoragePlugin.MCAP),
+    ],
+)
+def test_good_compressed_bags_are_read(tmp_path, mode, plugin):
+    folder = rosbag2(tmp_path / "bag", mode, plugin, size=2000)
+    assert open_log(folder).records[0].scan.ranges.shape == (500,)
+
+
+def test_a_bag_that_was_cut_off_names_its_repair(tmp_path):
+    bag = Robot(odometry=("/odom",)).write(tmp_path / "bag")
+    mcap = rosbag2(tmp_path / "mcap", CompressionMode.STORAGE, StoragePlugin.MCAP, size=2000)
+    (whole,) = mcap.glob("*.mcap")
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[:-200])
+    with pytest.raises(InputFileError, match=r"cut off: mcap recover FILE"):
+        open_log(cut)
+    ros1 = tmp_path / "cut.bag"
+    ros1_bomb(ros1, b"none", b"")
+    content = ros1.read_bytes()
+    ros1.write_bytes(content[:-20])
+    with pytest.raises(InputFileError, match=r"cut off: rosbag reindex FILE"):
+        open_log(ros1)
+    (database,) = bag.glob("*.db3")
+    content = database.read_bytes()
+    database.write_bytes(content[: len(content) // 2])
+    with pytest.raises(InputFileError, match=r"cut off: sqlite3 FILE .recover"):
+        open_log(database)
