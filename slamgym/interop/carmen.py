@@ -191,9 +191,10 @@ def _read_lines(path: Path, warnings: LogWarnings) -> Iterator[bytes]:
                     )
                 yield from lines[:-1]
             yield lines[-1]
-    except DAMAGED as error:
-        fault = "end early" if isinstance(error, EOFError) else "are damaged"
-        warnings.add(f"compressed data that {fault}, the rest of which is lost", path)
+    except EOFError:
+        warnings.add("compressed data that end early, the rest of which is lost", path)
+    except DAMAGED:
+        warnings.add("compressed data that are damaged, the rest of which is lost", path)
     except OSError as error:
         raise InputFileError(path, f"can't be read ({error.strerror or error})") from error
 

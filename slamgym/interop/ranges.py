@@ -48,15 +48,19 @@ def range_limit(
         if constant is None:
             return declared, ()
         share = np.count_nonzero(ranges == constant) / len(ranges)
-        sentence = (
+        finding = LogFinding(
+            "no return",
             f"{share:.1%} of the readings are {constant:.6g} m, below the laser's limit of {declared:.6g} m: taken for "
-            f"no return (--range-max {declared:.6g} takes them for walls)"
+            f"no return (--range-max {declared:.6g} takes them for walls)",
         )
-        return constant, (LogFinding("no return", sentence),)
+        return constant, (finding,)
     longest = float(ranges.max()) + 0.01 if len(ranges) else DEFAULT_RANGE_MAX
     limit = _no_return(ranges, beams) or longest
-    sentence = f"the laser's range_max can't be {declared:g} m: {limit:.6g} m is taken (--range-max sets it)"
-    return limit, (LogFinding("range_max", sentence),)
+    finding = LogFinding(
+        "range_max",
+        f"the laser's range_max can't be {declared:g} m: {limit:.6g} m is taken (--range-max sets it)",
+    )
+    return limit, (finding,)
 
 
 def _no_return(ranges: FloatArray, beams: IntArray) -> float | None:
