@@ -11,14 +11,17 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import OccupancyGrid
 from std_msgs.msg import Bool
 
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import storage_errors
+from slamgym.core.limits import shown
+from slamgym.core.names import is_own_explorer
 from slamgym.core.types import UNKNOWN, LaserScan, Pose2D
 from slamgym.core.types import OccupancyGrid as Grid
 from slamgym.interop import write_ros_map
 from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import pose_of, stamp_of
 from slamgym.planning.navigator import STOP
+from slamgym.planning.promise import split_promise
 from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.frames import POSES_END, RobotFrames, ScanSync
@@ -74,6 +77,12 @@ class ExploreNode(RosNode):
     def __init__(self, parameters: ExploreParameters) -> None:
         super().__init__("slamgym_explore", parameters)
         self._options = names = self.read_parameters(parameters)
+        base, _ = split_promise(names.explorer)
+        if is_own_explorer(base) and names.explorer != parameters.explorer:
+            raise ConfigError(
+                f"explorer {shown(names.explorer)} runs code of yours: name it on the command line (--explorer), "
+                "not as a parameter, which a file may hold"
+            )
         self._exploration = exploration = Exploration(names)
         if names.wait:
             exploration.pause()

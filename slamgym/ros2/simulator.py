@@ -9,7 +9,6 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from gymnasium.utils import seeding
 from nav_msgs.msg import OccupancyGrid, Odometry
-from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from std_msgs.msg import Float32
 
@@ -31,11 +30,10 @@ from slamgym.interop.ros_messages import (
 from slamgym.ros2.frames import POSES_END
 from slamgym.ros2.node import LATCHED, SENSOR, RosNode
 from slamgym.ros2.parameters import SimParameters
+from slamgym.ros2.sim_clock import BEGIN, SimClock
 from slamgym.ros2.topics import VelocityTopic
 from slamgym.sim import Lidar
 
-BEGIN = 10.0
-"""Time at the start of a run [s]: stamps of 0 mean that a driver has set none."""
 COMMAND_TIMEOUT = 0.5
 """Without a command for so long the robot stops [s]."""
 LONGEST_WAIT = 0.2
@@ -88,7 +86,6 @@ class SimNode(RosNode):
         self._send = {
             "scan": self.offer(LaserScan, "scan", SENSOR),
             "odom": self.offer(Odometry, "odom"),
-            "clock": self.offer(Clock, "/clock"),
             "pose": self.offer(PoseStamped, "ground_truth/pose"),
             "coverage": self.offer(Float32, "ground_truth/coverage"),
             "map": self.offer(OccupancyGrid, "map_truth", LATCHED),
@@ -96,6 +93,7 @@ class SimNode(RosNode):
             "tf_static": self.offer_transforms("/tf_static", LATCHED),
         }
         self._answered = threading.Event()
+        self._time = SimClock(self)
         self.single.remove("map")
         self._begin()
         VelocityTopic(self, self.command)
@@ -110,6 +108,7 @@ class SimNode(RosNode):
             self._plans, parameters, self._config, self._lidar
         )
         self._options = parameters
+        self._time.begin()
         self._command = Twist2D(0.0, 0.0)
         self._commanded_at = 0.0
         self._unanswered = 0  # scans without a command
@@ -146,7 +145,7 @@ class SimNode(RosNode):
 
     def _is_awaited(self) -> bool:
         """True if a scan lacks its command, or the mapper's pose if there is a mapper that gives poses."""
-        behind = BEGIN + self.robot.time - self._placed_at
+        behind = self._time.began + self.robot.time - self._placed_at
         return self._unanswered > 0 or 1e-6 < behind < POSES_END
 
     def _wait_for_answers(self) -> None:
@@ -166,8 +165,8 @@ class SimNode(RosNode):
         """Publish the newest scan, odometry, transform and truth."""
         self._unanswered += 1
         robot = self.robot
-        stamp = BEGIN + robot.time
-        self._tick(stamp)
+        stamp = self._time.began + robot.time
+        self._time.tick(robot.time)
         header = self.header(stamp, "odom")
         pose = robot.odometry_pose
         twist = np.array(robot.velocity)
@@ -182,17 +181,17 @@ class SimNode(RosNode):
         laser = self._lidar.geometry
         self._send["scan"](scan_fields(at_laser, ranges, laser, self._config.control_step))
 
-    def _tick(self, stamp: float) -> None:
-        header = self.header(stamp, "")
-        self._send["clock"]({"clock": header["stamp"]})
-
     def _run(self) -> None:
         """Step at the speed that is wanted, until the program ends."""
+        self._time.find_leader()
         self.publish()
         due = time.monotonic()
         while not self.worker.is_over:
             speed = self._options.speed
-            if speed > 0.0:
+            if self._time.is_led:
+                if not self._wait_for_leader():
+                    continue
+            elif speed > 0.0:
                 due = max(due, time.monotonic() - LONGEST_WAIT)  # what can't be caught up is left
                 due = self._sleep_through_step(due, speed)
             else:
@@ -200,6 +199,12 @@ class SimNode(RosNode):
             with self.worker.lock:
                 if not self.worker.is_over:
                     self.step()
+
+    def _wait_for_leader(self) -> bool:
+        """Wait until the leading simulator's clock says that a step is due; false if it stands."""
+        now = self.robot.time
+        self._time.follow_back(now)
+        return self._time.wait_for(now + self._config.control_step)
 
     def _sleep_through_step(self, due: float, speed: float) -> float:
         """Wait as long as a step takes that was due at a time, while the clock ticks; returns when the next is due."""
@@ -209,5 +214,5 @@ class SimNode(RosNode):
             due += tick / speed
             time.sleep(max(0.0, due - time.monotonic()))
             if number < TICKS:
-                self._tick(BEGIN + now + number * tick)
+                self._time.tick(now + number * tick)
         return due

@@ -8,6 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.parameter import Parameter
 from ros_stand_ins import LASER, Message, Transforms, header, odometry, pose_on_map, scan, transform
 
 from slamgym.core.errors import ConfigError
@@ -17,7 +18,7 @@ from slamgym.interop.ros_messages import grid_fields
 from slamgym.ros2.exploring import ExploreNode
 from slamgym.ros2.mapping import MapNode
 from slamgym.ros2.node import PATIENCE, run_node
-from slamgym.ros2.parameters import ExploreParameters, MapParameters, SimParameters
+from slamgym.ros2.parameters import DemoParameters, ExploreParameters, MapParameters, SimParameters
 from slamgym.ros2.simulator import SimNode
 
 HOME = Pose2D(0.0, 0.0, 0.0)
@@ -422,6 +423,68 @@ def test_parameters_that_make_no_sense_are_refused_in_a_sentence(desk, monkeypat
     with_ros_arguments(monkeypatch, ["-p", word])
     with pytest.raises(ConfigError, match=word.partition(":")[0].replace("_", "[-_]")):
         make_explore(desk)
+
+
+def test_own_code_is_named_on_the_command_line_alone(desk, monkeypatch, tmp_path):
+    """A file of parameters, which may be anybody's, runs no module of the folder in which the node is started."""
+    (tmp_path / "evilmod.py").write_text("from pathlib import Path\nPath('run').touch()\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    parameters = "slamgym_explore:\n  ros__parameters:\n    explorer: 'evilmod:f'\n"
+    (tmp_path / "p.yaml").write_text(parameters)
+    import rclpy
+
+    rclpy.try_shutdown()
+    rclpy.init(args=["--ros-args", "--params-file", str(tmp_path / "p.yaml")])
+    with pytest.raises(ConfigError, match="name it on the command line"):
+        make_explore(desk)
+    assert not (tmp_path / "run").exists()
+    with pytest.raises(ConfigError, match="evilmod"):  # there it is what the user wants
+        desk.make(ExploreNode, ExploreParameters(explorer="evilmod:f"))
+    assert (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize("kind", [SimParameters, DemoParameters])
+def test_a_seed_below_zero_is_refused_on_the_command_line(kind):
+    with pytest.raises(ConfigError, match="--seed must be at least 0, not -5"):
+        kind(seed=-5)
+
+
+def test_a_seed_below_zero_is_refused_as_a_parameter_and_the_node_goes_on(desk, monkeypatch):
+    class Still(SimNode):
+        def _run(self):
+            pass
+
+    node = desk.make(Still, SimParameters(speed=0.0), ExploreConfig())
+    node.set_parameters([Parameter("seed", value=-5)])
+    response = desk.call(node, "reset")
+    assert not response.success
+    assert "--seed must be at least 0, not -5" in response.message
+    assert not node.worker.is_over
+    node.set_parameters([Parameter("seed", value=5)])
+    assert desk.call(node, "reset").success
+    with_ros_arguments(monkeypatch, ["-p", "seed:=-5"])
+    with pytest.raises(ConfigError, match="--seed must be at least 0"):
+        desk.make(Still, SimParameters(speed=0.0), ExploreConfig())
+
+
+@NODES
+def test_a_laser_that_repeats_one_reading_is_noticed_and_the_robot_stands(desk, capfd, make):
+    node = make(desk)
+    feed(desk, node, 6)
+    for step in range(20):
+        stamp, pose = 11.2 + 0.2 * step, HOME._replace(x=0.05 * step)
+        desk.hand(node, "/odom", odometry(stamp, pose))
+        desk.hand(node, "/scan", scan(stamp, RANGES))
+        desk.hand(node, "/pose", pose_on_map(stamp, pose))
+    assert len(warnings(capfd, "the laser repeats one reading while the robot moves")) == 1
+    if isinstance(node, MapNode):
+        assert desk.sent["/pose"][-1].header.stamp.sec < 13
+        return
+    desk.later += 1.1
+    desk.tick(node)
+    assert not desk.sent["/cmd_vel"][-1].linear.x
+    assert not desk.sent["/cmd_vel"][-1].angular.z
+    check_works(desk, node)
 
 
 def test_topics_follow_the_namespace_and_what_belongs_to_all_does_not(desk, monkeypatch):

@@ -15,7 +15,8 @@ from slamgym.ros2.exploring import ExploreNode
 from slamgym.ros2.mapping import MapNode
 from slamgym.ros2.node import fill
 from slamgym.ros2.parameters import ExploreParameters, MapParameters, SimParameters
-from slamgym.ros2.simulator import BEGIN, SimNode
+from slamgym.ros2.sim_clock import BEGIN
+from slamgym.ros2.simulator import SimNode
 
 CONFIG = ExploreConfig()
 STEP = CONFIG.control_step

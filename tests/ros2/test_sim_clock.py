@@ -1,0 +1,104 @@
+"""Simulators in namespaces share one clock: the first has it, the others go by it."""
+
+from types import SimpleNamespace
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from ros_stand_ins import Message
+
+from slamgym.envs import ExploreConfig
+from slamgym.interop.ros_messages import time_fields
+from slamgym.ros2.parameters import SimParameters
+from slamgym.ros2.sim_clock import BEGIN
+from slamgym.ros2.simulator import SimNode
+
+STEP = ExploreConfig().control_step
+
+
+class Still(SimNode):
+    """Steps only when it is told to."""
+
+    def _run(self):
+        pass
+
+
+def make(desk, monkeypatch, *others):
+    """A simulator, and simulators of other names whose clocks are on the topic."""
+    monkeypatch.setattr("slamgym.ros2.sim_clock.SEARCH", 0.01)
+    monkeypatch.setattr("slamgym.ros2.sim_clock.STILL", 0.01)
+    node = desk.make(Still, SimParameters(seed=2, speed=0.0), ExploreConfig())
+    ends = [SimpleNamespace(node_namespace="/", node_name=name) for name in others]
+    node.get_publishers_info_by_topic = lambda topic: ends if topic == "/clock" else []
+    return node
+
+
+def stamps(desk, topic="/scan"):
+    return [one.header.stamp.sec + 1e-9 * one.header.stamp.nanosec for one in desk.sent[topic]]
+
+
+@pytest.mark.parametrize("others", [(), ("slamgym_sim",), ("slamgym_sim", "z")])
+def test_alone_or_first_by_name_it_publishes_the_clock(desk, monkeypatch, others):
+    node = make(desk, monkeypatch, *others)
+    node._time.find_leader()
+    node.publish()
+    node.step()
+    shown = [one.clock.sec + 1e-9 * one.clock.nanosec for one in desk.sent["/clock"]]
+    assert shown == pytest.approx([BEGIN, BEGIN + STEP]) == stamps(desk)
+    assert not [end for end in desk.answers[node] if end.topic == "/clock"]
+
+
+def test_where_another_is_first_by_name_it_publishes_none(desk, monkeypatch, capfd):
+    node = make(desk, monkeypatch, "slamgym_sim", "a_sim")
+    node._time.find_leader()
+    node.publish()
+    assert not desk.sent["/clock"]
+    assert "another simulator publishes /clock" in capfd.readouterr().err
+
+
+def test_it_steps_when_the_other_s_clock_says_so(desk, monkeypatch, capfd):
+    node = make(desk, monkeypatch)
+    node._time._ticked.set()  # the other's clock is heard while it is listened for
+    node._time._heard = 77.0
+    node._time.find_leader()
+    node.publish()
+    assert stamps(desk) == [77.0]
+    assert not node._wait_for_leader()  # it stands
+    listening = node._time._take
+    listening(Message(clock=time_fields(round((77.0 + 0.9 * STEP) * 1e9))))
+    assert not node._wait_for_leader()
+    listening(Message(clock=time_fields(round((77.0 + 2.0 * STEP) * 1e9))))
+    for _ in range(2):
+        assert node._wait_for_leader()
+        node.step()
+    assert not node._wait_for_leader()
+    assert stamps(desk) == pytest.approx([77.0, 77.0 + STEP, 77.0 + 2.0 * STEP])
+    assert not desk.sent["/clock"]
+
+
+def test_after_resets_of_either_no_stamp_is_ahead_of_the_clock(desk, monkeypatch):
+    node = make(desk, monkeypatch)
+    node._time._ticked.set()
+    node._time._heard = 77.0
+    node._time.find_leader()
+    node.publish()
+    node._time._take(Message(clock=time_fields(round((77.0 + STEP) * 1e9))))
+    assert node._wait_for_leader()
+    node.step()
+    assert desk.call(node, "reset").success
+    assert stamps(desk)[-1] == pytest.approx(77.0 + STEP)  # its own reset moves no clock
+    node._time._take(Message(clock=time_fields(round(BEGIN * 1e9))))  # that of the other does
+    assert not node._wait_for_leader()
+    node._time._take(Message(clock=time_fields(round((BEGIN + STEP) * 1e9))))
+    assert node._wait_for_leader()
+    node.step()
+    assert stamps(desk)[-1] == pytest.approx(BEGIN + STEP)
+
+
+def test_a_clock_that_stands_is_waited_for_and_said(desk, monkeypatch, capfd):
+    node = make(desk, monkeypatch, "a_sim")
+    node._time.find_leader()
+    desk.later += 5.0
+    desk.tick(node)
+    assert "waiting for /clock" in capfd.readouterr().err
