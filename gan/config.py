@@ -160,7 +160,9 @@ class TranslatorTrainingConfig(Settings):
     loss: LossConfig = field(default_factory=LossConfig)
     augment: bool = False
     """Cut windows, zoom and turn them, and give the SLAM map alone what clean simulation lacks: drift, double walls,
-    gaps, coarse cells (:mod:`slamgym.gan.training.augmentation` has the amounts). Else pairs are flipped only."""
+    gaps, coarse cells (:mod:`slamgym.gan.training.augmentation` has the amounts)."""
+    flips: bool = True
+    """Draw each pair in one of its eight orientations, both images alike; the paper has no augmentation."""
     optimiser: OptimiserConfig = field(default_factory=OptimiserConfig)
     stages: tuple[Stage, ...] = (Stage(32, 750.0, 64),)
     """From coarse to fine."""

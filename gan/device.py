@@ -54,8 +54,8 @@ class Compute:
 def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -> Compute:
     """Pick the device, the precision and the memory layout.
 
-    Channels last on CUDA and for bfloat16 on CPUs, whose matrix units want it (three quarters of the time of plain
-    channels), plain channels elsewhere.
+    Channels last on CUDA and on CPUs, where a step takes 0.76 to 0.88 of the time and a translation 0.8; plain
+    channels on MPS, where nobody has measured.
 
     Args:
         device: ``auto`` takes CUDA, else Apple's MPS, else the CPU.
@@ -75,8 +75,7 @@ def choose_compute(device: DeviceName = "auto", precision: Precision = "auto") -
         raise ConfigError(f"--device {name} isn't available here; use --device auto")
     if precision == "auto":
         precision = "bfloat16" if _multiplies_bfloat16(name) else "float32"
-    channels_last = name == "cuda" or (name == "cpu" and precision == "bfloat16")
-    return Compute(torch.device(name), precision, channels_last)
+    return Compute(torch.device(name), precision, channels_last=name != "mps")
 
 
 def _multiplies_bfloat16(device: str) -> bool:

@@ -143,7 +143,7 @@ class BatchSampler:
         slam = self._pairs.slam[index]
         if self._config.augment:
             cad, slam = augment(cad, slam, translator.input_size, rng)
-        symmetry = int(rng.integers(8))
+        symmetry = int(rng.integers(8)) if self._config.flips else 0
         cad = np.ascontiguousarray(flipped(cad, symmetry))
         slam = np.ascontiguousarray(flipped(slam, symmetry))
         if to_layers:

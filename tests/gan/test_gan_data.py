@@ -398,3 +398,11 @@ def test_images_of_several_editions_are_not_mixed(make_images, tmp_path):
         ConfigError, match=r"old \(edition 1, .*, new \(edition 2, .*make those of the older"
     ):
         describe_data(roots)
+
+
+def test_without_flips_and_augmentation_pairs_are_learned_as_they_are(tmp_path, make_images):
+    pairs = load_pairs(make_images(tmp_path), "train", 32)
+    config = dataclasses.replace(find_preset("model32"), flips=False)
+    batch = BatchSampler(pairs, config, np.random.default_rng(0)).draw(6)
+    known = {image.tobytes() for image in pairs.slam}
+    assert {image.tobytes() for image in batch.slam} == known
