@@ -422,13 +422,18 @@ def test_maps_of_several_frames_are_laid_over_each_other(tmp_path, monkeypatch):
     cells = np.full((20, 20), 205, np.uint8)
     cells[5:15, 5:15] = 0
     cells[6:14, 6:14] = 254
-    for method, start in (("parametric", (1.0, 2.0, 0.0)), ("modelprog", (3.0, 1.0, 0.0))):
-        x, y, _ = start
+    starts = {
+        "pairs": (0.5, 0.5, 0.0),
+        "parametric": (1.0, 2.0, 0.0),
+        "generator": (0.5, 0.5, 0.0),
+        "modelprog": (3.0, 1.0, 0.0),
+    }
+    for method in (*REDRAWN, "modelprog"):
+        x, y, _ = starts[method]
         frame = GridFrame(0.1, -1.0 - x, -1.0 - y, 20, 20)
         folder = tmp_path / method / "episodes" / "0"
         folder.mkdir(parents=True)
         write_ros_map(folder, OccupancyGrid(cells, frame))
-    starts = {"pairs": (0.5, 0.5, 0.0), "parametric": (1.0, 2.0, 0.0), "modelprog": (3.0, 1.0, 0.0)}
     monkeypatch.setattr(
         nearness, "read_manifest", lambda root: [SimpleNamespace(name="0", start=starts[root.name])]
     )

@@ -67,8 +67,8 @@ PAPER_FIGURES = (
     ),
     CaptionedPicture(
         NEARNESS,
-        "Figures 7 and 9 in numbers: aligned mean squared error of each method's map from the simulated map of the "
-        "same exploration; less is nearer.",
+        "Figures 7 and 9 in numbers: by how much the map of the method named lies nearer to the simulated map of the "
+        "same exploration than Modelprog's does, by the aligned mean squared error.",
     ),
 )
 """Figures 5 to 9."""
