@@ -29,7 +29,7 @@ from slamgym.agents.evaluation.trial import (
 from slamgym.agents.plan_splits import PlanSplit, ids_of
 from slamgym.cad import FloorPlan, PlanSource, check_plan
 from slamgym.cad.plan_filter import PlanFilter, passes
-from slamgym.core.config import Count, Settings, from_dict, to_dict
+from slamgym.core.config import Count, Seed, Settings, from_dict, to_dict
 from slamgym.core.documents import json_text, parse_json
 from slamgym.core.errors import ConfigError, InputFileError, PlanError
 from slamgym.core.files import (
@@ -101,7 +101,7 @@ class EvaluationConfig(Settings):
     """Which plans are worth exploring."""
     repetitions: Count = 1
     """Explorations per plan and explorer, each from another start."""
-    seed: int = 0
+    seed: Seed = 0
     """Decides which plans, starts and noise."""
     oracle: bool = False
     """Privileged: also plan what one who knows the floor plan would need at least."""

@@ -10,6 +10,7 @@ from slamgym.core.config import (
     NonNegative,
     Positive,
     PositiveShare,
+    Seed,
     Settings,
     Share,
 )
@@ -85,7 +86,7 @@ class RunConfig(Settings):
     """Larger plans than this are not learned on [m2]."""
     steps: CountOrZero = 100_000
     """Decisions of all environments together that are learned from."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of everything random."""
     num_envs: Count = 8
     """Environments."""

@@ -11,7 +11,7 @@ from slamgym.cad.plan_filter import PlanFilter
 from slamgym.cad.plan_formats import PLANS_HELP
 from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Seed
 from slamgym.core.errors import ConfigError
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
 from slamgym.core.parallel.engine import EngineName, Execution
@@ -55,7 +55,7 @@ class GenerateArguments(Arguments):
     minutes: Literal["auto"] | Positive | None = None
     """``auto``, the default: until nothing is left to explore, with a limit that grows with the floor area; or a fixed
     limit of robot time [min], 7 in the paper."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Seed of everything random, by default 0."""
     recipe: str | None = None
     """Vary the settings from one exploration to the next: a YAML or JSON file, ``reference`` or

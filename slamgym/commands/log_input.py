@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
 from slamgym.commands.frame import Out
-from slamgym.core.config import Arguments, Positive
+from slamgym.core.config import Arguments, Positive, Within
 from slamgym.core.progress import say
 
 if TYPE_CHECKING:
@@ -42,7 +42,7 @@ class LogReading(Arguments):
     range_max: Positive | None = None
     """Readings from here on mean no return [m]. By default the log's, if its readings agree."""
 
-    time_offset: Literal["auto"] | float = "auto"
+    time_offset: Literal["auto"] | Annotated[float, Within(ge=-1e10, le=1e10)] = "auto"
     """How late the odometry's stamps are against the scans' [s]; below 0 they are early. By default it is estimated."""
 
 

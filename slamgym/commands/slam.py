@@ -17,7 +17,7 @@ import tyro
 from slamgym.commands.frame import Out, begin_results, end_results, require_folder
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Count, to_dict
+from slamgym.core.config import Count, Seed, to_dict
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import counted, show_progress
 from slamgym.slam.config import Mode, SlamConfig
@@ -44,7 +44,7 @@ class SlamArguments(LogReading, LogAndOut):
     particles: Count | None = None
     """Number of particles (rbpf); 30 by default; 1 is scan matching."""
 
-    seed: int = 0
+    seed: Seed = 0
     """The same seed gives the same map."""
 
     continue_: Annotated[Path | None, tyro.conf.arg(name="continue")] = None

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgym.commands.frame import MaybeOut, require_plan
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Positive, Within
+from slamgym.core.config import Arguments, Positive, Seed, Within
 from slamgym.core.geometry import transform_points, transform_poses
 from slamgym.core.progress import say, tell
 
@@ -44,7 +44,7 @@ class WatchArguments(Arguments):
     """Film: how much faster than the robot."""
     fps: _Rate = 20.0
     """Film: frames per second; a .gif can have 50 at most."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of everything random."""
     settings: AllSettings = SettingsOptions()
     """Robot, sensors, SLAM, furniture and people."""

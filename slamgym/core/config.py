@@ -27,7 +27,8 @@ _MOST_LISTED = 40
 class Within(NamedTuple):
     """Which numbers a setting may be, as in ``Annotated[float, Within(gt=0.0, le=0.5)]``.
 
-    Of a tuple they bound each number. Without bounds a number must be finite.
+    Of a tuple they bound each number. Without bounds a number must be finite, and in :class:`Settings` it must be no
+    larger in size than :data:`LARGEST`.
     """
 
     ge: float = -math.inf
@@ -37,13 +38,21 @@ class Within(NamedTuple):
     power_of_two: bool = False
     infinite: bool = False
     """True if infinity is allowed, too."""
+    most: float = math.inf
+    """The largest size of numbers that have no upper bound."""
 
     def allow(self, number: float) -> bool:
         """True if the setting may be this number."""
         inside = self.ge <= number <= self.le and self.gt < number < self.lt
+        inside = inside and not self.is_too_large(number)
         if self.power_of_two:
             return inside and int(number).bit_count() == 1
         return inside or (self.infinite and number == math.inf)
+
+    def is_too_large(self, number: float) -> bool:
+        """True for a number that is larger than a setting without an upper bound may be."""
+        has_upper_bound = min(self.le, self.lt) < math.inf
+        return not has_upper_bound and self.most < abs(number) < math.inf
 
     def __str__(self) -> str:
         low = max(self.ge, self.gt)
@@ -60,6 +69,9 @@ class Within(NamedTuple):
         return f"{kind}in {opening}{low:g}, {high:g}{closing}"
 
 
+LARGEST = 1e9
+"""Settings without an upper bound of their own are no larger in size."""
+_OF_SETTINGS = Within(most=LARGEST)
 Positive = Annotated[float, Within(gt=0.0)]
 NonNegative = Annotated[float, Within(ge=0.0)]
 Share = Annotated[float, Within(ge=0.0, le=1.0)]
@@ -67,6 +79,8 @@ PositiveShare = Annotated[float, Within(gt=0.0, le=1.0)]
 ShareBelowOne = Annotated[float, Within(ge=0.0, lt=1.0)]
 Count = Annotated[int, Within(ge=1)]
 CountOrZero = Annotated[int, Within(ge=0)]
+Seed = Annotated[int, Within(ge=0, le=2**63 - 1)]
+"""Of a random number generator."""
 Measured = Annotated[float, Within(ge=0.0, le=1e9)]
 """A figure of a record, which can't be below 0: more than 1e9 s are 30 years, and sums stay finite."""
 Counted = Annotated[int, Within(ge=0, le=10**9)]
@@ -155,10 +169,11 @@ class _Field(NamedTuple):
 def _fields(cls: Any) -> dict[str, _Field]:
     """The fields of a dataclass."""
     hints = typing.get_type_hints(cls, include_extras=True)
+    rule = _OF_SETTINGS if issubclass(cls, Settings) else None
     fields = {}
     for entry in dataclasses.fields(cls):
         hint = hints[entry.name]
-        fields[entry.name] = _Field(hint, _conversion(hint), _test(hint))
+        fields[entry.name] = _Field(hint, _conversion(hint), _test(hint, rule))
     return fields
 
 
@@ -174,8 +189,12 @@ def _test(hint: Any, rule: Any = None) -> _Test:
     origin = typing.get_origin(hint)
     options = typing.get_args(hint)
     if origin is Annotated:
-        rules = [own for own in options[1:] if isinstance(own, Within | OneLine)]
-        return _test(options[0], rules[0] if rules else rule)
+        for own in options[1:]:
+            if isinstance(own, Within) and rule is not None:
+                own = own._replace(most=rule.most)
+            if isinstance(own, Within | OneLine):
+                return _test(options[0], own)
+        return _test(options[0], rule)
     if hint in (int, float) or (hint is str and isinstance(rule, OneLine)):
         return _ruled_test(hint, rule or Within())
     if origin in (types.UnionType, typing.Union):
@@ -208,7 +227,11 @@ def _ruled_test(hint: Any, rule: Within | OneLine) -> _Test:
     def find_fault(value: Any) -> _Fault | None:
         if type(value) not in usual and (isinstance(value, bool) or not isinstance(value, kind)):
             return _Fault(_type_name(hint), value)
-        return None if rule.allow(value) else _Fault(str(rule), value)
+        if rule.allow(value):
+            return None
+        if isinstance(rule, Within) and rule.is_too_large(value):
+            return _Fault(f"at most {rule.most:g} in size", value)
+        return _Fault(str(rule), value)
 
     return find_fault
 

@@ -4,9 +4,9 @@ import dataclasses
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import field
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from slamgym.core.config import Count, Positive, PositiveShare, Settings, from_dict, suggest
+from slamgym.core.config import Positive, PositiveShare, Settings, Within, from_dict, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAP_CELLS
 from slamgym.core.types import GridFrame
@@ -38,17 +38,17 @@ class ObservationConfig(Settings, section="observation"):
     """``egocentric``: a crop of the newest map about the believed pose, turned so that ahead is up;
     ``global``: the whole map as it was last published, on a canvas centred on the start."""
 
-    crop_px: Count = 84
+    crop_px: Annotated[int, Within(ge=1, le=2048)] = 84
     """Side of the egocentric crop [cells]; 84 is what convolutional policies are used to."""
 
-    crop_resolution: Positive = 0.1
+    crop_resolution: Annotated[float, Within(gt=0.0, le=10.0)] = 0.1
     """Cell size of the egocentric crop [m]; 84 cells show 4.2 m to every side, more than the LDS-01 sees."""
 
-    map_size: Positive = 64.0
+    map_size: Annotated[float, Within(gt=0.0, le=1e4)] = 64.0
     """Side of the global canvas [m]; no plan may reach out of it, wherever the robot starts. Where whole
     explorations are run it grows with the plan (:meth:`holding`)."""
 
-    map_resolution: Positive = 0.05
+    map_resolution: Annotated[float, Within(gt=0.0, le=1.0)] = 0.05
     """Cell size of the global canvas [m]."""
 
     shared_map: bool = False

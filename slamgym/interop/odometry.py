@@ -12,6 +12,8 @@ FASTEST_DRIVE = 5.0
 """Robots of laboratories and homes drive more slowly [m/s]: at most 2 in the public logs."""
 FASTEST_TURN = 6.0
 """Robots of laboratories and homes turn more slowly [rad/s]: at most 4 in the public logs."""
+LONGEST_STEP = 100.0
+"""Nothing that a laser sees at two moments so far apart is the same: what drives on so far is a jump [m]."""
 LEAST_JUMP = 0.5
 """Shorter steps of the odometry are no jumps [m or rad]."""
 MUCH_FASTER = 5.0
@@ -69,6 +71,7 @@ def without_jumps(odometry: Trajectory) -> tuple[FloatArray, tuple[LogFinding, .
     drives = np.hypot(moved[:, 0], moved[:, 1])
     turns = np.abs(wrap_angle(np.diff(poses[:, 2])))
     impossible = _impossible(drives, waits, FASTEST_DRIVE) | _impossible(turns, waits, FASTEST_TURN)
+    impossible |= drives > LONGEST_STEP
     jumps = np.flatnonzero(impossible)
     if not len(jumps):
         return poses, ()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from slamgym.core.config import CountOrZero, NonNegative, Settings, Share, Within
+from slamgym.core.config import Settings, Share, Within
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.sim.furnishing import PlacedPiece, Wish, furnish, put_down
 from slamgym.sim.passages import Passages
@@ -69,10 +69,10 @@ class ClutterConfig(Settings, section="clutter"):
     cut_off: bool = False
     """Closed doors may cut rooms off; :attr:`Clutter.cut_off` names them."""
 
-    changes: NonNegative = 0.0
+    changes: Annotated[float, Within(ge=0.0, le=1000.0)] = 0.0
     """Rate at which a chair is moved or a door's leaf swings while the robot drives [1/min]."""
 
-    people: CountOrZero = 0
+    people: Annotated[int, Within(ge=0, le=200)] = 0
     """Number of people who walk about."""
 
     @property

@@ -6,7 +6,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from slamgym.core.config import NonNegative, Positive, Settings, Share, Within, suggest
+from slamgym.core.config import NonNegative, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.jit import plain
@@ -45,22 +45,22 @@ class LidarConfig(Settings, section="lidar"):
     figures come from.
     """
 
-    num_beams: Annotated[int, Within(ge=2)] = 180
+    num_beams: Annotated[int, Within(ge=2, le=20_000)] = 180
     """Beams in a scan; the LDS-01 has one a degree."""
 
     field_of_view_deg: Annotated[float, Within(gt=0.0, le=360.0)] = 180.0
     """Angle that the beams share evenly, centred ahead; 360 for the full turn of the LDS-01 [deg]."""
 
-    range_min: NonNegative = 0.12
+    range_min: Annotated[float, Within(ge=0.0, le=1000.0)] = 0.12
     """Nearest distance that is measured (LDS-01 data sheet) [m]."""
 
-    range_max: float = 3.5
+    range_max: Annotated[float, Within(gt=0.0, le=1000.0)] = 3.5
     """Furthest distance that is measured (LDS-01 data sheet) [m]."""
 
-    rate: Positive = 5.0
+    rate: Annotated[float, Within(ge=0.1, le=1000.0)] = 5.0
     """Scans per second (LDS-01 data sheet: 300 rpm) [Hz]."""
 
-    mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
+    mount: Annotated[tuple[float, float, float], Within(ge=-100.0, le=100.0)] = (-0.064, 0.0, 0.0)
     """Sensor in the robot's base frame (x, y, theta), from the Waffle Pi's ``base_scan`` joint [m, m,
     rad]."""
 

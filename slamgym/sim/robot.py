@@ -1,6 +1,8 @@
 """The robot: a differential drive with the measures of a TurtleBot3 Waffle Pi."""
 
-from slamgym.core.config import Positive, Settings
+from typing import Annotated
+
+from slamgym.core.config import Settings, Within
 
 WHEEL_RADIUS = 0.033
 """[m]; with the encoder's resolution it gives the length of a tick."""
@@ -21,21 +23,21 @@ class RobotConfig(Settings, section="robot"):
     at a wall, and its odometry counts a distance that it didn't go.
     """
 
-    wheel_separation: Positive = 0.287
+    wheel_separation: Annotated[float, Within(gt=0.0, le=10.0)] = 0.287
     """Distance between the wheels' contact points [m]."""
 
-    max_linear: Positive = 0.26
+    max_linear: Annotated[float, Within(gt=0.0, le=20.0)] = 0.26
     """Highest speed forward and backward [m/s]."""
 
-    max_angular: Positive = 1.82
+    max_angular: Annotated[float, Within(gt=0.0, le=100.0)] = 1.82
     """Highest turning rate [rad/s]."""
 
-    linear_acceleration: Positive = 2.5
+    linear_acceleration: Annotated[float, Within(gt=0.0, le=1e4)] = 2.5
     """[m/s^2]"""
 
-    angular_acceleration: Positive = 3.2
+    angular_acceleration: Annotated[float, Within(gt=0.0, le=1e5)] = 3.2
     """[rad/s^2]"""
 
-    radius: Positive = 0.22
+    radius: Annotated[float, Within(gt=0.0, le=10.0)] = 0.22
     """Radius of the disc about the axle that collides, and the clearance that planners keep; ``robot_radius`` of
     TurtleBot3's navigation [m]."""

@@ -3,7 +3,7 @@
 from dataclasses import field
 from typing import Annotated, Literal
 
-from slamgym.core.config import Count, CountOrZero, NonNegative, Positive, Settings, Within
+from slamgym.core.config import Count, NonNegative, Positive, Settings, Within
 
 Mode = Literal["rbpf", "pose_graph", "dead_reckoning", "map", "ground_truth"]
 
@@ -72,13 +72,13 @@ class SlamConfig(Settings, section="slam"):
     odometry; ``map``: finds itself on a finished map
     (:mod:`slamgym.slam.localization`); ``ground_truth``: as dead reckoning, for a caller who hands it true poses."""
 
-    particles: Count = 30
+    particles: Annotated[int, Within(ge=1, le=10_000)] = 30
     """Number of particles (``particles``). A single one draws no noise: with 1, ``rbpf`` is scan matching."""
 
-    resolution: Positive = 0.05
+    resolution: Annotated[float, Within(gt=0.0, le=1.0)] = 0.05
     """Cell size of the maps [m] (``delta``)."""
 
-    max_usable_range: Positive = 3.45
+    max_usable_range: Annotated[float, Within(gt=0.0, le=1000.0)] = 3.45
     """Longer returns are not matched; their rays are cut here and clear free space only [m]
     (``maxUrange``, 3.0 in the launch file). A little less than the scanner's own limit, where noise decides whether
     a beam returns."""
@@ -86,10 +86,10 @@ class SlamConfig(Settings, section="slam"):
     sigma: Positive = 0.05
     """Width of the matching score exp(-d^2 / sigma) [m^2] (``sigma``)."""
 
-    iterations: CountOrZero = 5
+    iterations: Annotated[int, Within(ge=0, le=100)] = 5
     """Number of times that GMapping's search halves its steps (``iterations``)."""
 
-    beam_skip: CountOrZero = 0
+    beam_skip: Annotated[int, Within(ge=0, le=1000)] = 0
     """Beams left out between two that are matched (``lskip``); all are drawn into the map."""
 
     minimum_score: float = 0.0

@@ -12,6 +12,7 @@ import tyro
 from hypothesis import given
 
 from slamgym.core.config import (
+    LARGEST,
     Arguments,
     Count,
     CountOrZero,
@@ -195,16 +196,16 @@ def test_a_wrong_value_is_refused_with_its_name_and_what_it_may_be(name, value, 
 @given(st.floats(allow_nan=True, allow_infinity=True) | st.integers())
 def test_bounds_allow_what_they_say(number):
     allowed = {
-        "positive": 0.0 < number < math.inf,
-        "non_negative": 0.0 <= number < math.inf,
+        "positive": 0.0 < number <= LARGEST,
+        "non_negative": 0.0 <= number <= LARGEST,
         "share": 0.0 <= number <= 1.0,
         "positive_share": 0.0 < number <= 1.0,
         "share_below_one": 0.0 <= number < 1.0,
-        "number": math.isfinite(number),
+        "number": abs(number) <= LARGEST,
         "between": -1.0 < number <= 2.0,
-        "unlimited": number > 0.0,
-        "optional": 0.0 < number < math.inf,
-        "count": isinstance(number, int) and number >= 1,
+        "unlimited": 0.0 < number <= LARGEST or number == math.inf,
+        "optional": 0.0 < number <= LARGEST,
+        "count": isinstance(number, int) and 1 <= number <= LARGEST,
         "side": isinstance(number, int) and number in (8, 16, 32, 64),
     }
     for name, is_allowed in allowed.items():

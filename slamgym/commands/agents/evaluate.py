@@ -11,7 +11,7 @@ import tyro
 from slamgym.cad.plan_filter import PlanFilter
 from slamgym.commands.frame import Out, is_installed
 from slamgym.commands.settings import CLEARED, AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Count, CountOrZero, Positive
+from slamgym.core.config import Arguments, Count, CountOrZero, Positive, Seed
 from slamgym.core.errors import ConfigError
 from slamgym.core.names import Label
 from slamgym.core.parallel.backlog import TASK_TIMEOUT, available_cores
@@ -51,7 +51,7 @@ class EvaluateArguments(Arguments):
     for what may be left. ``none``: when nothing is left to try. `explore_lite` ends as its source does."""
     minutes: Literal["auto"] | Positive | None = None
     """Limit of robot time [min]; ``auto``, the default, grows with the floor area."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Decides which plans, starts and noise; by default 0."""
     workers: CountOrZero = 0
     """Processes; 0 takes one per core."""

@@ -8,7 +8,7 @@ from slamgym.agents.rl.reward_presets import ShapingConfig
 from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
 from slamgym.commands.frame import LEARNING, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Count, CountOrZero
+from slamgym.core.config import Arguments, Count, CountOrZero, Seed
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say
 
@@ -33,7 +33,7 @@ class TrainArguments(Arguments):
     """Decisions of all environments together."""
     num_envs: Count | None = None
     """Number of environments."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Seed of everything random, by default 0."""
     settings: AllSettings = SettingsOptions()
     """Localisation, reward, network, learner, evaluation and all else."""

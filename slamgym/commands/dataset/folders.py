@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import tyro
 
-from slamgym.core.config import Arguments
+from slamgym.core.config import Arguments, Seed
 from slamgym.core.progress import counted, show_progress, tell
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class SplitArguments(Arguments):
     """Folder of the dataset."""
     test: float = 0.1
     """Share of the groups of plans that are for testing."""
-    seed: int = 0
+    seed: Seed = 0
     """Another seed gives another split."""
     test_plans: Path | None = None
     """A file with one plan id a line: these plans, and those that look like them, are for testing."""

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import tyro
 
 from slamgym.commands.frame import Out, is_installed, show_table
-from slamgym.core.config import Arguments, Count
+from slamgym.core.config import Arguments, Count, Seed
 from slamgym.core.documents import json_text
 from slamgym.core.errors import ConfigError
 from slamgym.core.progress import say, tell
@@ -39,7 +39,7 @@ class RealismArguments(Arguments):
     each map is a separate building. Buildings are never on both sides of a test."""
     halvings: Count = 10
     """Number of halvings of a set, for its null."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of folds, halves and learners."""
 
     def _check(self) -> None:

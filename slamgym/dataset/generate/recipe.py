@@ -36,7 +36,15 @@ from typing import Any
 from slamgym import __version__
 from slamgym.cad import PlanSource, plan_groups
 from slamgym.cad.plan_filter import PlanFilter
-from slamgym.core.config import Count, Settings, replace_setting, setting_names, suggest, to_dict
+from slamgym.core.config import (
+    Count,
+    Seed,
+    Settings,
+    replace_setting,
+    setting_names,
+    suggest,
+    to_dict,
+)
 from slamgym.core.documents import parse_yaml
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
@@ -338,7 +346,7 @@ def _pick(choices: Sequence[Choice], share: float) -> Choice:
 class DatasetConfig(Settings):
     """Everything that decides the content of a dataset, apart from the plans."""
 
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the whole dataset; explorations derive theirs from it, the plan id and the repetition."""
     plans_filter: PlanFilter = "none"
     """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
