@@ -1,4 +1,4 @@
-"""The true path: from a file of waypoints, a recorded trajectory or a probabilistic roadmap to poses over time.
+"""The true path: from waypoints or a recorded trajectory to poses over time, and the scans on the way.
 
 The counterpart of MATLAB's ``waypointTrajectory``, for a robot on wheels: it turns in place
 and then drives straight, each with a trapezoidal speed, because the odometry model (eqs. 13-20 of the paper)
@@ -8,28 +8,18 @@ is written for exactly these two motions.
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import shapely
 
-from slamgym.core.errors import ConfigError, InputFileError, PlanError, SlamgymError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import read_text
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.limits import shown
 from slamgym.core.types import FloatArray, Trajectory
 from slamgym.interop.tum import read_tum
 from slamgym.parametric.config import MotionConfig
-from slamgym.planning.prm import (
-    DrivableArea,
-    build_roadmap,
-    drivable_area,
-    random_path,
-    spread_stops,
-    tour,
-)
-from slamgym.sim.clutter import Clutter
-from slamgym.sim.passages import ROUNDING, Passages
 from slamgym.sim.robot import RobotConfig
 
 if TYPE_CHECKING:
@@ -38,10 +28,6 @@ if TYPE_CHECKING:
 _ROBOT = RobotConfig()
 _SAMPLE_INTERVAL = 0.05
 """Time between two poses of the fine trajectory that scans are picked from [s]."""
-_CLEARANCE = RobotConfig.radius + ROUNDING
-"""Distance that a planned path keeps from walls [m], so that it leads through every doorway that the robot fits in."""
-_STOP_SPACING = 5.0
-"""Distance between stops in a plan without rooms [m]; the LIDAR sees what lies between."""
 
 
 @dataclass(frozen=True)
@@ -346,65 +332,3 @@ def trajectory_from_file(
     trajectory = drive(waypoints, str(path), robot)
     check_path_is_free(waypoints.points, plan.free_space, str(path))
     return trajectory
-
-
-def plan_trajectory(
-    plan: "FloorPlan",
-    rng: np.random.Generator,
-    kind: Literal["tour", "pair"] = "tour",
-    robot: RobotConfig = _ROBOT,
-    clutter: Clutter | None = None,
-) -> Trajectory:
-    """Plan a true path over a roadmap.
-
-    Args:
-        plan: The building.
-        rng: Draws the roadmap and the ends.
-        kind: ``tour``: through all rooms; ``pair``: between two random points, as in the paper.
-        robot: Who drives.
-        clutter: What stands in the way.
-
-    Raises:
-        PlanError: If the robot fits nowhere.
-    """
-    passages = None if clutter is None else clutter.passages
-    if passages is None:
-        passages = Passages(plan, 2.0 * _CLEARANCE)
-    try:
-        # Rows of passages grow upwards.
-        area = drivable_area(passages.clearance[::-1], passages.frame, _CLEARANCE)
-    except SlamgymError as error:
-        raise PlanError(plan.id, str(error)) from error
-    if kind == "pair":
-        points = random_path(build_roadmap(area, rng), rng)
-    else:
-        middles = _room_middles(plan, area)
-        roadmap = build_roadmap(area, rng, middles)
-        stops = np.concatenate([spread_stops(roadmap, _STOP_SPACING, rng), middles])
-        points = tour(roadmap, stops, rng)
-    return drive(Waypoints(points), f"the path planned in {plan.id}", robot)
-
-
-def _room_middles(plan: "FloorPlan", area: DrivableArea) -> FloatArray:
-    """Of each room that the area reaches into, the cell nearest to the middle of its free part; (R, 2) [m]."""
-    points = area.points
-    middles = []
-    for room in plan.rooms:
-        free = shapely.intersection(room.polygon, plan.free_space)
-        shapely.prepare(free)
-        inside = points[shapely.intersects_xy(free, *points.T)]
-        if len(inside):
-            away = inside - shapely.get_coordinates(free.centroid)
-            middles.append(inside[np.argmin(np.square(away).sum(axis=1))])
-    return np.array(middles).reshape(-1, 2)
-
-
-def rooms_left_out(plan: "FloorPlan", trajectory: Trajectory) -> list[str]:
-    """Names of the rooms that a path doesn't enter, with their middles."""
-    x, y, _ = trajectory.poses.T
-    left_out = []
-    for room in plan.rooms:
-        if not shapely.intersects_xy(room.polygon, x, y).any():
-            middle = room.polygon.centroid
-            left_out.append(f"{room.category} at ({middle.x:.1f}, {middle.y:.1f})")
-    return left_out

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from slamgym.cad import open_plans
+from slamgym.commands.deforming.hypotheses import square_around
 from slamgym.envs import ExploreConfig
 from slamgym.gan.translation.elastic import bend_with_field, drifted
 from slamgym.parametric import ParametricConfig, deform, map_along_path, plan_trajectory
@@ -34,6 +35,14 @@ def test_deform(golden, plan, method):
     path = plan_trajectory(plan, rng, "pair")
     result = deform(plan, path, ParametricConfig(method=method), rng)
     golden.check(f"parametric/{method}/faithful", measured(golden, result))
+
+
+def test_ekf_of_64_pixels(golden, plan):
+    rng = np.random.default_rng(2)
+    path = plan_trajectory(plan, rng, "pair")
+    frame = square_around(plan, 64)
+    result = deform(plan, path, ParametricConfig(method="ekf"), rng, frame)
+    golden.check("parametric/ekf/small", measured(golden, result))
 
 
 @pytest.mark.parametrize("mode", ["pose_graph", "rbpf"])

@@ -15,7 +15,8 @@ from slamgym.dataset.curate.split import PlanSide, SplitTable, make_split, read_
 from slamgym.dataset.images.render import render_images, select_pairs
 from slamgym.dataset.images.square_images import ImageConfig
 from slamgym.interop import read_ros_map, read_tum, write_tum
-from slamgym.parametric.paths import plan_trajectory, read_waypoints
+from slamgym.parametric.paths import read_waypoints
+from slamgym.parametric.tours import plan_trajectory
 
 
 def main(argv):

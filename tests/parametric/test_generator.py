@@ -12,7 +12,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, Pose2D, Trajectory, Twis
 from slamgym.envs import ExploreConfig
 from slamgym.envs.episode import EpisodeConfig, run_episode
 from slamgym.parametric.generator import graph_error, map_along_path
-from slamgym.parametric.paths import plan_trajectory
+from slamgym.parametric.tours import plan_trajectory
 from slamgym.sim import (
     ClutterConfig,
     LidarConfig,

@@ -6,7 +6,7 @@ import shapely
 
 from slamgym.cad import generate_plan, open_plans
 from slamgym.cad.floorplan import FloorPlan, Room
-from slamgym.parametric.paths import plan_trajectory, rooms_left_out
+from slamgym.parametric.tours import plan_trajectory, rooms_left_out
 from slamgym.sim.robot import RobotConfig
 
 BUNDLED = open_plans("bundled")

@@ -98,7 +98,7 @@ def test_other_beams_lose_the_wall_in_their_shares(severity) -> None:
     share = min(1.0, 0.05 * severity)  # short, max and rand: a twentieth
     assert lost / count == pytest.approx(share, abs=5.0 * np.sqrt(share * (1.0 - share) / count))
     # Short and random ones set a cell, those without return none: four of five.
-    stray = sum(len(beams.stray_points) for beams in found)
+    stray = sum(len(beams.set_points) for beams in found)
     assert stray / count == pytest.approx(0.8 * share, abs=5.0 * np.sqrt(0.8 * share / count))
     for beams in found:
         assert not beams.field[:, beams.lost].any()
@@ -111,7 +111,7 @@ def strays(monkeypatch, short: float, rand: float) -> np.ndarray:
     monkeypatch.setattr(wall_beams, "BEAMS", shares)
     visibility = one_wall()[2]
     return np.concatenate(
-        [beams_of(visibility, severity=1.0, seed=seed).stray_points for seed in range(30)]
+        [beams_of(visibility, severity=1.0, seed=seed).set_points for seed in range(30)]
     )
 
 
@@ -144,6 +144,27 @@ def test_a_random_beam_sets_a_cell_beyond_the_wall_but_not_beyond_the_map() -> N
     assert (seen == OCCUPIED).sum() == (occupied & visibility.seen).sum() + 1
 
 
+def test_walls_that_are_seen_again_are_drawn_again_as_one_piece(monkeypatch) -> None:
+    monkeypatch.setattr(wall_beams, "BEAMS", wall_beams.Shares(1.0 - 1e-9, 1e-9, 0.0, 0.0))
+    frame, occupied, _ = one_wall()
+    poses = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])  # the last scan is the farther one
+    visibility = observe(occupied, frame, poses, ScannerView(mount_x=0.0))
+    both = (visibility.cells.best == 0) & (visibility.cells.last == 1)
+    assert both.sum() > 20
+    shifts = []
+    for seed in range(40):
+        points = beams_of(visibility, severity=1.0, seed=seed).set_points
+        shift = points - frame.to_points(*np.nonzero(both))
+        np.testing.assert_allclose(shift, np.broadcast_to(shift[0], shift.shape))
+        shifts.append(shift[0])
+    # Five centimetres in x and y; four standard errors.
+    assert np.std(shifts) == pytest.approx(0.05, rel=4.0 / np.sqrt(160.0))
+    assert not len(printed_of(visibility).set_points)
+    np.testing.assert_allclose(
+        beams_of(visibility).set_points, frame.to_points(*np.nonzero(both)), atol=1e-12
+    )
+
+
 def printed_of(visibility, errors=NO_ERRORS, severity=1.0, seed=0):
     return printed_beams(visibility, errors, 3.5, severity, np.random.default_rng(seed))
 
@@ -152,7 +173,7 @@ def test_the_print_sums_up_four_displacements_and_loses_no_wall() -> None:
     _, occupied, visibility = one_wall()
     beams = printed_of(visibility)
     assert not beams.lost.any()
-    assert not len(beams.stray_points)
+    assert not len(beams.set_points)
     seen = observed_cad(occupied, visibility, beams)
     assert (seen[occupied & visibility.seen] == OCCUPIED).all()
     half = printed_of(visibility, severity=0.5)

@@ -31,12 +31,8 @@ from slamgym.envs.plan_cache import Streams
 from slamgym.parametric.config import ParametricConfig
 from slamgym.parametric.generator import map_along_path
 from slamgym.parametric.model import DRIFT_MARGIN, Deformation, deform
-from slamgym.parametric.paths import (
-    check_recorded,
-    plan_trajectory,
-    rooms_left_out,
-    trajectory_from_file,
-)
+from slamgym.parametric.paths import check_recorded, trajectory_from_file
+from slamgym.parametric.tours import plan_trajectory, rooms_left_out
 from slamgym.sim import Clutter, make_clutter
 
 if TYPE_CHECKING:
