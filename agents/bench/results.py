@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import math
 import platform
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -25,6 +26,10 @@ from slamgym.core.names import Label, as_file_name
 from slamgym.core.parallel.engine import Execution
 from slamgym.envs.episode import time_limit
 
+SEEN = 0.98
+"""Share of the floor that a success has seen."""
+MARGIN = 1.1
+"""Speeds and ranges of results may be so much larger than the robot's: wheels slip, readings have noise."""
 _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-headless")
 
 
@@ -256,4 +261,28 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
         raise InputFileError(
             path, f"does not hold the explorations of the track {track.name!r}; run it again"
         )
+    for number, row in enumerate(result.rows):
+        fault = _impossibility(row, wanted.trial)
+        if fault:
+            raise InputFileError(path, f"rows[{number}], {row.plan}: {fault}; run the track again")
     return result
+
+
+def _impossibility(row: BenchRow, trial: TrialConfig) -> str:
+    """Why no robot of the benchmark has made an exploration; empty if one may have."""
+    speed = trial.env.robot.max_linear
+    if row.path > MARGIN * speed * row.done + 1.0:
+        return f"{row.path:g} m in {row.done:g} s is faster than the robot, {speed:g} m/s"
+    if not row.success:
+        return ""
+    if row.coverage < SEEN - 1e-3:
+        return f"a success has seen {SEEN:.0%} of the floor, not {row.coverage:.1%}"
+    # What a scanner can see of a way: the floor within its range.
+    sight = MARGIN * trial.env.lidar.range_max
+    seen = math.pi * sight**2 + 2.0 * sight * row.path
+    if seen < SEEN * row.area:
+        return f"on a path of {row.path:g} m nobody sees {row.area:g} m2"
+    turned = math.pi / trial.env.robot.max_angular
+    if row.done < turned / MARGIN:
+        return f"the robot can't look around in {row.done:g} s"
+    return ""

@@ -12,7 +12,11 @@ from slamgym.core.files import read_text, sha256_of, write_text
 from slamgym.core.limits import DOCUMENT_BYTES, ENTRIES, shown
 from slamgym.core.streams import DAMAGED, download, open_expanded
 
-HOUSEEXPO_URL = "https://raw.githubusercontent.com/TeaganLi/HouseExpo/master/HouseExpo/json.tar.gz"
+HOUSEEXPO_COMMIT = "397e580a1b88bd9ada9058b3dc9a75532d38de4f"
+"""The state of HouseExpo's repository that is fetched: what stands there doesn't change."""
+HOUSEEXPO_URL = (
+    f"https://raw.githubusercontent.com/TeaganLi/HouseExpo/{HOUSEEXPO_COMMIT}/HouseExpo/json.tar.gz"
+)
 HOUSEEXPO_LICENCE = (
     "HouseExpo, https://github.com/TeaganLi/HouseExpo: MIT licence, copyright (c) 2019 Tingguang Li; the "
     "plans were made from SUNCG.\nCite: T. Li et al., HouseExpo: A Large-scale 2D Indoor Layout Dataset for "
@@ -70,18 +74,22 @@ def open_archive(path: Path, options: PlanOptions) -> PlanIndex:
 
 
 def fetch_houseexpo(
-    path: Path, url: str | None = None, advance: Callable[[int, int], None] | None = None
+    path: Path,
+    url: str | None = None,
+    advance: Callable[[int, int], None] | None = None,
+    sha256: str | None = None,
 ) -> int:
     """Download the archive of HouseExpo unless it is there, and verify it.
 
-    Its publishers give no checksum. What is verified on the first fetch is the structure: enough plans, ids of the
-    right form, and a first plan that can be read. Its SHA-256 is then written next to it (``NAME.sha256``, as
-    ``sha256sum -c`` reads it) and compared from then on.
+    Its publishers give no checksum, so the address names a commit. What is verified on the first fetch is the SHA-256,
+    if it is given, and the structure: enough plans, ids of the right form, and a first plan that can be read. Its
+    SHA-256 is then written next to it (``NAME.sha256``, as ``sha256sum -c`` reads it) and compared from then on.
 
     Args:
         path: Where it goes.
         url: Another address of the same file.
         advance: As :func:`slamgym.core.streams.download` takes it.
+        sha256: What the archive must have.
 
     Returns:
         How many plans it holds.
@@ -92,6 +100,11 @@ def fetch_houseexpo(
     """
     if not path.exists():
         download(url or HOUSEEXPO_URL, path, advance)
+    digest = sha256_of(path)
+    if sha256 is not None and digest != sha256.lower():
+        raise InputFileError(
+            path, f"has the SHA-256 {digest}, not {shown(sha256)}; delete it and fetch it again"
+        )
     source = archived_plans(path)
     has_ids = all(len(plan_id) == _ID_LENGTH for plan_id in source.ids)
     if len(source) < MIN_HOUSEEXPO_PLANS or not has_ids:
@@ -101,7 +114,6 @@ def fetch_houseexpo(
         )
     source.load(source.ids[0])
     sums = path.with_name(f"{path.name}.sha256")
-    digest = sha256_of(path)
     if not sums.exists():
         write_text(sums, f"{digest}  {path.name}\n")
     elif read_text(sums).split()[:1] != [digest]:

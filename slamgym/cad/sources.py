@@ -67,7 +67,9 @@ def open_drawing(spec: str, layers: Sequence[str] = ()) -> PlanSource:
     return source
 
 
-def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSource:
+def open_plans(
+    spec: Path | str, ids_file: Path | str | None = None, layers: Sequence[str] = ()
+) -> PlanSource:
     """Open a set of floor plans.
 
     Args:
@@ -77,16 +79,18 @@ def open_plans(spec: Path | str, ids_file: Path | str | None = None) -> PlanSour
             :data:`~slamgym.cad.plan_formats.PLAN_FORMATS`, with the metres of a picture's pixel or a drawing's unit
             behind it, as in ``plan.png@0.05``; a folder of HouseExpo files or ROS maps.
         ids_file: A file with one plan id a line, as HouseExpo's ``map_id_train.txt``: only these plans.
+        layers: Of a DXF drawing's walls, see :func:`slamgym.cad.read_dxf`.
 
     Returns:
         The plans, in the order of their ids; in the order of ``ids_file`` where that is given.
 
     Raises:
         InputFileError: If a file is missing, unreadable or holds no plans, or an id is not there.
-        ConfigError: If ``spec`` is neither a file nor a known name.
+        ConfigError: If ``spec`` is neither a file nor a known name, or there are layers and no DXF drawing.
     """
     wanted = read_ids(ids_file) if ids_file is not None else None
-    source = _open(str(spec), PlanOptions(wanted=None if wanted is None else frozenset(wanted)))
+    only = None if wanted is None else frozenset(wanted)
+    source = _open(str(spec), PlanOptions(wanted=only, layers=tuple(layers)))
     if wanted is None:
         _refuse_empty(source, spec)
         return source
@@ -199,13 +203,16 @@ def _open_folder(path: Path) -> PlanSource:
     return plan_files(plans or path.rglob("*.json"), path)
 
 
-def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> PlanSource:
+def open_plan_mix(
+    specs: Sequence[str], ids_file: Path | str | None = None, layers: Sequence[str] = ()
+) -> PlanSource:
     """Open one or several sources of floor plans.
 
     Args:
         specs: What :func:`slamgym.cad.open_plans` takes, each perhaps with ``=WEIGHT`` behind it; one string
             may hold several, with commas between them. Weights are relative, 1 where none is given.
         ids_file: As :func:`slamgym.cad.open_plans` takes it; needs a single source.
+        layers: The same of all sources, which are DXF drawings then.
 
     Returns:
         The source itself if there is one, else a mix of them.
@@ -224,10 +231,11 @@ def open_plan_mix(specs: Sequence[str], ids_file: Path | str | None = None) -> P
     if twice:
         raise ConfigError(f"the plans {twice[0]!r} are given twice; give one weight instead")
     if len(parts) == 1:
-        return open_plans(names[0], ids_file=ids_file)
+        return open_plans(names[0], ids_file=ids_file, layers=layers)
     if ids_file is not None:
         raise ConfigError("a file of plan ids needs a single source of plans")
-    return mixed_plans([open_plans(name) for name in names], [weight for _, weight in parts])
+    sources = [open_plans(name, layers=layers) for name in names]
+    return mixed_plans(sources, [weight for _, weight in parts])
 
 
 def _split_list(spec: str) -> list[str]:

@@ -44,6 +44,8 @@ class GenerateArguments(Arguments):
     ] = ()
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
+    layers: tuple[str, ...] = ()
+    """Layers of the walls of DXF drawings, where their names don't say it."""
     plans_filter: PlanFilter | None = None
     """``useful`` takes homes that are worth exploring: 2-20 rooms, 20-300 m2, at most 30 m long, at most
     1,500 vertices; generated plans always pass. By default ``none``: all."""
@@ -99,7 +101,7 @@ def main(arguments: GenerateArguments) -> None:
     workers = arguments.workers or (available_cores() if arguments.engine == "local" else 0)
     report = build_dataset(
         arguments.out,
-        open_plan_mix(arguments.plans or ("bundled",), ids_file=arguments.ids),
+        open_plan_mix(arguments.plans or ("bundled",), arguments.ids, arguments.layers),
         config,
         make_explorer,
         pairs=arguments.pairs,

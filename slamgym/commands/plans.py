@@ -33,6 +33,8 @@ class _Selection(Arguments):
     plans: Annotated[str, tyro.conf.Positional, tyro.conf.arg(help=PLANS_HELP)] = "bundled"
     ids: Path | None = None
     """A file with one plan id a line: take only these plans."""
+    layers: tuple[str, ...] = ()
+    """Layers of a DXF drawing's walls, where their names don't say it."""
     count: Count | None = None
     """Take only the first so many plans."""
 
@@ -69,6 +71,8 @@ class FetchPlans(Arguments):
     """Which one."""
     out: MaybeOut = None
     """Where it goes; by default under its own name, json.tar.gz, into this folder."""
+    sha256: str | None = None
+    """What the archive must have: of a copy that you know."""
 
 
 MAX_DRAWN = 60
@@ -92,7 +96,7 @@ def fetch_command(arguments: FetchPlans) -> None:
         def show(done: int, total: int) -> None:
             progress.update(task, completed=done, total=total or None)
 
-        count = fetch_houseexpo(path, advance=show)
+        count = fetch_houseexpo(path, advance=show, sha256=arguments.sha256)
     tell(
         f"{path}: {counted(count, 'plan')}, SHA-256 in {path.name}.sha256; use it as --plans {path}"
     )
@@ -108,7 +112,7 @@ def _usable(arguments: _Selection) -> tuple[Iterator[FloorPlan], _Rejections]:
     from slamgym.envs.config import ObservationConfig
     from slamgym.sim import RobotConfig
 
-    source = open_plans(arguments.plans, ids_file=arguments.ids)
+    source = open_plans(arguments.plans, ids_file=arguments.ids, layers=arguments.layers)
     ids: Sequence[str] = source.ids[: arguments.count]
     if isinstance(arguments, DrawPlans) and len(ids) > MAX_DRAWN and arguments.count is None:
         raise ConfigError(

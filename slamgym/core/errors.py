@@ -9,13 +9,22 @@ from collections.abc import Iterator
 
 from slamgym.core.text import printable
 
+LONGEST = 500
+"""Letters of a message, apart from those of a long path."""
+LONGEST_END = 150
+"""Letters that are kept of the end of a longer one."""
+
 
 class SlamgymError(Exception):
     """Base class of all errors that a user can fix."""
 
     def __str__(self) -> str:
-        """The sentence in one line, even if the name of a file or a plan has line breaks."""
-        return printable(" ".join(super().__str__().splitlines()))
+        """The sentence in one line of at most :data:`LONGEST`, whatever a file or its name holds."""
+        sentence = printable(" ".join(super().__str__()[: 4 * LONGEST].splitlines()))
+        if len(sentence) <= LONGEST:
+            return sentence
+        # The fix stands at the end.
+        return f"{sentence[: LONGEST - LONGEST_END - 5]} ... {sentence[-LONGEST_END:]}"
 
 
 class InputFileError(SlamgymError):

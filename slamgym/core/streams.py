@@ -26,6 +26,8 @@ _CHUNK = 1 << 18
 """Bytes of a compressed file that are expanded at once."""
 _DOWNLOADED = 1 << 16
 """Bytes of a download that are counted at once."""
+SCHEMES = ("https://",)
+"""How addresses begin from which files are fetched."""
 _TIMEOUT = 30.0
 """Patience with a silent server [s]."""
 
@@ -125,7 +127,7 @@ def download(url: str, path: Path, advance: Callable[[int, int], None] | None = 
     """Fetch a file.
 
     Args:
-        url: ``https://...`` or ``http://...``.
+        url: ``https://...``.
         path: Where it goes; its folder is made.
         advance: Called with the bytes that are there and those of the whole file, 0 where the server doesn't say.
 
@@ -139,15 +141,32 @@ def download(url: str, path: Path, advance: Callable[[int, int], None] | None = 
             file.write(chunk)
 
 
+def _require_safe(url: str) -> None:
+    """Refuse an address from which a file could be changed on its way."""
+    if not url.lower().startswith(SCHEMES):
+        raise DownloadError(f"{url!r} is no web address; give one that begins with https://")
+
+
+class _SafeRedirects(urllib.request.HTTPRedirectHandler):
+    """Goes on to other addresses only if they are safe, too."""
+
+    def redirect_request(
+        self, req: Any, fp: Any, code: int, msg: str, headers: Any, newurl: str
+    ) -> Any:
+        """The request of the other address."""
+        _require_safe(newurl)
+        return super().redirect_request(req, fp, code, msg, headers, newurl)
+
+
 def _chunks(url: str, advance: Callable[[int, int], None] | None) -> Iterator[bytes]:
     """The body piece by piece; an error if it is cut short."""
-    if not url.lower().startswith(("http://", "https://")):
-        raise DownloadError(f"{url!r} is no web address; give one that begins with https://")
+    _require_safe(url)
     try:
         request = urllib.request.Request(
             url, headers={"User-Agent": "slamgym", "Accept-Encoding": "identity"}
         )
-        with urllib.request.urlopen(request, timeout=_TIMEOUT) as answer:
+        opener = urllib.request.build_opener(_SafeRedirects)
+        with opener.open(request, timeout=_TIMEOUT) as answer:
             if answer.status != HTTPStatus.OK:  # a part that wasn't asked for, or nothing
                 raise DownloadError(f"{url} can't be fetched ({answer.status} {answer.reason})")
             done = 0

@@ -327,6 +327,25 @@ def test_a_result_with_senseless_figures_or_names_is_refused(tmp_path, place, fi
         read_results([path], manifest_of(result()))
 
 
+@pytest.mark.parametrize(
+    ("figures", "reason"),
+    [
+        ({"done": 1.0, "path": 20.0}, "20 m in 1 s is faster than the robot, 0.26 m/s"),
+        ({"done": 1.0, "path": 0.0}, "on a path of 0 m nobody sees 50 m2"),
+        ({"done": 1.0, "path": 0.0, "area": 20.0}, "can't look around in 1 s"),
+        ({"area": 1e6}, "on a path of 20 m nobody sees 1e[+]06 m2"),
+        ({"coverage": 0.5}, "a success has seen 98% of the floor, not 50.0%"),
+    ],
+)
+def test_a_result_that_no_robot_can_drive_is_refused(tmp_path, figures, reason):
+    path = write_result(result(), tmp_path)
+    document = json.loads(path.read_text())
+    document["rows"][3] |= figures
+    path.write_text(json.dumps(document))
+    with pytest.raises(InputFileError, match=rf"rows\[3\], p3: .*{reason}"):
+        read_results([path], manifest_of(result()))
+
+
 # The leaderboard.
 
 

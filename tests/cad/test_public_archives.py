@@ -4,6 +4,7 @@ import functools
 import hashlib
 import http.server
 import json
+import re
 import shutil
 import tarfile
 import threading
@@ -15,12 +16,19 @@ import pytest
 from slamgym.cad import archives
 from slamgym.cad.archives import HOUSEEXPO_LICENCE, HOUSEEXPO_URL, fetch_houseexpo
 from slamgym.commands.cli import TABLE
+from slamgym.core import streams
 from slamgym.core.errors import InputFileError
 from slamgym.core.streams import DownloadError, download
 
 
 def main(argv):
     return TABLE.run("slamgym", ["plans", *map(str, argv)])
+
+
+@pytest.fixture(autouse=True)
+def _plain_server(monkeypatch):
+    """The stand-in has no certificate."""
+    monkeypatch.setattr(streams, "SCHEMES", ("http://127.0.0.1",))
 
 
 SQUARE = {"verts": [[0, 0], [6, 0], [6, 6], [0, 6]], "room_category": {}, "room_num": 1}
@@ -41,6 +49,8 @@ class Server(http.server.SimpleHTTPRequestHandler):
         change = self.changes.pop() if self.changes else {}
         self.answers.append(len(data))
         self.send_response(change.get("status", 200))
+        if "location" in change:
+            self.send_header("Location", change["location"])
         self.send_header("Content-Length", change.get("length", str(len(data))))
         self.end_headers()
         self.wfile.write(data[: change.get("cut")])
@@ -167,4 +177,25 @@ def test_the_command_shows_the_licence_and_says_what_is_wrong(
 
 def test_the_licence_of_houseexpo_is_named():
     assert "MIT" in HOUSEEXPO_LICENCE
+
+
+def test_houseexpo_is_fetched_from_a_commit_over_https(archive, tmp_path, monkeypatch):
     assert HOUSEEXPO_URL.startswith("https://")
+    assert re.search("/[0-9a-f]{40}/", HOUSEEXPO_URL)
+    monkeypatch.undo()
+    with pytest.raises(DownloadError, match="give one that begins with https://"):
+        download(archive, tmp_path / "file")
+
+
+def test_a_server_that_leads_on_to_an_unsafe_address_is_refused(archive, tmp_path):
+    Server.changes.append({"status": 302, "location": "http://example.org/json.tar.gz"})
+    with pytest.raises(DownloadError, match="give one that begins with https://"):
+        download(archive, tmp_path / "file")
+
+
+def test_an_archive_of_another_digest_is_refused(archive, served, tmp_path):
+    path = tmp_path / "json.tar.gz"
+    with pytest.raises(InputFileError, match=r"has the SHA-256 [0-9a-f]{64}, not '0000"):
+        fetch_houseexpo(path, archive, sha256="0" * 64)
+    digest = hashlib.sha256((served[0] / "json.tar.gz").read_bytes()).hexdigest()
+    assert fetch_houseexpo(path, archive, sha256=digest.upper()) == 3

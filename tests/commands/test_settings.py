@@ -15,7 +15,7 @@ SENTENCES = {
     "another name": ("episode.minuts=2", "did you mean 'episode.minutes'?"),
     "another end": ("lidar.range_mx=2", "did you mean 'lidar.range_max'?"),
     "several": ("noise=2", "unknown setting 'noise'"),
-    "out of range": ("particles=0", "particles must be at least 1, not 0"),
+    "out of range": ("particles=0", "particles must be in [1, 10000], not 0"),
     "another type": ("particles=many", "particles must be of type int"),
     "no value": ("particles", "takes NAME=VALUE"),
     "a level": ("odometry=huge", "'huge'"),
@@ -23,7 +23,7 @@ SENTENCES = {
 }
 FILES = {
     "another name": ({"episode": {"minuts": 2}}, "unknown setting 'minuts' of EpisodeConfig; did you mean 'minutes'?"),
-    "out of range": ({"episode": {"env": {"slam": {"particles": 0}}}}, "particles must be at least 1, not 0"),
+    "out of range": ({"episode": {"env": {"slam": {"particles": 0}}}}, "particles must be in [1, 10000], not 0"),
     "another version": ({"version": "99.0", "sid": 3}, "slamgym '99.0' wrote it"),
     "code": ({"episode": {"explorer": "my_module:run"}}, "code of your own"),
     "a list": ([1], "holds no settings"),
