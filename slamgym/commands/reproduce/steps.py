@@ -99,7 +99,7 @@ class Reproduction:
         """The commands of the step ``translators``; of few maps those that draw the way back are left out."""
         from slamgym.dataset.realism.comparison import MIN_MAPS
 
-        evaluate = lines[-1] + self._trained(PAPER_NETWORK, OWN_NETWORK)
+        evaluate = lines[-1] + self._trained(OWN_NETWORK)
         if len(self._test_names()) < MIN_MAPS:
             return [evaluate]
         redrawn = [f"{method}={self.out / 'redrawn' / method / 'episodes'}" for method in REDRAWN]
