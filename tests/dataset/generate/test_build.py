@@ -187,7 +187,9 @@ def test_two_workers_give_the_same_bytes_as_one(tmp_path):
 def test_plans_of_which_none_can_be_explored_are_one_clear_error(tmp_path):
     plans = Plans()
     plans.plans = {plan_id: PlanError(plan_id, "is empty") for plan_id in plans.ids}
-    with pytest.raises(SlamgymError, match="no plan gave a pair"):
+    some, most = len(plans.ids) - 1, len(plans.ids)
+    plans.plans[plans.ids[0]] = PlanError(plans.ids[0], "is no plan")
+    with pytest.raises(SlamgymError, match=rf"no plan gave a pair .*{some} of {most}: is empty"):
         build(tmp_path, plans)
     assert len(Layout(tmp_path).rejected.read_text().splitlines()) == 2
 
