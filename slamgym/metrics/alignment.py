@@ -145,9 +145,13 @@ class Similarity(NamedTuple):
         centre_x = 0.5 * (cols - 1)
         centre_y = 0.5 * (rows - 1)
         size = max(rows, cols)
-        x = centre_x + self.shift_x * size - cos * centre_x - sin * centre_y
-        y = centre_y + self.shift_y * size + sin * centre_x - cos * centre_y
-        return np.array([[cos, sin, x], [-sin, cos, y]])
+        moved_x = centre_x + self.shift_x * size
+        moved_y = centre_y + self.shift_y * size
+        x = moved_x - cos * centre_x - sin * centre_y
+        y = moved_y + sin * centre_x - cos * centre_y
+        x_row = [cos, sin, x]
+        y_row = [-sin, cos, y]
+        return np.array([x_row, y_row])
 
 
 IDENTITY = Similarity(0.0, 0.0, 0.0, 0.0)
@@ -233,22 +237,32 @@ def search_similarities(
     # Turned and scaled about the middle of what is drawn, the parameters hardly depend on each other.
     pivot = _centroid(coarse)
     shift = _centroid(coarse_target) - pivot
-    search = _Search(np.pad(coarse, 1), coarse_target, pivot, scaling)
-    log_scale = _start_log_scale(coarse, coarse_target) if scaling else 0.0
+    padded = np.pad(coarse, 1)
+    search = _Search(padded, coarse_target, pivot, scaling)
+    log_scale = 0.0
+    if scaling:
+        log_scale = _start_log_scale(coarse, coarse_target)
     starts = []
     for turn in range(start_angles):
         angle = 2.0 * math.pi * turn / start_angles
-        starts.append(np.array([*shift, angle, log_scale]))
+        start = np.array([*shift, angle, log_scale])
+        starts.append(start)
     starts.sort(key=search.error)
     # The identity is always refined: maps are mostly nearly aligned already.
-    refined = [search.refine(start, 1e-2) for start in [np.zeros(4), *starts[:coarse_starts]]]
+    identity = np.zeros(4)
+    chosen = [identity, *starts[:coarse_starts]]
+    refined = [search.refine(start, 1e-2) for start in chosen]
     refined.sort(key=search.error)
     worst = RIVAL * search.error(refined[0])
-    promising = [values for values in _distinct(refined) if search.error(values) <= worst]
+    distinct = _distinct(refined)
+    promising = [values for values in distinct if search.error(values) <= worst]
     found = promising[:fine_starts]
-    for level in (FINE,) if scaling else (FINE, RIGID_FINE):
-        finer = np.pad(_reduce(image, level), 1)
-        search = _Search(finer, _reduce(target, level), pivot, scaling)
+    levels = [FINE] if scaling else [FINE, RIGID_FINE]
+    for level in levels:
+        finer = _reduce(image, level)
+        finer_target = _reduce(target, level)
+        padded = np.pad(finer, 1)
+        search = _Search(padded, finer_target, pivot, scaling)
         found = [search.refine(start, 1e-3) for start in found]
     found.sort(key=search.error)
     return [search.similarity(values) for values in found]
@@ -256,8 +270,11 @@ def search_similarities(
 
 def _start_log_scale(image: Float32Array, target: Float32Array) -> float:
     """Logarithm of the scale at which as much is drawn in both, within bounds."""
-    log_scale = 0.5 * math.log(float(target.sum()) / float(image.sum()))
-    return min(max(log_scale, -MAX_START_LOG_SCALE), MAX_START_LOG_SCALE)
+    drawn = float(image.sum())
+    wanted = float(target.sum())
+    log_scale = 0.5 * math.log(wanted / drawn)
+    at_least = max(log_scale, -MAX_START_LOG_SCALE)
+    return min(at_least, MAX_START_LOG_SCALE)
 
 
 def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
@@ -275,11 +292,13 @@ def apply_similarity(image: FloatArray, similarity: Similarity) -> FloatArray:
 def _reduce(image: FloatArray, level: Reduction) -> Float32Array:
     """Shrink to the level's size, never enlarge, and blur."""
     rows, cols = image.shape
-    factor = min(1.0, level.side_px / max(rows, cols))
-    width = max(1, round(cols * factor))
-    height = max(1, round(rows * factor))
+    longer = max(rows, cols)
+    factor = min(1.0, level.side_px / longer)
+    width = round(cols * factor)
+    height = round(rows * factor)
+    size = (max(1, width), max(1, height))
     exact = np.asarray(image, dtype=np.float32)
-    small = cv2.resize(exact, (width, height), interpolation=cv2.INTER_AREA)
+    small = cv2.resize(exact, size, interpolation=cv2.INTER_AREA)
     blurred = cv2.GaussianBlur(small, (0, 0), level.blur_px, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(blurred, dtype=np.float32)
 
@@ -297,17 +316,23 @@ class _Search:
         """Mean squared error after the motion; 1 beyond the bounds."""
         shift_x, shift_y, angle, log_scale = values
         farthest = max(abs(shift_x), abs(shift_y))
-        if abs(log_scale) > MAX_LOG_SCALE or farthest > MAX_SHIFT:
+        if farthest > MAX_SHIFT:
+            return 1.0
+        if abs(log_scale) > MAX_LOG_SCALE:
             return 1.0
         x, y = self.pivot
-        return float(moved_error(self.image, self.target, x, y, shift_x, shift_y, angle, log_scale))
+        error = moved_error(self.image, self.target, x, y, shift_x, shift_y, angle, log_scale)
+        return float(error)
 
     def refine(self, start: FloatArray, tolerance: float) -> FloatArray:
         """The parameters that Powell's method finds from a start."""
         free = 4 if self.scaling else 3
 
+        fixed = start[free:]
+
         def error(values: FloatArray) -> float:
-            return self.error(np.concatenate([values, start[free:]]))
+            parameters = np.concatenate([values, fixed])
+            return self.error(parameters)
 
         options: Any = {
             "direc": np.diag(FIRST_STEPS[:free]),
@@ -316,7 +341,7 @@ class _Search:
             "maxfev": 400,
         }
         result = minimize(error, start[:free], method="Powell", options=options)
-        return np.concatenate([result.x, start[free:]])
+        return np.concatenate([result.x, fixed])
 
     def similarity(self, values: FloatArray) -> Similarity:
         """The same motion about the image's middle."""
@@ -344,8 +369,10 @@ def _is_near(values: FloatArray, other: FloatArray) -> bool:
     """True if two motions hardly differ."""
     shift_x, shift_y, angle, log_scale = (values - other).tolist()
     shift = math.hypot(shift_x, shift_y)
-    turn = abs(float(wrap_angle(angle)))
-    return turn < 0.05 and shift < 0.02 and abs(log_scale) < 0.05
+    turn = float(wrap_angle(angle))
+    same_angle = abs(turn) < 0.05
+    same_scale = abs(log_scale) < 0.05
+    return same_angle and same_scale and shift < 0.02
 
 
 def _centroid(image: Float32Array) -> FloatArray:
@@ -353,7 +380,11 @@ def _centroid(image: Float32Array) -> FloatArray:
     rows, cols = image.shape
     row, col = np.indices(image.shape)
     total = float(image.sum())
-    x = float((image * col).sum()) / total
-    y = float((image * row).sum()) / total
-    from_middle = np.array([x - 0.5 * (cols - 1), y - 0.5 * (rows - 1)])
+    weighted_x = image * col
+    weighted_y = image * row
+    x = float(weighted_x.sum()) / total
+    y = float(weighted_y.sum()) / total
+    right = x - 0.5 * (cols - 1)
+    down = y - 0.5 * (rows - 1)
+    from_middle = np.array([right, down])
     return from_middle / max(rows, cols)

@@ -34,29 +34,35 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
     """
     furniture_px = LARGEST_FURNITURE / metres_per_px
     free = _fill_furniture(slam == FREE, furniture_px)
-    walls = (~free).astype(np.uint8)
+    not_free = ~free
+    walls = not_free.astype(np.uint8)
     gap = disc(WIDEST_WALL_GAP / metres_per_px)
     walls = cv2.morphologyEx(walls, cv2.MORPH_CLOSE, gap)
     floor = disc(NARROWEST_FLOOR / metres_per_px)
     opened = cv2.morphologyEx(1 - walls, cv2.MORPH_OPEN, floor)
-    return without_small(opened > 0, SMALLEST_SPACE / metres_per_px**2)
+    smallest_px = SMALLEST_SPACE / metres_per_px**2
+    return without_small(opened > 0, smallest_px)
 
 
 def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     """Fill holes in the free space that fit into a square of this side [px]."""
-    others = (~free).astype(np.uint8)
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(others, connectivity=8)
+    others = ~free
+    image = others.astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     width = stats[:, cv2.CC_STAT_WIDTH]
     height = stats[:, cv2.CC_STAT_HEIGHT]
-    small = np.maximum(width, height) <= size_px
+    side = np.maximum(width, height)
+    small = side <= size_px
     small[0] = False  # the background of the labelling: the free space itself
     return free | small[labels]
 
 
 def without_small(free: BoolArray, min_px: float) -> BoolArray:
     """Drop separate parts of less than ``min_px`` cells."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(free.astype(np.uint8), connectivity=4)
-    large = stats[:, cv2.CC_STAT_AREA] >= min_px
+    image = free.astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=4)
+    area = stats[:, cv2.CC_STAT_AREA]
+    large = area >= min_px
     large[0] = False
     return large[labels]
 
@@ -70,4 +76,5 @@ def odd(diameter_px: float) -> int:
 def disc(diameter_px: float) -> np.ndarray:
     """A structuring element of the nearest odd diameter, 1 px at least."""
     side = odd(diameter_px)
-    return np.asarray(cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side)))
+    element = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
+    return np.asarray(element)

@@ -83,7 +83,9 @@ def measure_dimensions(
     widths = list[float]()
     lengths = list[float]()
     thicknesses = list[float]()
-    for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
+    along_rows = (drawn, truth, rooms)
+    along_cols = (drawn.T, truth.T, rooms.T)
+    for a, b, labels in (along_rows, along_cols):
         widths += _width_errors(a, b, labels, metres_per_px)
         thicknesses += _thickness_errors(a, b, metres_per_px)
         lengths += _length_errors(a, b, metres_per_px)
@@ -104,9 +106,11 @@ def _width_errors(
     across = []
     for line, labels in zip(truth, rooms, strict=True):
         wide = [run for run in floor_runs(line) if run.length >= narrowest]
-        across.append([run for run in wide if _in_one_room(run, labels)])
+        in_rooms = [run for run in wide if _in_one_room(run, labels)]
+        across.append(in_rooms)
     runs = [floor_runs(line) for line in drawn]
-    return _run_errors(across, runs, MIN_PIECE / metres_per_px, 0.0, or_none=True)
+    shortest = MIN_PIECE / metres_per_px
+    return _run_errors(across, runs, shortest, 0.0, or_none=True)
 
 
 def _thickness_errors(
@@ -114,9 +118,14 @@ def _thickness_errors(
 ) -> Iterator[float]:
     """Errors of the thicknesses of walls along the rows' axis [cells], where the drawing has one."""
     thickest = MAX_THICKNESS / metres_per_px
-    walls = [[run for run in wall_runs(line) if run.length <= thickest] for line in truth]
+    walls = []
+    for line in truth:
+        thin = [run for run in wall_runs(line) if run.length <= thickest]
+        walls.append(thin)
     runs = [wall_runs(line) for line in drawn]
-    return _run_errors(walls, runs, MIN_PIECE / metres_per_px, SEARCH / metres_per_px)
+    shortest = MIN_PIECE / metres_per_px
+    reach = SEARCH / metres_per_px
+    return _run_errors(walls, runs, shortest, reach)
 
 
 def floor_area(values: Float32Array) -> float:
@@ -124,12 +133,15 @@ def floor_area(values: Float32Array) -> float:
 
     A faint share of cells far from any floor doesn't add up to some.
     """
-    inside = (values >= FLOOR).astype(np.uint8)
+    is_floor = values >= FLOOR
+    inside = is_floor.astype(np.uint8)
     around = np.ones((3, 3), np.uint8)
-    core = cv2.erode(inside, around, borderValue=0) > 0
-    widened = cv2.dilate(inside, around) > 0
-    rim = widened & ~core
-    return float(np.count_nonzero(core) + values[rim].sum(dtype=np.float64))
+    core = cv2.erode(inside, around, borderValue=0)
+    widened = cv2.dilate(inside, around)
+    rim = widened > core
+    whole_cells = np.count_nonzero(core)
+    rim_area = values[rim].sum(dtype=np.float64)
+    return float(whole_cells + rim_area)
 
 
 class Run(NamedTuple):
@@ -148,7 +160,9 @@ class Run(NamedTuple):
 
     def overlap(self, low: float, high: float) -> float:
         """Length of the part between two places [cells]; negative if there is none."""
-        return min(self.end, high) - max(self.start, low)
+        end = min(self.end, high)
+        start = max(self.start, low)
+        return end - start
 
 
 def floor_runs(line: Float32Array) -> list[Run]:
@@ -162,13 +176,15 @@ def floor_runs(line: Float32Array) -> list[Run]:
     change = np.diff(inside)
     firsts = np.flatnonzero(change == 1)
     lasts = np.flatnonzero(change == -1) - 1
-    padded = np.concatenate([[0.0], line.astype(np.float64), [0.0]])
+    padded = np.zeros(len(line) + 2)
+    padded[1:-1] = line
     shares = padded[1:]
     before = padded[firsts]
     behind = padded[lasts + 2]
     starts = firsts + 0.5 - shares[firsts] - before
     ends = lasts - 0.5 + shares[lasts] + behind
-    return list(map(Run, firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist()))
+    runs = map(Run, firsts.tolist(), lasts.tolist(), starts.tolist(), ends.tolist())
+    return list(runs)
 
 
 def wall_runs(line: Float32Array) -> list[Run]:
@@ -181,9 +197,10 @@ def wall_runs(line: Float32Array) -> list[Run]:
             floor_before = float(line[before.last])
             floor_behind = float(line[behind.first])
             half = 0.5 * (1.0 - float(line[first]) + 2.0 - floor_before - floor_behind)
-            walls.append(Run(first, last, first - half, first + half))
+            wall = Run(first, last, first - half, first + half)
         else:
-            walls.append(Run(first, last, before.end, behind.start))
+            wall = Run(first, last, before.end, behind.start)
+        walls.append(wall)
     return walls
 
 
@@ -197,8 +214,9 @@ class StraightPiece:
     @property
     def trimmed(self) -> range:
         """Numbers of its runs without a fifth at both ends, where drawn corners may lie elsewhere."""
-        cut = len(self.runs) // 5
-        return range(cut, len(self.runs) - cut)
+        count = len(self.runs)
+        cut = count // 5
+        return range(cut, count - cut)
 
 
 def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[StraightPiece]:
@@ -221,7 +239,9 @@ def straight_pieces(runs_by_line: list[list[Run]], min_px: float) -> list[Straig
 
 
 def _same_ends(a: Run, b: Run) -> bool:
-    return abs(a.start - b.start) <= STRAIGHT and abs(a.end - b.end) <= STRAIGHT
+    apart_at_start = abs(a.start - b.start)
+    apart_at_end = abs(a.end - b.end)
+    return apart_at_start <= STRAIGHT and apart_at_end <= STRAIGHT
 
 
 def _run_errors(
@@ -269,18 +289,28 @@ def _length_errors(
 ) -> Iterator[float]:
     """Length errors of every straight face along the columns' axis [cells]: drawn (with any excess) minus true."""
     reach = SEARCH / metres_per_px
-    for values, other in ((truth, drawn), (truth[::-1], drawn[::-1])):
-        faces = []
-        for column in values.T:
-            runs = floor_runs(column)
-            faces.append([Run(run.first, run.first, run.start, run.start) for run in runs])
-        for piece in straight_pieces(faces, MIN_WALL / metres_per_px):
-            row = float(np.median([run.start for run in piece.runs]))
+    shortest = MIN_WALL / metres_per_px
+    as_they_are = (truth, drawn)
+    upside_down = (truth[::-1], drawn[::-1])
+    for values, other in (as_they_are, upside_down):
+        faces = [_upper_faces(column) for column in values.T]
+        for piece in straight_pieces(faces, shortest):
+            starts = [run.start for run in piece.runs]
+            row = float(np.median(starts))
             first = piece.line
-            last = piece.line + len(piece.runs) - 1
+            last = first + len(starts) - 1
             drawn_length = _face_length(other, row, first, last, reach)
             true_length = _face_length(values, row, first, last, reach)
             yield drawn_length - true_length
+
+
+def _upper_faces(column: Float32Array) -> list[Run]:
+    """Where each run of floor begins, as runs of no length."""
+    faces = []
+    for run in floor_runs(column):
+        face = Run(run.first, run.first, run.start, run.start)
+        faces.append(face)
+    return faces
 
 
 def _face_length(values: Float32Array, row: float, first: int, last: int, reach: float) -> float:
@@ -293,14 +323,24 @@ def _face_length(values: Float32Array, row: float, first: int, last: int, reach:
     middle = round(row)
     near = max(1, round(0.25 * reach))
     far = math.ceil(reach) + 1
-    floor_side = values[max(0, middle - near) : min(rows, middle + far)]
-    wall_side = values[max(0, middle - far) : min(rows, middle + near + 1)]
+    floor_from = max(0, middle - near)
+    floor_to = min(rows, middle + far)
+    wall_from = max(0, middle - far)
+    wall_to = min(rows, middle + near + 1)
+    floor_side = values[floor_from:floor_to]
+    wall_side = values[wall_from:wall_to]
     wall = np.ones(values.shape[1])
     if wall_side.size:
         wall = 1.0 - wall_side.min(axis=0)
-    face = floor_side.max(axis=0) * wall
+    floor = floor_side.max(axis=0)
+    face = floor * wall
     # A thin wall may be grey all along: against that, its ends are where it stops.
     usual = float(np.median(face[first : last + 1]))
-    shares = np.minimum(face / max(usual, FLOOR), 1.0)
+    scaled = face / max(usual, FLOOR)
+    shares = np.minimum(scaled, 1.0)
     runs = floor_runs(shares.astype(np.float32))
-    return sum(run.length for run in runs if run.overlap(first, last) > 0.0)
+    length = 0.0
+    for run in runs:
+        if run.overlap(first, last) > 0.0:
+            length += run.length
+    return length

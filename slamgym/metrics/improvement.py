@@ -46,19 +46,29 @@ def improvement(mse1: FloatArray, mse2: FloatArray, groups: list[str] | None = N
 
     mse1 = np.asarray(mse1, dtype=np.float64)
     mse2 = np.asarray(mse2, dtype=np.float64)
-    if mse1.shape != mse2.shape or mse1.ndim != 1 or len(mse1) == 0:
+    same_length = mse1.shape == mse2.shape
+    if not same_length or mse1.ndim != 1 or len(mse1) == 0:
         raise ValueError(
             f"the errors of maps and translations need one length above 0, not {mse1.shape} and {mse2.shape}"
         )
-    wins = int((mse1 < mse2).sum())
-    losses = int((mse1 > mse2).sum())
+    wins = int(np.count_nonzero(mse1 < mse2))
+    losses = int(np.count_nonzero(mse1 > mse2))
+    sign_p = 1.0
+    wilcoxon_p = 1.0
+    if wins + losses:
+        sign_test = binomtest(wins, wins + losses)
+        sign_p = float(sign_test.pvalue)
+        rank_test = wilcoxon(mse1, mse2)
+        wilcoxon_p = float(rank_test.pvalue)
+    ratios = mse1 / np.maximum(mse2, 1e-12)
+    count = len(mse1)
     return Improvement(
-        count=len(mse1),
-        share_improved=wilson_interval(wins, len(mse1)),
+        count=count,
+        share_improved=wilson_interval(wins, count),
         mean_mse1=mean_interval(mse1, groups=groups),
         mean_mse2=mean_interval(mse2, groups=groups),
         ratio_of_means=ratio_of_means(mse1, mse2, groups=groups),
-        median_ratio=float(np.median(mse1 / np.maximum(mse2, 1e-12))),
-        sign_p=float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0,
-        wilcoxon_p=float(wilcoxon(mse1, mse2).pvalue) if wins + losses else 1.0,
+        median_ratio=float(np.median(ratios)),
+        sign_p=sign_p,
+        wilcoxon_p=wilcoxon_p,
     )

@@ -5,6 +5,7 @@ free space. Walls are drawn as deep as a wall may be; farther behind it, and bey
 unseen.
 """
 
+import math
 from dataclasses import dataclass
 
 import cv2
@@ -43,7 +44,8 @@ class MapLayers:
     @property
     def free(self) -> Float32Array:
         """Free space: floor or door."""
-        return np.minimum(self.floor + self.door, 1.0)
+        share = self.floor + self.door
+        return np.minimum(share, 1.0)
 
     @staticmethod
     def of_floor(free: Float32Array, doors: BoolArray) -> "MapLayers":
@@ -53,8 +55,12 @@ class MapLayers:
             free: Share of free space, (H, W).
             doors: Cells that belong to doors.
         """
-        door = np.where(doors, free, 0.0).astype(np.float32)
-        return MapLayers(floor=free - door, wall=1.0 - free, door=door, unseen=np.zeros_like(free))
+        free_of_doors = np.where(doors, free, 0.0)
+        door = free_of_doors.astype(np.float32)
+        floor = free - door
+        wall = 1.0 - free
+        unseen = np.zeros_like(free)
+        return MapLayers(floor, wall, door, unseen)
 
 
 def layer_shares(
@@ -72,10 +78,14 @@ def layer_shares(
         (4, H, W): shares of floor, wall, door and unseen; they add up to 254.
     """
     explored = explored_floor(slam, metres_per_px, EXPLORED_MARGIN)
-    floor = np.where(explored, np.minimum(cad, FREE), 0).astype(np.uint8)
+    drawn_floor = np.minimum(cad, FREE)
+    known_floor = np.where(explored, drawn_floor, 0)
+    floor = known_floor.astype(np.uint8)
     depth = max(WALL_DEPTH / metres_per_px, 1.0)
-    near_floor = distance_to(floor > FREE // 2) <= depth
-    wall = np.where(explored & near_floor, FREE - floor, 0)
+    to_floor = distance_to(floor > FREE // 2)
+    near_floor = to_floor <= depth
+    drawn_wall = FREE - floor
+    wall = np.where(explored & near_floor, drawn_wall, 0)
     door = np.where(doors, floor, 0)
     open_floor = np.where(doors, 0, floor)
     unseen = FREE - floor - wall
@@ -97,9 +107,11 @@ def door_cells(floor: BoolArray, metres_per_px: float) -> BoolArray:
         after = labels[1:]
         both_rooms = (before > 0) & (after > 0)
         cells[:-1] |= (before != after) & both_rooms
-    side = 2 * round(DOOR_DEPTH / metres_per_px) + 1
-    near = cv2.dilate(meet, np.ones((side, side), np.uint8)) > 0
-    return near & floor
+    depth = round(DOOR_DEPTH / metres_per_px)
+    side = 2 * depth + 1
+    around = np.ones((side, side), np.uint8)
+    near = cv2.dilate(meet, around)
+    return (near > 0) & floor
 
 
 def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> BoolArray:
@@ -118,14 +130,20 @@ def explored_floor(slam: ByteArray, metres_per_px: float, margin: float) -> Bool
     """
     scale = metres_per_px
     half_gap = 0.5 * WIDEST_GAP / scale
-    border = int(np.ceil(half_gap)) + 2  # closing needs room around what touches the image's border
-    seen = np.pad(without_small(slam == FREE, SMALLEST_FREE / scale**2), border)
+    # Closing needs room around what touches the image's border.
+    border = math.ceil(half_gap) + 2
+    smallest = SMALLEST_FREE / scale**2
+    large = without_small(slam == FREE, smallest)
+    seen = np.pad(large, border)
     # Opening and closing by a disc are thresholds on distances, at any radius for one price.
     wide = without_rays(seen, scale)
-    closed = distance_to(distance_to(wide) > half_gap) > half_gap
+    outside = distance_to(wide) > half_gap
+    closed = distance_to(outside) > half_gap
     # It grows through walls, too: drift displaces them, and what lies behind one by a hand may be in front of it.
-    explored: BoolArray = (distance_to(closed) <= margin / scale) | seen
-    return explored[border:-border, border:-border]
+    is_near = distance_to(closed) <= margin / scale
+    explored: BoolArray = is_near | seen
+    inside = slice(border, -border)
+    return explored[inside, inside]
 
 
 def without_rays(free: BoolArray, metres_per_px: float) -> BoolArray:

@@ -38,8 +38,10 @@ _SHIFT = 6
 def wall_faces(free: BoolArray) -> BoolArray:
     """The wall cells that touch free space (8-neighbours), shape (rows, cols), of a drawing's free cells."""
     cells = free.astype(np.uint8)
-    widened = cv2.dilate(cells, np.ones((3, 3), np.uint8))
-    return (widened > cells).astype(np.bool_)
+    around = np.ones((3, 3), np.uint8)
+    widened = cv2.dilate(cells, around)
+    is_face = widened > cells
+    return is_face.astype(np.bool_)
 
 
 def wall_error(cells: ByteArray, cad: ByteArray, resolution: float) -> float:
@@ -71,13 +73,16 @@ class ObstacleDistance:
         low_x, low_y = ends.min(axis=0)
         high_x, high_y = ends.max(axis=0)
         bounds = (low_x, low_y, high_x, high_y)
-        self.frame = GridFrame.covering(bounds, _CELL, _MARGIN)
-        canvas = np.full(self.frame.shape, 255, dtype=np.uint8)
+        frame = GridFrame.covering(bounds, _CELL, _MARGIN)
+        self.frame = frame
+        canvas = np.full(frame.shape, 255, dtype=np.uint8)
         # Pixels with row 0 at the bottom; a pixel's centre is at a whole number.
-        origin = [self.frame.origin_x, self.frame.origin_y]
+        origin = [frame.origin_x, frame.origin_y]
         pixels = (ends - origin) / _CELL - 0.5
-        fixed_point = np.rint(pixels * (1 << _SHIFT)).astype(np.int32)
-        lines = list(fixed_point.reshape(-1, 2, 2))
+        fine = np.rint(pixels * (1 << _SHIFT))
+        fixed_point = fine.astype(np.int32)
+        pairs = fixed_point.reshape(-1, 2, 2)
+        lines = list(pairs)
         cv2.polylines(canvas, lines, False, 0, 1, cv2.LINE_8, _SHIFT)
         pixels_away = cv2.distanceTransform(canvas, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         metres_away = pixels_away[::-1] * _CELL
@@ -90,14 +95,17 @@ class ObstacleDistance:
             grid: The map, map frame.
             world_from_map: The map frame in the world.
         """
-        occupied_row, occupied_col = np.nonzero(grid.cells == OCCUPIED)
+        occupied = grid.cells == OCCUPIED
+        occupied_row, occupied_col = np.nonzero(occupied)
         places = grid.frame.to_points(occupied_row, occupied_col)
         if not len(places):
             return 0.0
-        x, y = transform_points(world_from_map, places).T
+        in_world = transform_points(world_from_map, places)
+        x, y = in_world.T
         row, col = self.frame.to_cell(x, y)
         rows, cols = self.frame.shape
         nearest_row = np.clip(row, 0, rows - 1)
         nearest_col = np.clip(col, 0, cols - 1)
         away = self._field[nearest_row, nearest_col]
-        return math.fsum(away.tolist()) / len(away)  # the same on every processor
+        total = math.fsum(away.tolist())  # the same on every processor
+        return total / len(away)

@@ -65,12 +65,14 @@ def at_look_cell(cells: ByteArray, resolution: float) -> ByteArray:
         cells: (H, W).
         resolution: [m/cell], at most :data:`COARSEST_CELL`.
     """
-    if abs(resolution - LOOK_CELL) < 0.02 * LOOK_CELL:
+    difference = abs(resolution - LOOK_CELL)
+    if difference < 0.02 * LOOK_CELL:
         return cells
     height, width = cells.shape
-    rows = max(1, round(height * resolution / LOOK_CELL))
-    cols = max(1, round(width * resolution / LOOK_CELL))
-    return resample_slam(cells, (rows, cols), _MIN_OCCUPIED)
+    rows = round(height * resolution / LOOK_CELL)
+    cols = round(width * resolution / LOOK_CELL)
+    shape = (max(1, rows), max(1, cols))
+    return resample_slam(cells, shape, _MIN_OCCUPIED)
 
 
 def cut_to_floor(cells: ByteArray) -> ByteArray:
@@ -78,12 +80,13 @@ def cut_to_floor(cells: ByteArray) -> ByteArray:
 
     Without free space it is empty.
     """
-    _, _, stats, _ = cv2.connectedComponentsWithStats(
-        (cells == FREE).astype(np.uint8), connectivity=4
-    )
+    free = cells == FREE
+    image = free.astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=4)
     if len(stats) < 2:
         return cells[:0, :0]
-    largest = 1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    largest = 1 + int(np.argmax(areas))
     left, top, width, height, _ = stats[largest]
     first_row = max(top - _MARGIN_CELLS, 0)
     first_col = max(left - _MARGIN_CELLS, 0)
@@ -113,22 +116,25 @@ def look_statistics(cells: ByteArray) -> dict[str, float]:
     specks_in_free = in_free[in_free <= _SPECK_CELLS]
     # With unknown cells around it: what borders floor at the end of the picture counts in the patterns.
     framed = crop_to_known(cells, 1)
+    holes = _sizes(framed != FREE)
+    unknown_holes = _sizes(framed == UNKNOWN)
     runs = _run_lengths(occupied)
+    short_runs = runs["run_1"] + runs["run_2"] + runs["run_3"]
     return {
         "share_unknown": float(unknown.mean()),
         "share_occupied": float(occupied.mean()),
         "share_free": float(free.mean()),
-        "occupied_per_free": float(occupied.sum() / max(free.sum(), 1)),
+        "occupied_per_free": _ratio(occupied, free),
         "wall_thickness_px": wall_thickness(occupied),
         "tilt_deg": wall_tilt(framed == OCCUPIED),
         "blobs_per_100m2": len(sizes) / hundreds,
         "specks_per_100m2": float((sizes <= _SPECK_CELLS).sum()) / hundreds,
-        "holes_per_100m2": len(_sizes(framed != FREE)) / hundreds,
-        "unknown_holes_per_100m2": len(_sizes(framed == UNKNOWN)) / hundreds,
+        "holes_per_100m2": len(holes) / hundreds,
+        "unknown_holes_per_100m2": len(unknown_holes) / hundreds,
         "open_border": open_border(free, unknown),
         **runs,
         **_patterns(framed),
-        "run_4_plus": max(0.0, 1.0 - (runs["run_1"] + runs["run_2"] + runs["run_3"])),
+        "run_4_plus": max(0.0, 1.0 - short_runs),
         "free_fragments_per_100m2": 100.0 * free_fragments(free) / area,
         "blob_median_px": float(np.median(sizes)) if len(sizes) else 0.0,
         **_ray_statistics(free, unknown, area),
@@ -155,33 +161,48 @@ def wall_thickness(occupied: BoolArray) -> float:
 
 def wall_tilt(occupied: BoolArray) -> float:
     """By how much the walls' main direction is off the axes [deg], between -45 and 45."""
-    smooth = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.5)
+    image = occupied.astype(np.float32)
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.5)
     gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0)
     gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     # Directions count modulo 90 degrees: average the fourth power of the gradient's phase.
-    angle = np.arctan2(-gy, gx).astype(np.float64)
-    fourth_power = np.hypot(gx, gy) * np.exp(4j * angle)
+    direction = np.arctan2(-gy, gx)
+    angle = direction.astype(np.float64)
+    phase = np.exp(4j * angle)
+    fourth_power = np.hypot(gx, gy) * phase
     mean_phase = np.angle(fourth_power.sum())
     return float(np.degrees(mean_phase) / 4.0)
 
 
 def open_border(free: BoolArray, unknown: BoolArray) -> float:
     """Share of the free space's border that meets unknown space instead of a wall."""
-    border = (cv2.dilate(free.astype(np.uint8), CROSS) > 0) & ~free
+    image = free.astype(np.uint8)
+    widened = cv2.dilate(image, CROSS)
+    border = (widened > 0) & ~free
     is_open = border & unknown
-    return float(is_open.sum() / max(border.sum(), 1))
+    return _ratio(is_open, border)
+
+
+def _ratio(some: BoolArray, others: BoolArray) -> float:
+    """How many cells there are of some for each of others, or for one where there are none."""
+    count = some.sum()
+    of = max(others.sum(), 1)
+    return float(count / of)
 
 
 def free_fragments(free: BoolArray) -> int:
     """Number of connected parts (4-neighbours) of the free space, without the largest."""
-    count, _ = cv2.connectedComponents(free.astype(np.uint8), connectivity=4)
+    image = free.astype(np.uint8)
+    count, _ = cv2.connectedComponents(image, connectivity=4)
     return max(count - 2, 0)
 
 
 def _sizes(mask: BoolArray) -> FloatArray:
     """Sizes [px] of the 8-connected parts of a mask."""
-    stats = cv2.connectedComponentsWithStats(mask.astype(np.uint8), connectivity=8)[2]
-    return np.asarray(stats[1:, cv2.CC_STAT_AREA], dtype=np.float64)
+    image = mask.astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
+    areas = stats[1:, cv2.CC_STAT_AREA]
+    return np.asarray(areas, dtype=np.float64)
 
 
 def _run_lengths(occupied: BoolArray) -> dict[str, float]:
@@ -189,18 +210,19 @@ def _run_lengths(occupied: BoolArray) -> dict[str, float]:
     lengths = []
     for picture in (occupied, occupied.T):
         padded = np.pad(picture, ((0, 0), (1, 1)))
-        edges = np.diff(padded.astype(np.int8), axis=1)
+        signed = padded.astype(np.int8)
+        edges = np.diff(signed, axis=1)
         _, starts = np.nonzero(edges == 1)
         _, ends = np.nonzero(edges == -1)
         lengths.append(ends - starts)
     run = np.concatenate(lengths)
-    total = max(len(run), 1)
+    every_run = np.ones(len(run), np.bool_)
     is_4_to_6 = (run >= 4) & (run <= 6)
     return {
-        "run_1": float((run == 1).sum() / total),
-        "run_2": float((run == 2).sum() / total),
-        "run_3": float((run == 3).sum() / total),
-        "run_4_to_6": float(is_4_to_6.sum() / total),
+        "run_1": _ratio(run == 1, every_run),
+        "run_2": _ratio(run == 2, every_run),
+        "run_3": _ratio(run == 3, every_run),
+        "run_4_to_6": _ratio(is_4_to_6, every_run),
     }
 
 
@@ -211,83 +233,119 @@ def _patterns(cells: ByteArray) -> dict[str, float]:
     left = level[:, :-1]
     right = level[:, 1:]
     pair = left + 3 * right
-    code = pair[:-1] + 9 * pair[1:]
-    counts = np.bincount(code.ravel(), minlength=81).astype(np.float64)
+    above = pair[:-1]
+    below = pair[1:]
+    codes = above + 9 * below
+    occurrences = np.bincount(codes.ravel(), minlength=81)
+    counts = occurrences.astype(np.float64)
     counts[list(_UNIFORM)] = 0.0
     shares = counts / max(counts.sum(), 1.0)
-    kept = [code for code in range(81) if code not in _UNIFORM]
-    return {f"pattern_{code:02d}": float(shares[code]) for code in kept}
+    patterns = {}
+    for code, share in enumerate(shares.tolist()):
+        if code not in _UNIFORM:
+            patterns[f"pattern_{code:02d}"] = share
+    return patterns
 
 
 def _ray_statistics(free: BoolArray, unknown: BoolArray, area: float) -> dict[str, float]:
     """Beams that were drawn alone: thin strips of free space, open borders, and checkerboards of free and unknown."""
     image = free.astype(np.uint8)
-    thin = free & (cv2.morphologyEx(image, cv2.MORPH_OPEN, _SQUARE) == 0)
-    open_border = (cv2.dilate(image, CROSS) > 0) & unknown
+    wide = cv2.morphologyEx(image, cv2.MORPH_OPEN, _SQUARE)
+    thin = free & (wide == 0)
+    rays = _count_of_rays(thin)
+    widened = cv2.dilate(image, CROSS)
+    open_border = (widened > 0) & unknown
     open_runs = _sizes(open_border)
+    mean_run = float(open_runs.mean()) if len(open_runs) else 0.0
     top_left = free[:-1, :-1]
     top_right = free[:-1, 1:]
     bottom_left = free[1:, :-1]
     bottom_right = free[1:, 1:]
-    is_uniform = (top_left == top_right) & (top_left == bottom_left) & (top_left == bottom_right)
-    diagonals_alike = (top_left == bottom_right) & (top_right == bottom_left)
-    crossed = diagonals_alike & (top_left != top_right)
-    mixed = ~is_uniform
+    top_alike = top_left == top_right
+    falling_alike = top_left == bottom_right
+    rising_alike = top_right == bottom_left
+    diagonals_alike = falling_alike & rising_alike
+    is_uniform = top_alike & diagonals_alike
+    crossed = diagonals_alike & ~top_alike
     return {
-        "thin_free_share": float(thin.sum() / max(free.sum(), 1)),
-        "rays_per_100m2": 100.0 * float(_count_of_rays(thin)) / area,
-        "open_run_m": LOOK_CELL * float(open_runs.mean()) if len(open_runs) else 0.0,
-        "checkerboard_share": float(crossed.sum() / max(mixed.sum(), 1)),
+        "thin_free_share": _ratio(thin, free),
+        "rays_per_100m2": 100.0 * float(rays) / area,
+        "open_run_m": LOOK_CELL * mean_run,
+        "checkerboard_share": _ratio(crossed, ~is_uniform),
     }
 
 
 def _count_of_rays(thin: BoolArray) -> int:
     """Number of long parts among thin free space that fill no more than their diagonal."""
-    _, _, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
+    image = thin.astype(np.uint8)
+    _, _, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
     parts = stats[1:]
     width = parts[:, cv2.CC_STAT_WIDTH]
     height = parts[:, cv2.CC_STAT_HEIGHT]
     length = np.maximum(width, height)
     is_long = length >= _RAY_CELLS
     is_narrow = parts[:, cv2.CC_STAT_AREA] <= 2 * length
-    return int((is_long & is_narrow).sum())
+    is_ray = is_long & is_narrow
+    return int(is_ray.sum())
 
 
 def _dots(occupied: BoolArray, unknown: BoolArray) -> int:
     """Blobs of at most three occupied cells with more unknown than free neighbours: ends of stray beams."""
-    _, labels, stats, _ = cv2.connectedComponentsWithStats(
-        occupied.astype(np.uint8), connectivity=8
-    )
-    near = cv2.filter2D(
-        unknown.astype(np.float32), -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE
-    )
+    image = occupied.astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
+    is_unknown = unknown.astype(np.float32)
+    near = cv2.filter2D(is_unknown, -1, _SQUARE / 8.0, borderType=cv2.BORDER_REPLICATE)
     of_cell = labels.ravel()
     count = np.bincount(of_cell, minlength=len(stats))
     unknown_near = np.bincount(of_cell, near.ravel(), len(stats))
     share = unknown_near / np.maximum(count, 1)
     is_small = stats[:, cv2.CC_STAT_AREA] <= _SPECK_CELLS
     is_dot = is_small & (share > 0.5)
-    return int(is_dot[1:].sum())
+    is_dot[0] = False  # the background of the labelling
+    return int(is_dot.sum())
 
 
 def _straightness(occupied: BoolArray) -> dict[str, float]:
     """Coherence of the structure tensor at wall cells (Bigün and Granlund 1987), and how the walls are directed."""
     if not occupied.any():
         return {"wall_coherence": 0.0, "bent_share": 0.0, "axis_alignment": 0.0}
-    image = cv2.GaussianBlur(occupied.astype(np.float32), (0, 0), 1.0)
-    gx = cv2.Sobel(image, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE)
-    gy = cv2.Sobel(image, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE)
-    xx = cv2.GaussianBlur(gx * gx, (0, 0), _NEIGHBOURHOOD)
-    yy = cv2.GaussianBlur(gy * gy, (0, 0), _NEIGHBOURHOOD)
-    xy = cv2.GaussianBlur(gx * gy, (0, 0), _NEIGHBOURHOOD)
-    difference = np.hypot(xx - yy, 2.0 * xy)
-    coherence = (difference / np.maximum(xx + yy, 1e-9))[occupied]
-    # Directions count modulo 90 degrees, as walls of one building stand square to each other.
-    angle = np.arctan2(gy, gx).astype(np.float64)
-    weight = np.hypot(gx, gy).astype(np.float64)
-    in_common = abs((weight * np.exp(4j * angle)).sum())
+    image = occupied.astype(np.float32)
+    smooth = cv2.GaussianBlur(image, (0, 0), 1.0)
+    gx = cv2.Sobel(smooth, cv2.CV_32F, 1, 0, borderType=cv2.BORDER_REPLICATE)
+    gy = cv2.Sobel(smooth, cv2.CV_32F, 0, 1, borderType=cv2.BORDER_REPLICATE)
+    coherence = _coherence(gx, gy)
+    of_walls = coherence[occupied]
+    is_bent = of_walls < _STRAIGHT
     return {
-        "wall_coherence": float(coherence.mean()),
-        "bent_share": float((coherence < _STRAIGHT).mean()),
-        "axis_alignment": float(in_common / max(weight.sum(), 1e-9)),
+        "wall_coherence": float(of_walls.mean()),
+        "bent_share": float(is_bent.mean()),
+        "axis_alignment": _axis_alignment(gx, gy),
     }
+
+
+def _coherence(gx: np.ndarray, gy: np.ndarray) -> np.ndarray:
+    """How much the gradients around each cell are along one line: 0 not at all, 1 all."""
+    xx = _neighbourhood(gx * gx)
+    yy = _neighbourhood(gy * gy)
+    xy = _neighbourhood(gx * gy)
+    difference = np.hypot(xx - yy, 2.0 * xy)
+    both = np.maximum(xx + yy, 1e-9)
+    return difference / both
+
+
+def _neighbourhood(product: np.ndarray) -> np.ndarray:
+    """The weighted mean around each cell."""
+    return cv2.GaussianBlur(product, (0, 0), _NEIGHBOURHOOD)
+
+
+def _axis_alignment(gx: np.ndarray, gy: np.ndarray) -> float:
+    """How much all gradients are along two lines at right angles: 0 not at all, 1 all."""
+    # Directions count modulo 90 degrees, as walls of one building stand square to each other.
+    direction = np.arctan2(gy, gx)
+    angle = direction.astype(np.float64)
+    strength = np.hypot(gx, gy)
+    weight = strength.astype(np.float64)
+    weighted = weight * np.exp(4j * angle)
+    in_common = abs(weighted.sum())
+    total = max(weight.sum(), 1e-9)
+    return float(in_common / total)

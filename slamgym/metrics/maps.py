@@ -45,7 +45,9 @@ class WallScore:
     def f1(self) -> float:
         """Harmonic mean of precision and recall."""
         total = self.precision + self.recall
-        return 2.0 * self.precision * self.recall / total if total > 0.0 else 0.0
+        if total <= 0.0:
+            return 0.0
+        return 2.0 * self.precision * self.recall / total
 
 
 def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.0) -> WallScore:
@@ -63,28 +65,36 @@ def wall_score(walls: BoolArray, true_walls: BoolArray, tolerance_px: float = 2.
     if not walls.any() or not true_walls.any():
         same = float(walls.any() == true_walls.any())
         return WallScore(same, same)
-    is_true = distance_to(true_walls)[walls] <= tolerance_px
-    is_found = distance_to(walls)[true_walls] <= tolerance_px
-    return WallScore(precision=float(is_true.mean()), recall=float(is_found.mean()))
+    to_truth = distance_to(true_walls)
+    to_walls = distance_to(walls)
+    is_true = to_truth[walls] <= tolerance_px
+    is_found = to_walls[true_walls] <= tolerance_px
+    precision = float(is_true.mean())
+    recall = float(is_found.mean())
+    return WallScore(precision, recall)
 
 
 def free_space(cells: ByteArray) -> FloatArray:
     """The image on which the paper's Table I is computed: 1 where free, 0 in walls and the unknown."""
-    return (cells == FREE).astype(np.float64)
+    is_free = cells == FREE
+    return is_free.astype(np.float64)
 
 
 def squared_error(image: FloatArray, target: FloatArray) -> float:
     """Mean squared error of two images with values in [0, 1]."""
     check_same_shape(image, target)
-    difference = np.asarray(image, dtype=np.float64) - target
+    exact = np.asarray(image, dtype=np.float64)
+    difference = exact - target
     return float(np.mean(difference**2))
 
 
 def crop_to_known(cells: ByteArray, margin_px: int) -> ByteArray:
     """The known part of a map with so many unknown cells around it; the map as it is if nothing is known."""
     known = cells != UNKNOWN
-    rows = np.flatnonzero(known.any(axis=1))
-    cols = np.flatnonzero(known.any(axis=0))
+    in_row = known.any(axis=1)
+    in_col = known.any(axis=0)
+    rows = np.flatnonzero(in_row)
+    cols = np.flatnonzero(in_col)
     if len(rows) == 0:
         return cells
     in_rows = slice(rows[0], rows[-1] + 1)
@@ -122,7 +132,8 @@ def resample_slam(
 
 def _shrunk(mask: BoolArray, size: tuple[int, int]) -> Float32Array:
     """Share of a mask in each cell of a coarser picture of a size (columns, rows)."""
-    share = cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    image = mask.astype(np.float32)
+    share = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     return np.asarray(share, dtype=np.float32)
 
 
@@ -136,17 +147,21 @@ def keep_thin_walls(share: Float32Array, drawing: Float32Array, matrix: FloatArr
     """
     kept = share.copy()
     _close_along_rows(kept, drawing, matrix)
-    _close_along_rows(kept.T, drawing.T, matrix[::-1, [1, 0, 2]])
+    transposed = matrix[::-1, [1, 0, 2]]
+    _close_along_rows(kept.T, drawing.T, transposed)
     return kept
 
 
 def _close_along_rows(share: Float32Array, drawing: Float32Array, matrix: FloatArray) -> None:
     """Close the walls that rows of the drawing cross; ``share`` is changed in place."""
     rows, cols = share.shape
-    size = (SHARE_STEPS * (cols - 1) + 1, rows)
-    finer = np.array([[SHARE_STEPS], [1.0]]) * matrix
+    finer_cols = SHARE_STEPS * (cols - 1) + 1
+    size = (finer_cols, rows)
+    factors = np.array([[SHARE_STEPS], [1.0]])
+    finer = factors * matrix
+    image = np.ascontiguousarray(drawing)
     # Cubic: linear interpolation would lift a wall of one cell to a half next to its middle.
-    line = cv2.warpAffine(np.ascontiguousarray(drawing), finer, size, flags=cv2.INTER_CUBIC)
+    line = cv2.warpAffine(image, finer, size, flags=cv2.INTER_CUBIC)
     close_thin_walls(share, line >= 0.5)
 
 
@@ -156,7 +171,8 @@ def free_boundary(free: BoolArray) -> BoolArray:
     Args:
         free: Free cells, shape (rows, cols).
     """
-    inner = cv2.erode(free.astype(np.uint8), CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    image = free.astype(np.uint8)
+    inner = cv2.erode(image, CROSS, borderType=cv2.BORDER_CONSTANT, borderValue=0)
     return free & (inner == 0)
 
 
@@ -197,9 +213,12 @@ def boundary_distance(free: BoolArray, true_free: BoolArray, metres_per_px: floa
     true_walls = free_boundary(true_free)
     if not walls.any() or not true_walls.any():
         return 0.0 if walls.any() == true_walls.any() else math.inf
-    to_truth = np.percentile(distance_to(true_walls)[walls], 95)
-    to_map = np.percentile(distance_to(walls)[true_walls], 95)
-    return metres_per_px * float(max(to_truth, to_map))
+    to_truth = distance_to(true_walls)
+    to_map = distance_to(walls)
+    from_map = np.percentile(to_truth[walls], 95)
+    from_truth = np.percentile(to_map[true_walls], 95)
+    worse = float(max(from_map, from_truth))
+    return metres_per_px * worse
 
 
 def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
@@ -216,8 +235,9 @@ def intersection_over_union(free: BoolArray, true_free: BoolArray) -> float:
 
 def distance_to(mask: BoolArray) -> FloatArray:
     """Euclidean distance of each cell's centre from that of the nearest true cell [cells]."""
-    others = (~mask).astype(np.uint8)
-    distance = cv2.distanceTransform(others, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    others = ~mask
+    image = others.astype(np.uint8)
+    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return np.asarray(distance, dtype=np.float64)
 
 

@@ -95,14 +95,16 @@ def compare_openings(
         width = _clear_width(door, drawn, metres_per_px)
         true_width = _clear_width(door, truth, metres_per_px)
         widths.append(width - true_width)
+    found = _holes(drawn, truth, rooms, metres_per_px)
+    found += _holes(drawn.T, truth.T, rooms.T, metres_per_px)
     holes: dict[tuple[int, int], int] = defaultdict(int)
-    for a, b, labels in ((drawn, truth, rooms), (drawn.T, truth.T, rooms.T)):
-        for pair, count in _holes(a, b, labels, metres_per_px):
-            holes[pair] += count
+    for pair, count in found:
+        holes[pair] += count
+    finite_widths = [width for width in widths if math.isfinite(width)]
     return Openings(
         doors=len(doors),
         doors_kept=len(kept),
-        door_width=np.array([width for width in widths if math.isfinite(width)]),
+        door_width=np.array(finite_widths),
         walls=len(holes),
         walls_opened=sum(count > 0 for count in holes.values()),
         doors_invented=sum(holes.values()),
@@ -136,14 +138,17 @@ def find_doors(rooms: IntArray, floor: BoolArray) -> list[Doorway]:
     doors = []
     for pair, cells in room_borders(rooms):
         mask = np.zeros(rooms.shape, np.uint8)
-        mask[tuple(np.array(cells).T)] = 1
+        for cell in cells:
+            mask[cell] = 1
         # A border is a staircase of single steps: one cell of slack joins them.
-        widened = cv2.dilate(mask, np.ones((3, 3), np.uint8))
+        around = np.ones((3, 3), np.uint8)
+        widened = cv2.dilate(mask, around)
         count, labels = cv2.connectedComponents(widened, connectivity=8)
         for number in range(1, count):
             places = [cell for cell in cells if labels[cell] == number]
-            row, col = max(places, key=lambda cell: radius[cell])
-            doors.append(Doorway(row, col, pair))
+            row, col = max(places, key=lambda place: radius[place])
+            door = Doorway(row, col, pair)
+            doors.append(door)
     return doors
 
 
@@ -157,8 +162,11 @@ def room_borders(rooms: IntArray) -> list[tuple[_Pair, list[_Cell]]]:
         both_rooms = (here > 0) & (there > 0)
         is_border = (here != there) & both_rooms
         for row, col in np.argwhere(is_border).tolist():
-            pair = _pair(here[row, col], there[row, col])
-            borders[pair].append((row, col))
+            room = here[row, col]
+            other = there[row, col]
+            pair = _pair(room, other)
+            cell = (row, col)
+            borders[pair].append(cell)
     return sorted(borders.items())
 
 
@@ -170,23 +178,32 @@ def _pair(room: np.int64, other: np.int64) -> _Pair:
 
 def from_walls(floor: BoolArray) -> Float32Array:
     """Distance of each floor cell from the nearest other cell, or the border of the image [cells]."""
-    padded = np.pad(floor, 1).astype(np.uint8)
-    away: Float32Array = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    padded = np.pad(floor, 1)
+    image = padded.astype(np.uint8)
+    away: Float32Array = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     return away[1:-1, 1:-1]
 
 
 def _is_open(door: Doorway, drawn: BoolArray, cores: IntArray, metres_per_px: float) -> bool:
     """True if drawn floor near a door joins its two rooms."""
     reach = math.ceil(1.0 / metres_per_px)
-    rows = slice(max(0, door.row - reach), door.row + reach + 1)
-    cols = slice(max(0, door.col - reach), door.col + reach + 1)
+    rows = _within(door.row, reach)
+    cols = _within(door.col, reach)
     floor = drawn[rows, cols]
     near_cores = cores[rows, cols]
-    _, parts = cv2.connectedComponents(floor.astype(np.uint8), connectivity=4)
+    image = floor.astype(np.uint8)
+    _, parts = cv2.connectedComponents(image, connectivity=4)
     room, other = door.rooms
-    of_room = parts[floor & (near_cores == room)]
-    of_other = parts[floor & (near_cores == other)]
-    return bool(np.isin(of_room, of_other).any())
+    in_room = floor & (near_cores == room)
+    in_other = floor & (near_cores == other)
+    is_joined = np.isin(parts[in_room], parts[in_other])
+    return bool(is_joined.any())
+
+
+def _within(place: int, reach: int) -> slice:
+    """The lines of an image at most so far from one of them."""
+    first = max(0, place - reach)
+    return slice(first, place + reach + 1)
 
 
 def _clear_width(door: Doorway, values: Float32Array, metres_per_px: float) -> float:
@@ -202,11 +219,13 @@ def _narrowest_through(values: Float32Array, line: int, place: int, metres_per_p
     low = place - 4.0
     high = place + 4.0
     narrowest = math.nan
-    first = max(0, line - reach)
-    for row in values[first : line + reach + 1]:
+    lines = _within(line, reach)
+    for row in values[lines]:
         runs = floor_runs(row)
         through = max(runs, key=lambda run: run.overlap(low, high), default=None)
-        if through is not None and through.overlap(low, high) > 0.0:
+        if through is None:
+            continue
+        if through.overlap(low, high) > 0.0:
             narrowest = np.fmin(narrowest, through.length)
     return narrowest * metres_per_px
 
@@ -219,17 +238,24 @@ def _holes(
     smallest = MIN_HOLE / metres_per_px
     by_line = _walls_between_rooms(truth, rooms, metres_per_px)
     found = []
-    for piece in straight_pieces(by_line, smallest + 2 * trimmed):
+    shortest = smallest + 2 * trimmed
+    for piece in straight_pieces(by_line, shortest):
         middle = len(piece.runs) // 2
         wall = piece.runs[middle]
         labels = rooms[piece.line + middle]
-        pair = _pair(labels[wall.first - 1], labels[wall.last + 1])
+        before = labels[wall.first - 1]
+        behind = labels[wall.last + 1]
+        pair = _pair(before, behind)
         opened = []
-        for number in range(trimmed, len(piece.runs) - trimmed):
+        end = len(piece.runs) - trimmed
+        for number in range(trimmed, end):
             line = drawn[piece.line + number]
-            opened.append(_is_opened(piece.runs[number], line, metres_per_px))
-        holes = floor_runs(np.array(opened, np.float32))
-        found.append((pair, sum(hole.length >= smallest for hole in holes)))
+            is_opened = _is_opened(piece.runs[number], line, metres_per_px)
+            opened.append(is_opened)
+        shares = np.array(opened, np.float32)
+        holes = floor_runs(shares)
+        count = sum(hole.length >= smallest for hole in holes)
+        found.append((pair, count))
     return found
 
 
@@ -253,5 +279,7 @@ def _walls_between_rooms(
 def _is_opened(wall: Run, line: Float32Array, metres_per_px: float) -> bool:
     """True if a line of the drawing is floor from one side of a wall to the other."""
     beside = round(BESIDE / metres_per_px)
-    part = line[max(0, wall.first - beside) : wall.last + beside + 1]
-    return bool((part >= FLOOR).all())
+    first = max(0, wall.first - beside)
+    end = wall.last + beside + 1
+    is_floor = line[first:end] >= FLOOR
+    return bool(is_floor.all())

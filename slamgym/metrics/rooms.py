@@ -48,13 +48,16 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
     Returns:
         Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
     """
-    padded = np.pad(free, 1).astype(np.uint8)
-    distance = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    is_free = np.pad(free, 1)
+    image = is_free.astype(np.uint8)
+    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # A wall's face lies half a cell before its first cell.
-    from_face = (distance.astype(np.float64) - 0.5) * metres_per_px
-    radius = np.where(padded > 0, from_face, 0.0)
-    cells = np.flatnonzero(padded)
-    from_top = np.argsort(-radius.ravel()[cells], kind="stable")
+    exact = distance.astype(np.float64)
+    from_face = (exact - 0.5) * metres_per_px
+    radius = np.where(is_free, from_face, 0.0)
+    cells = np.flatnonzero(is_free)
+    heights = radius.ravel()[cells]
+    from_top = np.argsort(-heights, kind="stable")
     order = cells[from_top]
     parts = _flood(
         radius,
@@ -64,17 +67,22 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
         NARROWEST_ROOM / 2.0,
         SMALLEST_ROOM_AREA / metres_per_px**2,
     )
-    is_root = np.bincount(parts.ravel(), minlength=1) > 0
+    cells_by_root = np.bincount(parts.ravel(), minlength=1)
+    is_root = cells_by_root > 0
     is_root[0] = True  # outside
     label_of_root = np.cumsum(is_root) - 1
     labels = label_of_root[parts]
-    sizes = np.bincount(labels.ravel()) * metres_per_px**2
+    label_of_cell = labels.ravel()
+    sizes = np.bincount(label_of_cell) * metres_per_px**2
     widest = np.zeros(len(sizes))
-    np.maximum.at(widest, labels.ravel(), radius.ravel())
-    is_room = (sizes >= SMALLEST_ROOM_AREA) & (widest >= NARROWEST_ROOM / 2.0)
+    np.maximum.at(widest, label_of_cell, radius.ravel())
+    is_large = sizes >= SMALLEST_ROOM_AREA
+    is_wide = widest >= NARROWEST_ROOM / 2.0
+    is_room = is_large & is_wide
     is_room[0] = False  # outside
     numbers = np.where(is_room, np.cumsum(is_room), 0)
-    return np.asarray(numbers[labels][1:-1, 1:-1], dtype=np.int64)
+    numbered = numbers[labels]
+    return np.asarray(numbered[1:-1, 1:-1], dtype=np.int64)
 
 
 def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> RoomScore:
@@ -98,12 +106,14 @@ def room_score(free: BoolArray, true_free: BoolArray, metres_per_px: float) -> R
     sizes = overlap.sum(axis=1, keepdims=True)
     true_sizes = overlap.sum(axis=0, keepdims=True)
     intersection = overlap[1:, 1:]
-    union = sizes[1:] + true_sizes[:, 1:] - intersection
+    both_sizes = sizes[1:] + true_sizes[:, 1:]
+    union = both_sizes - intersection
     iou = intersection / np.maximum(union, 1.0)
     # Above one half, no room can have two counterparts.
-    matched = int((iou > 0.5).sum())
+    matched = np.count_nonzero(iou > 0.5)
     total = count + true_count
-    return RoomScore(count, true_count, 2.0 * matched / total if total else 1.0)
+    f1 = 2.0 * matched / total if total else 1.0
+    return RoomScore(count, true_count, f1)
 
 
 @kernel

@@ -78,16 +78,20 @@ def poses_at(trajectory: Trajectory, stamps: FloatArray) -> tuple[FloatArray, Bo
     known = trajectory.stamps
     poses = trajectory.poses
     if len(known) == 0:
-        return np.zeros((len(stamps), 3)), np.zeros(len(stamps), bool)
-    x = np.interp(stamps, known, poses[:, 0])
-    y = np.interp(stamps, known, poses[:, 1])
-    turned = np.interp(stamps, known, np.unwrap(poses[:, 2]))
+        count = len(stamps)
+        return np.zeros((count, 3)), np.zeros(count, bool)
+    known_x, known_y, known_theta = poses.T
+    x = np.interp(stamps, known, known_x)
+    y = np.interp(stamps, known, known_y)
+    unwrapped = np.unwrap(known_theta)
+    turned = np.interp(stamps, known, unwrapped)
     theta = wrap_angle(turned)
     # 1 us: stamps that went through a text file.
     first = known[0] - 1e-6
     last = known[-1] + 1e-6
     valid = (stamps >= first) & (stamps <= last)
-    return np.column_stack([x, y, theta]), valid
+    poses_then = np.column_stack([x, y, theta])
+    return poses_then, valid
 
 
 def align_se2(points: FloatArray, target: FloatArray) -> Pose2D:
@@ -106,14 +110,16 @@ def align_se2(points: FloatArray, target: FloatArray) -> Pose2D:
     b = target - target_centre
     a_x, a_y = a.T
     b_x, b_y = b.T
-    cross = (a_x * b_y - a_y * b_x).sum()
-    dot = (a * b).sum()
-    theta = float(np.arctan2(cross, dot))
+    crosses = a_x * b_y - a_y * b_x
+    dots = a * b
+    angle = np.arctan2(crosses.sum(), dots.sum())
+    theta = float(angle)
     cos = np.cos(theta)
     sin = np.sin(theta)
     rotation = np.array([[cos, -sin], [sin, cos]])
     shift = target_centre - rotation @ centre
-    return Pose2D(float(shift[0]), float(shift[1]), theta)
+    x, y = shift.tolist()
+    return Pose2D(x, y, theta)
 
 
 def absolute_trajectory_error(
@@ -159,11 +165,14 @@ def relative_pose_error(
         ValueError: If the shared path is shorter than ``delta``.
     """
     reference, poses = _paired(estimate, truth)
-    dx, dy = np.diff(reference[:, :2], axis=0).T
+    positions = reference[:, :2]
+    dx, dy = np.diff(positions, axis=0).T
     steps = np.hypot(dx, dy)
     travelled = np.concatenate([[0.0], steps.cumsum()])
-    ends = np.searchsorted(travelled, travelled + delta - 1e-9)
-    starts = np.flatnonzero(ends < len(travelled))
+    further = travelled + delta - 1e-9
+    ends = np.searchsorted(travelled, further)
+    is_inside = ends < len(travelled)
+    starts = np.flatnonzero(is_inside)
     ends = ends[starts]
     true_motion = relative_poses(reference[starts], reference[ends])
     motion = relative_poses(poses[starts], poses[ends])
@@ -218,18 +227,24 @@ def relation_error(
 
 def _pose_error(error: FloatArray) -> PoseError:
     """Statistics of the position and of the heading, from errors (N, 3)."""
-    translation = np.hypot(error[:, 0], error[:, 1])
-    return PoseError(ErrorStatistics.of(translation), ErrorStatistics.of(error[:, 2]))
+    x, y, theta = error.T
+    distances = np.hypot(x, y)
+    translation = ErrorStatistics.of(distances)
+    rotation = ErrorStatistics.of(theta)
+    return PoseError(translation, rotation)
 
 
 def _nearest_poses(trajectory: Trajectory, stamps: FloatArray) -> tuple[FloatArray, BoolArray]:
     """The pose nearest in time to each moment, and whether it is near enough."""
     known = trajectory.stamps
     end = len(known) - 1
-    after = np.clip(np.searchsorted(known, stamps), 1, max(end, 1))
+    following = np.searchsorted(known, stamps)
+    after = np.clip(following, 1, max(end, 1))
     before = after - 1
     after = np.minimum(after, end)
-    is_before_nearer = stamps - known[before] <= known[after] - stamps
+    since = stamps - known[before]
+    until = known[after] - stamps
+    is_before_nearer = since <= until
     nearest = np.where(is_before_nearer, before, after)
     away = np.abs(known[nearest] - stamps)
     return trajectory.poses[nearest], away <= MOMENT_TOLERANCE
@@ -237,13 +252,15 @@ def _nearest_poses(trajectory: Trajectory, stamps: FloatArray) -> tuple[FloatArr
 
 def relative_poses(a: FloatArray, b: FloatArray) -> FloatArray:
     """Each pose of ``b`` seen from the pose of ``a`` in the same row; both have shape (N, 3)."""
-    cos = np.cos(a[:, 2])
-    sin = np.sin(a[:, 2])
-    dx = b[:, 0] - a[:, 0]
-    dy = b[:, 1] - a[:, 1]
+    a_x, a_y, a_theta = a.T
+    b_x, b_y, b_theta = b.T
+    cos = np.cos(a_theta)
+    sin = np.sin(a_theta)
+    dx = b_x - a_x
+    dy = b_y - a_y
     forward = cos * dx + sin * dy
     left = -sin * dx + cos * dy
-    turn = wrap_angle(b[:, 2] - a[:, 2])
+    turn = wrap_angle(b_theta - a_theta)
     return np.column_stack([forward, left, turn])
 
 
@@ -262,9 +279,13 @@ def normalised_estimation_error_squared(
     Returns:
         Shape (N,). A consistent filter has a mean of 3, the number of dimensions; more means overconfident.
     """
-    error: FloatArray = np.asarray(poses, dtype=np.float64) - truth
-    error[:, 2] = wrap_angle(error[:, 2])
-    inflated = np.asarray(covariances, dtype=np.float64) + floor * np.eye(3)
-    solved = np.linalg.solve(inflated, error[:, :, None])[:, :, 0]
-    products = np.einsum("ni,ni->n", error, solved)
+    exact_poses = np.asarray(poses, dtype=np.float64)
+    error: FloatArray = exact_poses - truth
+    theta = error[:, 2]
+    theta[:] = wrap_angle(theta)
+    exact_covariances = np.asarray(covariances, dtype=np.float64)
+    inflated = exact_covariances + floor * np.eye(3)
+    columns = error[:, :, None]
+    solved = np.linalg.solve(inflated, columns)
+    products = np.einsum("ni,ni->n", error, solved[:, :, 0])
     return np.asarray(products, dtype=np.float64)

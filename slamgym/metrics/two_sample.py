@@ -43,7 +43,7 @@ def distinguish(
     Raises:
         ConfigError: If a kind shows one building only.
     """
-    _, group = np.unique(np.array(buildings), return_inverse=True)
+    _, group = np.unique(buildings, return_inverse=True)
     of_first_kind = np.unique(group[~of_second])
     of_second_kind = np.unique(group[of_second])
     fewest = min(len(of_first_kind), len(of_second_kind))
@@ -82,17 +82,21 @@ def half_against_half(
     Raises:
         ConfigError: If there are fewer than four buildings.
     """
-    names, group = np.unique(np.array(buildings), return_inverse=True)
+    names, group = np.unique(buildings, return_inverse=True)
+    half = len(names) // 2
     found = []
     for halving in range(halvings):
         rng = np.random.default_rng([seed, halving])
-        chosen = rng.permutation(len(names)) < len(names) // 2
-        found.append(distinguish(chosen[group], buildings, learner, folds, seed=seed))
+        chosen = rng.permutation(len(names)) < half
+        of_chosen = chosen[group]
+        accuracy = distinguish(of_chosen, buildings, learner, folds, seed=seed)
+        found.append(accuracy)
     if halvings == 1:
         return found[0]
     values = [accuracy.value for accuracy in found]
     low, high = np.percentile(values, [2.5, 97.5])
-    return Interval(float(np.mean(values)), float(low), float(high))
+    mean = float(np.mean(values))
+    return Interval(mean, float(low), float(high))
 
 
 def tree_learner(rows: Sequence[dict[str, float]], trees: int = 100) -> MapLearner:
@@ -102,7 +106,8 @@ def tree_learner(rows: Sequence[dict[str, float]], trees: int = 100) -> MapLearn
         rows: Statistics of each sample; all with the same names.
         trees: How many are grown.
     """
-    X = np.array([list(row.values()) for row in rows])
+    values = [list(row.values()) for row in rows]
+    X = np.array(values)
 
     def learn(train: BoolArray, of_second: BoolArray, seed: int) -> FloatArray:
         from sklearn.ensemble import ExtraTreesClassifier
@@ -111,7 +116,8 @@ def tree_learner(rows: Sequence[dict[str, float]], trees: int = 100) -> MapLearn
             trees, min_samples_leaf=2, class_weight="balanced", random_state=seed, n_jobs=1
         )
         model.fit(X[train], of_second[train])
-        return model.predict_proba(X[~train])[:, 1]
+        chances = model.predict_proba(X[~train])
+        return chances[:, 1]
 
     return learn
 
@@ -124,17 +130,21 @@ def ks_distance(first: ArrayLike, second: ArrayLike) -> float:
     from scipy.stats import ks_2samp
 
     # The distance alone is wanted; the exact p-value costs more and warns on small samples.
-    a = np.asarray(first, dtype=np.float64).ravel()
-    b = np.asarray(second, dtype=np.float64).ravel()
-    test = ks_2samp(a, b, method="asymp")
+    a = np.asarray(first, dtype=np.float64)
+    b = np.asarray(second, dtype=np.float64)
+    test = ks_2samp(a.ravel(), b.ravel(), method="asymp")
     return float(test.statistic)
 
 
 def _deal(group: IntArray, of_second: BoolArray, folds: int, rng: np.random.Generator) -> IntArray:
     """The fold of each sample; the buildings of each kind are spread evenly over the folds."""
-    fold_of_group = np.full(int(group.max()) + 1, -1)
+    count = int(group.max()) + 1
+    fold_of_group = np.full(count, -1)
     for kind in (False, True):
-        left = np.unique(group[of_second == kind])
-        left = left[fold_of_group[left] < 0]
-        fold_of_group[rng.permutation(left)] = np.arange(len(left)) % folds
+        of_kind = group[of_second == kind]
+        left = np.unique(of_kind)
+        is_new = fold_of_group[left] < 0
+        left = left[is_new]
+        shuffled = rng.permutation(left)
+        fold_of_group[shuffled] = np.arange(len(left)) % folds
     return fold_of_group[group]

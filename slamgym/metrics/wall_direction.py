@@ -89,17 +89,21 @@ def wall_pieces(free: BoolArray, occupied: BoolArray) -> FloatArray:
     """
     side = 2 * REACH_PX + 1
     around = np.ones((side, side), np.uint8)
-    near = cv2.dilate(occupied.astype(np.uint8), around) > 0
+    walls = occupied.astype(np.uint8)
+    near = cv2.dilate(walls, around) > 0
     found = [np.empty((0, 2))]
     for mask in (free, occupied):  # walls that no free cell touches have separate outlines
         # Looking up which outline a hole is in, as RETR_CCOMP does, takes minutes where holes touch at their corners.
-        outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
+        image = mask.astype(np.uint8)
+        outlines, _ = cv2.findContours(image, cv2.RETR_LIST, cv2.CHAIN_APPROX_NONE)
         for outline in outlines:
             points = outline[:, 0, :]
             if len(points) < SHORTEST_PX:
                 continue
-            is_near = near[points[:, 1], points[:, 0]]
-            found += [_fitted(run) for run in _runs(points, is_near)]
+            cols, rows = points.T
+            is_near = near[rows, cols]
+            runs = _runs(points, is_near)
+            found += [_fitted(run) for run in runs]
     return np.vstack(found)
 
 
@@ -113,61 +117,82 @@ def main_direction(pieces: FloatArray, shortest: float) -> WallDirection:
     x, y = pieces.T
     lengths = np.hypot(x, y)
     is_long = lengths > shortest
-    pieces = pieces[is_long]
+    long_pieces = pieces[is_long]
     lengths = lengths[is_long]
-    if len(pieces) == 0:
+    if len(long_pieces) == 0:
         return NO_DIRECTION
     weights = lengths - shortest
-    angles = np.degrees(np.arctan2(pieces[:, 1], pieces[:, 0]))
+    x, y = long_pieces.T
+    angles = np.degrees(np.arctan2(y, x))
     bins = np.arange(-45.0, 45.0, _STEP_DEG)
-    apart = _difference(bins[:, None], angles[None])
-    nearness = np.exp(-0.5 * (apart / SPREAD_DEG) ** 2)
-    scores = nearness @ weights
+    scores = _supports(bins, angles, weights)
     # Where two are as good, the one nearer to the axes.
     order = np.argsort(np.abs(bins), kind="stable")
-    first_best = int(np.argmax(np.round(scores[order], 9)))
+    ordered_scores = np.round(scores[order], 9)
+    first_best = np.argmax(ordered_scores)
     best = bins[order[first_best]]
-    near = np.abs(_difference(angles, best)) <= PEAK_DEG
+    from_best = _difference(angles, best)
+    near = np.abs(from_best) <= PEAK_DEG
     # A long piece's direction is as exact as it is long.
     exact = weights[near] * lengths[near]
-    missing = _difference(angles[near], best)
-    angle = best + float(exact @ missing / exact.sum())
-    elsewhere = np.abs(_difference(bins, angle)) >= APART_DEG
-    rival = int(np.argmax(np.where(elsewhere, scores, -1.0)))
+    missing = from_best[near]
+    mean_missing = exact @ missing / exact.sum()
+    angle = best + float(mean_missing)
+    from_angle = _difference(bins, angle)
+    elsewhere = np.abs(from_angle) >= APART_DEG
+    rival_scores = np.where(elsewhere, scores, -1.0)
+    rival = np.argmax(rival_scores)
+    support = scores.max()
     return WallDirection(
         angle_deg=float(_difference(angle, 0.0)),
-        support=float(scores.max()),
+        support=float(support),
         rival_deg=float(bins[rival]),
-        rival_share=float(scores[rival] / scores.max()),
+        rival_share=float(scores[rival] / support),
     )
+
+
+def _supports(bins: FloatArray, angles: FloatArray, weights: FloatArray) -> FloatArray:
+    """How much weight lies near each direction."""
+    columns = bins[:, None]
+    apart = _difference(columns, angles[None])
+    nearness = np.exp(-0.5 * (apart / SPREAD_DEG) ** 2)
+    return nearness @ weights
 
 
 def _difference(angle: FloatArray | float, other: FloatArray | float) -> FloatArray:
     """The difference of directions modulo 90 degrees, in [-45, 45)."""
-    return (np.asarray(angle) - other + 45.0) % 90.0 - 45.0
+    difference = np.asarray(angle) - other
+    return (difference + 45.0) % 90.0 - 45.0
 
 
 def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
     """The stretches of a closed outline along which all points are kept."""
     if kept.all():
-        return [np.vstack([points, points[:1]])]
+        closed = np.vstack([points, points[:1]])
+        return [closed]
     first = int(np.argmin(kept))
     points = np.roll(points, -first, axis=0)
     kept = np.roll(kept, -first)
     changes = np.diff(kept, prepend=False, append=False)
-    ends = np.flatnonzero(changes).reshape(-1, 2)
-    runs = [points[start:end] for start, end in ends]
-    return [run for run in runs if len(run) >= SHORTEST_PX]
+    places = np.flatnonzero(changes)
+    runs = []
+    for start, end in places.reshape(-1, 2):
+        if end - start >= SHORTEST_PX:
+            runs.append(points[start:end])
+    return runs
 
 
 def _fitted(run: np.ndarray) -> FloatArray:
     """Straight pieces of a stretch of an outline, each along the line that fits its cells best."""
-    corners = cv2.approxPolyDP(run.astype(np.int32), TOLERANCE_PX, False)[:, 0, :]
+    line = run.astype(np.int32)
+    corners = cv2.approxPolyDP(line, TOLERANCE_PX, False)[:, 0, :]
     places: dict[tuple[int, int], int] = {}
     for index, (x, y) in enumerate(run.tolist()):
         places.setdefault((x, y), index)
     found = []
-    for (x0, y0), (x1, y1) in itertools.pairwise(corners.tolist()):
+    for start, end in itertools.pairwise(corners.tolist()):
+        x0, y0 = start
+        x1, y1 = end
         right = x1 - x0
         up = y0 - y1
         length = math.hypot(right, up)
@@ -178,14 +203,19 @@ def _fitted(run: np.ndarray) -> FloatArray:
         if last - first < 2:
             found.append((right, up))
             continue
-        angle = _angle(run[first : last + 1].astype(np.float64))
-        found.append((length * math.cos(angle), -length * math.sin(angle)))
-    return np.array(found, dtype=np.float64).reshape(-1, 2)
+        cells = run[first : last + 1]
+        angle = _angle(cells.astype(np.float64))
+        fitted_right = length * math.cos(angle)
+        fitted_up = -length * math.sin(angle)
+        found.append((fitted_right, fitted_up))
+    pieces = np.array(found, dtype=np.float64)
+    return pieces.reshape(-1, 2)
 
 
 def _angle(points: FloatArray) -> float:
     """Direction of the line that fits points (N, 2) best [rad]."""
-    x, y = (points - points.mean(axis=0)).T
+    from_middle = points - points.mean(axis=0)
+    x, y = from_middle.T
     mixed = float(x @ y)
     difference = float(x @ x - y @ y)
     return 0.5 * math.atan2(2.0 * mixed, difference)
@@ -214,7 +244,8 @@ def turned(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) -> ByteArray
     """
     if angle_deg == 0.0:
         return cells
-    return np.asarray(_turn(cells, angle_deg, cv2.INTER_NEAREST, fill))
+    turned = _turn(cells, angle_deg, cv2.INTER_NEAREST, fill)
+    return np.asarray(turned)
 
 
 def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
@@ -223,7 +254,8 @@ def turned_probability(image: Float32Array, angle_deg: float) -> Float32Array:
         return image
     # Cubic: between two pixels, linear interpolation would lift a wall one pixel thick to a half.
     turned = _turn(image, angle_deg, cv2.INTER_CUBIC, 0.0)
-    return np.clip(turned, 0.0, 1.0).astype(np.float32)
+    clipped = np.clip(turned, 0.0, 1.0)
+    return clipped.astype(np.float32)
 
 
 def flipped(image: np.ndarray, symmetry: int) -> np.ndarray:
@@ -242,12 +274,17 @@ def padded_for_turning(cells: ByteArray, angle_deg: float, fill: int = UNKNOWN) 
     wider = cols * cos + rows * sin - cols
     above = max(0, math.ceil(0.5 * higher))
     beside = max(0, math.ceil(0.5 * wider))
-    return np.pad(cells, ((above, above), (beside, beside)), constant_values=fill)
+    above_and_below = (above, above)
+    left_and_right = (beside, beside)
+    border = (above_and_below, left_and_right)
+    return np.pad(cells, border, constant_values=fill)
 
 
 def _turn(image: np.ndarray, angle_deg: float, method: int, fill: float) -> np.ndarray:
     rows, cols = image.shape
-    centre = (0.5 * (cols - 1), 0.5 * (rows - 1))
+    centre_x = 0.5 * (cols - 1)
+    centre_y = 0.5 * (rows - 1)
+    centre = (centre_x, centre_y)
     matrix = cv2.getRotationMatrix2D(centre, angle_deg, 1.0)
     return transformed(image, matrix, fill, method)
 
