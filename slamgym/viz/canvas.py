@@ -4,6 +4,7 @@ Pictures are RGB, shape (rows, cols, 3), until they are written.
 """
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
@@ -116,16 +117,22 @@ def draw_scale_bar(
 
 def round_length(metres: float) -> float:
     """The largest of 1, 2, 5 times a power of ten that is not above."""
-    power = 10.0 ** math.floor(math.log10(max(metres, 1e-6)))
+    positive = max(metres, 1e-6)
+    power = 10.0 ** math.floor(math.log10(positive))
     most = metres * (1 + 1e-9)
-    rounded = [power, 2.0 * power, 5.0 * power]
-    return max(length for length in rounded if length <= most)
+    if 5.0 * power <= most:
+        return 5.0 * power
+    if 2.0 * power <= most:
+        return 2.0 * power
+    return power
 
 
 def fixed_point(pixels: FloatArray) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
     """Pixels (column, row), shape (N, 2), as OpenCV's drawing takes them with ``shift=SHIFT``."""
     drawable = np.clip(pixels, -1e6, 1e6)
-    return np.rint(drawable * (1 << SHIFT)).astype(np.int32)
+    steps = 1 << SHIFT
+    fixed = np.rint(drawable * steps)
+    return fixed.astype(np.int32)
 
 
 def frame_pixels(points: FloatArray, frame: GridFrame, scale: float) -> FloatArray:
@@ -133,19 +140,29 @@ def frame_pixels(points: FloatArray, frame: GridFrame, scale: float) -> FloatArr
     left, _, _, top = frame.bounds
     right = points[:, 0] - left
     down = top - points[:, 1]
-    return np.column_stack([right, down]) * (scale / frame.resolution)
+    pixels_per_metre = scale / frame.resolution
+    metres = np.column_stack([right, down])
+    return metres * pixels_per_metre
+
+
+def draw_lines(
+    picture: ByteArray, lines: Sequence[np.ndarray], colour: Colour, thickness: int
+) -> None:
+    """Draw open lines of fixed-point pixels, each of shape (N, 2)."""
+    cv2.polylines(picture, lines, False, colour, thickness, cv2.LINE_AA, SHIFT)
 
 
 def draw_path(picture: ByteArray, pixels: np.ndarray, colour: Colour, thickness: int = 2) -> None:
     """Draw a path of fixed-point pixels, shape (N, 2), with a dot at its start."""
-    cv2.polylines(picture, [pixels], False, colour, thickness, cv2.LINE_AA, SHIFT)
+    draw_lines(picture, [pixels], colour, thickness)
     draw_dot(picture, pixels[0], 4, colour)
 
 
 def draw_dot(picture: ByteArray, pixel: np.ndarray, radius_px: int, colour: Colour) -> None:
     """Draw a disc of a radius about a fixed-point pixel, shape (2,)."""
-    col, row = pixel.tolist()
-    cv2.circle(picture, (col, row), radius_px << SHIFT, colour, -1, cv2.LINE_AA, SHIFT)
+    centre = pixel.tolist()
+    radius = radius_px << SHIFT
+    cv2.circle(picture, centre, radius, colour, -1, cv2.LINE_AA, SHIFT)
 
 
 def colour_cells(cells: ByteArray) -> ByteArray:
@@ -159,17 +176,19 @@ def colour_cells(cells: ByteArray) -> ByteArray:
 def rescaled(picture: ByteArray, factor: float) -> ByteArray:
     """A grey or RGB picture, sharp when it grows, averaged when it shrinks."""
     rows, cols = picture.shape[:2]
-    width = max(1, round(cols * factor))
-    height = max(1, round(rows * factor))
+    width = round(cols * factor)
+    height = round(rows * factor)
+    size = (max(1, width), max(1, height))
     method = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_NEAREST
-    scaled = cv2.resize(picture, (width, height), interpolation=method)
+    scaled = cv2.resize(picture, size, interpolation=method)
     return np.asarray(scaled, dtype=np.uint8)
 
 
 def fitted(picture: ByteArray, side: int) -> ByteArray:
     """A grey or RGB picture, scaled to fit a square of so many pixels; RGB."""
     if picture.ndim == 2:
-        picture = np.repeat(picture[:, :, None], 3, axis=2)
+        grey = picture[:, :, None]
+        picture = np.repeat(grey, 3, axis=2)
     longer = max(picture.shape[:2])
     return rescaled(picture, side / longer)
 
@@ -180,8 +199,10 @@ def write_picture(path: Path, picture: ByteArray) -> None:
     Raises:
         InputFileError: If it can't be encoded or written.
     """
-    suffix = ".jpg" if path.suffix.lower() in (".jpg", ".jpeg") else ".png"
-    as_opencv_has_it = picture if picture.ndim == 2 else picture[:, :, ::-1]
+    is_jpeg = path.suffix.lower() in (".jpg", ".jpeg")
+    suffix = ".jpg" if is_jpeg else ".png"
+    is_grey = picture.ndim == 2
+    as_opencv_has_it = picture if is_grey else picture[:, :, ::-1]
     encoded, data = cv2.imencode(suffix, as_opencv_has_it)
     if not encoded:
         raise InputFileError(path, "the picture can't be encoded; draw less on it, or smaller")

@@ -35,6 +35,7 @@ from slamgym.viz.canvas import (
     blank,
     colour_cells,
     draw_dot,
+    draw_lines,
     draw_path,
     draw_scale_bar,
     draw_text,
@@ -125,35 +126,44 @@ class _View:
         min_x, min_y, max_x, max_y = plan.bounds
         width = max_x - min_x + 2 * _BORDER
         height = max_y - min_y + 2 * _BORDER
-        self.scale = min(_PANEL_WIDTH / width, _PANEL_HEIGHT / height)  # [px/m]
+        fits_width = _PANEL_WIDTH / width
+        fits_height = _PANEL_HEIGHT / height
+        self.scale = min(fits_width, fits_height)  # [px/m]
         half_width = 0.5 * _PANEL_WIDTH / self.scale
         half_height = 0.5 * _PANEL_HEIGHT / self.scale
-        self.left = 0.5 * (min_x + max_x) - half_width
-        self.top = 0.5 * (min_y + max_y) + half_height
+        middle_x = 0.5 * (min_x + max_x)
+        middle_y = 0.5 * (min_y + max_y)
+        self.left = middle_x - half_width
+        self.top = middle_y + half_height
 
     def pixels(self, points: FloatArray) -> np.ndarray:
         """World points (N, 2) as fixed-point pixels (column, row) of a panel."""
         right = points[:, 0] - self.left
         down = self.top - points[:, 1]
-        pixels = np.column_stack([right, down]) * self.scale - 0.5
-        return fixed_point(pixels)
+        metres = np.column_stack([right, down])
+        return fixed_point(metres * self.scale - 0.5)
 
     def draw_segments(
         self, panel: ByteArray, segments: FloatArray, colour: Colour, thickness: int
     ) -> None:
         """Draw world segments (S, 4)."""
-        ends = self.pixels(segments.reshape(-1, 2))
+        points = segments.reshape(-1, 2)
+        ends = self.pixels(points)
         lines = list(ends.reshape(-1, 2, 2))
-        cv2.polylines(panel, lines, False, colour, thickness, cv2.LINE_AA, SHIFT)
+        draw_lines(panel, lines, colour, thickness)
 
     def place(self, image: ByteArray, frame: GridFrame, fill: Colour, smooth: bool) -> ByteArray:
         """Bring an image whose pixels are the cells of a world frame onto a panel."""
         factor = frame.resolution * self.scale
         # Maps pixel centres of the source to pixel centres of the panel.
         _, _, _, frame_top = frame.bounds
-        shift_x = (frame.origin_x - self.left) * self.scale + 0.5 * factor - 0.5
-        shift_y = (self.top - frame_top) * self.scale + 0.5 * factor - 0.5
-        matrix = np.array([[factor, 0.0, shift_x], [0.0, factor, shift_y]])
+        right = frame.origin_x - self.left
+        down = self.top - frame_top
+        shift_x = right * self.scale + 0.5 * factor - 0.5
+        shift_y = down * self.scale + 0.5 * factor - 0.5
+        x_row = [factor, 0.0, shift_x]
+        y_row = [0.0, factor, shift_y]
+        matrix = np.array([x_row, y_row])
         method = cv2.INTER_LINEAR if smooth else cv2.INTER_NEAREST
         size = (_PANEL_WIDTH, _PANEL_HEIGHT)
         placed = cv2.warpAffine(image, matrix, size, flags=method, borderValue=fill)
@@ -164,11 +174,14 @@ class _View:
         frame = grid.frame
         colours = colour_cells(grid.cells)
         # Large plans have several cells to a pixel: average them, or thin walls would fall through.
-        shrink = max(1, math.ceil(1.0 / (frame.resolution * self.scale)))
+        pixels_per_cell = frame.resolution * self.scale
+        cells_per_pixel = math.ceil(1.0 / pixels_per_cell)
+        shrink = max(1, cells_per_pixel)
         if shrink > 1:
             colours = _averaged(colours, shrink)
         height, width = colours.shape[:2]
-        coarse = GridFrame(frame.resolution * shrink, frame.origin_x, frame.origin_y, height, width)
+        resolution = frame.resolution * shrink
+        coarse = GridFrame(resolution, frame.origin_x, frame.origin_y, height, width)
         return self.place(colours, coarse, UNKNOWN_TINT, smooth=shrink > 1)
 
 
@@ -177,52 +190,69 @@ def _averaged(colours: ByteArray, shrink: int) -> ByteArray:
     height, width = colours.shape[:2]
     rows = math.ceil(height / shrink)
     cols = math.ceil(width / shrink)
-    padded = blank((rows * shrink, cols * shrink), UNKNOWN_TINT)
-    padded[rows * shrink - height :, :width] = colours
+    full_height = rows * shrink
+    full_width = cols * shrink
+    padded = blank((full_height, full_width), UNKNOWN_TINT)
+    padded[full_height - height :, :width] = colours
     averaged = cv2.resize(padded, (cols, rows), interpolation=cv2.INTER_AREA)
     return np.asarray(averaged)
 
 
 def panel_of(picture: ByteArray, index: int) -> ByteArray:
     """The left (0) or the right (1) panel of a picture, as a view."""
-    left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
-    return picture[_HEAD : _HEAD + _PANEL_HEIGHT, left : left + _PANEL_WIDTH]
+    left = _panel_left(index)
+    right = left + _PANEL_WIDTH
+    bottom = _HEAD + _PANEL_HEIGHT
+    return picture[_HEAD:bottom, left:right]
+
+
+def _panel_left(index: int) -> int:
+    """The first column of a panel."""
+    return _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
 
 
 def _draw_floor(plan: FloorPlan, view: _View) -> ByteArray:
     """The building: what never changes during an episode."""
     layer = blank((_PANEL_HEIGHT, _PANEL_WIDTH), UNKNOWN_TINT)
-    _fill(layer, view, np.asarray(plan.free_space.exterior.coords), WHITE)
+    exterior = np.asarray(plan.free_space.exterior.coords)
+    _fill(layer, view, exterior, WHITE)
     for ring in plan.free_space.interiors:
-        _fill(layer, view, np.asarray(ring.coords), UNKNOWN_TINT)
+        interior = np.asarray(ring.coords)
+        _fill(layer, view, interior, UNKNOWN_TINT)
     return layer
 
 
 def _draw_world(panel: ByteArray, scene: Scene, view: _View) -> None:
     """Draw the true state: seen floor, furniture, people, beams, the true path."""
     seen = scene.seen.astype(np.uint8) * 255
-    is_seen = view.place(seen, scene.seen_frame, (0, 0, 0), smooth=False) > 0
-    is_floor = (panel == WHITE).all(axis=2)
-    panel[is_seen & is_floor] = SEEN_TINT
+    placed = view.place(seen, scene.seen_frame, (0, 0, 0), smooth=False)
+    is_white = panel == WHITE
+    is_floor = is_white.all(axis=2)
+    panel[(placed > 0) & is_floor] = SEEN_TINT
     for piece in scene.furniture:
         _fill(panel, view, piece, FURNITURE_COLOUR)
     _draw_beams(panel, scene, view)
     thickness = 2 if view.scale > 15 else 1
-    view.draw_segments(panel, scene.plan.segments(), WALL_TINT, thickness)
+    walls = scene.plan.segments()
+    view.draw_segments(panel, walls, WALL_TINT, thickness)
     view.draw_segments(panel, scene.moving, PERSON_COLOUR, 2)
-    draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR)
+    path = view.pixels(scene.true_path)
+    draw_path(panel, path, TRUE_COLOUR)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR)
 
 
 def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
     """Draw the robot's belief: its map, its path and its scan, and its true path as a thin line."""
     panel[:] = view.paint(scene.grid)
-    draw_path(panel, view.pixels(scene.true_path), TRUE_COLOUR, thickness=1)
-    draw_path(panel, view.pixels(scene.believed_path), BELIEVED_COLOUR)
+    true_path = view.pixels(scene.true_path)
+    believed_path = view.pixels(scene.believed_path)
+    draw_path(panel, true_path, TRUE_COLOUR, thickness=1)
+    draw_path(panel, believed_path, BELIEVED_COLOUR)
     scan = scene.scan
     pose = scene.believed_pose
     hits = scan.ranges <= scan.geometry.range_max
-    ends = beam_ends(scan, pose, scan.ranges.astype(np.float64))
+    ranges = scan.ranges.astype(np.float64)
+    ends = beam_ends(scan, pose, ranges)
     for pixel in view.pixels(ends[hits]):
         draw_dot(panel, pixel, 2, BEAM_COLOUR)
     _draw_robot(panel, view, scene.true_pose, scene.robot_radius, TRUE_COLOUR, filled=False)
@@ -230,7 +260,8 @@ def _draw_belief(panel: ByteArray, scene: Scene, view: _View) -> None:
 
 
 def _fill(panel: ByteArray, view: _View, outline: FloatArray, colour: Colour) -> None:
-    cv2.fillPoly(panel, [view.pixels(outline)], colour, cv2.LINE_AA, SHIFT)
+    pixels = view.pixels(outline)
+    cv2.fillPoly(panel, [pixels], colour, cv2.LINE_AA, SHIFT)
 
 
 def beam_ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
@@ -240,23 +271,27 @@ def beam_ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     x = lengths * np.cos(geometry.angles)
     y = lengths * np.sin(geometry.angles)
     local = np.column_stack([x, y])
-    return transform_points(compose(pose, geometry.mount), local)
+    sensor = compose(pose, geometry.mount)
+    return transform_points(sensor, local)
 
 
 def _draw_beams(panel: ByteArray, scene: Scene, view: _View) -> None:
     """The area that the scanner overlooks, see-through."""
     mount = compose(scene.true_pose, scene.scan.geometry.mount)
     ends = beam_ends(scene.scan, scene.true_pose, scene.true_ranges)
-    corners = np.vstack([[mount.x, mount.y], ends])
+    middle = [mount.x, mount.y]
+    corners = np.vstack([middle, ends])
     outline = view.pixels(corners)
     whole = outline >> SHIFT
-    low = np.maximum(whole.min(axis=0) - 2, 0)
+    least = whole.min(axis=0)
+    low = np.maximum(least - 2, 0)
     high = whole.max(axis=0) + 3
     left, top = low
     right, bottom = high
     patch = panel[top:bottom, left:right]
     fan = patch.copy()
-    cv2.fillPoly(fan, [outline - (low << SHIFT)], BEAM_COLOUR, cv2.LINE_AA, SHIFT)
+    outline_on_patch = outline - (low << SHIFT)
+    cv2.fillPoly(fan, [outline_on_patch], BEAM_COLOUR, cv2.LINE_AA, SHIFT)
     cv2.addWeighted(fan, 0.35, patch, 0.65, 0.0, dst=patch)
 
 
@@ -266,9 +301,12 @@ def _draw_robot(
     """A disc with a line to where it looks."""
     nose_x = pose.x + radius * math.cos(pose.theta)
     nose_y = pose.y + radius * math.sin(pose.theta)
-    ends = np.array([[pose.x, pose.y], [nose_x, nose_y]])
+    centre = [pose.x, pose.y]
+    nose = [nose_x, nose_y]
+    ends = np.array([centre, nose])
     middle, tip = view.pixels(ends).tolist()
-    size = round(max(radius * view.scale, 7.0) * (1 << SHIFT))
+    radius_px = max(radius * view.scale, 7.0)
+    size = round(radius_px * (1 << SHIFT))
     if filled:
         cv2.circle(panel, middle, size, colour, -1, cv2.LINE_AA, SHIFT)
     line = WHITE if filled else colour
@@ -299,15 +337,17 @@ def _frame_panel(
     picture: ByteArray, index: int, title: str, legend: Sequence[_LegendEntry]
 ) -> None:
     """Border, title and legend of a panel; the legend from the right."""
-    left = _MARGIN + index * (_PANEL_WIDTH + _MARGIN)
+    left = _panel_left(index)
     end = left + _PANEL_WIDTH
     corner = (left - 1, _HEAD - 1)
-    cv2.rectangle(picture, corner, (end, _HEAD + _PANEL_HEIGHT), FAINT, 1)
+    opposite = (end, _HEAD + _PANEL_HEIGHT)
+    cv2.rectangle(picture, corner, opposite, FAINT, 1)
     draw_text(picture, title, left, 30, 0.7)
     for entry in legend:
         end -= text_width(entry.words, 0.5)
         draw_text(picture, entry.words, end, 29, 0.5, FAINT)
-        cv2.circle(picture, (end - 14, 24), 6, entry.colour, entry.thickness, cv2.LINE_AA)
+        middle = (end - 14, 24)
+        cv2.circle(picture, middle, 6, entry.colour, entry.thickness, cv2.LINE_AA)
         end -= 40
 
 
@@ -330,7 +370,8 @@ def _draw_figures(picture: ByteArray, scene: Scene) -> None:
         left = _MARGIN + index * step
         draw_text(picture, name, left, top + 28, 0.45, FAINT)
         draw_text(picture, value, left, top + 54, 0.65, INK)
-    bar = picture[top + 68 : top + 74, _MARGIN : FRAME_WIDTH - _MARGIN]
+    strip = picture[top + 68 : top + 74]
+    bar = strip[:, _MARGIN : FRAME_WIDTH - _MARGIN]
     covered_px = round(figures.coverage * bar.shape[1])
     bar[:] = UNKNOWN_TINT
     bar[:, :covered_px] = BAR_COLOUR

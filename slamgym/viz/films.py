@@ -58,4 +58,6 @@ def open_film(path: Path, frames_per_second: float) -> Iterator[ShowPicture]:
 def _even(picture: ByteArray) -> ByteArray:
     """H.264 wants even numbers of rows and columns."""
     rows, cols = picture.shape[:2]
-    return np.pad(picture, ((0, rows % 2), (0, cols % 2), (0, 0)), mode="edge")
+    below = (0, rows % 2)
+    beside = (0, cols % 2)
+    return np.pad(picture, (below, beside, (0, 0)), mode="edge")

@@ -1,6 +1,5 @@
 """Pictures of a map for people: walls, free space, paths, a scale bar; one map, one that grows, a localisation."""
 
-import itertools
 import math
 from collections.abc import Sequence
 
@@ -23,6 +22,7 @@ from slamgym.viz.canvas import (
     blank,
     colour_cells,
     draw_dot,
+    draw_lines,
     draw_scale_bar,
     draw_text,
     fitting_size,
@@ -71,7 +71,7 @@ def draw_map(
     """
     picture, factor = map_picture(grid)
     pixels = frame_pixels(path, grid.frame, factor)
-    thickness = max(1, round(picture.shape[1] / 800))
+    thickness = _line_thickness(picture)
     if doubtful is not None:
         _draw_doubtful(picture, pixels, doubtful, 4 * thickness)
     _draw_gradient_path(picture, pixels, thickness)
@@ -83,10 +83,11 @@ def _draw_doubtful(
 ) -> None:
     """Draw the doubtful stretches of a path of pixels (N, 2)."""
     changes = np.flatnonzero(np.diff(doubtful)) + 1
-    for run in np.split(np.arange(len(pixels)), changes):
+    numbers = np.arange(len(pixels))
+    for run in np.split(numbers, changes):
         if doubtful[run[0]]:
             fixed = fixed_point(pixels[run])
-            cv2.polylines(picture, [fixed], False, UNSURE, thickness, cv2.LINE_AA, SHIFT)
+            draw_lines(picture, [fixed], UNSURE, thickness)
 
 
 def map_picture(grid: OccupancyGrid) -> tuple[ByteArray, float]:
@@ -106,7 +107,9 @@ def page_of(picture: ByteArray, metres_per_px: float, caption: str) -> ByteArray
     width = max(cols + 2 * PAGE_MARGIN_PX, 640)
     page = blank((height, width), PAPER)
     left = (width - cols) // 2
-    page[PAGE_MARGIN_PX : PAGE_MARGIN_PX + rows, left : left + cols] = picture
+    right = left + cols
+    bottom = PAGE_MARGIN_PX + rows
+    page[PAGE_MARGIN_PX:bottom, left:right] = picture
     _draw_footer(page, metres_per_px, caption)
     return page
 
@@ -134,15 +137,19 @@ def draw_localization(
     """
     picture, factor = map_picture(grid)
     back = inverse(placement)
-    thickness = 2 * max(1, round(picture.shape[1] / 800))
+    thickness = 2 * _line_thickness(picture)
     on_grid = transform_poses(back, poses)
-    pixels = fixed_point(frame_pixels(on_grid, grid.frame, factor))
+    places = frame_pixels(on_grid, grid.frame, factor)
+    pixels = fixed_point(places)
     _draw_states(picture, pixels, states, thickness)
     for pose in hypotheses:
         x, y, theta = compose(back, pose)
-        tip = [x + ARROW * math.cos(theta), y + ARROW * math.sin(theta)]
-        ends = frame_pixels(np.array([[x, y], tip]), grid.frame, factor)
-        start, end = ends.round().astype(int).tolist()
+        tip_x = x + ARROW * math.cos(theta)
+        tip_y = y + ARROW * math.sin(theta)
+        points = np.array([[x, y], [tip_x, tip_y]])
+        ends = frame_pixels(points, grid.frame, factor)
+        whole = ends.round().astype(int)
+        start, end = whole.tolist()
         cv2.arrowedLine(picture, start, end, SURE_COLOUR, thickness, cv2.LINE_AA, 0, 0.4)
     return page_of(picture, grid.frame.resolution / factor, f"{caption}   {LEGEND}")
 
@@ -186,8 +193,11 @@ class GrowingView:
         frame = self._frame(grid.frame)
         min_x, min_y, max_x, max_y = frame.bounds
         view_height = FRAME_HEIGHT - FOOTER_PX
-        scale = min(FRAME_WIDTH / (max_x - min_x), view_height / (max_y - min_y))  # [px/m]
-        min_x -= 0.5 * (FRAME_WIDTH / scale - (max_x - min_x))
+        width = max_x - min_x
+        height = max_y - min_y
+        scale = min(FRAME_WIDTH / width, view_height / height)  # [px/m]
+        shown_width = FRAME_WIDTH / scale
+        min_x -= 0.5 * (shown_width - width)
         frame = frame._replace(origin_x=min_x)
         page = blank((FRAME_HEIGHT, FRAME_WIDTH), PAPER)
         view = page[:view_height]
@@ -195,12 +205,16 @@ class GrowingView:
         grid_left, _, _, grid_top = grid.frame.bounds
         left = round((grid_left - min_x) * scale)
         top = round((max_y - grid_top) * scale)
-        cells = rescaled(colour_cells(grid.cells), scale * grid.frame.resolution)
-        channels = np.moveaxis(view, 2, 0)
-        paste(channels, np.moveaxis(cells, 2, 0), -top, -left)
-        best, *others = (frame_pixels(path, frame, scale * frame.resolution) for path in paths)
-        for pixels in others:
-            cv2.polylines(view, [fixed_point(pixels)], False, PARTICLE, 1, cv2.LINE_AA, SHIFT)
+        colours = colour_cells(grid.cells)
+        cells = rescaled(colours, scale * grid.frame.resolution)
+        view_channels = np.moveaxis(view, 2, 0)
+        cell_channels = np.moveaxis(cells, 2, 0)
+        paste(view_channels, cell_channels, -top, -left)
+        cell_px = scale * frame.resolution
+        for path in paths[1:]:
+            pixels = frame_pixels(path, frame, cell_px)
+            draw_lines(view, [fixed_point(pixels)], PARTICLE, 1)
+        best = frame_pixels(paths[0], frame, cell_px)
         _draw_gradient_path(view, best, 2)
         _draw_footer(page, 1.0 / scale, caption)
         return page
@@ -215,6 +229,12 @@ class GrowingView:
             shown = wider if shown is None else _united(shown, wider)
             self._bounds = shown
         return GridFrame.covering(shown, grid.resolution)
+
+
+def _line_thickness(picture: ByteArray) -> int:
+    """Of lines on a picture [px]."""
+    width = picture.shape[1]
+    return max(1, round(width / 800))
 
 
 def _united(bounds: _Bounds, other: _Bounds) -> _Bounds:
@@ -232,13 +252,16 @@ def _draw_gradient_path(picture: ByteArray, pixels: FloatArray, thickness: int) 
     if len(pixels) == 0:
         return
     fixed = fixed_point(pixels)
-    pieces = min(64, max(1, len(fixed) - 1))
-    places = np.linspace(0, len(fixed) - 1, pieces + 1)
+    end = len(fixed) - 1
+    pieces = min(64, max(1, end))
+    places = np.linspace(0, end, pieces + 1)
     bounds = places.round().astype(int)
-    colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces).tolist()
-    for (first, last), colour in zip(itertools.pairwise(bounds), colours, strict=True):
+    colours = np.linspace(TRUE_COLOUR, BELIEVED_COLOUR, pieces)
+    for number, colour in enumerate(colours.tolist()):
+        first = bounds[number]
+        last = bounds[number + 1]
         piece = fixed[first : last + 1]
-        cv2.polylines(picture, [piece], False, colour, thickness, cv2.LINE_AA, SHIFT)
+        draw_lines(picture, [piece], colour, thickness)
     draw_dot(picture, fixed[0], 3 * thickness, TRUE_COLOUR)
     draw_dot(picture, fixed[-1], 3 * thickness, BELIEVED_COLOUR)
 

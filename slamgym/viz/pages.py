@@ -34,7 +34,9 @@ def make_page(title: str, parts: Sequence[str], style: str = "", scripted: bool 
         style: CSS, in addition to that of all pages.
         scripted: If the parts hold a script, which others must not.
     """
-    policy = _POLICY + ("; script-src 'unsafe-inline'" if scripted else "")
+    policy = _POLICY
+    if scripted:
+        policy += "; script-src 'unsafe-inline'"
     head = [
         "<!doctype html>",
         '<html lang="en"><head><meta charset="utf-8">',
@@ -59,17 +61,17 @@ def make_table(
         row_classes: CSS classes of the rows, where they have some.
         cell_classes: The same of their cells, row by row.
     """
-    lines = ["<table><thead><tr>" + "".join(f"<th>{markup(text)}</th>" for text in headings)]
-    lines.append("</tr></thead><tbody>")
+    head = "".join(f"<th>{markup(text)}</th>" for text in headings)
+    lines = [f"<table><thead><tr>{head}", "</tr></thead><tbody>"]
     for number, row in enumerate(rows):
+        row_class = row_classes[number] if row_classes else ""
         classes = cell_classes[number] if cell_classes else [""] * len(row)
-        cells = [
-            f"<td{_class(kind)}>{markup(text)}" for text, kind in zip(row, classes, strict=True)
-        ]
-        lines.append(
-            f"<tr{_class(row_classes[number] if row_classes else '')}>{''.join(cells)}</tr>"
-        )
-    return "\n".join([*lines, "</tbody></table>"])
+        cells = ""
+        for text, kind in zip(row, classes, strict=True):
+            cells += f"<td{_class(kind)}>{markup(text)}"
+        lines.append(f"<tr{_class(row_class)}>{cells}</tr>")
+    lines.append("</tbody></table>")
+    return "\n".join(lines)
 
 
 def _class(name: str) -> str:
@@ -98,9 +100,12 @@ def inline_picture(picture: ByteArray) -> str:
     Args:
         picture: Grey, shape (rows, cols), or RGB, shape (rows, cols, 3).
     """
-    bgr = np.ascontiguousarray(picture[:, :, ::-1] if picture.ndim == 3 else picture)
+    is_grey = picture.ndim == 2
+    as_opencv_has_it = picture if is_grey else picture[:, :, ::-1]
+    bgr = np.ascontiguousarray(as_opencv_has_it)
     _, data = cv2.imencode(".webp", bgr, (cv2.IMWRITE_WEBP_QUALITY, _LOSSLESS))
-    return f"data:image/webp;base64,{base64.b64encode(data.tobytes()).decode()}"
+    encoded = base64.b64encode(data.tobytes())
+    return f"data:image/webp;base64,{encoded.decode()}"
 
 
 def figure(content: str, caption: str) -> str:

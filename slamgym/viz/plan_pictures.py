@@ -61,14 +61,16 @@ def draw_floor_plan(plan: FloorPlan, size_px: int = 420) -> ByteArray:
     picture = blank((fine, fine))
     inside = fill_segments(plan.segments(), frame)
     values = map_values(inside, frame.resolution, UNKNOWN, _WALL_THICKNESS)
-    is_wall = (values == OCCUPIED) | _enclosed(values == UNKNOWN)
+    enclosed = _enclosed(values == UNKNOWN)
+    is_wall = (values == OCCUPIED) | enclosed
     picture[is_wall] = WALL_TINT
     picture[values == FREE] = PAPER
     _paint_rooms(picture, plan, inside, frame)
     door_px = max(2, round(0.08 / frame.resolution))
     for door in plan.doors:
         ends = np.array([door.start, door.end])
-        start, end = _to_px(ends, frame).tolist()
+        pixels = _to_px(ends, frame)
+        start, end = pixels.tolist()
         cv2.line(picture, start, end, _DOOR, door_px, cv2.LINE_AA)
     resized = cv2.resize(picture, (size_px, size_px), interpolation=cv2.INTER_AREA)
     small = np.asarray(resized, dtype=np.uint8)
@@ -88,7 +90,9 @@ def draw_plan_sheet(plans: Sequence[FloorPlan], columns: int = 6, size_px: int =
     cards = []
     categories = set[str]()
     for plan in plans:
-        cards.append(Card([draw_floor_plan(plan, size_px)], [_caption(plan)]))
+        picture = draw_floor_plan(plan, size_px)
+        card = Card([picture], [_caption(plan)])
+        cards.append(card)
         categories.update(room.category for room in plan.rooms)
     sheet = draw_sheet(cards, columns, size_px)
     legend = _legend(sorted(categories), sheet.shape[1])
@@ -119,29 +123,37 @@ def _enclosed(mask: BoolArray) -> BoolArray:
 def _paint_rooms(picture: ByteArray, plan: FloorPlan, inside: np.ndarray, frame: GridFrame) -> None:
     """Colour the floor; larger rooms first, because HouseExpo's boxes overlap."""
     floor = picture.copy()
-    for room in sorted(plan.rooms, key=lambda room: -room.area):
+    largest_first = sorted(plan.rooms, key=lambda room: -room.area)
+    for room in largest_first:
         outline = shapely.get_coordinates(room.polygon.exterior)
+        pixels = _to_px(outline, frame)
         colour = _COLOURS.get(room.category, PAPER)
-        cv2.fillPoly(floor, [_to_px(outline, frame)], colour)
+        cv2.fillPoly(floor, [pixels], colour)
     picture[inside] = floor[inside]
 
 
 def _caption(plan: FloorPlan) -> str:
-    name = plan.id if len(plan.id) <= 20 else plan.id[:17] + "..."
-    return f"{name}  {plan.area:.0f} m2, {counted(len(plan.rooms), 'room')}"
+    name = plan.id
+    if len(name) > 20:
+        name = name[:17] + "..."
+    rooms = counted(len(plan.rooms), "room")
+    return f"{name}  {plan.area:.0f} m2, {rooms}"
 
 
 def _legend(categories: Sequence[str], width: int) -> ByteArray:
     columns = max(1, width // 150)
-    rows = max(1, math.ceil(len(categories) / columns))
-    legend = blank((24 * rows + 16, width))
+    rows = math.ceil(len(categories) / columns)
+    height = 24 * max(1, rows) + 16
+    legend = blank((height, width))
     for index, category in enumerate(categories):
         row, column = divmod(index, columns)
         x = 12 + 150 * column
         y = 8 + 24 * row
         corner = (x, y)
         opposite = (x + 16, y + 16)
-        cv2.rectangle(legend, corner, opposite, _COLOURS.get(category, PAPER), -1)
+        colour = _COLOURS.get(category, PAPER)
+        words = category.replace("_", " ")
+        cv2.rectangle(legend, corner, opposite, colour, -1)
         cv2.rectangle(legend, corner, opposite, INK, 1)
-        draw_text(legend, category.replace("_", " "), x + 24, y + 13, 0.42)
+        draw_text(legend, words, x + 24, y + 13, 0.42)
     return legend

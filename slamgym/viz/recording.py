@@ -94,9 +94,11 @@ def open_recording(path: Path) -> Iterator["Recording"]:
     import rerun
     from rerun import blueprint
 
-    views = [blueprint.Spatial3DView(origin=name, name=name) for name in ("world", "belief")]
+    world = blueprint.Spatial3DView(origin="world", name="world")
+    belief = blueprint.Spatial3DView(origin="belief", name="belief")
+    views = blueprint.Horizontal(world, belief)
     figures = blueprint.TimeSeriesView(origin="figures", name="figures")
-    layout = blueprint.Vertical(blueprint.Horizontal(*views), figures, row_shares=[4, 1])
+    layout = blueprint.Vertical(views, figures, row_shares=[4, 1])
     stream: Any = rerun.RecordingStream("slamgym")
     with staged(path) as part:
         stream.save(str(part), default_blueprint=blueprint.Blueprint(layout))
@@ -122,11 +124,12 @@ class Recording:
         self._stream.set_time("robot time", duration=scene.figures.time)
         if scene.plan is not self._plan:
             self._plan = scene.plan
-            segments = scene.plan.segments()
-            self._lines("world/plan", segments.reshape(-1, 2, 2), WALL_TINT)
-            outlines = [np.vstack([piece, piece[:1]]) for piece in scene.furniture]
+            walls = scene.plan.segments()
+            self._lines("world/plan", walls.reshape(-1, 2, 2), WALL_TINT)
+            outlines = [_closed(piece) for piece in scene.furniture]
             self._lines("world/furniture", outlines, FURNITURE_COLOUR)
-        self._lines("world/people", scene.moving.reshape(-1, 2, 2), PERSON_COLOUR)
+        people = scene.moving.reshape(-1, 2, 2)
+        self._lines("world/people", people, PERSON_COLOUR)
         self._robot("world/robot", scene.true_pose, scene.robot_radius, TRUE_COLOUR)
         ends = _ends(scene.scan, scene.true_pose, scene.true_ranges)
         self._points("world/beams", ends, BEAM_COLOUR)
@@ -148,10 +151,12 @@ class Recording:
         self._stream.set_time("robot time", duration=time)
         self._robot("belief/robot", belief.pose, belief.radius, BELIEVED_COLOUR)
         ranges = belief.scan.ranges.astype(np.float64)
-        self._points("belief/scan", _ends(belief.scan, belief.pose, ranges), BEAM_COLOUR)
+        ends = _ends(belief.scan, belief.pose, ranges)
+        self._points("belief/scan", ends, BEAM_COLOUR)
         if belief.grid.cells is not self._cells:
             self._cells = belief.grid.cells
-            picture = _with_alpha(colour_cells(self._cells), 255)
+            colours = colour_cells(self._cells)
+            picture = _with_alpha(colours, 255)
             self._grid("belief/map", picture, belief.grid.frame, 0.0)
             self._lines("belief/path", [belief.path], BELIEVED_COLOUR)
         if deliberation is not self._deliberation:
@@ -160,19 +165,23 @@ class Recording:
 
     def _deliberate(self, deliberation: Deliberation) -> None:
         """Particles, frontiers, and the way to the chosen one."""
-        self._points("belief/particles", deliberation.particles[:, :2], BAR_COLOUR)
+        particles = deliberation.particles[:, :2]
+        self._points("belief/particles", particles, BAR_COLOUR)
         frontiers = deliberation.frontiers
         sizes = [len(frontier) for frontier in frontiers]
-        is_chosen = np.arange(len(frontiers)) == deliberation.chosen
+        numbers = np.arange(len(frontiers))
+        is_chosen = numbers == deliberation.chosen
         is_of_chosen = np.repeat(is_chosen, sizes)
         colours = np.where(is_of_chosen[:, None], _CHOSEN, _OFFERED)
-        centres = np.vstack([np.empty((0, 2)), *frontiers])
+        none = np.empty((0, 2))
+        centres = np.vstack([none, *frontiers])
         self._points("belief/frontiers", centres, colours)
         way = [] if deliberation.path is None else [deliberation.path]
         self._lines("belief/way", way, _CHOSEN)
 
     def _figure(self, name: str, value: float) -> None:
-        self._stream.log(f"figures/{name}", self._rerun.Scalars(value))
+        scalar = self._rerun.Scalars(value)
+        self._stream.log(f"figures/{name}", scalar)
 
     def _lines(
         self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray
@@ -196,7 +205,8 @@ class Recording:
         place = np.array([pose[:2]])
         self._points(name, place, colour, radius)
         origin = _lifted(place, _MARK)
-        arrow = self._rerun.Arrows3D(origins=origin, vectors=[[x, y, 0.0]], colors=[colour])
+        heading = [x, y, 0.0]
+        arrow = self._rerun.Arrows3D(origins=origin, vectors=[heading], colors=[colour])
         self._stream.log(f"{name}/heading", arrow)
 
     def _grid(self, name: str, picture: ByteArray, frame: GridFrame, order: float) -> None:
@@ -221,15 +231,24 @@ class Recording:
 def _ends(scan: LaserScan, pose: Pose2D, ranges: FloatArray) -> FloatArray:
     """Where the beams that met something ended, (N, 2), in the pose's frame."""
     met = (ranges > 0.0) & (ranges <= scan.geometry.range_max)
-    return beam_ends(scan, pose, ranges)[met]
+    ends = beam_ends(scan, pose, ranges)
+    return ends[met]
+
+
+def _closed(outline: FloatArray) -> FloatArray:
+    """An outline that ends where it begins."""
+    return np.vstack([outline, outline[:1]])
 
 
 def _lifted(points: FloatArray, height: float) -> FloatArray:
     """Points of the plane, (N, 2), in space, (N, 3)."""
-    return np.column_stack([points, np.full(len(points), height)])
+    heights = np.full(len(points), height)
+    return np.column_stack([points, heights])
 
 
 def _with_alpha(colours: np.ndarray, opacity: float | FloatArray | Float32Array) -> ByteArray:
     """An RGB picture, (H, W, 3), with an opacity from 0 to 255."""
-    alpha = np.broadcast_to(np.rint(opacity), colours.shape[:2])
-    return np.dstack([colours, alpha]).astype(np.uint8)
+    whole = np.rint(opacity)
+    alpha = np.broadcast_to(whole, colours.shape[:2])
+    channels = np.dstack([colours, alpha])
+    return channels.astype(np.uint8)

@@ -82,21 +82,26 @@ def draw_sheet(
     """
     columns = max(1, min(columns, len(cards)))
     rows = math.ceil(len(cards) / columns)
-    width = len(cards[0].panels) * (panel_px + GAP_PX) + GAP_PX
+    step = panel_px + GAP_PX
+    panels = len(cards[0].panels)
+    width = panels * step + GAP_PX
     lines = max(len(card.lines) for card in cards)
-    height = GAP_PX + panel_px + LINE_PX * lines + GAP_PX // 2
+    height = step + LINE_PX * lines + GAP_PX // 2
     top = LINE_PX + 4 if titles else 0
-    sheet = blank((top + height * rows, width * columns))
+    full_height = top + height * rows
+    full_width = width * columns
+    sheet = blank((full_height, full_width))
     for column in range(columns):
         for number, title in enumerate(titles):
-            left = column * width + GAP_PX + number * (panel_px + GAP_PX)
+            left = column * width + GAP_PX + number * step
             size = fitting_size(title, 0.5, panel_px)
             draw_text(sheet, title, left, top - 2, size)
     for number, card in enumerate(cards):
         row, column = divmod(number, columns)
         y = top + row * height
         x = column * width
-        _draw_card(sheet[y : y + height, x : x + width], card, panel_px)
+        area = sheet[y : y + height, x : x + width]
+        _draw_card(area, card, panel_px)
     return sheet
 
 
@@ -112,13 +117,17 @@ def _draw_card(area: ByteArray, card: Card, panel_px: int) -> None:
         square = area[GAP_PX:bottom, left:right]
         square[:] = picture[0, 0]
         square[y : y + rows, x : x + cols] = picture
-        cv2.rectangle(area, (left - 1, GAP_PX - 1), (right, bottom), OUTLINE, 1)
+        corner = (left - 1, GAP_PX - 1)
+        opposite = (right, bottom)
+        cv2.rectangle(area, corner, opposite, OUTLINE, 1)
     room = area.shape[1] - 2 * GAP_PX
     for number, line in enumerate(card.lines):
         baseline = bottom + LINE_PX * (number + 1) - 5
         is_first = number == 0
-        size = fitting_size(line, 0.5 if is_first else 0.45, room)
-        draw_text(area, line, GAP_PX, baseline, size, INK if is_first else FAINT)
+        largest = 0.5 if is_first else 0.45
+        colour = INK if is_first else FAINT
+        size = fitting_size(line, largest, room)
+        draw_text(area, line, GAP_PX, baseline, size, colour)
 
 
 def draw_grid(
@@ -137,7 +146,10 @@ def draw_grid(
     is_long = len(rows) > ROWS_IN_A_BLOCK
     is_narrow = len(titles) <= MAX_COLUMNS_OF_TWO_BLOCKS
     blocks = 2 if is_long and is_narrow else 1
-    cards = [Card(row, captions[i : i + 1]) for i, row in enumerate(rows)]
+    cards = []
+    for number, row in enumerate(rows):
+        lines = captions[number : number + 1]
+        cards.append(Card(row, lines))
     return draw_sheet(cards, blocks, GRID_PX, titles)
 
 
@@ -167,7 +179,9 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
     cards = []
     for entry in entries:
         errors = draw_wall_errors(entry.cad, entry.slam, entry.frame, entry.path)
-        cards.append(Card([entry.cad, entry.slam, errors], [entry.title, entry.details]))
+        panels = [entry.cad, entry.slam, errors]
+        lines = [entry.title, entry.details]
+        cards.append(Card(panels, lines))
     titles = ["CAD map", "SLAM map", "SLAM walls by their distance to CAD walls"]
     sheet = draw_sheet(cards, columns, PAIR_PX, titles)
     sheet = with_heading(sheet, heading)
@@ -178,10 +192,12 @@ def draw_contact_sheet(heading: str, entries: Sequence[SheetEntry], columns: int
 def _draw_error_scale(sheet: ByteArray) -> None:
     """Draw the legend for the colours of errors, in the upper right corner."""
     label = f"{ERROR_SCALE:g} m"
-    right = sheet.shape[1] - GAP_PX - text_width(label, 0.45)
+    width = text_width(label, 0.45)
+    right = sheet.shape[1] - GAP_PX - width
     draw_text(sheet, label, right, 28, 0.45, FAINT)
     bar = sheet[15:29, right - 188 : right - 8]
-    bar[:] = error_colour(np.linspace(0.0, ERROR_SCALE, bar.shape[1]))
+    distances = np.linspace(0.0, ERROR_SCALE, bar.shape[1])
+    bar[:] = error_colour(distances)
     draw_text(sheet, "0", right - 204, 28, 0.45, FAINT)
 
 
@@ -212,10 +228,11 @@ def draw_wall_errors(
     occupied = slam == OCCUPIED
     away = distance_to(faces) * frame.resolution
     picture[occupied] = error_colour(away[occupied])
-    picture = np.repeat(np.repeat(picture, 2, axis=0), 2, axis=1)
+    higher = np.repeat(picture, 2, axis=0)
+    picture = np.repeat(higher, 2, axis=1)
     if len(path):
-        pixels = fixed_point(frame_pixels(path, frame, 2.0))
-        draw_path(picture, pixels, _ESTIMATE, thickness=1)
+        pixels = frame_pixels(path, frame, 2.0)
+        draw_path(picture, fixed_point(pixels), _ESTIMATE, thickness=1)
     return picture
 
 
@@ -243,4 +260,5 @@ def error_colour(distance: FloatArray) -> ByteArray:
     place = share * (count - 1)
     steps = np.arange(count)
     channels = [np.interp(place, steps, channel) for channel in _ERROR_COLOURS.T]
-    return np.stack(channels, axis=-1).astype(np.uint8)
+    colours = np.stack(channels, axis=-1)
+    return colours.astype(np.uint8)
