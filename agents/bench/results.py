@@ -28,7 +28,7 @@ from slamgym.envs.episode import time_limit
 
 SEEN = 0.98
 """Share of the floor that a success has seen."""
-MARGIN = 1.1
+MEASURING_MARGIN = 1.1
 """Speeds and ranges of results may be so much larger than the robot's: wheels slip, readings have noise."""
 _PACKAGES = ("numpy", "numba", "pymunk", "shapely", "scipy", "opencv-python-headless")
 
@@ -271,18 +271,18 @@ def _read_result(path: Path, manifest: Manifest) -> BenchResult:
 def _impossibility(row: BenchRow, trial: TrialConfig) -> str:
     """Why no robot of the benchmark has made an exploration; empty if one may have."""
     speed = trial.env.robot.max_linear
-    if row.path > MARGIN * speed * row.done + 1.0:
+    if row.path > MEASURING_MARGIN * speed * row.done + 1.0:
         return f"{row.path:g} m in {row.done:g} s is faster than the robot, {speed:g} m/s"
     if not row.success:
         return ""
     if row.coverage < SEEN - 1e-3:
         return f"a success has seen {SEEN:.0%} of the floor, not {row.coverage:.1%}"
     # What a scanner can see of a way: the floor within its range.
-    sight = MARGIN * trial.env.lidar.range_max
+    sight = MEASURING_MARGIN * trial.env.lidar.range_max
     seen = math.pi * sight**2 + 2.0 * sight * row.path
     if seen < SEEN * row.area:
         return f"on a path of {row.path:g} m nobody sees {row.area:g} m2"
     turned = math.pi / trial.env.robot.max_angular
-    if row.done < turned / MARGIN:
+    if row.done < turned / MEASURING_MARGIN:
         return f"the robot can't look around in {row.done:g} s"
     return ""

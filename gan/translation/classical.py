@@ -7,7 +7,7 @@ from slamgym.core.types import FREE, OCCUPIED, BoolArray, ByteArray
 from slamgym.metrics.cleaning import odd, without_small
 from slamgym.metrics.maps import distance_to
 
-THICKEST_WALL = 1.0
+LARGEST_WALL_GAP = 1.0
 """What separates two places of floor by more is no wall [m]."""
 SPECK = 0.05
 """What isn't free and smaller is a speck, no wall [m2]."""
@@ -60,7 +60,7 @@ def wall_growth(cad: ByteArray, slam: ByteArray, metres_per_px: float) -> float:
         slam: SLAM map, same shape.
         metres_per_px: Scale [m].
     """
-    longest = THICKEST_WALL / metres_per_px
+    longest = LARGEST_WALL_GAP / metres_per_px
     not_free = without_small(slam != FREE, SPECK / metres_per_px**2)
     true_thickness = _usual_gap(cad > 127, longest)
     thickness = _usual_gap(~not_free, longest)

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from slamgym.core.text import printable
 
-LONGEST = 500
+LONGEST_MESSAGE = 500
 """Letters of a message, apart from those of a long path."""
 LONGEST_END = 150
 """Letters that are kept of the end of a longer one."""
@@ -19,12 +19,12 @@ class SlamgymError(Exception):
     """Base class of all errors that a user can fix."""
 
     def __str__(self) -> str:
-        """The sentence in one line of at most :data:`LONGEST`, whatever a file or its name holds."""
-        sentence = printable(" ".join(super().__str__()[: 4 * LONGEST].splitlines()))
-        if len(sentence) <= LONGEST:
+        """The sentence in one line of at most :data:`LONGEST_MESSAGE`, whatever a file or its name holds."""
+        sentence = printable(" ".join(super().__str__()[: 4 * LONGEST_MESSAGE].splitlines()))
+        if len(sentence) <= LONGEST_MESSAGE:
             return sentence
         # The fix stands at the end.
-        return f"{sentence[: LONGEST - LONGEST_END - 5]} ... {sentence[-LONGEST_END:]}"
+        return f"{sentence[: LONGEST_MESSAGE - LONGEST_END - 5]} ... {sentence[-LONGEST_END:]}"
 
 
 class InputFileError(SlamgymError):

@@ -29,7 +29,7 @@ from slamgym.core.names import Label
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.settings import NARROWEST_CUT, OUTER_THICKNESS
 
-THICKEST = 2.0
+THICKEST_ADDED_WALL = 2.0
 """Walls that a person adds or takes away are no thicker [m]."""
 BEYOND_MAP = 5.0
 """Corrections lie at most so far from the known part of the map [m]."""
@@ -45,7 +45,7 @@ class Correction:
     """Two places, of all kinds but ``join`` and ``name_room`` [m]. Doors and splits go on to the next walls."""
     at: tuple[_Metres, ...] = ()
     """A place on the boundary at which two rooms are joined, or in the room that is named [m]."""
-    thickness: Annotated[float, Within(gt=0.0, le=THICKEST)] = OUTER_THICKNESS
+    thickness: Annotated[float, Within(gt=0.0, le=THICKEST_ADDED_WALL)] = OUTER_THICKNESS
     """Of a wall [m]."""
     name: Label = ""
 

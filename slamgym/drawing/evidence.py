@@ -87,14 +87,14 @@ def filled(shape: shapely.Geometry, frame: GridFrame) -> BoolArray:
     return fill_segments(ring_segments(rings), frame)
 
 
-class Patch(NamedTuple):
+class FilledPatch(NamedTuple):
     """A part of a map, and which of its cells are meant."""
 
     place: tuple[slice, slice]  # rows and columns
     inside: BoolArray
 
 
-def filled_patch(shape: Polygon, frame: GridFrame) -> Patch:
+def filled_patch(shape: Polygon, frame: GridFrame) -> FilledPatch:
     """The cells of a frame whose centres lie in a polygon, and where: most of a large map is far from a room."""
     min_x, min_y, max_x, max_y = shape.bounds
     first_row, first_col = frame.to_cell(min_x, max_y)
@@ -104,7 +104,7 @@ def filled_patch(shape: Polygon, frame: GridFrame) -> Patch:
     x = frame.origin_x + left * frame.resolution
     y = frame.origin_y + (frame.height_px - bottom) * frame.resolution
     part = GridFrame(frame.resolution, x, y, bottom - top, right - left)
-    return Patch((slice(top, bottom), slice(left, right)), filled(shape, part))
+    return FilledPatch((slice(top, bottom), slice(left, right)), filled(shape, part))
 
 
 def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:

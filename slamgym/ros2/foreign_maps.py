@@ -30,7 +30,7 @@ LATTICE_CELL = 0.05
 """Side of the cells that foreign maps are brought to [m]."""
 MOST_CELLS = 25_000_000
 """A map has so many cells at most, as it is published and on our lattice: 250 m x 250 m."""
-COARSEST_CELL = 1.0
+COARSEST_USABLE_CELL = 1.0
 """Larger cells [m] show no door."""
 _BLOCK = 8
 """Maps begin and end at multiples of so many cells: how places are rounded doesn't change as a map grows."""
@@ -88,9 +88,9 @@ class ForeignMap:
                 f"is turned by {origin.theta:g} rad; let the mapper publish it with yaw 0"
             )
         resolution = round(resolution, 7)  # the message has it in single precision
-        if resolution > COARSEST_CELL:
+        if resolution > COARSEST_USABLE_CELL:
             raise self._error(
-                f"has cells of {resolution:g} m, and a robot needs {COARSEST_CELL:g} m at most; let the mapper "
+                f"has cells of {resolution:g} m, and a robot needs {COARSEST_USABLE_CELL:g} m at most; let the mapper "
                 "publish finer ones (0.05 m is usual)"
             )
         growth = max(1.0, resolution / LATTICE_CELL)

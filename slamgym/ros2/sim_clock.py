@@ -11,9 +11,9 @@ from slamgym.ros2.node import RosNode
 
 BEGIN = 10.0
 """Time at the start of a run [s]: stamps of 0 mean that a driver has set none."""
-SEARCH = 1.0
+LISTENING_TIME = 1.0
 """Before the start another simulator's clock is listened for so long [s]."""
-STILL = 1.0
+STILL_TIME = 1.0
 """A clock that isn't heard for so long stands; whoever waits for it looks so often whether it is to end [s]."""
 TOPIC = "/clock"
 
@@ -45,7 +45,7 @@ class SimClock:
         """
         node = self._node
         listening = node.create_subscription(Clock, TOPIC, self._take, 10)
-        is_heard = self._ticked.wait(SEARCH)
+        is_heard = self._ticked.wait(LISTENING_TIME)
         ends = node.get_publishers_info_by_topic(TOPIC)
         names = [f"{end.node_namespace}/{end.node_name}" for end in ends]
         own = f"{node.get_namespace()}/{node.get_name()}"
@@ -59,7 +59,7 @@ class SimClock:
             f"another simulator publishes {TOPIC}: this one goes by it, whatever its speed is"
         )
         self.is_led = True
-        self._ticked.wait(SEARCH)
+        self._ticked.wait(LISTENING_TIME)
         self.begin()
 
     def begin(self) -> None:
@@ -79,13 +79,13 @@ class SimClock:
         """Wait until the leader's clock shows the robot's time [s], for a while; true if it does."""
         while self._heard < self.began + time - 1e-6:
             self._ticked.clear()
-            if self._heard < self.began + time - 1e-6 and not self._ticked.wait(STILL):
+            if self._heard < self.began + time - 1e-6 and not self._ticked.wait(STILL_TIME):
                 return False
         return True
 
     def follow_back(self, time: float) -> None:
         """Where the leader's clock has jumped back behind the robot's time [s], go on from there."""
-        if self._heard < self.began + time - STILL:
+        if self._heard < self.began + time - STILL_TIME:
             self.began = self._heard - time
 
     def _take(self, message: Any) -> None:

@@ -38,7 +38,7 @@ velocity, not a force."""
 Velocity = tuple[float, float, float]
 """Velocity of a rigid body in the world's axes: x [m/s], y [m/s], turning [rad/s]."""
 
-Box = tuple[float, float, float, float]
+Extent = tuple[float, float, float, float]
 """Left, bottom, right and top [m]."""
 
 _set_position = vars(pymunk.Body)["position"].__set__
@@ -357,13 +357,13 @@ def _meet(x: float, y: float, wall: FloatArray, disc: DiscBody, contact: FloatAr
 
 
 @kernel
-def _box(wall: FloatArray) -> Box:
+def _box(wall: FloatArray) -> Extent:
     x0, y0, x1, y1 = wall
     return min(x0, x1), min(y0, y1), max(x0, x1), max(y0, y1)
 
 
 @kernel
-def _overlap(first: Box, second: Box) -> bool:
+def _overlap(first: Extent, second: Extent) -> bool:
     left, bottom, right, top = first
     other_left, other_bottom, other_right, other_top = second
     meet_across = left <= other_right and other_left <= right
@@ -371,7 +371,7 @@ def _overlap(first: Box, second: Box) -> bool:
 
 
 @kernel
-def _holds(outer: Box, inner: Box) -> bool:
+def _holds(outer: Extent, inner: Extent) -> bool:
     """True if a box lies within another one."""
     left, bottom, right, top = inner
     outer_left, outer_bottom, outer_right, outer_top = outer
@@ -381,7 +381,7 @@ def _holds(outer: Box, inner: Box) -> bool:
 
 @kernel
 def _list_pairs(
-    contacts: DiscContacts, i: int, walls: FloatArray, box: Box, order: IntArray
+    contacts: DiscContacts, i: int, walls: FloatArray, box: Extent, order: IntArray
 ) -> None:
     """Note the walls near the box about the robot, widened so that the list holds for a while."""
     near = contacts.near[i]
