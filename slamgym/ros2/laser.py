@@ -11,7 +11,7 @@ from slamgym.interop.ros_messages import check_scan, geometry_of, ranges_of
 from slamgym.interop.transforms import clean_frame
 from slamgym.ros2.frames import RobotFrames
 from slamgym.ros2.stamps import Warn
-from slamgym.slam.repeated_scans import Repetition
+from slamgym.slam.laser_check import Repetition
 
 OTHER_BEAMS = 0.1
 """A rotating scanner's number of beams varies by less than this share."""

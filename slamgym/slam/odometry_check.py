@@ -17,8 +17,8 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.laser_check import noting_changes, noting_gaps, without_repeats
 from slamgym.slam.laser_odometry import LaserTracker, with_steps
-from slamgym.slam.repeated_scans import without_repeats
 
 MOST_PAIRS = 2000
 """About so many pairs are looked at."""
@@ -72,7 +72,7 @@ class PairMotions(NamedTuple):
 
 
 def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
-    """The log with what its odometry got wrong put right, or left out, and said; and what a stuck laser repeats.
+    """The log with what its odometry got wrong put right, or left out, and said; its laser's faults, too.
 
     Args:
         log: Any log; one without odometry comes back as it is.
@@ -80,7 +80,7 @@ def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
     """
     if not log.has_odometry or len(log) < 2:
         return log
-    log = without_repeats(log)
+    log = noting_changes(noting_gaps(without_repeats(log)))
     pairs = measure_pairs(log)
     checked = log
     late = _lateness(log, pairs) if estimate_offset else 0.0
@@ -235,7 +235,7 @@ def _distrusted(log: Log, pairs: PairMotions) -> Log:
     sentence = (
         f"the scans contradict the odometry for {seconds:.0f} s in {len(stretches)} stretches, "
         f"first from {first_begin - start:.0f} to {first_end - start:.0f} s after the start: "
-        f"it isn't trusted there {OTHERWISE}"
+        f"it isn't trusted there, unless the laser is wrong {OTHERWISE}"
     )
     return replace(log.noting("contradicted", sentence), distrusted=stretches)
 

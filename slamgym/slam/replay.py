@@ -9,11 +9,11 @@ import numpy as np
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.laser_check import blind_scans
 from slamgym.slam.laser_odometry import with_laser_odometry
 from slamgym.slam.mapper import Mapper, SlamStats
 from slamgym.slam.modes import make_mapper
 from slamgym.slam.motion_model import poses_between
-from slamgym.slam.repeated_scans import blind_scans
 
 OnScan = Callable[[int, Mapper, bool], None]
 """Function that is called after each scan with its index, the mapper, and true if the scan was processed."""
