@@ -25,7 +25,7 @@ import torch
 from torch.utils.flop_counter import FlopCounterMode
 
 from slamgym.gan.config import DiscriminatorConfig, TranslatorTrainingConfig
-from slamgym.gan.device import Compute, choose_compute
+from slamgym.gan.device import choose_compute
 from slamgym.gan.networks.factory import count_parameters
 from slamgym.gan.presets import TRANSLATOR_PRESETS
 from slamgym.gan.training.learner import Learner
@@ -94,8 +94,7 @@ def measure(
     precision: str,
     steps: int,
 ) -> list:
-    compute = Compute(torch.device("cpu"), precision)  # type: ignore[arg-type]
-    learner = Learner(config, compute)
+    learner = Learner(config, choose_compute("cpu", precision))  # type: ignore[arg-type]
     batch = random_batch(batch_size, config.translator.input_size)
     moment = Moment(side, batch_size, 1.0, 1.0)
     with FlopCounterMode(display=False) as counter:
@@ -112,7 +111,7 @@ def measure(
 def inference() -> list:
     """One map of 256 px through the default translator, derotation and resampling included."""
     config = TRANSLATOR_PRESETS["slam2cad"].translator
-    learner = Learner(TRANSLATOR_PRESETS["slam2cad"], Compute(torch.device("cpu"), "float32"))
+    learner = Learner(TRANSLATOR_PRESETS["slam2cad"], choose_compute("cpu", "float32"))
     translator = LearnedTranslator(learner.generator.eval(), config, ModelCard(), learner.compute)
     slam = random_batch(1, 256).slam[0]
     with FlopCounterMode(display=False) as counter:

@@ -114,7 +114,6 @@ class _Training:
         self.folder = run
         self.options = options
         self.compute = compute
-        self.checkpoint = run / "checkpoint.safetensors"
         # Weights that don't fit are refused before minutes go into reading and registering the pairs.
         start = None
         if config.start_from and not self.checkpoint.exists():
@@ -166,6 +165,11 @@ class _Training:
         if self.config.minutes is None:
             return self.learner.images_done
         return self.schedule.images * self.seconds_used / (60.0 * self.config.minutes)
+
+    @property
+    def checkpoint(self) -> Path:
+        """The file of the state."""
+        return self.folder / "checkpoint.safetensors"
 
     def _is_over(self) -> bool:
         """True at the schedule's end, or if the last passes made nothing better."""

@@ -8,7 +8,7 @@ import tyro
 
 from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
-from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Within
+from slamgym.core.config import Arguments, Count, CountOrZero, NonNegative, Positive, Seed, Within
 from slamgym.core.errors import InputFileError
 from slamgym.gan.config import DeviceName, Precision
 
@@ -40,7 +40,7 @@ class TrainTranslatorArguments(Arguments):
     """Train on from these weights instead of random ones: a pretrained name (slam2cad, ...), a .safetensors file, or a
     run's folder. By default at a tenth of the preset's rate, until five passes draw no better walls on held-out pairs;
     the best weights are kept."""
-    seed: int | None = None
+    seed: Seed | None = None
     """Seed of weights, order and augmentation; by default 0."""
     device: DeviceName = "auto"
     """``auto`` takes CUDA, else MPS, else the CPU."""

@@ -167,7 +167,8 @@ def _thickening(pairs: PairSet) -> str:
     low, middle, high = np.percentile(growths, [5.0, 50.0, 95.0])
     return (
         f"{THICKENED}: grown by {middle:.1f} px to each side ({low:.1f} to {high:.1f}), as thick as the CAD map's. It "
-        "shows how much of an error thick walls alone take away; wall F1 and rooms can't be bought so.\n"
+        "shows what thick walls alone gain: of the error, and of wall F1 where lines along the faces hide floor. Rooms "
+        "can't be gained so.\n"
     )
 
 
