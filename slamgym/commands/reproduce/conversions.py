@@ -77,7 +77,7 @@ def conversion_claims(seconds: dict[str, list[float]]) -> list[Claim]:
             continue
         times_faster = sum(slow) / sum(fast)
         any_faster = Interval(1.0, 1.0, math.inf)
-        paper = f"2.6-3.6 s against {EKF_A.paper} s"
+        paper = f"{TWO_PHASE.paper} s against the EKF's {EKF_A.paper} s at 64 px"
         own = f"{_range(fast)} s against {_range(slow)} s"
         question = f"Table II: is {TWO_PHASE.name} at 256 px faster than {conversion.name}?"
         verdict = judge(exact(times_faster), any_faster, 1.0)

@@ -48,7 +48,7 @@ PAPER_FIGURES = (
     CaptionedPicture(
         "deformed/ekf_64.png",
         "The paper's Figure 8 shows maps of the parametric model by its conversions. Here EKF (a) at 64 x 64 px: "
-        "CAD map, parametric map, errors of its walls.",
+        "CAD map, parametric map, errors of its walls and the path.",
     ),
     CaptionedPicture(
         "deformed/ekf_64_to_256.png",
