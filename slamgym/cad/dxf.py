@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 import ezdxf
+import ezdxf.path
 import numpy as np
 import shapely
 from scipy.spatial import cKDTree
@@ -59,7 +60,7 @@ CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE"
 _POLYLINES = ("LWPOLYLINE", "POLYLINE")
 _LEAST_POINTS = {"LINE": 2, "ARC": 2, "ELLIPSE": 9, "CIRCLE": 33}
 """Least number of points with which a curve is drawn."""
-_READ = CURVES | {"INSERT", "MLINE"}
+_READ = CURVES | {"INSERT", "MLINE", "HATCH"}
 """All entities that are read."""
 
 # Errors that ezdxf raises on damaged files, besides its own.
@@ -172,6 +173,8 @@ def _weight(entity: Any) -> int:
     if name == "MLINE":
         lines = len(entity.style.elements) if entity.style else 1
         return len(entity) * lines
+    if name == "HATCH":
+        return sum(len(getattr(path, "vertices", ())) + 1 for path in entity.paths)
     if name in _POLYLINES:
         return len(entity)
     return _LEAST_POINTS.get(name, 1)
@@ -209,6 +212,7 @@ class _Found:
     def __init__(self, source: str, layers: Sequence[str], flatness: float) -> None:
         self.lines: dict[LayerKind, list[FloatArray]] = {kind: [] for kind in (*LAYERS, "other")}
         self.rings: list[FloatArray] = []
+        self._hatched: list[FloatArray] = []  # outlines of hatches on layers of walls, as edges
         self.swings: list[FloatArray] = []  # (3, 2): hinge, start and end of the arc
         self._layers: set[str] = set()
         self._kinds: dict[str, LayerKind] = {}
@@ -275,6 +279,9 @@ class _Found:
             elif name in CURVES:
                 self._layers.add(entity.dxf.get("layer", "0"))
                 self._take_curve(entity, name, kind)
+            elif name == "HATCH":
+                self._layers.add(entity.dxf.get("layer", "0"))
+                self._take_hatch(entity, kind)
 
     def walls(self) -> FloatArray:
         """All lines of walls, shape (N, 4).
@@ -282,7 +289,8 @@ class _Found:
         Raises:
             PlanError: If there are none; it names the layers that there are.
         """
-        found = self.lines["wall"]
+        # Hatches fill what lines bound; some drawings have nothing else.
+        found = self.lines["wall"] or self._hatched
         if not found and not self._chosen and len(self._layers) == 1:
             found = self.lines["other"]
         if not found:
@@ -323,9 +331,20 @@ class _Found:
                 return kind
         return "other"
 
-    def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
-        from ezdxf import path as paths
+    def _take_hatch(self, entity: Any, kind: LayerKind) -> None:
+        for outline in ezdxf.path.from_hatch(entity) if kind == "wall" else ():
+            self._hatched.append(edges_of(self._flattened(outline), True))
 
+    def _flattened(self, curve: Any) -> FloatArray:
+        """Points along a curve, (N, 2); none where it leaves all bounds."""
+        flattened = islice(curve.flattening(self._flatness, 8), ENTRIES.value - self._count + 1)
+        points = np.array([tuple(point)[:2] for point in flattened])
+        self._count += len(points)
+        ENTRIES.check(self._source, self._count, PlanError)
+        is_bounded = len(points) > 1 and np.abs(points).max() < MAX_COORDINATE
+        return points if is_bounded else np.empty((0, 2))
+
+    def _take_curve(self, entity: Any, name: str, kind: LayerKind) -> None:
         for size in _ARC_SIZES.get(name, ()):
             if not abs(float(entity.dxf.get(size, 0.0))) < MAX_COORDINATE:  # true for nan
                 raise PlanError(self._source, "has an arc without bounds; delete it")
@@ -335,15 +354,12 @@ class _Found:
             places = (hinge, entity.start_point, entity.end_point)
             self.swings.append(np.array([tuple(place)[:2] for place in places]))
             return
-        curve = paths.make_path(entity)
-        flattened = islice(curve.flattening(self._flatness, 8), ENTRIES.value - self._count + 1)
-        points = np.array([tuple(point)[:2] for point in flattened])
-        self._count += len(points)
-        ENTRIES.check(self._source, self._count, PlanError)
-        if len(points) < 2 or not np.abs(points).max() < MAX_COORDINATE:
-            return
+        curve = ezdxf.path.make_path(entity)
+        points = self._flattened(curve)
         is_closed = bool(curve.is_closed or (name in _POLYLINES and entity.is_closed))
         width = 0.0
+        if not len(points):
+            return
         if name == "LWPOLYLINE":
             width = float(entity.dxf.get("const_width", 0.0) or 0.0)
         if kind == "room" and is_closed:

@@ -20,7 +20,10 @@ class SlamgymError(Exception):
 
     def __str__(self) -> str:
         """The sentence in one line of at most :data:`LONGEST_MESSAGE`, whatever a file or its name holds."""
-        sentence = printable(" ".join(super().__str__()[: 4 * LONGEST_MESSAGE].splitlines()))
+        text = super().__str__()
+        if len(text) > 4 * LONGEST_MESSAGE:
+            text = text[: 2 * LONGEST_MESSAGE] + text[-2 * LONGEST_MESSAGE :]
+        sentence = printable(" ".join(text.splitlines()))
         if len(sentence) <= LONGEST_MESSAGE:
             return sentence
         # The fix stands at the end.

@@ -99,6 +99,46 @@ def test_dxf_layers_are_named_or_chosen(write):
     check_flat(read_dxf(path, layers=["l*"]))
 
 
+def hatched_hall(layer):
+    """A hall of 6 m x 4 m whose walls are hatches without outlines."""
+    import io
+
+    import ezdxf
+
+    document = ezdxf.new(units=6)
+    hatch = document.modelspace().add_hatch(dxfattribs={"layer": layer})
+    hatch.paths.add_polyline_path([(0, 0), (6.2, 0), (6.2, 4.2), (0, 4.2)], is_closed=True)
+    hatch.paths.add_polyline_path(
+        [(0.1, 0.1), (6.1, 0.1), (6.1, 4.1), (0.1, 4.1)], is_closed=True, flags=0
+    )
+    text = io.StringIO()
+    document.write(text)
+    return text.getvalue()
+
+
+def test_dxf_walls_that_are_hatches_alone(write):
+    plan = read_dxf(write("hall.dxf", hatched_hall("WALLS")))
+    check_plan(plan)
+    assert plan.area == pytest.approx(24.0, abs=0.01)
+    path = write("other.dxf", hatched_hall("FILL"))
+    with pytest.raises(PlanError, match=r"name it \(--layers\), it has 'FILL'"):
+        read_dxf(path)
+    assert read_dxf(path, layers=["FILL"]).area == pytest.approx(24.0, abs=0.01)
+
+
+def test_layers_are_named_to_plans_and_generate(write, tmp_path, capsys):
+    from slamgym.commands.cli import main
+
+    path = write("other.dxf", hatched_hall("FILL"))
+    assert main(["plans", "list", str(path), "--layers", "FILL"]) == 0
+    assert "24.0" in capsys.readouterr().out
+    line = ["generate", "--plans", str(path), "--layers", "FILL", "--pairs", "1", "--minutes"]
+    options = ["0.1", "--explorer", "nearest", "--engine", "in_process", "-o"]
+    assert main([*line, *options, str(tmp_path / "data")]) == 0
+    assert main(["plans", "list", "bundled", "--layers", "FILL"]) == 2
+    assert "--layers needs a DXF drawing" in capsys.readouterr().err
+
+
 def test_dxf_walls_as_single_lines_and_wide_polylines(write):
     import io
 

@@ -170,6 +170,16 @@ def test_a_wrong_setting_or_memory_that_runs_out_ends_the_run():
         tried(fail, ConfigError("wrong"))
 
 
+def test_a_crash_is_told_by_its_sentence_alone(capfd, monkeypatch):
+    monkeypatch.delenv("PYTHONFAULTHANDLER", raising=False)
+    with (
+        Execution(1).open() as engine,
+        pytest.raises(ConfigError, match=r"a worker process died \(SIGSEGV\)"),
+    ):
+        try_out(engine, crash, ["SIGSEGV"])
+    assert "Fatal Python error" not in capfd.readouterr().err
+
+
 def test_what_is_tried_out_first_is_refused_by_its_name(one_worker):
     assert try_out(one_worker, str.upper, ["a", "b"]) == {"a": "A", "b": "B"}
     with pytest.raises(

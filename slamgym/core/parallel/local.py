@@ -137,8 +137,11 @@ class _Worker:
                 self.close()
             else:
                 return future
+        # Unless it is set, loky turns the fault handler on, whose stacks would bury the sentence about a crash.
+        faults = os.environ.get("PYTHONFAULTHANDLER", "")
+        environment = {**SINGLE_THREADED, "PYTHONFAULTHANDLER": faults}
         self._executor = loky.ProcessPoolExecutor(
-            1, initializer=_start_worker, initargs=(os.getpid(),), env=SINGLE_THREADED
+            1, initializer=_start_worker, initargs=(os.getpid(),), env=environment
         )
         return self._executor.submit(task, item)
 
