@@ -120,15 +120,18 @@ def test_a_limit_on_landmarks_per_scan_holds(flat, tour) -> None:
     assert first_use == sorted(first_use)
 
 
-@pytest.mark.parametrize("resolution", [0.1, 0.2, 0.3])
+@pytest.mark.parametrize("resolution", [0.1, 0.2, 0.3, 0.5])
 def test_the_filter_and_the_batch_move_the_landmarks_alike(flat, tour, resolution) -> None:
     problem = problem_of(flat, tour, resolution)
     filtered = run_ekf(problem).landmarks - problem.points
     batch = solve_schur(problem).landmarks - problem.points
     size = np.sqrt((batch**2).mean())
     assert size > 0.005
-    # Both linearise, at different places, which moves landmarks by fractions of a millimetre.
-    assert np.sqrt(((filtered - batch) ** 2).mean()) < 0.05 * size
+    # The filter linearises where it believes to be, the batch at the solution: over cells of 0.1 to 0.5 m that was
+    # measured to move landmarks by 0.25 to 1.6 mm, 2 to 10 % of what the odometry's error moves them by.
+    difference = np.sqrt(((filtered - batch) ** 2).mean())
+    assert difference < 0.11 * size
+    assert difference < 0.002
 
 
 def run_of(problem, steps):
