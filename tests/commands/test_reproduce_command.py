@@ -477,6 +477,9 @@ def test_losses_are_shown_where_a_run_trained_and_missed_honestly_elsewhere(tmp_
     for network_name in networks:
         path = tmp_path / figures.LOSSES.format(network=network_name)
         path.parent.mkdir(parents=True)
+        assert (
+            f"{network_name} was trained too short" in figures.paper_figures(tmp_path, networks)[-1]
+        )
         cv2.imwrite(str(path), np.zeros((4, 4), np.uint8))
     shown = figures.paper_figures(tmp_path, networks)
     assert ["model32" in shown[0], "modelprog" in shown[1]] == [True, True]

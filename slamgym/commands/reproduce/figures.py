@@ -105,19 +105,24 @@ def paper_figures(out: Path, networks: tuple[str, ...]) -> list[str]:
 
 def _losses(out: Path, networks: tuple[str, ...]) -> Iterator[str]:
     """Figure 4."""
-    drawn = [network for network in networks if (out / LOSSES.format(network=network)).exists()]
-    for network in drawn:
-        caption = (
-            f"The paper's Figure 4 shows the losses of its two models over the epochs. Here those of {network} as "
-            "this run trained it, in the size for a CPU; dashed: where the resolution changes."
-        )
-        picture = CaptionedPicture(LOSSES.format(network=network), caption)
-        yield from pictures(out, [picture])
-    if not drawn:
+    trained = []
+    for network in networks:
+        pattern = LOSSES.format(network=network)
+        if (out / pattern).exists():
+            trained.append(network)
+            caption = (
+                f"The paper's Figure 4 shows the losses of its two models over the epochs. Here those of {network} as "
+                "this run trained it, in the size for a CPU; dashed: where the resolution changes."
+            )
+            yield from pictures(out, [CaptionedPicture(pattern, caption)])
+        elif (out / pattern).parent.is_dir():
+            trained.append(network)
+            yield paragraph(f"Figure 4: {network} was trained too short to draw its losses.")
+    if not trained:
         yield paragraph(
             "The paper's Figure 4 shows the losses of its two models over the epochs. This run trained none, and no "
-            f"losses of the weights that come with the package ({', '.join(networks)}) were kept; --train trains "
-            "both in their sizes for a CPU, and shows their losses here."
+            f"losses of the weights that come with the package ({', '.join(networks)}) were kept; --train trains both "
+            "in their sizes for a CPU, and shows their losses here."
         )
 
 

@@ -157,5 +157,5 @@ def plot_nearness(path: Path, found: Nearness) -> None:
     for method, errors in found.errors.items():
         if method != TO_SLAM:
             gains[method] = found.errors[TO_SLAM] - errors
-    label = f"aligned MSE of {TO_SLAM}'s map - that of the method's (positive: nearer to the simulated map)"
+    label = f"{TO_SLAM}'s aligned MSE - the method's (positive: nearer to the simulated map)"
     plot_boxes(path, gains, label)

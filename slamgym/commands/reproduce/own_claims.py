@@ -80,7 +80,8 @@ def _compared(scores: Scores, network: str, measure: OwnMeasure) -> list[str]:
     thickened = _column(scores[THICKENED], measure.name)
     means = [mean_interval(values, groups=plans) for values in (own, raw, thickened)]
     words = [_word(measure.sign * (own - other), plans) for other in (raw, thickened)]
-    return [network, MEASURES[measure.name], *map(with_interval, means), *words]
+    shown = [with_interval(mean, 3) for mean in means]
+    return [network, MEASURES[measure.name], *shown, *words]
 
 
 def _column(rows: Sequence[dict[str, str]], measure: str) -> FloatArray:
