@@ -94,7 +94,9 @@ class _Window(NamedTuple):
     @property
     def slices(self) -> tuple[slice, slice]:
         """Its rows and columns, to take it out of an array."""
-        return slice(self.top, self.bottom), slice(self.left, self.right)
+        rows = slice(self.top, self.bottom)
+        cols = slice(self.left, self.right)
+        return rows, cols
 
     def joined(self, other: "_Window") -> "_Window":
         """The smallest box that holds both."""
@@ -132,19 +134,23 @@ def crop_known(grid: OccupancyGrid, pose: Pose2D, margin: float = 0.5) -> Occupa
     """
     frame = grid.frame
     size = frame.resolution
-    row, col = frame.to_cell(pose.x, pose.y)
-    row = min(max(int(row), 0), frame.height_px - 1)
-    col = min(max(int(col), 0), frame.width_px - 1)
+    height, width = frame.shape
+    pose_row, pose_col = frame.to_cell(pose.x, pose.y)
+    row = min(max(int(pose_row), 0), height - 1)
+    col = min(max(int(pose_col), 0), width - 1)
     window = _Window(row, row + 1, col, col + 1)
     known = _known_window(grid.cells)
     if known is not None:
         window = window.joined(known)
-    window = window.widened(math.ceil(margin / size), frame.shape)
+    margin_px = math.ceil(margin / size)
+    window = window.widened(margin_px, frame.shape)
+    rows_below = height - window.bottom
     origin_x = frame.origin_x + window.left * size
-    origin_y = frame.origin_y + (frame.height_px - window.bottom) * size
+    origin_y = frame.origin_y + rows_below * size
     cells = np.array(grid.cells[window.slices], order="C")
-    height, width = cells.shape
-    return OccupancyGrid(cells, GridFrame(size, origin_x, origin_y, height, width))
+    cropped_height, cropped_width = cells.shape
+    cropped = GridFrame(size, origin_x, origin_y, cropped_height, cropped_width)
+    return OccupancyGrid(cells, cropped)
 
 
 def free_body(grid: OccupancyGrid, pose: Pose2D, radius: float) -> OccupancyGrid:
@@ -174,7 +180,9 @@ def mark_obstacles(grid: OccupancyGrid, points: FloatArray, apart: float = _APAR
     cells = grid.cells.copy()
     if len(points):
         new = unmapped_points(grid, points, apart)
-        row, col = grid.frame.to_cell(new[:, 0], new[:, 1])
+        x = new[:, 0]
+        y = new[:, 1]
+        row, col = grid.frame.to_cell(x, y)
         cells[row, col] = OCCUPIED
     return OccupancyGrid(cells, grid.frame)
 
@@ -183,12 +191,15 @@ def unmapped_points(grid: OccupancyGrid, points: FloatArray, apart: float = _APA
     """The points (N, 2) [m] that lie on a map and farther than ``apart`` [m] from its walls."""
     row, col, inside = cells_inside(grid.frame, points)
     is_apart = _stand_apart(grid.cells, row, col, grid.frame.resolution, apart)
-    return points[inside][is_apart]
+    inner = points[inside]
+    return inner[is_apart]
 
 
 def cells_inside(frame: GridFrame, points: FloatArray) -> tuple[IntArray, IntArray, BoolArray]:
     """Rows and columns of those points (N, 2) [m] that lie on a grid, and a mask of them, shape (N,)."""
-    row, col = frame.to_cell(points[:, 0], points[:, 1])
+    x = points[:, 0]
+    y = points[:, 1]
+    row, col = frame.to_cell(x, y)
     in_rows = (row >= 0) & (row < frame.height_px)
     in_cols = (col >= 0) & (col < frame.width_px)
     inside = in_rows & in_cols
@@ -223,15 +234,18 @@ def make_costmap(
         paste(costs, before.costs, top, left)
         paste(distance, before.distance, top, left)
     table = _cost_table(config, frame.resolution)
-    farthest = max(FARTHEST_WALL / frame.resolution - 1e-9, math.sqrt(len(table) - 2))
-    reach = math.ceil(farthest)
+    farthest_wall = FARTHEST_WALL / frame.resolution - 1e-9
+    farthest_cost = math.sqrt(len(table) - 2)
+    reach = math.ceil(max(farthest_wall, farthest_cost))
     changed = _box(cells != older) or _Window(0, 0, 0, 0)
     near = changed.widened(reach, frame.shape)
     around = changed.widened(2 * reach, frame.shape)
-    squared = _squared_distance(cells[around.slices])[near.within(around).slices]
+    squared_around = _squared_distance(cells[around.slices])
+    squared = squared_around[near.within(around).slices]
     squared[squared > reach**2] = np.inf
     distance[near.slices] = np.sqrt(squared)
-    by_distance = table[np.minimum(squared, len(table) - 1).astype(np.int32)]
+    entries = np.minimum(squared, len(table) - 1)
+    by_distance = table[entries.astype(np.int32)]
     near_cells = cells[near.slices]
     known = (near_cells == FREE) | (near_cells == OCCUPIED)
     costs[near.slices] = np.where(known, by_distance, NO_INFORMATION)
@@ -243,12 +257,16 @@ def _offset_in(before: Costmap, frame: GridFrame, config: CostmapConfig) -> tupl
 
     The frame must hold the older costmap: else obstacles may have gone beyond the border.
     """
-    if before.config != config or before.frame.resolution != frame.resolution:
+    old = before.frame
+    size = frame.resolution
+    if before.config != config or old.resolution != size:
         return None
-    top = round((before.frame.bounds[3] - frame.bounds[3]) / frame.resolution)
-    left = round((frame.origin_x - before.frame.origin_x) / frame.resolution)
+    _, _, _, frame_top = frame.bounds
+    _, _, _, old_top = old.bounds
+    top = round((old_top - frame_top) / size)
+    left = round((frame.origin_x - old.origin_x) / size)
     height, width = frame.shape
-    old_height, old_width = before.frame.shape
+    old_height, old_width = old.shape
     holds_rows = old_height - height <= top <= 0
     holds_cols = old_width - width <= left <= 0
     return (top, left) if holds_rows and holds_cols else None
@@ -261,10 +279,12 @@ def _squared_distance(cells: ByteArray) -> Float32Array:
     """
     import cv2  # here, because help pages read the settings above
 
-    open_cells = (cells != OCCUPIED).view(np.uint8)
-    distance = cv2.distanceTransform(open_cells, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    is_open = cells != OCCUPIED
+    image = is_open.view(np.uint8)
+    distance = cv2.distanceTransform(image, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     # Without obstacles OpenCV says 2^64, whose square overflows on some processors.
-    return np.rint(np.minimum(distance, 1e6) ** 2)
+    finite = np.minimum(distance, 1e6)
+    return np.rint(finite**2)
 
 
 def _known_window(cells: ByteArray) -> _Window | None:
@@ -274,8 +294,10 @@ def _known_window(cells: ByteArray) -> _Window | None:
     """
     if not cells.flags.c_contiguous or cells.shape[1] % 8:
         return _box(cells != UNKNOWN)
-    eight_unknown = np.full(8, UNKNOWN, np.uint8).view(np.uint64)
-    box = _box(cells.view(np.uint64) != eight_unknown)
+    unknown = np.full(8, UNKNOWN, np.uint8)
+    eight_unknown = unknown.view(np.uint64)
+    eights = cells.view(np.uint64)
+    box = _box(eights != eight_unknown)
     if box is None:
         return None
     return box._replace(left=8 * box.left, right=8 * box.right)
@@ -283,12 +305,14 @@ def _known_window(cells: ByteArray) -> _Window | None:
 
 def _box(mask: BoolArray) -> _Window | None:
     """The smallest box that holds a mask; None if it is empty."""
-    rows = np.flatnonzero(mask.any(axis=1))
+    in_row = mask.any(axis=1)
+    rows = np.flatnonzero(in_row)
     if len(rows) == 0:
         return None
     top = int(rows[0])
     bottom = int(rows[-1]) + 1
-    cols = np.flatnonzero(mask[top:bottom].any(axis=0))
+    in_col = mask[top:bottom].any(axis=0)
+    cols = np.flatnonzero(in_col)
     left = int(cols[0])
     right = int(cols[-1]) + 1
     return _Window(top, bottom, left, right)
@@ -298,10 +322,13 @@ def _box(mask: BoolArray) -> _Window | None:
 def _cost_table(config: CostmapConfig, resolution: float) -> ByteArray:
     """Cost by squared distance [cells^2]; the last entry holds for all that is farther."""
     is_coastal = math.isfinite(config.coastal_distance)
-    end = max(config.inflation_radius, config.coastal_distance if is_coastal else 0.0)
+    coast = config.coastal_distance if is_coastal else 0.0
+    end = max(config.inflation_radius, coast)
     last = math.floor((end / resolution) ** 2 + 1e-9)
-    distance = np.sqrt(np.arange(last + 1)) * resolution
-    costs = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * (distance - config.inscribed_radius))
+    squares = np.arange(last + 1)
+    distance = np.sqrt(squares) * resolution
+    beyond_body = distance - config.inscribed_radius
+    costs = (INSCRIBED_COST - 1) * exp(-_COST_SCALING * beyond_body)
     costs[distance > config.inflation_radius + 1e-9] = FREE_COST
     costs[distance <= config.inscribed_radius + 1e-9] = INSCRIBED_COST
     costs[0] = LETHAL_COST
@@ -314,8 +341,12 @@ def _clear_body(cells: ByteArray, row: int, col: int, radius_px: float, core_px:
     """Free the cells under the robot: unknown ones within ``radius_px``, all within ``core_px``."""
     height, width = cells.shape
     half = int(radius_px) + 1
-    for r in range(max(0, row - half), min(height, row + half + 1)):
-        for c in range(max(0, col - half), min(width, col + half + 1)):
+    top = max(0, row - half)
+    bottom = min(height, row + half + 1)
+    left = max(0, col - half)
+    right = min(width, col + half + 1)
+    for r in range(top, bottom):
+        for c in range(left, right):
             squared = (r - row) ** 2 + (c - col) ** 2
             is_unknown = cells[r, c] != OCCUPIED and cells[r, c] != FREE
             farthest = radius_px if is_unknown else core_px
@@ -342,8 +373,12 @@ def _stand_apart(
     for i in range(len(rows)):
         middle_row = rows[i]
         middle_col = cols[i]
-        for row in range(max(0, middle_row - half), min(height, middle_row + half + 1)):
-            for col in range(max(0, middle_col - half), min(width, middle_col + half + 1)):
+        top = max(0, middle_row - half)
+        bottom = min(height, middle_row + half + 1)
+        left = max(0, middle_col - half)
+        right = min(width, middle_col + half + 1)
+        for row in range(top, bottom):
+            for col in range(left, right):
                 if cells[row, col] == OCCUPIED:
                     squared = np.float32((row - middle_row) ** 2 + (col - middle_col) ** 2)
                     # In single precision, as distance fields are.

@@ -56,8 +56,9 @@ class FrontierCandidate:
     def is_still_there(self, costmap: Costmap) -> bool:
         """True if at least half of its cells are still unknown on a newer map."""
         row, col, inside = cells_inside(costmap.frame, self.points)
-        known = np.count_nonzero(costmap.costs[row, col] != NO_INFORMATION)
-        return len(inside) - int(known) >= 0.5 * len(self.points)
+        is_known = costmap.costs[row, col] != NO_INFORMATION
+        unknown = len(inside) - np.count_nonzero(is_known)
+        return bool(unknown >= 0.5 * len(self.points))
 
 
 def coarsen_costmap(costs: ByteArray, frame: GridFrame) -> tuple[ByteArray, GridFrame]:
@@ -215,15 +216,18 @@ def unknown_regions(
 
 def _coarse_cell(place: tuple[int, int], frame: GridFrame) -> int:
     """The coarse cell (flat index) of a cell (row, col)."""
-    row = min(place[0] // COARSENING, frame.height_px - 1)
-    col = min(place[1] // COARSENING, frame.width_px - 1)
-    return row * frame.width_px + col
+    row, col = place
+    height, width = frame.shape
+    coarse_row = min(row // COARSENING, height - 1)
+    coarse_col = min(col // COARSENING, width - 1)
+    return coarse_row * width + coarse_col
 
 
 def _target(frontier: Frontier, points: FloatArray, keep: Point | None) -> Point:
     """Where the robot would go for a frontier, given by its cells' centres, too."""
     if keep is not None:
-        apart = np.abs(points - np.array(keep)).max(axis=1)
+        missing = np.abs(points - np.array(keep))
+        apart = missing.max(axis=1)
         if apart.min() <= _KEPT_WITHIN:
             return keep
     is_bent = math.dist(frontier.centroid, frontier.middle) > _BEND

@@ -27,8 +27,9 @@ def classify_costs(costs: ByteArray, coarsening: int) -> ByteArray:
 
     A coarse cell is occupied if any of its cells is, else free if any is, else unknown: walls stay closed.
     """
-    height = costs.shape[0] // coarsening * coarsening
-    width = costs.shape[1] // coarsening * coarsening
+    rows, cols = costs.shape
+    height = rows // coarsening * coarsening
+    width = cols // coarsening * coarsening
     classes = _CLASS_OF_COST[costs[:height, :width]]
     offsets = range(coarsening)
     blocks = [classes[r::coarsening, c::coarsening] for r in offsets for c in offsets]
@@ -45,8 +46,9 @@ def coarse_cells(cells: Int32Array, coarsening: int, shape: tuple[int, int]) -> 
     """
     height, width = shape
     coarse = cells // coarsening
-    rows = np.minimum(coarse[:, 0], height - 1, dtype=np.int64)
-    cols = np.minimum(coarse[:, 1], width - 1, dtype=np.int64)
+    coarse_row, coarse_col = coarse.T
+    rows = np.minimum(coarse_row, height - 1, dtype=np.int64)
+    cols = np.minimum(coarse_col, width - 1, dtype=np.int64)
     once = np.unique(rows * width + cols)
     rows, cols = np.divmod(once, width)
     return np.stack([rows, cols], axis=1)

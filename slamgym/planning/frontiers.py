@@ -69,15 +69,17 @@ def reachable_space(costmap: Costmap, pose: Pose2D) -> Reachable | None:
     if start < 0:
         return None
     order, mask = flood(costs, start, INSCRIBED_COST)
-    widened = mask.reshape(costs.shape).view(np.uint8).copy()
+    is_reached = mask.view(np.uint8)
+    widened = is_reached.reshape(costs.shape).copy()
     passable = (costs < LETHAL_COST).view(np.uint8)
     grown = np.empty_like(widened)
     for _ in range(math.ceil(_BODY_SIDE / costmap.frame.resolution)):
         cv2.dilate(widened, _CROSS, grown)
         np.bitwise_and(grown, passable, out=widened)
     covered = widened.reshape(-1)
-    beside = np.flatnonzero(covered > mask.view(np.uint8)).astype(np.int32)
-    return Reachable(np.append(order, beside), covered.view(np.bool_), len(order))
+    beside = np.flatnonzero(covered > is_reached)
+    cells = np.append(order, beside.astype(np.int32))
+    return Reachable(cells, covered.view(np.bool_), len(order))
 
 
 def frontier_cells(costs: ByteArray, open_cells: BoolArray) -> BoolArray:
@@ -124,8 +126,9 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
     # Most reachable cells border nothing unknown: what is collected are frontiers' neighbours in the order of the
     # search, which are few.
     edge = frontier_cells(costmap.costs, space.mask)
-    near_edge = cv2.dilate(edge.view(np.uint8), _CROSS)
-    is_near_edge = near_edge.reshape(-1).view(np.bool_)[space.order]
+    widened = cv2.dilate(edge.view(np.uint8), _CROSS)
+    near_edge = widened.reshape(-1).view(np.bool_)
+    is_near_edge = near_edge[space.order]
     # A tiny amount is subtracted, so that 15 cells of 0.05 m are not less than 0.75 m by rounding.
     fewest = min_size / costmap.frame.resolution - 1e-6
     members, starts = collect_frontiers(edge, space.order[is_near_edge], fewest)
@@ -137,14 +140,17 @@ def frontier_runs(costmap: Costmap, space: Reachable, min_size: float) -> list[I
 def fits_through(costmap: Costmap, frontier: Frontier, radius: float) -> bool:
     """True if a robot of a radius [m] fits through a frontier of a costmap: one as wide as it, away from walls."""
     rows, cols = frontier.cells.T
-    room = min(0.5 * frontier.size, costmap.distance[rows, cols].max())
+    farthest = costmap.distance[rows, cols].max()
+    room = min(0.5 * frontier.size, farthest)
     return bool(room * costmap.frame.resolution >= radius)
 
 
 def describe_frontier(cells: Int32Array, frame: GridFrame, pose: Pose2D) -> Frontier:
     """A frontier of given cells (N, 2), seen from the robot; all in one frame."""
-    row = frame.height_px - 0.5 - (pose.y - frame.origin_y) / frame.resolution
-    col = (pose.x - frame.origin_x) / frame.resolution - 0.5
+    right = pose.x - frame.origin_x
+    up = pose.y - frame.origin_y
+    row = frame.height_px - 0.5 - up / frame.resolution
+    col = right / frame.resolution - 0.5
     centroid = cells.mean(axis=0)
     from_robot = ((cells - (row, col)) ** 2).sum(axis=1)
     from_centroid = ((cells - centroid) ** 2).sum(axis=1)
@@ -179,7 +185,8 @@ def expected_gain(costmap: Costmap, point: Point, range_max: float) -> float:
     """
     frame = costmap.frame
     row, col = frame.to_cell(*point)
-    seen = unknown_by_ray(costmap.costs, int(row), int(col), range_max / frame.resolution)
+    range_px = range_max / frame.resolution
+    seen = unknown_by_ray(costmap.costs, int(row), int(col), range_px)
     return float(seen.sum()) * frame.resolution**2
 
 
@@ -197,11 +204,13 @@ def view_gain(costmap: Costmap, point: Point, max_range: float, geometry: LaserG
     """
     size = costmap.frame.resolution
     row, col = costmap.frame.to_cell(*point)
-    by_ray = unknown_by_ray(costmap.costs, int(row), int(col), max_range / size)
+    range_px = max_range / size
+    by_ray = unknown_by_ray(costmap.costs, int(row), int(col), range_px)
     rays = len(by_ray)
     field = geometry.angle_increment * (geometry.num_beams - 1)
     share_of_turn = field / (2.0 * math.pi)
-    width = min(rays, max(1, round(share_of_turn * rays)))
+    seen_rays = round(share_of_turn * rays)
+    width = min(rays, max(1, seen_rays))
     around = np.concatenate([by_ray, by_ray[: width - 1]])
     sums = np.convolve(around, np.ones(width), mode="valid")
     return float(sums.max()) * size**2

@@ -67,14 +67,16 @@ def plan_path(
 def _path_through(costmap: Costmap, start: Pose2D, cells: FloatArray) -> FloatArray:
     """Straighten a path of cells and sample it about once per cell."""
     frame = costmap.frame
-    corners = cells[shortcut(costmap.costs, cells, INSCRIBED_COST, COST_FACTOR)]
-    corners_x, corners_y = frame.to_point(corners[:, 0], corners[:, 1])
+    kept = shortcut(costmap.costs, cells, INSCRIBED_COST, COST_FACTOR)
+    corner_rows, corner_cols = cells[kept].T
+    corners_x, corners_y = frame.to_point(corner_rows, corner_cols)
     x = np.append(start.x, corners_x)
     y = np.append(start.y, corners_y)
     steps = np.hypot(np.diff(x), np.diff(y))
     along = np.append(0.0, np.cumsum(steps))
     length = along[-1]
-    number = max(2, math.ceil(length / frame.resolution) + 1)
+    pieces = math.ceil(length / frame.resolution)
+    number = max(2, pieces + 1)
     samples = np.linspace(0.0, length, number)
     sampled_x = np.interp(samples, along, x)
     sampled_y = np.interp(samples, along, y)
@@ -135,10 +137,12 @@ class CoarsePaths:
         open_cells = reachable.order[: reachable.num_centre]
         rows, cols = np.divmod(open_cells, costmap.frame.width_px)
         shape = [math.ceil(size / SHRINK) for size in costmap.costs.shape]
-        self._costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
-        self._costs[rows // SHRINK, cols // SHRINK] = 0
-        is_closed = self._costs == LETHAL_COST
-        self._crossable = np.where(is_closed, np.uint8(INSCRIBED_COST), np.uint8(0))
+        costs = np.full(shape, LETHAL_COST, dtype=np.uint8)
+        costs[rows // SHRINK, cols // SHRINK] = 0
+        self._costs = costs
+        is_closed = costs == LETHAL_COST
+        closed = np.uint8(INSCRIBED_COST)
+        self._crossable = np.where(is_closed, closed, np.uint8(0))
         self.cell = SHRINK * costmap.frame.resolution
 
     def place(self, point: Point) -> int:
@@ -151,7 +155,8 @@ class CoarsePaths:
         coarse_row = int(row) // SHRINK
         coarse_col = int(col) // SHRINK
         farthest = self._crossable.size
-        return int(nearest_open_cell(self._crossable, coarse_row, coarse_col, 1, ANY, farthest))
+        place = nearest_open_cell(self._crossable, coarse_row, coarse_col, 1, ANY, farthest)
+        return int(place)
 
     def lengths_from(self, place: int, wanted: IntArray) -> Float32Array:
         """Length of the shortest path from an open cell to others, inf where none leads.
@@ -174,13 +179,13 @@ class CoarsePaths:
         last = self.place(goal)
         if first < 0 or last < 0:
             return np.zeros((0, 2))
-        length, parent = search_path(
-            self._costs, first, last, np.array([last]), INSCRIBED_COST, 0.0
-        )
+        wanted = np.array([last])
+        length, parent = search_path(self._costs, first, last, wanted, INSCRIBED_COST, 0.0)
         if not math.isfinite(length[0]):
             return np.zeros((0, 2))
         width = self._costs.shape[1]
-        row, col = np.divmod(trace_path(parent, first, last), width)
+        cells = trace_path(parent, first, last)
+        row, col = np.divmod(cells, width)
         half = 0.5 * (SHRINK - 1)
         x, y = self._frame.to_point(SHRINK * row + half, SHRINK * col + half)
         return np.column_stack([x, y])
@@ -214,12 +219,16 @@ class PathLengths:
         num_old = len(self._places)
         known = np.vstack([self._places, points])
         apart = points[:, None] - known[None]
-        distances = np.hypot(apart[:, :, 0], apart[:, :, 1])
+        dx = apart[:, :, 0]
+        dy = apart[:, :, 1]
+        distances = np.hypot(dx, dy)
         # A place that has moved by less than a cell is the old one.
         same = np.argmax(distances < paths.cell, axis=1)
-        padded = np.pad(self._lengths, (0, len(points)), constant_values=math.inf)
+        num_new = len(points)
+        padded = np.pad(self._lengths, (0, num_new), constant_values=math.inf)
         lengths = padded[np.ix_(same, same)]
-        cells = np.array([paths.place((x, y)) for x, y in points.tolist()])
+        coarse_cells = [paths.place((x, y)) for x, y in points.tolist()]
+        cells = np.array(coarse_cells)
         from_robot = paths.lengths_from(int(cells[0]), cells)
         nearest_first = np.argsort(from_robot, kind="stable")
         new = np.flatnonzero(same >= num_old)
@@ -227,7 +236,8 @@ class PathLengths:
             own = paths.lengths_from(int(cells[i]), cells) if i else from_robot
             lengths[i] = own
             lengths[:, i] = own
-            by_way_of_i = lengths[i] + lengths[i][:, None]
+            from_i = lengths[i]
+            by_way_of_i = from_i + from_i[:, None]
             lengths = np.minimum(lengths, by_way_of_i)
         self._places = known[same[1:]]
         self._lengths = lengths[1:, 1:]
@@ -237,10 +247,13 @@ class PathLengths:
 
 def straight_turns(pose: Pose2D, places: FloatArray) -> FloatArray:
     """Turns of the robot to face places (N, 2), shape (N,) [rad]; 0 for those that it stands at."""
-    dx = places[:, 0] - pose.x
-    dy = places[:, 1] - pose.y
-    bearings = np.array([math.atan2(y, x) for x, y in zip(dx, dy, strict=True)])
-    turns = np.remainder(bearings - pose.theta + np.pi, 2.0 * np.pi) - np.pi
+    x, y = places.T
+    dx = x - pose.x
+    dy = y - pose.y
+    bearings = [math.atan2(up, right) for right, up in zip(dx, dy, strict=True)]
+    beyond_back = np.array(bearings) - pose.theta + np.pi
+    turns = np.remainder(beyond_back, 2.0 * np.pi) - np.pi
     turns = np.abs(turns)
-    turns[np.hypot(dx, dy) < _STANDS_AT] = 0.0
+    stands_at = np.hypot(dx, dy) < _STANDS_AT
+    turns[stands_at] = 0.0
     return turns

@@ -170,8 +170,10 @@ class Navigator:
         beyond = ahead[np.hypot(*ahead.T) > reach]
         if len(beyond) == 0:
             return
-        along = beyond[0] / np.hypot(*beyond[0])
-        if self.corrections.note_impassable(pose[:2] + reach * along, along):
+        nearest = beyond[0]
+        along = nearest / np.hypot(*nearest)
+        barrier = pose[:2] + reach * along
+        if self.corrections.note_impassable(barrier, along):
             self._rebuild(pose, time)
 
     def keep_obstacles(self, pose: Pose2D, time: float) -> None:
@@ -266,7 +268,10 @@ class Navigator:
         if time - self._progress.planned_at < _REPLAN_INTERVAL:
             return
         ahead = self.follower.ahead
-        off = math.hypot(ahead[0, 0] - pose.x, ahead[0, 1] - pose.y) if len(ahead) else 0.0
+        off = 0.0
+        if len(ahead):
+            x, y = ahead[0]
+            off = math.hypot(x - pose.x, y - pose.y)
         if self.follower.blocked:
             self._remember(obstacles, pose, time)
             self._rebuild(pose, time)
@@ -298,13 +303,16 @@ class Navigator:
             return
         marked = self.corrections.mark(self._grid, time)
         grid = free_body(marked, pose, self.context.robot_radius)
-        self.costmap = make_costmap(grid, _inflation(self.inscribed_radius), self.costmap)
+        inflation = _inflation(self.inscribed_radius)
+        self.costmap = make_costmap(grid, inflation, self.costmap)
         self._searched_from = pose
 
     def _remember(self, obstacles: FloatArray, pose: Pose2D, time: float) -> None:
         """Keep what the scan shows near the robot for the costmap."""
-        near = obstacles[(obstacles**2).sum(axis=1) < _SEEN_NEAR**2]
-        self.corrections.note_seen(transform_points(pose, near), pose, time)
+        squared = (obstacles**2).sum(axis=1)
+        near = obstacles[squared < _SEEN_NEAR**2]
+        points = transform_points(pose, near)
+        self.corrections.note_seen(points, pose, time)
 
     # Recovery: wait for none, plan round what the scan shows, back up, turn; then give up.
 
@@ -352,6 +360,9 @@ class Navigator:
         for aside in (-0.5, 0.0, 0.5):
             heading = pose.theta + math.pi + aside
             x = pose.x + distance * math.cos(heading)
-            behind.append((x, pose.y + distance * math.sin(heading)))
-        row, col, _ = cells_inside(self.costmap.frame, np.array(behind))
-        return not (self.costmap.costs[row, col] == LETHAL_COST).any()
+            y = pose.y + distance * math.sin(heading)
+            behind.append((x, y))
+        points = np.array(behind)
+        row, col, _ = cells_inside(self.costmap.frame, points)
+        is_occupied = self.costmap.costs[row, col] == LETHAL_COST
+        return not is_occupied.any()

@@ -64,7 +64,8 @@ class PathFollower:
     def set_path(self, path: FloatArray) -> None:
         """Begin a path, shape (N, 2) [m]."""
         steps = np.diff(path, axis=0)
-        lengths = np.hypot(steps[:, 0], steps[:, 1])
+        dx, dy = steps.T
+        lengths = np.hypot(dx, dy)
         self.path = path
         self._along = np.append(0.0, np.cumsum(lengths))
         self.blocked = False
@@ -97,7 +98,8 @@ class PathFollower:
 
     def turn_towards(self, pose: Pose2D, x: float, y: float) -> Twist2D | None:
         """Turn on the spot towards a point; None once the robot faces it."""
-        error = float(wrap_angle(math.atan2(y - pose.y, x - pose.x) - pose.theta))
+        bearing = math.atan2(y - pose.y, x - pose.x)
+        error = float(wrap_angle(bearing - pose.theta))
         if abs(error) < self.config.turned:
             self._turn_sign = 0.0
             return None
@@ -183,13 +185,16 @@ class PathFollower:
         here = pose[:2]
         frame = costmap.frame
         size = frame.resolution
-        corner = (frame.origin_x, frame.origin_y + frame.height_px * size)
+        top = frame.origin_y + frame.height_px * size
+        corner = (frame.origin_x, top)
         next_ones = self.path[self._index : self._index + _SEARCHED]
-        squared = ((next_ones - np.array(here)) ** 2).sum(axis=1)
+        away = next_ones - np.array(here)
+        squared = (away**2).sum(axis=1)
         self._index += int(np.argmin(squared))
         chosen = lookahead_on_path(self.path, self._index, here, costmap.costs, corner, size)
         x, y = self.path[chosen].tolist()
-        return between(pose, Pose2D(x, y, 0.0))[:2]
+        point = between(pose, Pose2D(x, y, 0.0))
+        return point.x, point.y
 
     def _turn(self, error: float) -> Twist2D:
         """Turn on the spot; near a half turn the direction once chosen is kept."""

@@ -90,13 +90,17 @@ def is_offered(promise: Promise, unseen: Mapping[str, FloatArray | Float32Array]
         promise: The promise.
         unseen: The ``share`` and ``area`` [m2] of the floor that was unseen when explorations were stopped, shape (N,).
     """
+    shares = unseen["share"]
     if promise.seen is None:
-        broken = int(np.count_nonzero(unseen["area"] > (promise.left or 0.0)))
+        most_left = promise.left or 0.0
+        is_broken = unseen["area"] > most_left
     else:
-        broken = int(np.count_nonzero(unseen["share"] > 1.0 - promise.seen))
+        is_broken = shares > 1.0 - promise.seen
+    broken = int(np.count_nonzero(is_broken))
     # One exploration more than were seen may fail, too: that is what the new one is.
-    explorations = len(unseen["share"]) + 1
-    return broken + 1 <= explorations * (1.0 - promise.confidence) + 1e-9
+    explorations = len(shares) + 1
+    may_break = explorations * (1.0 - promise.confidence)
+    return broken + 1 <= may_break + 1e-9
 
 
 @functools.cache

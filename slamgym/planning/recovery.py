@@ -122,8 +122,10 @@ class RecoveryBehaviours:
             self._last_theta = pose.theta
             return
         self._look_around = _LookAround.DONE
-        behind = (pose.x - math.cos(pose.theta), pose.y - math.sin(pose.theta))
-        self._navigator.set_goal(Goal(pose.x, pose.y, look_at=behind), pose, time)
+        x_behind = pose.x - math.cos(pose.theta)
+        y_behind = pose.y - math.sin(pose.theta)
+        goal = Goal(pose.x, pose.y, look_at=(x_behind, y_behind))
+        self._navigator.set_goal(goal, pose, time)
 
     def look_again(self, pose: Pose2D, time: float) -> bool:
         """Go and look at the nearest way that specks of the map closed, some times; False if none is left."""
@@ -193,14 +195,16 @@ def closed_ways(
     ways = []
     for frontier in find_frontiers(opened, pose, 2.0 * radius):
         rows, cols = frontier.cells.T
-        hidden = np.count_nonzero(~known[rows, cols]) * costmap.frame.resolution
+        is_hidden = ~known[rows, cols]
+        hidden = np.count_nonzero(is_hidden) * costmap.frame.resolution
         if hidden < 2.0 * radius or not fits_through(opened, frontier, radius):
             continue
         path = plan_path(opened, pose, frontier.middle, PLAN_TOLERANCE)
         if path is None:
             continue
         row, col, _ = cells_inside(costmap.frame, path)
-        closed_at = int(np.argmax(costmap.costs[row, col] >= INSCRIBED_COST))
+        is_closed = costmap.costs[row, col] >= INSCRIBED_COST
+        closed_at = int(np.argmax(is_closed))
         x, y = path[max(0, closed_at - 1)].tolist()
         ways.append(ClosedWay((x, y), frontier.middle))
     return ways

@@ -76,11 +76,14 @@ class MapCorrections:
 
         It is from the second time on; narrow doors get another try.
         """
-        again = any(math.dist(centre, place) < 2.0 * _HALF_WIDTH for place in self._failed)
+        width = 2.0 * _HALF_WIDTH
+        again = any(math.dist(centre, place) < width for place in self._failed)
         self._failed.append(centre)
         if again:
-            across = np.array([-along[1], along[0]])
-            self._closing = np.vstack([self._closing, centre + self._offsets[:, None] * across])
+            x, y = along
+            across = np.array([-y, x])
+            barrier = centre + self._offsets[:, None] * across
+            self._closing = np.vstack([self._closing, barrier])
         return again
 
     def note_open_space(self, points: FloatArray) -> None:
@@ -94,7 +97,8 @@ class MapCorrections:
             # In place: free is the largest value.
             np.maximum(before.cells, grid.cells, out=before.cells)
             return
-        self._freest = OccupancyGrid(grid.cells.copy(), grid.frame)
+        cells = grid.cells.copy()
+        self._freest = OccupancyGrid(cells, grid.frame)
         if before is not None:
             rows, cols = np.nonzero(before.cells == FREE)
             places = before.frame.to_points(rows, cols)
@@ -107,14 +111,17 @@ class MapCorrections:
 
         assert self._freest is not None, "there was a map"
         frame = self._freest.frame
-        occupied = (grid.cells == OCCUPIED).view(np.uint8)
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(occupied, connectivity=8)
-        is_speck = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2 <= _SPECK
+        occupied = grid.cells == OCCUPIED
+        image = occupied.view(np.uint8)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(image, connectivity=8)
+        areas = stats[:, cv2.CC_STAT_AREA] * frame.resolution**2
+        is_speck = areas <= _SPECK
         rows, cols = np.nonzero(is_speck[labels])
         points = grid.frame.to_points(rows, cols)
         row, col, inside = cells_inside(frame, points)
         was_free = self._freest.cells[row, col] == FREE
-        return free_at(points[inside][was_free], grid, OCCUPIED)
+        points = points[inside]
+        return free_at(points[was_free], grid, OCCUPIED)
 
     def free(self, grid: OccupancyGrid) -> OccupancyGrid:
         """Copy a map with the open space entered, if there is some."""
@@ -140,21 +147,31 @@ class MapCorrections:
         rows, cols = np.nonzero(costmap.costs == LETHAL_COST)
         found = [frame.to_points(rows, cols)]
         for _, seen_from, seen in self._seen:
-            found.append(self._across_sight(unmapped_points(grid, seen), seen_from))
+            unmapped = unmapped_points(grid, seen)
+            widened = self._across_sight(unmapped, seen_from)
+            found.append(widened)
         points = np.vstack(found)
-        distances = np.hypot(points[:, 0] - pose.x, points[:, 1] - pose.y)
+        x, y = points.T
+        distances = np.hypot(x - pose.x, y - pose.y)
         near = points[distances < radius + _TOUCHED]
         # One point for each cell, its centre, so that coming again adds next to nothing.
-        near_rows, near_cols = frame.to_cell(near[:, 0], near[:, 1])
-        cells = np.unique(np.column_stack([near_rows, near_cols]), axis=0)
+        near_x, near_y = near.T
+        near_rows, near_cols = frame.to_cell(near_x, near_y)
+        near_cells = np.column_stack([near_rows, near_cols])
+        cells = np.unique(near_cells, axis=0)
         centres = frame.to_points(cells[:, 0], cells[:, 1])
-        self._kept = np.unique(np.vstack([self._kept, centres]), axis=0)
+        kept = np.vstack([self._kept, centres])
+        self._kept = np.unique(kept, axis=0)
 
     def _across_sight(self, points: FloatArray, seen_from: Pose2D) -> FloatArray:
         """Points (N, 2) [m] and more across the line of sight to each, shape (M, 2) [m]."""
-        sight = points - np.array(seen_from[:2])
-        distances = np.hypot(sight[:, 0], sight[:, 1])
-        across = sight[:, ::-1] * (-1.0, 1.0) / np.maximum(distances, 1e-3)[:, None]
+        place = np.array(seen_from[:2])
+        sight = points - place
+        x, y = sight.T
+        distances = np.hypot(x, y)
+        lengths = np.maximum(distances, 1e-3)
+        normals = sight[:, ::-1] * (-1.0, 1.0)
+        across = normals / lengths[:, None]
         widened = points + self._offsets[:, None, None] * across
         return widened.reshape(-1, 2)
 
@@ -189,22 +206,26 @@ def find_open_space(
     empty = ranges >= np.float32(geometry.range_max)
     if width > len(ranges) or np.count_nonzero(empty) < _EMPTY * width:
         return None
-    shares = np.convolve(empty, np.ones(width) / width, mode="valid")
+    weights = np.ones(width) / width
+    shares = np.convolve(empty, weights, mode="valid")
     best = np.flatnonzero(shares >= shares.max() - 1e-9)
     if shares[best[0]] < _EMPTY:
         return None
     first = int(best[len(best) // 2])  # the middle of all such gaps
-    beams = first + np.flatnonzero(empty[first : first + width])
+    of_gap = empty[first : first + width]
+    beams = first + np.flatnonzero(of_gap)
     directions = unit_vectors(geometry.angles[beams])
     lengths = np.arange(0.0, _REACH, 0.02)
     points = lengths[:, None, None] * directions
-    return transform_points(compose(pose, geometry.mount), points.reshape(-1, 2))
+    sensor = compose(pose, geometry.mount)
+    return transform_points(sensor, points.reshape(-1, 2))
 
 
 def is_unmapped(points: FloatArray, grid: OccupancyGrid) -> bool:
     """True if most of some open space, points (N, 2) [m], is unknown in a map."""
     row, col, _ = cells_inside(grid.frame, points)
-    known = int(np.count_nonzero(grid.cells[row, col] != UNKNOWN))
+    is_known = grid.cells[row, col] != UNKNOWN
+    known = int(np.count_nonzero(is_known))
     return known <= (1.0 - _UNMAPPED) * len(points)
 
 

@@ -42,8 +42,9 @@ class ViewHistory:
         """Keep a scan, unless it was taken where the last one was; returns whether it is kept."""
         if self._poses:
             last = self._poses[-1]
-            turned = abs(math.remainder(pose.theta - last.theta, 2.0 * math.pi))
-            if math.dist(pose[:2], last[:2]) < _MOVED and turned < _TURNED:
+            moved = math.dist(pose[:2], last[:2])
+            turned = math.remainder(pose.theta - last.theta, 2.0 * math.pi)
+            if moved < _MOVED and abs(turned) < _TURNED:
                 return False
         self._poses.append(pose)
         self._scans.append(np.array(scan, np.float32))
@@ -65,8 +66,10 @@ class ViewHistory:
         figures = []
         for points, towards in zip(frontiers, outward, strict=True):
             last = len(points) - 1
-            chosen = np.linspace(0, last, min(_POINTS, len(points))).astype(int)
-            figures.append(_tally(poses, scans, points[chosen], towards, self._laser))
+            count = min(_POINTS, len(points))
+            chosen = np.linspace(0, last, count).astype(int)
+            tally = _tally(poses, scans, points[chosen], towards, self._laser)
+            figures.append(tally)
         return np.array(figures)
 
 
