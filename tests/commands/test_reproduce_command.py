@@ -1,5 +1,6 @@
 """The reproduction: its steps resume, its verdicts follow from the intervals, its report is whole."""
 
+import base64
 import json
 from pathlib import Path
 from types import SimpleNamespace
@@ -484,6 +485,17 @@ def test_losses_are_shown_where_a_run_trained_and_missed_honestly_elsewhere(tmp_
     shown = figures.paper_figures(tmp_path, networks)
     assert ["model32" in shown[0], "modelprog" in shown[1]] == [True, True]
     assert all("<img" in picture for picture in shown)
+
+
+@pytest.mark.parametrize("opacity", [(), (255,)])
+def test_pictures_keep_their_colours(tmp_path, opacity):
+    """A plot has a fourth channel, which is no colour."""
+    red = (0, 0, 255, *opacity)
+    cv2.imwrite(str(tmp_path / "plot.png"), np.full((4, 4, len(red)), red, np.uint8))
+    (shown,) = figures.pictures(tmp_path, [figures.CaptionedPicture("plot.png", "A plot.")])
+    encoded = base64.b64decode(shown.partition("base64,")[2].partition('"')[0])
+    pixels = cv2.imdecode(np.frombuffer(encoded, np.uint8), cv2.IMREAD_UNCHANGED)
+    assert pixels[0, 0].tolist() == [0, 0, 255]
 
 
 def test_every_picture_is_made_by_a_step_and_none_of_maps_is_called_figure_4():

@@ -130,6 +130,9 @@ def pictures(out: Path, chosen: Sequence[CaptionedPicture]) -> Iterator[str]:
     """Those of the pictures that there are, as HTML."""
     for picture in chosen:
         for path in sorted(out.glob(picture.pattern)):
-            address = inline_picture(decode_picture(path, read_bytes(path)))
+            pixels = decode_picture(path, read_bytes(path))
+            # Plots have a fourth channel, opacity, and are opaque.
+            colours = pixels[:, :, :3] if pixels.ndim == 3 else pixels
+            address = inline_picture(colours)
             caption = picture.caption.format(name=path.stem)
             yield figure(f'<img alt="" src="{address}">', caption)
