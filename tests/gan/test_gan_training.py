@@ -153,7 +153,7 @@ def test_nan_stops_with_the_last_good_state_kept(tmp_path, images, monkeypatch):
 
 
 def test_a_rate_far_too_large_diverges_with_an_error(tmp_path, images):
-    optimiser = OptimiserConfig(learning_rate=1e30)
+    optimiser = OptimiserConfig(learning_rate=1e9)
     config = dataclasses.replace(RESIDUAL, optimiser=optimiser, stages=(Stage(32, 10.0, 2),))
     with pytest.raises(TrainingDivergedError, match="nothing was kept"):
         train_translator(images, tmp_path / "run", config, CPU, QUIET)
