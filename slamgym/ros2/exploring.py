@@ -1,7 +1,6 @@
 """The explorers as a node: a drop-in for explore_lite on anybody's map, driving itself or by another navigation."""
 
 import functools
-import threading
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -20,19 +19,17 @@ from slamgym.core.types import OccupancyGrid as Grid
 from slamgym.interop import write_ros_map
 from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import pose_of, stamp_of
-from slamgym.planning.navigator import STOP
 from slamgym.planning.promise import split_promise
+from slamgym.ros2.driving import Driver
 from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.frames import POSES_END, RobotFrames, ScanSync
-from slamgym.ros2.goals import GoalSender
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.mapping import draw_saved_map
 from slamgym.ros2.node import SENSOR, RosNode
-from slamgym.ros2.orders import DriveOrder
 from slamgym.ros2.parameters import ExploreParameters
 from slamgym.ros2.stamps import CLOCK_JUMP
-from slamgym.ros2.topics import KeptTopic, VelocityTopic, listen_to_odometry, listen_to_scans
+from slamgym.ros2.topics import KeptTopic, listen_to_odometry, listen_to_scans
 from slamgym.ros2.viewing import Display
 
 try:
@@ -42,8 +39,6 @@ except ImportError:  # no wheel has it: it comes with a ROS installation
 
 POSE_WAIT = 0.3
 """A step waits so long for the mapper's pose at its scan [s], if the mapper gives poses; then the last one serves."""
-STANDING = ExplorationState.PAUSED, ExplorationState.DONE
-"""In these a robot is told once to stay still, and others may drive it then."""
 STOP_AFTER = 1.0
 """Without a scan for so long the robot is stopped; another navigation drives without scans [s]."""
 
@@ -95,13 +90,8 @@ class ExploreNode(RosNode):
         self._stamp = 0.0
         self._stepped_at = time.monotonic()
         self._is_saved = False
-        self._is_moving = True
-        self._is_halted = False
-        self._driving = threading.Lock()  # held while an order is sent to the robot
         self.worker.most_pending = 1  # an older scan is of no use to a robot that drives
-        self._goals = GoalSender(self, self._end_goal) if names.drive == "goals" else None
-        if self._goals is None:
-            self._velocity = VelocityTopic(self)
+        self._driver = Driver(self, names, self._end_goal)
         self._display = Display(self, names)
         self._listen()
         self.serve("start", self._start, at_once=True)
@@ -112,7 +102,7 @@ class ExploreNode(RosNode):
     def _listen(self) -> None:
         self.need("odom")
         self.need("map")
-        if self._goals is None:
+        if self._options.drive == "wheels":
             self.need("scan")
         KeptTopic(self, OccupancyGrid, "map", self._take_map)
         if OccupancyGridUpdate:
@@ -160,9 +150,7 @@ class ExploreNode(RosNode):
             self._go()
         if now - self._stepped_at > STOP_AFTER:
             self._stepped_at = now
-            if self._goals is None and self._is_moving:
-                with self._driving:
-                    self._stand()  # the worker may be busy
+            self._driver.rest()  # the worker may be busy
             self.worker.put(functools.partial(self._step, None))
 
     def _switch(self, message: Any) -> None:
@@ -173,7 +161,7 @@ class ExploreNode(RosNode):
             self._stop()
 
     def _start(self) -> str:
-        self._is_halted = False
+        self._driver.release()
         self.worker.order(self._exploration.resume)
         return "exploring"
 
@@ -183,22 +171,13 @@ class ExploreNode(RosNode):
         return "the robot stands"
 
     def _return_to_start(self) -> str:
-        self._is_halted = False
+        self._driver.release()
         self.worker.order(self._exploration.return_to_start)
         return "returning to the start"
 
     def halt(self) -> None:
         """Stop the robot at once; what is being computed now doesn't drive it any more."""
-        with self._driving:
-            self._is_halted = True
-            self._stand()
-
-    def _stand(self) -> None:
-        """Have the robot stand."""
-        if self._goals is not None:
-            self._goals.halt()
-        else:
-            self._velocity.send(STOP, self.header(self._stamp, self._options.base_frame))
+        self._driver.halt()
 
     def _end_goal(self, number: int, reached: bool) -> None:
         self.worker.order(functools.partial(self._exploration.goal_ended, number, reached))
@@ -274,23 +253,7 @@ class ExploreNode(RosNode):
     def _act(self, pose: Pose2D | None, scan: LaserScan | None) -> None:
         """Ask what is to be done now, and send it, unless the robot was stopped meanwhile."""
         order = self._exploration.step(pose, scan, self._stamp)
-        with self._driving:
-            if not self._is_halted:
-                self._send(order, pose)
-            elif self._goals is None and self._is_moving:
-                self._stand()
-            self._is_moving = order.twist != STOP and not self._is_halted
-
-    def _send(self, order: DriveOrder, pose: Pose2D | None) -> None:
-        """Send an order."""
-        if self._goals is not None:
-            header = self.header(self._stamp, self._options.map_frame)
-            self._goals.send(order.number, order.goal, pose, header)
-            return
-        is_needed = self._is_moving or order.twist != STOP
-        if is_needed or self._exploration.state not in STANDING:
-            header = self.header(self._stamp, self._options.base_frame)
-            self._velocity.send(order.twist, header)
+        self._driver.send(order, pose, self._exploration.state, self._stamp)
 
     def _finish(self) -> None:
         """Save the map, and begin its drawing."""

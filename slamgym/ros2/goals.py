@@ -19,6 +19,8 @@ except ImportError:  # no wheel has it: it comes with Nav2
 
 SUCCEEDED = 4
 """Status of a goal that was reached (action_msgs/GoalStatus)."""
+GoalEnd = Callable[[int, bool], None]
+"""Takes a goal's number, and true if it was reached."""
 _NO_NUMBER = -1
 """No goal has this number."""
 
@@ -31,7 +33,7 @@ class GoalSender:
         ended: Called with the goal's number, and true if it was reached.
     """
 
-    def __init__(self, node: RosNode, ended: Callable[[int, bool], None]) -> None:
+    def __init__(self, node: RosNode, ended: GoalEnd) -> None:
         self._node = node
         self._ended = ended
         self._action = None

@@ -14,10 +14,10 @@ LEAST_SECONDS = 0.5
 """Shorter repetitions are those of a driver that publishes faster than its laser turns [s]."""
 LEAST_REPEATS = 3
 """So many scans must be the same as one before: some logs hold each scan twice."""
-MOVED_METRES = 0.1
+OTHER_VIEW_METRES = 0.1
 """A robot that drives so far meanwhile sees something else [m]: the readings of a good laser have noise at rest, too,
 but those of a simulated one may have none."""
-MOVED_RADIANS = 0.1
+OTHER_VIEW_RADIANS = 0.1
 """The same of a turn [rad]."""
 LONG_GAP = 10.0
 """A gap between scans is so many times as long as in half of the log."""
@@ -29,7 +29,7 @@ GAP_RADIANS = 1.0
 """Or it turns so far [rad]."""
 OTHER_SCALE = 1.15
 """From one scan to the next all readings become so many times as long or short where a laser's unit changes."""
-ALIKE = 0.06
+SCALE_SPREAD = 0.06
 """The readings' own factors are within this share of it, in half of the beams."""
 MIRRORED_SHARE = 0.2
 """The readings of a mirrored scan differ from those of the beams on the other side before by less than this share of
@@ -67,7 +67,9 @@ class Repetition:
             return False
         self.count += 1
         step = between(self._odometry, odometry)
-        has_moved = np.hypot(step.x, step.y) > MOVED_METRES or abs(step.theta) > MOVED_RADIANS
+        has_moved = (
+            np.hypot(step.x, step.y) > OTHER_VIEW_METRES or abs(step.theta) > OTHER_VIEW_RADIANS
+        )
         is_long = self.count >= LEAST_REPEATS and stamp - self._stamp >= LEAST_SECONDS
         is_seeing = np.count_nonzero(np.isfinite(ranges)) >= FEWEST_READINGS
         return bool(has_moved and is_long and is_seeing)
@@ -152,11 +154,11 @@ def _change_of_scan(before: LogRecord, after: LogRecord) -> str:
     step = between(before.odometry, after.odometry)
     moved = float(np.hypot(step.x, step.y))
     changed = float(np.median(np.abs(new[both] - old[both])))
-    if changed < max(CHANGED_METRES, 2.0 * moved) or abs(step.theta) > MOVED_RADIANS:
+    if changed < max(CHANGED_METRES, 2.0 * moved) or abs(step.theta) > OTHER_VIEW_RADIANS:
         return ""
     factors = new[both] / old[both]
     factor = float(np.median(factors))
-    is_alike = np.median(np.abs(factors / factor - 1.0)) < ALIKE
+    is_alike = np.median(np.abs(factors / factor - 1.0)) < SCALE_SPREAD
     if is_alike and not 1.0 / OTHER_SCALE < factor < OTHER_SCALE:
         return f"all readings become {factor:.1f} times as long"
     opposite = old[::-1]
@@ -188,7 +190,9 @@ def blind_scans(log: Log) -> BoolArray:
         before = log.records[max(begin - 1, 0)]
         last = log.records[end - 1]
         step = between(before.odometry, last.odometry)
-        has_moved = np.hypot(step.x, step.y) > MOVED_METRES or abs(step.theta) > MOVED_RADIANS
+        has_moved = (
+            np.hypot(step.x, step.y) > OTHER_VIEW_METRES or abs(step.theta) > OTHER_VIEW_RADIANS
+        )
         is_long = last.stamp - before.stamp > LEAST_SECONDS
         blind[begin:end] = is_long and (has_moved or not log.has_odometry)
     return blind

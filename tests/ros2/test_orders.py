@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 from ros_stand_ins import Message, odometry, pose_on_map, scan
 from test_explore_node import begin, is_zero, look, map_message, room, with_navigation
 
-from slamgym.ros2.node import MOST_PENDING, Worker
+from slamgym.ros2.worker import MOST_PENDING, Worker
 
 
 class Blocked:
@@ -124,8 +124,10 @@ def test_goals_and_their_results_are_not_dropped(desk, monkeypatch):
     robot.map().sense(3)
     assert len(navigation.goals) == 1
     blocked = Blocked(desk, robot, monkeypatch)
-    robot.node._goals._take_result(
-        1, robot.node._goals._handle, SimpleNamespace(result=lambda: SimpleNamespace(status=4))
+    robot.node._driver._goals._take_result(
+        1,
+        robot.node._driver._goals._handle,
+        SimpleNamespace(result=lambda: SimpleNamespace(status=4)),
     )
     for _ in range(3 * MOST_PENDING):
         blocked.scan()

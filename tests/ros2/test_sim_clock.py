@@ -26,8 +26,8 @@ class Still(SimNode):
 
 def make(desk, monkeypatch, *others):
     """A simulator, and simulators of other names whose clocks are on the topic."""
-    monkeypatch.setattr("slamgym.ros2.sim_clock.SEARCH", 0.01)
-    monkeypatch.setattr("slamgym.ros2.sim_clock.STILL", 0.01)
+    monkeypatch.setattr("slamgym.ros2.sim_clock.LISTENING_TIME", 0.01)
+    monkeypatch.setattr("slamgym.ros2.sim_clock.STILL_TIME", 0.01)
     node = desk.make(Still, SimParameters(seed=2, speed=0.0), ExploreConfig())
     ends = [SimpleNamespace(node_namespace="/", node_name=name) for name in others]
     node.get_publishers_info_by_topic = lambda topic: ends if topic == "/clock" else []
