@@ -260,9 +260,11 @@ def onto_faces(gaps: Sequence[Gap], floor: MultiPolygon) -> list[Gap]:
         return []
     fitted = _nearest_on_faces(np.array(ends).reshape(-1, 2), floor).reshape(-1, 2, 2)
     moved = []
-    for gap, (start, end) in zip(gaps, fitted.tolist(), strict=True):
+    for gap, ((start_x, start_y), (end_x, end_y)) in zip(gaps, fitted.tolist(), strict=True):
+        start = (start_x, start_y)
+        end = (end_x, end_y)
         has_length = start != end
-        moved.append(replace(gap, start=tuple(start), end=tuple(end)) if has_length else gap)
+        moved.append(replace(gap, start=start, end=end) if has_length else gap)
     return moved
 
 
@@ -270,12 +272,11 @@ def _nearest_on_faces(ends: FloatArray, floor: MultiPolygon) -> FloatArray:
     """The corners at points (N, 2), or else the nearest places on faces; points far from both stay."""
     edges = ring_segments(shapely.get_rings(polygon_parts(floor))).reshape(-1, 2, 2)
     fitted = ends.copy()
-    for shapes, most in (
-        (shapely.linestrings(edges), FITTED),
-        (shapely.points(edges[:, 0]), AT_JAMB),
-    ):
-        points = shapely.points(ends)
-        tree = shapely.STRtree(np.asarray(shapes))
+    faces = np.asarray(shapely.linestrings(edges))
+    corners = np.asarray(shapely.points(edges[:, 0]))
+    points = np.asarray(shapely.points(ends))
+    for shapes, most in ((faces, FITTED), (corners, AT_JAMB)):
+        tree = shapely.STRtree(shapes)
         end, found = tree.query_nearest(points, max_distance=most, all_matches=False)
         lines = shapely.shortest_line(tree.geometries[found], points[end])
         fitted[end] = shapely.get_coordinates(lines).reshape(-1, 2, 2)[:, 0]

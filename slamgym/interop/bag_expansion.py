@@ -48,8 +48,8 @@ class Expansion:
             InputFileError: If it is too large.
         """
         if path.is_dir():
-            for file in sorted(path.glob("*.zstd")):
-                check_expansion(file, self._zstd.open)
+            for storage in sorted(path.glob("*.zstd")):
+                check_expansion(storage, self._zstd.open)
         elif path.suffix == ".mcap":
             with open_regular(path) as file:
                 for compression, data in _mcap_chunks(file):
