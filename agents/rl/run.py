@@ -1,7 +1,7 @@
 """The frame of every training run: its folder, checkpoints, log and validation, and going on after an interruption.
 
 Main path: :func:`learn_policy` saves the settings, draws the plans, lets a :class:`PolicyLearner` make environments and
-network (or takes up a checkpoint), and learns to the end. Loading a checkpoint executes no pickle.
+network (or takes up a checkpoint), and learns to the end. A checkpoint is no pickle.
 """
 
 import csv
@@ -9,7 +9,6 @@ import dataclasses
 import io
 import json
 import math
-import pickle
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -23,18 +22,15 @@ from stable_baselines3.common.logger import configure
 
 from slamgym import __version__
 from slamgym.agents.plan_splits import draw_plans
+from slamgym.agents.rl.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
 from slamgym.agents.rl.train_config import BEST, FIXED_PPO, POLICY, RunConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.documents import read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.files import append_line, own_folder, read_text, staged, write_text
-from slamgym.core.limits import WEIGHT_BYTES
+from slamgym.core.files import append_line, own_folder, read_text, write_text
 from slamgym.core.progress import Advance, say, show_progress
-from slamgym.core.streams import check_zip
 
-CHECKPOINT = "checkpoint.pt"
-"""Name of the checkpoint in the folder of a run."""
 CONFIG = "config.json"
 """Name of the settings of a run ..."""
 VALIDATION = "validation.csv"
@@ -44,18 +40,6 @@ _MAY_CHANGE = ("steps", "workers")
 """Settings that may change when a run continues."""
 _CHECKPOINTS = 200
 """So many checkpoints are written in a run, one after an update at most: one takes some hundredths of a second."""
-_DAMAGES = (
-    OSError,
-    RuntimeError,
-    LookupError,
-    TypeError,
-    ValueError,
-    EOFError,
-    AttributeError,
-    pickle.PickleError,
-)
-"""Errors from reading a checkpoint that is cut off or belongs to another network."""
-
 ConfigT = TypeVar("ConfigT", bound=RunConfig)
 
 
@@ -120,19 +104,21 @@ def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
     Args:
         learner: What is learned.
         out: Folder of the run: ``config.json``, ``log`` (CSV and TensorBoard events), ``validation.csv``,
-            ``checkpoint.pt``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
+            ``checkpoint.safetensors``, ``policy.safetensors`` and, by validation, ``best.safetensors``.
 
     Returns:
         The learner.
 
     Raises:
-        ConfigError: If the folder holds a run with other settings, or a setting makes no sense.
+        ConfigError: If the folder holds a run with other settings or of an older version, or a setting makes no sense.
         InputFileError: If plans or the checkpoint can't be read.
     """
     config = learner.config
     unit = learner.unit
     torch.set_num_threads(1)
     _refuse_other_run(config, out)
+    if (out / "checkpoint.pt").is_file():
+        raise ConfigError(f"{out} holds a run of an older version; train in another folder")
     plans = draw_plans(config.plans, "train", config.plan_count, config.seed, config.largest_area)
     settings = {"version": __version__, **to_dict(config)}
     write_text(out / CONFIG, json.dumps(settings, indent=2) + "\n")
@@ -283,56 +269,3 @@ def _append(path: Path, row: Mapping[str, float]) -> None:
         writer.writeheader()
     writer.writerow(row)
     append_line(path, text.getvalue())
-
-
-def save_checkpoint(folder: Path, model: Any) -> None:
-    """Save what a run needs to go on: weights, optimiser, steps, and what normalises its observations.
-
-    Args:
-        folder: Of the run.
-        model: The learner.
-    """
-    state = {"steps": model.num_timesteps, "updates": model._n_updates}
-    state |= model.get_parameters()
-    for name, statistics in _statistics(model).items():
-        state[name] = {
-            "mean": torch.as_tensor(statistics.mean),
-            "var": torch.as_tensor(statistics.var),
-            "count": torch.as_tensor(statistics.count),
-        }
-    with staged(folder / CHECKPOINT) as part:
-        torch.save(state, part)
-
-
-def load_checkpoint(folder: Path, model: Any) -> None:
-    """Continue a run in a fresh learner of the same configuration.
-
-    Args:
-        folder: Of the run.
-        model: Its counters, weights and optimiser are replaced.
-
-    Raises:
-        InputFileError: If the file is damaged or belongs to another network.
-    """
-    path = folder / CHECKPOINT
-    try:
-        check_zip(path, WEIGHT_BYTES)
-        state = torch.load(path, map_location="cpu", weights_only=True)
-        model.set_parameters({name: state[name] for name in model.get_parameters()})
-        for name, statistics in _statistics(model).items():
-            statistics.mean = state[name]["mean"].numpy()
-            statistics.var = state[name]["var"].numpy()
-            statistics.count = state[name]["count"].numpy()
-        model.num_timesteps = int(state["steps"])
-        model._n_updates = int(state["updates"])
-    except _DAMAGES as error:
-        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise InputFileError(
-            path, f"is no checkpoint of this run ({reason}); delete it to begin again"
-        ) from None
-
-
-def _statistics(model: Any) -> dict[str, Any]:
-    """Statistics that normalise observations and rewards, where the environments do that."""
-    envs = model.get_vec_normalize_env()
-    return {} if envs is None else {"observations": envs.obs_rms, "returns": envs.ret_rms}

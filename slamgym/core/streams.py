@@ -5,10 +5,8 @@ import contextlib
 import gzip
 import io
 import lzma
-import struct
 import urllib.error
 import urllib.request
-import zipfile
 import zlib
 from collections.abc import Callable, Iterator
 from http import HTTPStatus
@@ -16,9 +14,9 @@ from http.client import HTTPException, InvalidURL
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from slamgym.core.errors import InputFileError, SlamgymError
+from slamgym.core.errors import SlamgymError
 from slamgym.core.files import open_regular, staged
-from slamgym.core.limits import EXPANSION, EXPANSION_FROM, FILE_BYTES, Limit
+from slamgym.core.limits import EXPANSION, EXPANSION_FROM, FILE_BYTES
 
 _OPENERS = {b"\x1f\x8b": gzip.open, b"\xfd7": lzma.open, b"BZ": bz2.open}
 """What opens a compressed file, by its first two bytes."""
@@ -33,10 +31,6 @@ _TIMEOUT = 30.0
 
 DAMAGED = (EOFError, lzma.LZMAError, zlib.error, gzip.BadGzipFile)
 """Errors that reading damaged compressed data raises."""
-DAMAGED_ZIP = (
-    EOFError, KeyError, ValueError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, struct.error,
-)  # fmt: skip
-"""Errors that reading a damaged zip archive raises, and numpy's files of several arrays are such."""
 
 
 class _Expanded(io.RawIOBase):
@@ -71,21 +65,6 @@ class _Expanded(io.RawIOBase):
             EXPANSION.check(self._path, self._expanded // max(self._raw.tell(), 1))
         buffer[: len(chunk)] = chunk
         return len(chunk)
-
-
-def check_zip(path: Path | str, limit: Limit) -> None:
-    """Refuse a zip archive whose entries say that they expand to more than a limit; other files pass.
-
-    Raises:
-        InputFileError: If it can't be read, is no regular file or damaged, or is or becomes too large.
-    """
-    with open_regular(path, limit) as file:
-        if zipfile.is_zipfile(file):
-            try:
-                with zipfile.ZipFile(file) as archive:
-                    limit.check(path, sum(entry.file_size for entry in archive.infolist()))
-            except DAMAGED_ZIP as error:
-                raise InputFileError(path, f"is a damaged archive ({error})") from None
 
 
 @contextlib.contextmanager

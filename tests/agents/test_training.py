@@ -13,6 +13,8 @@ from slamgym.core.errors import ConfigError, InputFileError
 torch = pytest.importorskip("torch")
 pytest.importorskip("stable_baselines3")
 
+from safetensors.torch import load_file  # noqa: E402
+
 from slamgym.agents.pretrained_policy import read_policy  # noqa: E402
 from slamgym.agents.rl.run import PPO, read_validation  # noqa: E402
 from slamgym.agents.rl.train import train  # noqa: E402
@@ -64,7 +66,7 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, capsys):
     assert "validation at step 24: time_95 " in capsys.readouterr().err
     for name in (
         "config.json",
-        "checkpoint.pt",
+        "checkpoint.safetensors",
         "policy.safetensors",
         "policy.json",
         "validation.csv",
@@ -79,9 +81,21 @@ def test_a_run_is_saved_and_goes_on_where_it_stopped(tmp_path, capsys):
     assert again.policy.optimizer.state_dict()["state"]
     with pytest.raises(ConfigError, match="holds a run with seed = 0"):
         train(dataclasses.replace(half, seed=1), tmp_path)
-    (tmp_path / "checkpoint.pt").write_bytes(b"not a checkpoint")
+    (tmp_path / "checkpoint.safetensors").write_bytes(b"not a checkpoint")
     with pytest.raises(InputFileError, match="checkpoint"):
         train(half, tmp_path)
+    (tmp_path / "checkpoint.pt").touch()
+    with pytest.raises(ConfigError, match="holds a run of an older version"):
+        train(half, tmp_path)
+
+
+def test_a_checkpoint_gives_the_learner_back_and_is_no_pickle(tmp_path):
+    model = train(TINY, tmp_path)
+    path = tmp_path / "checkpoint.safetensors"
+    assert load_file(path)
+    again = train(dataclasses.replace(TINY, workers=1), tmp_path)
+    for name, state in model.get_parameters().items():
+        torch.testing.assert_close(again.get_parameters()[name], state, rtol=0.0, atol=0.0)
 
 
 def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeypatch):

@@ -115,7 +115,7 @@ def test_a_run_is_validated_saved_and_goes_on(tmp_path):
     assert model.num_timesteps == 48
     for name in (
         "config.json",
-        "checkpoint.pt",
+        "checkpoint.safetensors",
         "policy.safetensors",
         "best.safetensors",
         "validation.csv",
