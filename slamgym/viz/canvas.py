@@ -13,7 +13,7 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import write_bytes
 from slamgym.core.text import printable
-from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame
+from slamgym.core.types import FREE, OCCUPIED, ByteArray, FloatArray, GridFrame, Int32Array
 
 Colour = tuple[int, int, int]
 
@@ -127,11 +127,10 @@ def round_length(metres: float) -> float:
     return power
 
 
-def fixed_point(pixels: FloatArray) -> np.ndarray[tuple[int, int], np.dtype[np.int32]]:
+def fixed_point(pixels: FloatArray) -> Int32Array:
     """Pixels (column, row), shape (N, 2), as OpenCV's drawing takes them with ``shift=SHIFT``."""
     drawable = np.clip(pixels, -1e6, 1e6)
-    steps = 1 << SHIFT
-    fixed = np.rint(drawable * steps)
+    fixed = np.rint(drawable * (1 << SHIFT))
     return fixed.astype(np.int32)
 
 
@@ -187,8 +186,7 @@ def rescaled(picture: ByteArray, factor: float) -> ByteArray:
 def fitted(picture: ByteArray, side: int) -> ByteArray:
     """A grey or RGB picture, scaled to fit a square of so many pixels; RGB."""
     if picture.ndim == 2:
-        grey = picture[:, :, None]
-        picture = np.repeat(grey, 3, axis=2)
+        picture = np.dstack([picture] * 3)
     longer = max(picture.shape[:2])
     return rescaled(picture, side / longer)
 

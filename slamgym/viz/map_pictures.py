@@ -206,11 +206,11 @@ class GrowingView:
         left = round((grid_left - min_x) * scale)
         top = round((max_y - grid_top) * scale)
         colours = colour_cells(grid.cells)
-        cells = rescaled(colours, scale * grid.frame.resolution)
+        cell_px = scale * frame.resolution
+        cells = rescaled(colours, cell_px)
         view_channels = np.moveaxis(view, 2, 0)
         cell_channels = np.moveaxis(cells, 2, 0)
         paste(view_channels, cell_channels, -top, -left)
-        cell_px = scale * frame.resolution
         for path in paths[1:]:
             pixels = frame_pixels(path, frame, cell_px)
             draw_lines(view, [fixed_point(pixels)], PARTICLE, 1)

@@ -180,8 +180,7 @@ class Recording:
         self._lines("belief/way", way, _CHOSEN)
 
     def _figure(self, name: str, value: float) -> None:
-        scalar = self._rerun.Scalars(value)
-        self._stream.log(f"figures/{name}", scalar)
+        self._stream.log(f"figures/{name}", self._rerun.Scalars(value))
 
     def _lines(
         self, name: str, strips: Sequence[FloatArray] | FloatArray, colour: Colour | ByteArray
