@@ -16,6 +16,7 @@ from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
 from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.bag_expansion import Expansion
+from slamgym.interop.bag_repair import bag_fault
 from slamgym.interop.odometry import merged_track, without_jumps
 from slamgym.interop.ranges import range_limit
 from slamgym.interop.records import (
@@ -48,23 +49,6 @@ ODOMETRY_GAP = 0.5
 """A scan further from the nearest odometry message than this is left out [s]."""
 NO_ODOMETRY = "none"
 """Given as the odometry's topic: only the scans are read."""
-
-REPAIRS = {
-    ".bag": "rosbag reindex FILE (ROS 1)",
-    ".mcap": "mcap recover FILE -o WHOLE.mcap (https://mcap.dev/guides/cli)",
-    ".db3": "sqlite3 FILE .recover | sqlite3 WHOLE.db3, then name WHOLE.db3",
-}
-"""Commands that keep what is whole of a bag whose recording was cut off, by its kind."""
-CUT_OFF = (
-    "not indexed",
-    "index looks damaged",
-    "magic",
-    "Truncated",
-    "footer",
-    "malformed",
-    "not a database",
-)
-"""Parts of the library's sentences about such bags."""
 
 
 class BagChoices(NamedTuple):
@@ -200,7 +184,7 @@ def _read_contents(contents: _Contents) -> None:
         raise
     except Exception as error:  # on a damaged file the library may raise any exception
         if not contents.scans:
-            raise InputFileError(path, _fault_of(path, error)) from error
+            raise InputFileError(path, bag_fault(path, error)) from error
         warnings.add("damage in the bag, the rest of which is lost", path)
     if not contents.scans:
         raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
@@ -224,18 +208,6 @@ def _read_messages(contents: _Contents, reader: Any, expansion: Expansion) -> No
                 fault = str(error)
             contents.warnings.add(fault, f"{contents.path} at {stamp_ns} ns")
         SCANS.check(connection.topic, len(contents.scans))
-
-
-def _fault_of(path: Path, error: Exception) -> str:
-    """What is wrong with a bag that the library can't open, and what repairs it where it was cut off."""
-    reason = " ".join(str(error).split()) or type(error).__name__
-    fault = f"is not a readable ROS bag ({reason[:200]})"
-    files = sorted(path.iterdir()) if path.is_dir() else [path]
-    repairs = [REPAIRS[file.suffix] for file in files if file.suffix in REPAIRS]
-    is_cut_off = any(sign in reason for sign in CUT_OFF)
-    return (
-        f"{fault}; if the recording was cut off: {repairs[0]}" if repairs and is_cut_off else fault
-    )
 
 
 def _bag_path(path: Path) -> Path:
