@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 import tyro
 from numpy.typing import NDArray
-from sklearn.ensemble import ExtraTreesClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import roc_auc_score
 
@@ -37,6 +36,8 @@ from slamgym.core.types import FREE, BoolArray, ByteArray, FloatArray, Trajector
 from slamgym.dataset.curate.cleaning import CleanConfig
 from slamgym.dataset.curate.completeness import FEATURES, completeness_features
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel, scaled
+from slamgym.dataset.curate.completeness_trees import grow_trees
+from slamgym.dataset.curate.paper_features import paper_features
 from slamgym.dataset.faults import STUCK_PATH
 from slamgym.dataset.format import Layout, load_pair, read_manifest
 from slamgym.dataset.generate.recipe import MIXTURE, apply_conditions
@@ -46,7 +47,6 @@ from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
-from dataset.paper_features import paper_features
 from report import print_and_save
 
 MINUTES = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
@@ -233,11 +233,7 @@ def by_regression(known: Maps, others: Maps) -> FloatArray:
 
 
 def by_trees(known: Maps, others: Maps) -> FloatArray:
-    """Geurts, Ernst and Wehenkel, Extremely randomized trees, Machine Learning 2006."""
-    trees = ExtraTreesClassifier(
-        n_estimators=100, min_samples_leaf=4, max_features=8, random_state=0
-    )
-    return np.asarray(trees.fit(known.paper, known.complete).predict_proba(others.paper)[:, 1])
+    return grow_trees(known.paper, known.complete, others.paper, seed=0)
 
 
 def fit(maps: Maps) -> CompletenessModel:

@@ -15,6 +15,7 @@ MapFaultKind = Literal[
 _ENDINGS = {
     "explored": "the explorer saw nothing left that it could reach",
     "time_limit": "time limit",
+    "stuck": "the map stood still",
     "coverage": "coverage goal",
 }
 _WORDS: dict[MapFaultKind, tuple[str, str]] = {

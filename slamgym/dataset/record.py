@@ -182,7 +182,7 @@ class PairRecord(ManifestLine):
     """Settings of the exploration by name (:mod:`slamgym.dataset.generate.recipe`): the usual ones and all that
     vary within the dataset."""
     finished: str
-    """Why the exploration ended: ``explored``, ``coverage``, ``time_limit``, ..."""
+    """Why the exploration ended: ``explored``, ``stuck``, ``time_limit``, ..."""
     coverage: Share
     """Share of the reachable floor that was truly seen, 0 to 1."""
     robot_seconds: Measured

@@ -17,6 +17,7 @@ from slamgym.core.types import (
     Trajectory,
 )
 from slamgym.envs import EpisodeLog, ExploreConfig, ExploreEnv
+from slamgym.envs.stuck import StuckWatch
 from slamgym.interop import LogRecord
 from slamgym.planning import ExplorerContext
 
@@ -57,6 +58,9 @@ class EpisodeConfig(Settings):
     """Name of the explorer."""
     minutes: Literal["auto"] | Positive = "auto"
     """Limit of robot time [min]; ``auto`` grows with the floor area (:func:`time_limit`). The paper has 7."""
+    stuck_after: Positive | None = None
+    """An exploration ends where the ratio of black to white of its map has stood still for so long, the paper's rule
+    for a robot that is stuck [min]; None lets it go on (:func:`~slamgym.envs.stuck.is_stuck`)."""
     turn_deg: Annotated[float, Within(ge=-180.0, le=180.0)] = 0.0
     """The building is turned by this first: people's maps lie as the robot stood when it was switched on [deg]."""
     env: ExploreConfig = field(default_factory=ExploreConfig)
@@ -81,7 +85,7 @@ class Episode:
     final_estimate: Pose2D  # where the robot believes to be at the end
     geometry: LaserGeometry
     log: EpisodeLog
-    finished: str  # "explored" or "time_limit"
+    finished: str  # "explored", "stuck" or "time_limit"
     time_limit: float  # [s]
     coverage: float  # share of the reachable floor that was truly seen
     collisions: int  # contacts begun
@@ -146,7 +150,7 @@ def episode_steps(
 def run_episode(
     plan: FloorPlan, seed: int, config: EpisodeConfig, make_explorer: MakeExplorer
 ) -> Episode:
-    """Let an explorer map a building until it says that it is done or the time is up.
+    """Let an explorer map a building until it says that it is done, it is stuck or the time is up.
 
     Args:
         plan: The building.
@@ -161,8 +165,12 @@ def run_episode(
     plan = plan.turned(config.turn_deg)
     env = ExploreEnv(plan, fitted_env(plan, config.env, config.minutes))
     explorer = make_explorer(config.explorer, env.explorer_context(), seed)
+    watch = StuckWatch(60.0 * config.stuck_after) if config.stuck_after else None
     for info in episode_steps(env, explorer, env.reset(seed=seed, options={"plan": plan})):
         outcome = info
+        if watch and watch.look(env):
+            break
+    ending = "stuck" if watch and watch.is_stuck else "time_limit"
     log = env.log
     assert log is not None, "EpisodeConfig has the environment keep a log"
     return Episode(
@@ -176,7 +184,7 @@ def run_episode(
         final_estimate=env.mapper.pose,
         geometry=env.simulation.scan.geometry,
         log=log,
-        finished="explored" if explorer.finished else "time_limit",
+        finished="explored" if explorer.finished else ending,
         time_limit=time_limit(plan, config.minutes),
         coverage=outcome["coverage"],
         collisions=outcome["collisions"],

@@ -14,7 +14,7 @@ from slamgym.commands.frame import Out
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, CountOrZero
 from slamgym.core.documents import read_json
-from slamgym.core.errors import InputFileError
+from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import exclusive_lock, write_text
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import counted, say, tell
@@ -43,8 +43,8 @@ class CleanArguments(Arguments):
     workers: CountOrZero = 0
     """Processes that look at the maps; 0 takes one per core."""
     settings: AllSettings = SettingsOptions()
-    """Who decides where the truth is known (``by=classifier``), when a map is good by it (``criteria``), and which
-    probabilities go to a person (``band``)."""
+    """Who decides where the truth is known (``by=classifier``, ``by=trees``), when a map is good by it (``criteria``),
+    and which probabilities go to a person (``band``)."""
 
 
 def main(arguments: CleanArguments) -> None:
@@ -56,6 +56,8 @@ def main(arguments: CleanArguments) -> None:
 
     root = arguments.dataset
     config = arguments.settings.configured(CleanConfig(), {})
+    if arguments.model and config.by == "trees":
+        raise ConfigError("by=trees learns from the pairs themselves; leave out --model")
     # Folders of maps from elsewhere have no lock.
     with exclusive_lock(Layout(root).lock) if is_dataset(root) else contextlib.nullcontext():
         items = open_items(root)

@@ -10,15 +10,17 @@ from typing import Any, Literal
 import numpy as np
 
 from slamgym import __version__
-from slamgym.core.config import Settings, Share
+from slamgym.core.config import Counted, Settings, Share
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.files import sha256_of
 from slamgym.core.parallel.engine import run_tasks
 from slamgym.core.progress import show_progress
-from slamgym.core.types import FloatArray, OccupancyGrid
+from slamgym.core.types import ByteArray, FloatArray, OccupancyGrid
 from slamgym.dataset.curate.completeness import completeness_features
 from slamgym.dataset.curate.completeness_model import PRETRAINED_MODEL, CompletenessModel
+from slamgym.dataset.curate.completeness_trees import unseen_probabilities
 from slamgym.dataset.curate.map_items import MapItem
+from slamgym.dataset.curate.paper_features import paper_features
 from slamgym.dataset.curate.review import Decision
 from slamgym.dataset.curate.verdicts import Verdict, write_verdicts
 from slamgym.dataset.faults import Criteria, MapFault, record_faults
@@ -26,6 +28,8 @@ from slamgym.dataset.faults import Criteria, MapFault, record_faults
 _BATCH = 32
 """Maps that a worker looks at before it reports."""
 
+_FeaturesOf = Callable[[ByteArray, float], FloatArray]
+"""From cells and resolution [m/px] to the numbers that a classifier takes."""
 _Seen = FloatArray | str
 """Features of a map, or why it can't be read."""
 
@@ -33,8 +37,11 @@ _Seen = FloatArray | str
 class CleanConfig(Settings):
     """Rules for a verdict."""
 
-    by: Literal["truth", "classifier"] = "truth"
-    """Who decides where the truth is known; without it, the classifier always does."""
+    by: Literal["truth", "classifier", "trees"] = "truth"
+    """Who decides where the truth is known; without it, the classifier always does. ``trees`` is the paper's
+    classifier, which learns from the pairs themselves."""
+    seed: Counted = 0
+    """Of the trees."""
     band: tuple[Share, Share] = (0.4, 0.8)
     """Probabilities from the first up to the second are doubtful and go to a person, as in the paper; until then the
     maps are dropped."""
@@ -50,7 +57,7 @@ class CleanConfig(Settings):
 
 @dataclass(frozen=True)
 class Agreement:
-    """Comparison of the classifier with the true coverage, where that is known."""
+    """Comparison of the classifier, or of the trees, with the true coverage, where that is known."""
 
     count: int
     accuracy: float
@@ -103,30 +110,44 @@ def clean_maps(
         workers: Processes that look at the maps.
 
     Raises:
+        ConfigError: If trees are asked for, and there is too little to learn from or scikit-learn isn't installed.
         InputFileError: If the classifier can't be read.
         StorageError: If the folder can't be written.
     """
-    model = CompletenessModel.read(model_path)
-    seen = _measure(items, workers)
+    model = None if config.by == "trees" else CompletenessModel.read(model_path)
+    seen = _measure(items, completeness_features if model else paper_features, workers)
     readable = [number for number, row in enumerate(seen) if not isinstance(row, str)]
     features = np.array([seen[number] for number in readable], dtype=np.float64)
-    probability = dict(zip(readable, model.probabilities(features).tolist(), strict=True))
+    about: dict[str, Any] = {"model": "extra trees on the pairs themselves"}
+    if model:
+        said = model.probabilities(features)
+        about = {"model": model_path.name, "sha256": sha256_of(model_path), **model.about}
+    else:
+        said = _by_trees([items[number] for number in readable], features, config)
+    probability = dict(zip(readable, said.tolist(), strict=True))
     verdicts = tuple(
         _judge(item, probability.get(number, row), config, decisions)
         for number, (item, row) in enumerate(zip(items, seen, strict=True))
     )
     report = CleanReport(verdicts, _agreement(verdicts, config.band))
-    about = {"model": model_path.name, "sha256": sha256_of(model_path), **model.about}
     write_verdicts(root, verdicts, _summary(report, config, about))
     return report
 
 
-def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
+def _by_trees(items: Sequence[MapItem], features: FloatArray, config: CleanConfig) -> FloatArray:
+    """Probabilities of being complete, by trees that have seen no map of the same plan."""
+    least = config.criteria.min_coverage
+    is_complete = [item.record.coverage >= least if item.record else None for item in items]
+    plans = [item.plan_id for item in items]
+    return unseen_probabilities(features, is_complete, plans, config.seed)
+
+
+def _measure(items: Sequence[MapItem], features_of: _FeaturesOf, workers: int) -> list[_Seen]:
     """Look at every map."""
     seen: list[_Seen] = [""] * len(items)
     starts = range(0, len(items), _BATCH)
     numbered = [(number, item.load) for number, item in enumerate(items)]
-    tasks = [numbered[first : first + _BATCH] for first in starts]
+    tasks = [(features_of, numbered[first : first + _BATCH]) for first in starts]
     with show_progress("maps", 0, len(items)) as advance:
         for rows in run_tasks(_look_at, tasks, workers if len(tasks) > 1 else 1):
             for number, row in rows:
@@ -135,16 +156,19 @@ def _measure(items: Sequence[MapItem], workers: int) -> list[_Seen]:
     return seen
 
 
-def _look_at(task: list[tuple[int, Callable[[], OccupancyGrid]]]) -> list[tuple[int, _Seen]]:
+def _look_at(
+    task: tuple[_FeaturesOf, list[tuple[int, Callable[[], OccupancyGrid]]]],
+) -> list[tuple[int, _Seen]]:
     """Features of some maps, or why one can't be read (in a worker)."""
+    features_of, numbered = task
     rows: list[tuple[int, _Seen]] = []
-    for number, load in task:
+    for number, load in numbered:
         try:
             grid = load()
         except InputFileError as error:
             rows.append((number, str(error)))
         else:
-            rows.append((number, completeness_features(grid.cells, grid.frame.resolution)))
+            rows.append((number, features_of(grid.cells, grid.frame.resolution)))
     return rows
 
 
@@ -171,7 +195,7 @@ def _judge(
         by = "truth"
         faults = record_faults(record, config.criteria)
     else:
-        by = "classifier"
+        by = "trees" if config.by == "trees" else "classifier"
         faults = _by_probability(seen, config.band)
     keep = not faults
     reason = "; ".join(fault.sentence for fault in faults) or "complete"

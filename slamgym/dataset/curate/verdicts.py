@@ -29,7 +29,7 @@ class Verdict:
     reason: str
     """Why: ``complete``, ``coverage 0.81 < 0.95: time limit``, ``dropped by a person``, ..."""
     by: str
-    """Who decided: ``truth``, ``classifier``, ``person``, ``file`` (it can't be read)."""
+    """Who decided: ``truth``, ``classifier``, ``trees``, ``person``, ``file`` (it can't be read)."""
     probability: float | None
     """Probability of being complete, by the classifier; none if the map can't be read."""
     is_doubtful: bool

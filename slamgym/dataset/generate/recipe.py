@@ -59,7 +59,7 @@ from slamgym.sim import name_of_odometry
 
 PARTS = ("robot", "lidar", "odometry", "slam", "clutter")
 """Parts of the environment whose settings bear on a map."""
-EPISODE_SETTINGS = ("explorer", "minutes", "turn_deg")
+EPISODE_SETTINGS = ("explorer", "minutes", "stuck_after", "turn_deg")
 MIXTURE = "recipe"
 """Factor that draws one of several recipes; the factors of each are stored as ``<its name>/<factor>``."""
 
