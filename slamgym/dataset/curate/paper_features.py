@@ -152,7 +152,7 @@ def euler_number(mask: BoolArray) -> int:
     count = above[:, :-1] + above[:, 1:] + below[:, :-1] + below[:, 1:]
     is_diagonal = (count == 2) & (above[:, :-1] == below[:, 1:])
     ones, threes, diagonals = (
-        np.count_nonzero(kind) for kind in (count == 1, count == 3, is_diagonal)
+        int(np.count_nonzero(kind)) for kind in (count == 1, count == 3, is_diagonal)
     )
     return (ones - threes - 2 * diagonals) // 4
 
