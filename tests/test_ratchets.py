@@ -32,7 +32,7 @@ TOKENS: dict[str, int] = {
     "cad": 26490,
     "commands": 27183,
     "core": 17503,
-    "dataset": 27432,
+    "dataset": 29248,
     "drawing": 35539,
     "envs": 29895,
     "gan": 28346,
@@ -65,7 +65,7 @@ MORE_PARAMETERS: dict[str, int] = {}
 MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.agents.evaluation.trial.Trial": 17,
     "slamgym.commands.deforming.arguments.DeformArguments": 19,
-    "slamgym.commands.generate.GenerateArguments": 17,
+    "slamgym.commands.generate.GenerateArguments": 18,
     "slamgym.dataset.record.PairRecord": 28,
     "slamgym.envs.explore_env.ExploreEnv": 18,
     "slamgym.envs.simulation.SimulatedRobot": 17,

@@ -48,10 +48,11 @@ class TestDifferentialDrive:
         assert np.ptp(np.array(ends), axis=0) == pytest.approx(0.0, abs=5e-5)
 
     def test_a_full_circle_returns_to_its_start(self, hall):
-        world = World(hall, RobotConfig(linear_acceleration=1e9, angular_acceleration=1e9))
+        world = World(hall, RobotConfig(linear_acceleration=1e4, angular_acceleration=1e4))
         world.reset(Pose2D(4.0, 2.0, 0.0))
         drive(world, Twist2D(0.25, 0.5), 4 * math.pi, 4 * math.pi / 100)
-        assert world.pose == pytest.approx(Pose2D(4.0, 2.0, 0.0), abs=1e-6)
+        # The ramp to full speed at the highest acceleration takes 50 us, in which the heading falls 13 urad behind.
+        assert tuple(world.pose) == pytest.approx((4.0, 2.0, 0.0), abs=2e-5)
 
     def test_commands_beyond_the_limits_are_cut_off(self, hall):
         world = World(hall, RobotConfig())

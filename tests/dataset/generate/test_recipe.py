@@ -100,7 +100,7 @@ def test_every_known_name_can_be_read():
         ({"explorer": ["a"], "robo.radius": [1]}, "did you mean 'robot.radius'"),
         ({"reward.coverage": [1.0]}, "unknown setting 'reward.coverage'"),
         ({"slam.particles": ["many"]}, "slam.particles must be of type int, not 'many'"),
-        ({"slam.particles": [0]}, "slam.particles must be at least 1, not 0"),
+        ({"slam.particles": [0]}, r"slam.particles must be in \[1, 10000\], not 0"),
         ({"slam.mode": ["rbfp"]}, "not 'rbfp'; did you mean 'rbpf'"),
         ({"odometry": ["hihg"]}, "did you mean 'high'"),
         ({"odometry": [3]}, "must be the name of an error level"),
