@@ -15,7 +15,7 @@ class Within(NamedTuple):
     """Which numbers a setting may be, as in ``Annotated[float, Within(gt=0.0, le=0.5)]``.
 
     Of a tuple they bound each number. Without bounds a number must be finite, and in :class:`Settings` it must be no
-    larger in size than :data:`LARGEST`.
+    larger in size than :data:`~slamgym.core.config.LARGEST`.
     """
 
     ge: float = -math.inf

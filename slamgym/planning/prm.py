@@ -23,8 +23,6 @@ from slamgym.planning.open_tour import nearest_neighbour_tour, two_opt
 
 _NODES_PER_M2 = 4.0
 """Random points over the free space that keeps the clearance [1/m2]: one for each half metre of a corridor."""
-_FEWEST_NODES = 30
-"""So many points are drawn at least, if there are as many cells."""
 _MOST_NODES = 4000
 """So many points are drawn at most: no more than are joined in a second."""
 _NEIGHBOURS = 12

@@ -40,6 +40,13 @@ FEWEST_READINGS = 10
 """A scan with fewer readings, as in an open hall, may well be the same again."""
 
 
+def _has_other_view(step: Pose2D) -> bool:
+    """True if a laser that works sees something else after such a step."""
+    return bool(
+        np.hypot(step.x, step.y) > OTHER_VIEW_METRES or abs(step.theta) > OTHER_VIEW_RADIANS
+    )
+
+
 class Repetition:
     """Notices, scan by scan, that a laser is stuck."""
 
@@ -67,9 +74,7 @@ class Repetition:
             return False
         self.count += 1
         step = between(self._odometry, odometry)
-        has_moved = (
-            np.hypot(step.x, step.y) > OTHER_VIEW_METRES or abs(step.theta) > OTHER_VIEW_RADIANS
-        )
+        has_moved = _has_other_view(step)
         is_long = self.count >= LEAST_REPEATS and stamp - self._stamp >= LEAST_SECONDS
         is_seeing = np.count_nonzero(np.isfinite(ranges)) >= FEWEST_READINGS
         return bool(has_moved and is_long and is_seeing)
@@ -190,9 +195,7 @@ def blind_scans(log: Log) -> BoolArray:
         before = log.records[max(begin - 1, 0)]
         last = log.records[end - 1]
         step = between(before.odometry, last.odometry)
-        has_moved = (
-            np.hypot(step.x, step.y) > OTHER_VIEW_METRES or abs(step.theta) > OTHER_VIEW_RADIANS
-        )
+        has_moved = _has_other_view(step)
         is_long = last.stamp - before.stamp > LEAST_SECONDS
         blind[begin:end] = is_long and (has_moved or not log.has_odometry)
     return blind
