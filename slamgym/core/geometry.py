@@ -55,6 +55,22 @@ def between(a: Pose2D, b: Pose2D) -> Pose2D:
     return Pose2D(cos * dx + sin * dy, -sin * dx + cos * dy, theta)
 
 
+def part_of(motion: Pose2D, share: float) -> Pose2D:
+    """Where a motion at constant speeds has come after a share of its time: a part of its arc.
+
+    Args:
+        motion: The whole, which turns by less than half a turn.
+        share: Of its time; below 0 before it began, above 1 where it goes on.
+    """
+    half = 0.5 * motion[2]
+    shortening = math.sin(share * half) / math.sin(half) if abs(half) > 1e-8 else share
+    back = (share - 1.0) * half
+    cos = shortening * math.cos(back)
+    sin = shortening * math.sin(back)
+    x, y, turn = motion
+    return Pose2D(cos * x - sin * y, sin * x + cos * y, wrap_angle(share * float(turn)))
+
+
 def transform_points(pose: Pose2D, points: FloatArray) -> FloatArray:
     """Express points, shape (..., 2) [m] in the frame of ``pose``, in the parent frame of ``pose``."""
     cos = math.cos(pose[2])

@@ -46,6 +46,8 @@ class LaserGeometry(NamedTuple):
     """Geometry of a scanner's beams, apart from what they measured.
 
     Beam ``i`` points to ``angle_min + i * angle_increment`` in the sensor frame, counter-clockwise.
+    ``time_increment`` is 0 where all beams are measured at once, and negative where a laser that hangs upside down
+    measures the last one first.
     """
 
     num_beams: int
@@ -54,6 +56,17 @@ class LaserGeometry(NamedTuple):
     range_min: float  # [m]
     range_max: float  # [m]
     mount: Pose2D = Pose2D(0.0, 0.0, 0.0)  # sensor in the robot's base frame
+    time_increment: float = 0.0  # from a beam to the next [s]
+
+    @property
+    def scan_time(self) -> float:
+        """Time from the first beam that is measured to the last [s]."""
+        return abs(self.time_increment) * (self.num_beams - 1)
+
+    def taking(self, seconds: float) -> "LaserGeometry":
+        """The same laser with another time from the first beam that is measured to the last [s]."""
+        each = seconds / max(self.num_beams - 1, 1)
+        return self._replace(time_increment=math.copysign(each, self.time_increment))
 
     @property
     def angles(self) -> FloatArray:
@@ -65,13 +78,16 @@ class LaserGeometry(NamedTuple):
 class LaserScan:
     """One sweep of the scanner.
 
-    Ranges follow ROS REP 117: ``+inf`` no return within ``range_max``, ``-inf`` closer than ``range_min``,
-    ``nan`` erroneous.
+    Convention: ``stamp`` is the moment of the beam that is measured first, as in ROS, and the odometry that comes with
+    a scan is of that moment. Ranges follow ROS REP 117: ``+inf`` no return within ``range_max``, ``-inf`` closer than
+    ``range_min``, ``nan`` erroneous.
     """
 
     stamp: float  # [s]
     ranges: Float32Array  # (num_beams,) [m]
     geometry: LaserGeometry
+    motion: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    """Of the robot's base until the last beam, by odometry, seen from where it was at the first."""
 
 
 @dataclass(frozen=True)

@@ -205,7 +205,8 @@ class PathFollower:
 
 @kernel
 def scan_points(
-    ranges: Float32Array, laser: tuple[int, float, float, float, float, tuple[float, float, float]]
+    ranges: Float32Array,
+    laser: tuple[int, float, float, float, float, tuple[float, float, float], float],
 ) -> FloatArray:
     """End points of the beams that hit something, in the robot's frame, shape (N, 2) [m].
 
@@ -216,7 +217,7 @@ def scan_points(
         ranges: The scan, shape (num_beams,) [m].
         laser: A :class:`~slamgym.core.types.LaserGeometry` without names (:func:`slamgym.core.jit.plain`).
     """
-    _, angle_min, angle_increment, range_min, range_max, mount = laser
+    _, angle_min, angle_increment, range_min, range_max, mount, _ = laser
     n = len(ranges)
     points = np.empty((n, 2))
     count = 0

@@ -22,6 +22,7 @@ from slamgym.core.types import (
 )
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.deskew import deskewed
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.motion_model import OdometryGate, update_thresholds
@@ -125,7 +126,7 @@ class Mapper(ABC):
     @property
     @abstractmethod
     def pose(self) -> Pose2D:
-        """The estimate at the last scan: best pose at the last processed scan plus odometry since."""
+        """The estimate at the last scan's stamp: best pose at the last processed scan plus odometry since."""
 
     @property
     def covariance(self) -> FloatArray:
@@ -138,7 +139,9 @@ class Mapper(ABC):
         return self._stats
 
     def update(self, odometry: Pose2D, scan: LaserScan) -> bool:
-        """Take a scan and the odometry pose at its time; to be called for every scan.
+        """Take a scan and the odometry pose at its stamp; to be called for every scan.
+
+        One that took its time is processed as if it had been taken at once.
 
         Returns:
             True if the scan was processed, i.e. was past the update thresholds.
@@ -147,7 +150,7 @@ class Mapper(ABC):
         if not self._gate.must_process(odometry, scan.stamp):
             return False  # and no look at the clock: it would cost more than the gate
         begin = time.process_time()
-        self._process(scan)
+        self._process(deskewed(scan, self._sweep_motion(scan)))
         self._grid = None
         self._stats.processed += 1
         self._stats.memory_bytes = self._map.num_bytes + self._num_bytes()
@@ -212,9 +215,13 @@ class Mapper(ABC):
         """The path: poses at the processed scans, corrected by what was learned since."""
         return Trajectory(self._path["stamps"].copy(), self._path["poses"].copy())
 
+    def _sweep_motion(self, scan: LaserScan) -> Pose2D:
+        """How far the robot moved from a scan's first beam to its last, seen from where it was at the first."""
+        return scan.motion
+
     @abstractmethod
     def _process(self, scan: LaserScan) -> None:
-        """Take a scan that is due."""
+        """Take a scan that is due, as a laser would have taken it at once at its stamp."""
 
     def _draw_path(self) -> None:  # noqa: B027 - where scans are drawn at once
         """Bring the map up to date with the path."""
