@@ -35,6 +35,10 @@ class Pose2D(NamedTuple):
     theta: float
 
 
+AT_REST = Pose2D(0.0, 0.0, 0.0)
+"""No motion."""
+
+
 class Twist2D(NamedTuple):
     """A velocity of a differential drive: forward [m/s], counter-clockwise [rad/s]."""
 
@@ -86,7 +90,7 @@ class LaserScan:
     stamp: float  # [s]
     ranges: Float32Array  # (num_beams,) [m]
     geometry: LaserGeometry
-    motion: Pose2D = Pose2D(0.0, 0.0, 0.0)
+    motion: Pose2D = AT_REST
     """Of the robot's base until the last beam, by odometry, seen from where it was at the first."""
 
 

@@ -99,10 +99,15 @@ class Episode:
     def records(self) -> Iterator[LogRecord]:
         """Scans and odometry, as a robot would log them."""
         log = self.log
-        for stamp, pose, ranges in zip(
-            log.stamps.tolist(), log.odometry.tolist(), log.ranges, strict=True
+        for stamp, pose, motion, ranges in zip(
+            log.stamps.tolist(),
+            log.odometry.tolist(),
+            log.motions.tolist(),
+            log.ranges,
+            strict=True,
         ):
-            yield LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, ranges, self.geometry))
+            scan = LaserScan(stamp, ranges, self.geometry, Pose2D(*motion))
+            yield LogRecord(stamp, Pose2D(*pose), scan)
 
 
 def time_limit(plan: FloorPlan, minutes: Literal["auto"] | float) -> float:
@@ -181,7 +186,7 @@ def run_episode(
         truth=log.true_trajectory(env.start),
         odometry=Trajectory(log.stamps, log.odometry),
         estimate=env.mapper.trajectory(),
-        final_estimate=env.mapper.pose,
+        final_estimate=env.simulation.believed_pose,
         geometry=env.simulation.scan.geometry,
         log=log,
         finished="explored" if explorer.finished else ending,

@@ -349,7 +349,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         seen = self._view.look(now)
         if self.config.observation.preset != "dict":
             return seen
-        stamps = (simulation.scan.stamp,)
+        stamps = (simulation.time,)
         return self._measurements.observe(seen, now.ranges, now.pose, now.velocity, stamps)
 
     def _record(self) -> None:
@@ -357,9 +357,10 @@ class ExploreEnv(gym.Env[Any, Any]):
             now = self.simulation
             self.log.append(
                 stamps=now.scan.stamp,
-                true_poses=now.true_pose,
-                odometry=now.odometry_pose,
-                estimates=now.believed_pose,
+                true_poses=now.true_scan_pose,
+                odometry=now.scan_odometry,
+                estimates=now.mapper.pose,
+                motions=now.scan.motion,
                 ranges=now.scan.ranges,
             )
 

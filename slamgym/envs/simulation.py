@@ -1,5 +1,6 @@
 """One episode of a robot in a building: actions, truth, sensors and belief, stepped together, and its log."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -7,8 +8,9 @@ from gymnasium import spaces
 
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import ActionError
-from slamgym.core.geometry import between
+from slamgym.core.geometry import between, compose, inverse, part_of
 from slamgym.core.types import (
+    AT_REST,
     UNKNOWN,
     Float32Array,
     FloatArray,
@@ -144,7 +146,8 @@ class SimulatedRobot:
         self.path_length = 0.0
         self.collisions = 0
         self._in_contact = False
-        self._sense()
+        self._share = config.lidar.sweep / config.control_step
+        self._sense(AT_REST, AT_REST)
 
     @property
     def time(self) -> float:
@@ -162,6 +165,16 @@ class SimulatedRobot:
         x, y, theta = self.world.pose
         return Pose2D(x - self.start.x, y - self.start.y, theta)
 
+    @property
+    def true_scan_pose(self) -> Pose2D:
+        """The true pose at the newest scan's stamp, world frame."""
+        return _before(self.world.pose, self._swept)
+
+    @property
+    def scan_odometry(self) -> Pose2D:
+        """The odometry at the newest scan's stamp."""
+        return _before(self.odometry_pose, self.scan.motion)
+
     def step(self, command: Twist2D) -> Motion:
         """Drive for one control step towards a velocity, then scan."""
         dt = self._dt
@@ -174,18 +187,29 @@ class SimulatedRobot:
         self.path_length += motion.distance
         self.collisions += motion.contact and not self._in_contact
         self._in_contact = motion.contact
-        driven = motion.increment
-        self._sense(Twist2D(driven.x / dt, driven.theta / dt))
+        self._sense(motion.increment, moved)
         return motion
 
-    def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
-        """Scan from where the robot stands or has just ``driven``."""
+    def _sense(self, driven: Pose2D, moved: Pose2D) -> None:
+        """Scan from where the robot stands or has just ``driven``; ``moved``: the same by its odometry."""
         world = self.world
-        sighting = self._lidar.look(world.pose, world.segments(), driven)
+        speed = Twist2D(driven.x / self._dt, driven.theta / self._dt)
+        sighting = self._lidar.look(world.pose, world.segments(), speed)
         self.true_ranges = sighting.ranges
         if len(sighting.sensors) > 1:
             self.true_ranges = self._lidar.true_ranges(world.pose, world.segments())
-        self.scan: LaserScan = self._lidar.measure(sighting, self._rng, self.time, world.surfaces)
+        # Speeds are the same all the step long, so its last part is as its first.
+        self._swept = part_of(driven, self._share) if self._share else AT_REST
+        by_odometry = part_of(moved, self._share) if self._share else AT_REST
+        stamp = self.time - self._lidar.config.sweep
+        self.scan: LaserScan = self._lidar.measure(
+            sighting, self._rng, stamp, world.surfaces, by_odometry
+        )
+
+
+def _before(pose: Pose2D, motion: Pose2D) -> Pose2D:
+    """Where a motion to a pose began."""
+    return pose if motion == AT_REST else compose(pose, inverse(motion))
 
 
 class Simulation(SimulatedRobot):
@@ -195,7 +219,7 @@ class Simulation(SimulatedRobot):
 
     Attributes:
         mapper: SLAM.
-        believed_pose: What SLAM believes, map frame.
+        believed_pose: What SLAM believes, map frame; by odometry since the newest scan's first beam.
         is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
     """
 
@@ -213,12 +237,17 @@ class Simulation(SimulatedRobot):
         self._believes_truth = config.slam.mode == "ground_truth"
         super().__init__(prepared, start, config, lidar, streams)
 
-    def _sense(self, driven: Twist2D = Twist2D(0.0, 0.0)) -> None:
+    def _sense(self, driven: Pose2D, moved: Pose2D) -> None:
         """Scan, and let SLAM take it in."""
-        super()._sense(driven)
-        odometry = self.true_map_pose if self._believes_truth else self.odometry_pose
-        self.is_new_scan_processed = self.mapper.update(odometry, self.scan)
-        self.believed_pose = self.mapper.pose
+        super()._sense(driven, moved)
+        scan = self.scan
+        odometry = self.scan_odometry
+        if self._believes_truth:
+            scan = replace(scan, motion=self._swept)
+            odometry = _before(self.true_map_pose, self._swept)
+        self.is_new_scan_processed = self.mapper.update(odometry, scan)
+        pose = self.mapper.pose
+        self.believed_pose = pose if scan.motion == AT_REST else compose(pose, scan.motion)
 
 
 def finished_map(plan: FloorPlan, start: Pose2D, config: ExploreConfig) -> OccupancyGrid | None:
@@ -244,7 +273,7 @@ def finished_map(plan: FloorPlan, start: Pose2D, config: ExploreConfig) -> Occup
 
 
 class EpisodeLog(Columns):
-    """Truth, odometry, estimate and ranges over time: a row for each scan.
+    """Truth, odometry, estimate and ranges over time: a row for each scan, at its stamp.
 
     The first entry is the scan of the robot at rest at its start. The arrays handed out are read-only views
     of what is recorded so far.
@@ -260,6 +289,7 @@ class EpisodeLog(Columns):
             true_poses=(3,),
             odometry=(3,),
             estimates=(3,),
+            motions=(3,),
             ranges=(num_beams,),
         )
 
@@ -271,7 +301,7 @@ class EpisodeLog(Columns):
 
     @property
     def stamps(self) -> FloatArray:
-        """Times since the start of the episode, shape (N,) [s]."""
+        """Times of the scans' first beams since the start of the episode, shape (N,) [s]."""
         return np.asarray(self["stamps"])
 
     @property
@@ -292,6 +322,11 @@ class EpisodeLog(Columns):
         are not in it.
         """
         return np.asarray(self["estimates"])
+
+    @property
+    def motions(self) -> FloatArray:
+        """Motions from each scan's first beam to its last by wheel odometry, shape (N, 3) [m, m, rad]."""
+        return np.asarray(self["motions"])
 
     @property
     def ranges(self) -> Float32Array:

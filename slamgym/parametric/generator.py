@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from slamgym.core.errors import PlanError
-from slamgym.core.geometry import paste, wrap_angle
+from slamgym.core.geometry import between, compose, part_of, paste, wrap_angle
 from slamgym.core.types import (
+    AT_REST,
     FREE,
     UNKNOWN,
     FloatArray,
@@ -77,8 +78,8 @@ def map_along_path(
     """
     check_path_is_free(trajectory.poses[:, :2], plan.free_space, "the trajectory", "pose")
     path = sampled(trajectory, env.control_step)
-    middle = _middle_of_sweeps(path, env)
-    odometry, mapper = _map(plan, path, middle, env, clutter or Clutter(), rng)
+    begins = _begins_of_sweeps(path, env)
+    odometry, mapper = _map(plan, path, begins, env, clutter or Clutter(), rng)
 
     estimate = mapper.trajectory()
     start_x, start_y = path.poses[0, :2].tolist()
@@ -88,41 +89,42 @@ def map_along_path(
     if not (cad.cells == FREE).any():
         raise PlanError(plan.id, "has no free cell; use a finer resolution or another plan")
     used = np.searchsorted(path.stamps, estimate.stamps)
+    stamps = estimate.stamps - env.lidar.sweep
     believed = estimate.poses + np.array([start_x, start_y, 0.0])
-    visibility = observe(cad.cells != FREE, frame, middle[used], _view(env))
-    forward = displacements(middle[used], believed, visibility)
+    visibility = observe(cad.cells != FREE, frame, begins[used], _view(env))
+    forward = displacements(begins[used], believed, visibility)
     forward = densify(forward, visibility.seen, SMOOTHING / frame.resolution)
     return Deformation(
         grid=grid,
         cad=cad,
         field=invert(forward, frame.resolution),
         seen=visibility.seen,
-        true=Trajectory(estimate.stamps, path.poses[used]),
-        odometry=Trajectory(estimate.stamps, odometry[used]),
-        believed=Trajectory(estimate.stamps, believed),
+        true=Trajectory(stamps, begins[used]),
+        odometry=Trajectory(stamps, odometry[used]),
+        believed=Trajectory(stamps, believed),
         parameters={},
     )
 
 
-def _middle_of_sweeps(path: Trajectory, env: ExploreConfig) -> FloatArray:
-    """Poses in the middle of the scans' sweeps, (T, 3), where mappers believe to have been."""
+def _begins_of_sweeps(path: Trajectory, env: ExploreConfig) -> FloatArray:
+    """Poses at the scans' first beams, (T, 3), which are those that mappers seek."""
     last_step = np.diff(path.poses, axis=0, prepend=path.poses[:1])
     last_step[:, 2] = wrap_angle(last_step[:, 2])
-    half_sweep = 0.5 * env.lidar.sweep / env.control_step  # in steps
-    return path.poses - half_sweep * last_step
+    sweep = env.lidar.sweep / env.control_step  # in steps
+    return path.poses - sweep * last_step
 
 
 def _map(
     plan: "FloorPlan",
     path: Trajectory,
-    middle: FloatArray,
+    begins: FloatArray,
     env: ExploreConfig,
     clutter: Clutter,
     rng: np.random.Generator,
 ) -> tuple[FloatArray, Mapper]:
-    """Let the mapper take the scans of a path; also where odometry believed to be at each pose, shape (T, 3).
+    """Let the mapper take the scans of a path; also where odometry believed to be at their first beams, shape (T, 3).
 
-    ``middle``: poses in the middle of the scans' sweeps, (T, 3).
+    ``begins``: true poses at the scans' first beams, (T, 3). The mapper takes the moments of their last for stamps.
     """
     of_wheels, of_laser, of_mapper = rng.spawn(3)
     step = env.control_step
@@ -133,38 +135,48 @@ def _map(
     first = Pose2D(*path.poses[0].tolist())
     world.carry(first, 0.0)
     wheels.reset(first)
-    slam, known = _cheaper_slam(env.slam, path.poses, middle, of_mapper)
+    slam, known = _cheaper_slam(env.slam, begins, of_mapper)
     mapper = make_mapper(slam, lidar.geometry, Pose2D(0.0, 0.0, first.theta), of_mapper)
     gate = OdometryGate(update_thresholds(slam))
     odometry = np.empty_like(path.poses)
+    share = env.lidar.sweep / step
     unseen = np.empty(0, dtype=np.float32)
     stamped_poses = zip(path.stamps.tolist(), path.poses.tolist(), strict=True)
     for index, (stamp, pose) in enumerate(stamped_poses):
         driven = Twist2D(0.0, 0.0)
+        swept = AT_REST
+        at_first = wheels.pose
         if index:
             motion = world.carry(Pose2D(*pose), step)
+            before = wheels.pose
             wheels.update(motion, of_wheels)
             driven = Twist2D(motion.increment.x / step, motion.increment.theta / step)
-        odometry[index] = wheels.pose
-        believed = wheels.pose if known is None else Pose2D(*known[index].tolist())
+            at_first = wheels.pose
+            if share:
+                moved = between(before, wheels.pose)
+                at_first = compose(before, part_of(moved, 1.0 - share))
+                knows_truth = env.slam.mode == "ground_truth"
+                swept = part_of(motion.increment if knows_truth else moved, share)
+        odometry[index] = at_first
+        believed = at_first if known is None else Pose2D(*known[index].tolist())
         scan = LaserScan(stamp, unseen, lidar.geometry)
         if gate.must_process(believed, stamp):  # as the mapper's own says: others are not looked at
             gate.take(stamp)
             sighting = lidar.look(world.pose, world.segments(), driven)
-            scan = lidar.measure(sighting, of_laser, stamp, surfaces)
+            scan = lidar.measure(sighting, of_laser, stamp, surfaces, swept)
         mapper.update(believed, scan)
     return odometry, mapper
 
 
 def _cheaper_slam(
-    slam: SlamConfig, true_poses: FloatArray, middle: FloatArray, rng: np.random.Generator
+    slam: SlamConfig, begins: FloatArray, rng: np.random.Generator
 ) -> tuple[SlamConfig, FloatArray | None]:
     """Settings of a mapper with less to compute, and the poses (T, 3) that it is told; None: those of odometry."""
     cheaper = replace(slam, particles=min(slam.particles, PARTICLES))
     if slam.mode == "ground_truth":
-        return cheaper, true_poses
+        return cheaper, begins
     if slam.mode == "pose_graph":
-        return replace(cheaper, mode="ground_truth"), middle + graph_error(middle, rng)
+        return replace(cheaper, mode="ground_truth"), begins + graph_error(begins, rng)
     return cheaper, None
 
 

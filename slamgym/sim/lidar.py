@@ -10,7 +10,15 @@ from slamgym.core.config import NonNegative, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import compose
 from slamgym.core.jit import plain
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Twist2D
+from slamgym.core.types import (
+    AT_REST,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Twist2D,
+)
 from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
 from slamgym.sim.raycast import cast_sweep
@@ -65,9 +73,9 @@ class LidarConfig(Settings, section="lidar"):
     rad]."""
 
     sweep: NonNegative = 0.0
-    """Time from the first beam of a scan to its last, which is now [s]; at most ``1 / rate``. A robot that turns at
-    1.8 rad/s skews a scan of 0.2 s by 0.36 rad, which drivers and mappers don't take out. 0: all at once, as in
-    Gazebo."""
+    """Time from the first beam of a scan, whose stamp it has, to its last, which is now [s]; at most ``1 / rate``. A
+    robot that turns at 1.8 rad/s skews a scan of 0.2 s by 0.36 rad, which mappers take out by odometry. 0: all at once,
+    as in Gazebo."""
 
     sigma: NonNegative = 0.0033
     """Least standard deviation of a range; the LDS-01 data sheet's precision of 10 mm below 0.5 m, taken for
@@ -130,6 +138,7 @@ class LidarConfig(Settings, section="lidar"):
             range_min=self.range_min,
             range_max=self.range_max,
             mount=Pose2D(*self.mount),
+            time_increment=self.sweep / (self.num_beams - 1),
         )
 
 
@@ -299,14 +308,16 @@ class Lidar:
         rng: np.random.Generator,
         stamp: float,
         surfaces: Surfaces | None = None,
+        motion: Pose2D = AT_REST,
     ) -> LaserScan:
         """Make a scan of what the beams meet.
 
         Args:
             sighting: From :meth:`look`.
             rng: Source of the errors.
-            stamp: Time of the scan [s].
+            stamp: Time of the first beam [s].
             surfaces: Materials of the segments; plain where left out.
+            motion: Of the base until the last beam, by its odometry.
         """
         surfaces = surfaces or self._plain
         if self.is_perfect and len(surfaces.first) == 1:
@@ -315,7 +326,7 @@ class Lidar:
             ranges = self._with_errors(sighting, surfaces, rng)
         out = np.empty(len(ranges), dtype=np.float32)
         write_rep117(ranges, float(self.config.range_min), float(self.config.range_max), out)
-        return LaserScan(stamp, out, self.geometry)
+        return LaserScan(stamp, out, self.geometry, motion)
 
     def _with_errors(
         self, sighting: Sighting, surfaces: Surfaces, rng: np.random.Generator

@@ -12,10 +12,8 @@ import numpy as np
 
 from slamgym.core.geometry import compose, inverse
 from slamgym.core.jit import kernel, plain
-from slamgym.core.types import Float32Array, FloatArray, LaserScan, Pose2D
+from slamgym.core.types import AT_REST, Float32Array, FloatArray, LaserScan, Pose2D
 
-AT_REST = Pose2D(0.0, 0.0, 0.0)
-"""No motion."""
 STEEPEST = math.tan(math.radians(80.0))
 """Two neighbouring returns lie on one surface if it is seen less steeply: within 10 degrees of the beam it is taken for
 the veil behind an edge (``min_angle`` in the example of laser_filters' ScanShadowsFilter)."""
