@@ -138,9 +138,9 @@ def print_and_save(
                 {_in_units(time, unit): _divided(record[time], time, second) for time in times}
                 for record in records
             ]
-        _print(title, *_with_loops(records, columns, times, measured.loop))
+        print_table(title, *_with_loops(records, columns, times, measured.loop))
     else:
-        _print(title, records, columns)
+        print_table(title, records, columns)
     path = RESULTS / f"{name}.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document, indent=1, default=_plain) + "\n", encoding="utf-8")
@@ -208,7 +208,14 @@ def _record(row: Sequence[Any] | Mapping[str, Any], columns: Sequence[str]) -> d
     return dict(zip(columns, values, strict=True))
 
 
-def _print(title: str, records: list[dict[str, Any]], columns: Sequence[str]) -> None:
+def print_table(title: str, records: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> None:
+    """Print a table, of figures that must not be kept or of a part of a benchmark.
+
+    Args:
+        title: Heading of the table; states what one row is.
+        records: Rows, each a mapping from column to value.
+        columns: Column headings, with their units.
+    """
     table = Table(title=title, title_justify="left")
     for column in columns:
         numeric = all(

@@ -109,31 +109,42 @@ def drive(plan: FloorPlan, seed: int, conditions: Conditions, cache: Path) -> Dr
     config = conditions.episode()
     errors = f"{config_hash(config.env.odometry)[:6]}{config_hash(config.env.lidar)[:6]}"
     path = cache / f"{plan.id}-{seed}-{conditions.odometry}-{conditions.laser}-{errors}.npz"
+    return kept_drive(path, plan, seed, config)
+
+
+def kept_drive(path: Path, plan: FloorPlan, seed: int, config: EpisodeConfig) -> Drive:
+    """A drive from its file, or simulated and written there."""
     if not path.exists():
         _simulate(path, plan, seed, config)
     with np.load(path) as held:
-        beams, first, step, nearest, farthest, *mount = held["geometry"].tolist()
-        geometry = LaserGeometry(int(beams), first, step, nearest, farthest, Pose2D(*mount))
-        stamps, ranges, odometry = held["stamps"], held["ranges"], held["odometry"]
-        records = [
-            LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, scan, geometry))
-            for stamp, pose, scan in zip(stamps.tolist(), odometry.tolist(), ranges, strict=True)
-        ]
-        return Drive(
-            Log(plan.id, records, geometry), Trajectory(stamps, held["truth"]), held["walls"]
+        beams, first, step, nearest, farthest, *mount, each = held["geometry"].tolist()
+        geometry = LaserGeometry(
+            int(beams), first, step, nearest, farthest, Pose2D(*mount), time_increment=each
         )
+        stamps, odometry, motions = held["stamps"], held["odometry"], held["motions"]
+        columns = (stamps.tolist(), odometry.tolist(), held["ranges"], motions.tolist())
+        records = [
+            LogRecord(stamp, Pose2D(*pose), LaserScan(stamp, scan, geometry, Pose2D(*motion)))
+            for stamp, pose, scan, motion in zip(*columns, strict=True)
+        ]
+        truth = Trajectory(stamps, held["truth"])
+        return Drive(Log(plan.id, records, geometry), truth, held["walls"])
 
 
 def _simulate(path: Path, plan: FloorPlan, seed: int, config: EpisodeConfig) -> None:
     episode = run_episode(plan, seed, config, make_explorer)
-    *beams, mount = episode.geometry
+    records = list(episode.records)
+    *beams, mount, each = episode.geometry
     path.parent.mkdir(parents=True, exist_ok=True)
+    unfinished = path.with_suffix(".part.npz")
     np.savez_compressed(
-        path,
-        stamps=episode.log.stamps,
-        ranges=episode.log.ranges,
-        odometry=episode.log.odometry,
+        unfinished,
+        stamps=np.array([record.stamp for record in records]),
+        ranges=np.array([record.scan.ranges for record in records]),
+        odometry=np.array([record.odometry for record in records]),
+        motions=np.array([record.scan.motion for record in records]),
         truth=episode.truth.poses,
         walls=episode.plan.segments() - np.tile(episode.start[:2], 2),
-        geometry=np.array([*beams, *mount]),
+        geometry=np.array([*beams, *mount, each]),
     )
+    unfinished.replace(path)

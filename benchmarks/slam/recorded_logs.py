@@ -1,8 +1,11 @@
-"""Judging maps of recorded logs, which have no truth: by relations, by what several passes saw, by another path."""
+"""Judging maps of recorded logs, which have no truth: by relations, by what several passes saw, by another path.
+
+A log also has variants: as another laser would have recorded it, and with turns that are measured wrong.
+"""
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,10 +14,19 @@ import numpy as np
 from faults import doubtful_spans, with_steps
 from scipy.spatial import cKDTree
 
-from slamgym.core.geometry import unit_vectors
-from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
+from slamgym.core.geometry import compose, unit_vectors
+from slamgym.core.types import (
+    BoolArray,
+    Float32Array,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    Pose2D,
+    Trajectory,
+)
 from slamgym.interop import Log, LogRecord, Relations, open_log, read_relations
-from slamgym.metrics import absolute_trajectory_error, relation_error
+from slamgym.interop.records import longest_ordered
+from slamgym.metrics import absolute_trajectory_error, relation_error, relative_poses
 from slamgym.slam import SlamConfig
 from slamgym.slam.replay import ReplayResult, replay
 
@@ -23,6 +35,14 @@ REVISIT_GAP = 60
 REVISIT_RANGE = 20.0
 MOST_SCANS, MOST_BLOCKS = 1_000, 60
 """More scans than this are thinned out; each block of them takes a search tree of all others."""
+SHORTER_RANGES = (12.0, 8.0, 4.0)
+"""Ranges of lasers that would have seen less [m]."""
+FEWER_BEAMS = (2, 4)
+"""Of so many beams one is kept."""
+WRONG_TURNS = (0.9, 1.1)
+"""Factors of the odometry's turns."""
+SCAN_GAP = 1.0
+"""Time between scans where all stamps of a log are equal [s]."""
 COLUMNS = (
     "log", "mode", "relations [m]", "worst [m]", "revisits [m]", "rotation [deg]", "revisit [m]",
     "worst revisit [m]", "disturbed revisit [m]", "from reference [m]", "doubts", "ms per scan",
@@ -177,3 +197,116 @@ def disturbed(log: Log, seed: int) -> Log:
         return Pose2D(scale * step.x + noise[0], step.y + noise[1], turn)
 
     return with_steps(log, changed)
+
+
+class JudgedLog(NamedTuple):
+    """A recorded log and what is known of its true path: relations, a path, or nothing."""
+
+    log: Log
+    relations: Relations | None
+    path: Trajectory | None
+
+    @property
+    def kind(self) -> str:
+        """What a path is held against."""
+        if self.relations is not None:
+            return "relations"
+        return "own path" if self.path is None else "path"
+
+    def error(self, scans: Trajectory, moments: Trajectory, whole: Trajectory) -> float:
+        """Mean error of the relations; else RMSE to the reference path after alignment [m].
+
+        Args:
+            scans: A pose for every scan.
+            moments: A pose for every moment of which the log holds the odometry.
+            whole: The reference where the log has none.
+        """
+        if self.relations is not None:
+            return relation_error(moments, *self.relations).translation.mean
+        return absolute_trajectory_error(scans, self.path or whole).translation.rmse
+
+
+def read_judged_log(path: Path) -> JudgedLog:
+    """A log with its relations (NAME.relations) or corrected path (NAME.corr): time, x, y, heading of each scan."""
+    stem = path.name.removesuffix(".log.gz")
+    relations = path.with_name(f"{stem}.relations")
+    corrected = path.with_name(f"{stem}.corr")
+    log = open_log(path)
+    reference = None
+    if corrected.exists():
+        table = np.loadtxt(corrected)
+        poses = table[longest_ordered(table[:, 0].tolist()), 1:]
+        log = in_step(log)
+        reference = Trajectory(np.array([record.stamp for record in log]), poses)
+    return JudgedLog(log, read_relations(relations) if relations.exists() else None, reference)
+
+
+def in_step(log: Log) -> Log:
+    """A log whose stamps are all equal as if its scans had been taken at a steady rate."""
+    stamps = np.array([record.stamp for record in log])
+    if np.median(np.diff(stamps)) > 0.0:
+        return log
+    records = []
+    for index, record in enumerate(log):
+        stamp = SCAN_GAP * index
+        records.append(record._replace(stamp=stamp, scan=replace(record.scan, stamp=stamp)))
+    return replace(log, records=records, recorded_track=None, findings=())
+
+
+def variants(log: Log) -> Iterator[tuple[str, Log]]:
+    """The log by the name of each variant, the first as it is."""
+    yield "whole", log
+    for limit in SHORTER_RANGES:
+        if limit < log.geometry.range_max:
+            yield f"to {limit:g} m", with_range(log, limit)
+    for every in FEWER_BEAMS:
+        yield f"1 of {every} beams", with_fewer_beams(log, every)
+    for factor in WRONG_TURNS:
+        yield f"turns x {factor:g}", with_turns(log, factor)
+
+
+def with_range(log: Log, limit: float) -> Log:
+    """The log of a laser that sees less far [m]."""
+    geometry = log.geometry._replace(range_max=limit)
+    ranges = [np.where(r.scan.ranges > limit, np.float32(np.inf), r.scan.ranges) for r in log]
+    return with_scans(log, ranges, geometry)
+
+
+def with_fewer_beams(log: Log, every: int) -> Log:
+    """The log of a laser that has one of so many beams."""
+    ranges = [record.scan.ranges[::every] for record in log]
+    old = log.geometry
+    geometry = old._replace(
+        num_beams=len(ranges[0]),
+        angle_increment=every * old.angle_increment,
+        time_increment=every * old.time_increment,
+    )
+    return with_scans(log, ranges, geometry)
+
+
+def with_scans(log: Log, ranges: Sequence[Float32Array], geometry: LaserGeometry) -> Log:
+    """The log with other ranges, by another laser."""
+    records = [
+        record._replace(scan=replace(record.scan, ranges=some, geometry=geometry))
+        for record, some in zip(log, ranges, strict=True)
+    ]
+    return replace(log, records=records, geometry=geometry)
+
+
+def with_turns(log: Log, factor: float) -> Log:
+    """The log with turns of the odometry times a factor, also between the scans."""
+    track = log.track
+    steps = relative_poses(track.poses[:-1], track.poses[1:])
+    steps[:, 2] *= factor
+    poses = [Pose2D(*track.poses[0].tolist())]
+    for step in steps.tolist():
+        poses.append(compose(poses[-1], Pose2D(*step)))
+    records = []
+    for record, place in zip(log, track.scans.tolist(), strict=True):
+        motion = record.scan.motion
+        turned = motion._replace(theta=factor * motion.theta)
+        records.append(
+            record._replace(odometry=poses[place], scan=replace(record.scan, motion=turned))
+        )
+    recorded = log.recorded_track and track._replace(poses=np.array(poses))
+    return replace(log, records=records, recorded_track=recorded)
