@@ -5,13 +5,16 @@ BIN := $(VENV)/bin
 DEMO ?= out/demo
 # One thread per process: the programs run one process per core.
 export OMP_NUM_THREADS ?= 1
+# Some machines forbid the compiled modules: each of the hundreds of processes of the tests would compile them again.
+unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help setup demo test smoke site fuzz check types format clean lowest
+.PHONY: help setup demo test smoke figures site fuzz check types format clean lowest
 
 help:
 	@echo "make demo    explore the bundled plans, write map pairs and a contact sheet to $(DEMO)"
 	@echo "make test    run the tests, the same examples each time"
 	@echo "make smoke   the paper's experiments at the smallest scale: out/smoke/report.html"
+	@echo "make figures write the figures of benchmarks/results into the README and the documentation"
 	@echo "make site    build the documentation: out/site/index.html"
 	@echo "make fuzz    search for examples that fail, until one is found or Ctrl-C is pressed;"
 	@echo "             CASES=1000: try so many damaged files on each reader, and stop"
@@ -47,6 +50,9 @@ test: $(VENV)/.dev
 
 smoke: $(VENV)/.dev
 	$(BIN)/slamgym reproduce --scale smoke --out out/smoke
+
+figures: $(VENV)/.dev
+	$(BIN)/python benchmarks/figures.py
 
 site: $(VENV)/.dev
 	$(BIN)/mkdocs build --quiet --strict

@@ -1,8 +1,9 @@
 """Output of a benchmark's figures: a table in the terminal and a JSON file under ``benchmarks/results``.
 
-The JSON carries what a reader needs to assess a time: the machine, the versions and the date. Machines of one name
-differ by three, so times are also divided by those of two fixed programs in the same run: a Python loop of ten million
-additions, and a compiled walk through a table. A thousandth of such a loop is a "mloop", a millionth a "uloop".
+The JSON carries what a reader needs to assess a time: the machine, the versions and the date. It names the commit and
+the modules that were measured, so ``figures.py`` can say where they have changed since. Machines of one name differ by
+three, so times are also divided by those of two fixed programs in the same run: a Python loop of ten million additions,
+and a compiled walk through a table. A thousandth of such a loop is a "mloop", a millionth a "uloop".
 """
 
 import functools
@@ -12,6 +13,7 @@ import os
 import platform
 import re
 import statistics
+import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
@@ -25,6 +27,8 @@ from rich.markup import escape
 from rich.table import Table
 
 RESULTS = Path(__file__).resolve().parent / "results"
+UNCOMMITTED = "+"
+"""Behind a commit: the modules had changes that it lacks."""
 
 _PACKAGES = (
     "slamgym",
@@ -102,6 +106,7 @@ def print_and_save(
     title: str,
     rows: Sequence[Sequence[Any] | Mapping[str, Any]],
     columns: Sequence[str],
+    modules: Sequence[str],
     times: Sequence[str] = (),
     yardsticks: Yardsticks | None = None,
 ) -> Path:
@@ -112,6 +117,7 @@ def print_and_save(
         title: Heading of the table; states what one row is.
         rows: One sequence per row in the order of ``columns``, or one mapping from column to value.
         columns: Column headings, with their units.
+        modules: Files and folders whose change makes the figures old, from the root of the repository.
         times: Those of CPU times, in us, ms or s, or per s. They are shown in loops first.
         yardsticks: Measured during the run; measured now where left out.
 
@@ -125,7 +131,7 @@ def print_and_save(
     document = {
         "name": name,
         "title": title,
-        **environment(),
+        **environment(modules),
         "columns": list(columns),
         "rows": records,
     }
@@ -147,9 +153,11 @@ def print_and_save(
     return path
 
 
-def environment() -> dict[str, Any]:
-    """The machine, the versions and the date of a measurement."""
+def environment(modules: Sequence[str]) -> dict[str, Any]:
+    """The machine, the versions and the date of a measurement, and what was measured."""
     return {
+        "commit": commit_of(modules),
+        "modules": list(modules),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {"cpu": _cpu_name(), "cores": os.cpu_count(), "system": platform.platform()},
         "versions": {"python": platform.python_version()} | _package_versions(),
@@ -157,6 +165,24 @@ def environment() -> dict[str, Any]:
             ["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *sys.argv[1:]]
         ),
     }
+
+
+def commit_of(modules: Sequence[str]) -> str | None:
+    """The commit that is measured, marked if the modules have uncommitted changes; None without git."""
+    commit = git("rev-parse", "--short=8", "HEAD")
+    changed = git("status", "--porcelain", "--", *modules)
+    return f"{commit}{UNCOMMITTED if changed else ''}" or None
+
+
+def git(*arguments: str) -> str:
+    """What a command of git prints; empty without git, outside of a repository, or where it fails."""
+    try:
+        done = subprocess.run(
+            ["git", *arguments], cwd=RESULTS.parents[1], capture_output=True, text=True, check=False
+        )
+    except OSError:
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
 
 
 _UNIT = re.compile(r"(/ ?(?:CPU )?s)\b|(?<!')\b(us|ms|s)\b")  # per second, or a time

@@ -9,11 +9,15 @@ import inspect
 import json
 import re
 import shutil
+import sys
 from pathlib import Path
 from typing import Any
 
 from help_pages import help_pages
 from mkdocs.structure.files import File, Files
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
+import figures
 
 ROOT = Path(__file__).parents[1]
 BROUGHT_IN = {
@@ -62,7 +66,8 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Links to sources, which the site doesn't hold, become their paths; a tutorial names its notebook."""
+    """Fill in the figures; links to sources, which the site lacks, become paths; a tutorial names its notebook."""
+    markdown = figures.fill(markdown)
     markdown = _SNIPPET.sub(r"\g<0>\n\n[Download it as a notebook](\g<2>.ipynb).", markdown)
     return _TO_SOURCE.sub(r"`\2`", markdown)
 

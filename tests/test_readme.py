@@ -10,6 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from help_pages import help_pages, options_of
 
 from slamgym.cad import open_plans
 from slamgym.commands import cli
@@ -17,6 +18,9 @@ from slamgym.commands import cli
 ROOT = Path(__file__).parents[1]
 MOST_WIDE_TABLE = 120
 """Characters of a line of a table in the README."""
+OPTION = re.compile(r"(?<![\w-])--[a-z][a-z0-9.-]*")
+SPAN = re.compile(r"(?<!`)`([^`]+)`(?!`)")
+SCRIPT = re.compile(r"benchmarks/[\w/]+\.py")
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -81,6 +85,52 @@ def test_commands_exist_and_know_their_options(help_of, page, command):
         assert re.search(rf"{option}(?![\w-])", help_text), (
             f"{page}: {command}: {option} is unknown"
         )
+
+
+def prose_options() -> list[tuple[str, str, str]]:
+    """(page, a span of code in its prose, option) of every option that isn't in a block of code."""
+    found = []
+    for page in PAGES:
+        prose = re.sub(
+            r"^```.*?^```|<!--.*?-->", "", page.read_text(), flags=re.DOTALL | re.MULTILINE
+        )
+        for span in SPAN.findall(prose):
+            words = " ".join(span.partition("--ros-args")[0].split())
+            if words.startswith(("slamgym ", "python benchmarks/", "--")):
+                found += [
+                    (str(page.relative_to(ROOT)), words, one) for one in OPTION.findall(words)
+                ]
+    return found
+
+
+@pytest.fixture(scope="module")
+def options() -> dict[str, set[str]]:
+    """The options of every command."""
+    pages = {name: set(options_of(page)) for name, page in help_pages().items()}
+    return {name: own | {"--help"} for name, own in pages.items()}
+
+
+@pytest.mark.parametrize(("page", "words", "option"), sorted(set(prose_options())))
+def test_an_option_named_in_prose_exists(options, page, words, option):
+    """An option alone is one of any command, or of a script that the page names."""
+    if words.startswith("slamgym "):
+        verbs = words.split()[1:]
+        names = [" ".join(verbs[:count]) for count in (3, 2, 1)]
+        known = next((options[name] for name in names if name in options), {"--help", "--version"})
+    elif words.startswith("python "):
+        known = script_options(words.split()[1])
+        fields = re.findall(r"^    (\w+): ", (ROOT / words.split()[1]).read_text(), re.MULTILINE)
+        known |= {"--" + field.replace("_", "-") for field in fields}
+    else:
+        scripts = SCRIPT.findall((ROOT / page).read_text())
+        known = set().union(*options.values(), *map(script_options, scripts))
+        known |= {"--renew-golden"}  # pytest's, in tests/golden
+    assert option in known, f"{page}: `{words}`"
+
+
+def script_options(script: str) -> set[str]:
+    """The options that stand in a script."""
+    return set(OPTION.findall((ROOT / script).read_text()))
 
 
 def test_floor_plans_named_in_commands_exist():

@@ -49,6 +49,9 @@ from slamgym.slam.hit_counts import HitCountMap
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/dataset/curate",)
+"""What is measured."""
+
 MINUTES = (0.1, 0.5, 1.0, 2.0, 3.0, 5.0, 7.0)
 """Robot times at which explorations are looked at, besides their end [min]: after 0.1 the map is that of a robot that
 got stuck at its start, and 7 is the paper's limit."""
@@ -278,7 +281,7 @@ def report_accuracy(name: str, maps: Maps, said: dict[str, FloatArray]) -> None:
         f"classifiers of completeness on unseen plans: {int(maps.is_last.sum())} explorations of "
         f"{len(set(maps.plans))} plans; intervals of 95 % over plans"
     )
-    print_and_save(f"dataset/{name}", title, rows, list(rows[0]))
+    print_and_save(f"dataset/{name}", title, rows, list(rows[0]), MODULES)
 
 
 def figures(maps: Maps, said: FloatArray) -> dict[str, object]:
@@ -351,7 +354,9 @@ def report_reliability(maps: Maps, said: FloatArray) -> None:
             for count, predicted, observed in bins
         ]
     columns = ["recipe", "final maps", "predicted", "complete"]
-    print_and_save("dataset/completeness_reliability", "reliability on unseen plans", rows, columns)
+    print_and_save(
+        "dataset/completeness_reliability", "reliability on unseen plans", rows, columns, MODULES
+    )
 
 
 def _percent(values: BoolArray) -> float | None:

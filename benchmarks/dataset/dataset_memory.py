@@ -37,6 +37,9 @@ from slamgym.envs.warmup import warm_up
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save, resident_mb
 
+MODULES = ("slamgym/dataset",)
+"""What is measured."""
+
 IN_MEMORY = "/dev/shm" if Path("/dev/shm").is_dir() else None
 """Where the datasets are made, as the disk is not what is measured."""
 
@@ -122,7 +125,7 @@ def measure_memory(arguments: Arguments) -> None:
         f"at {arguments.pairs} pairs [MB]",
         "growth [MB per 1,000 pairs]",
     ]
-    print_and_save("dataset/dataset_memory", title, rows, columns)
+    print_and_save("dataset/dataset_memory", title, rows, columns, MODULES)
 
 
 def measure_bookkeeping(count: int) -> None:
@@ -163,7 +166,7 @@ def measure_bookkeeping(count: int) -> None:
         "opening to go on [us a pair there]",
         "index [us a pair there]",
     ]
-    print_and_save("dataset/dataset_bookkeeping", title, rows, columns, times=columns[1:])
+    print_and_save("dataset/dataset_bookkeeping", title, rows, columns, MODULES, times=columns[1:])
 
 
 def _stage_empty(staged: Path, slot: Slot) -> None:

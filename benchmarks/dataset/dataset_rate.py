@@ -1,18 +1,13 @@
 """Explorations an hour of ``slamgym generate``, the gain of a second worker, where the time goes, bytes a pair.
 
     python benchmarks/dataset/dataset_rate.py [--explorations 10] [--blocks 2] [--minutes 7] [--plans bundled]
-    python benchmarks/dataset/dataset_rate.py --update docs/scale.md
 
 The same explorations are made with one worker and with several, in turns, so that other load of the machine
 falls on both. Workers are started before the clock, which stops when the first one has nothing left to
 do: in a long run start and end don't count. CPU seconds hardly depend on what else runs; wall time does.
-
-At the end it prints what large datasets cost at this rate: core-hours, hours on some machines, bytes and files.
-``--update`` measures nothing and puts that table, from the last results, into a document between its two marks.
 """
 
 import itertools
-import json
 import statistics
 import sys
 import time
@@ -44,18 +39,21 @@ from slamgym.envs.warmup import warm_up
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from exploring.explorations import Profile
-from report import RESULTS, print_and_save
+from report import print_and_save
+
+MODULES = (
+    "slamgym/dataset/generate",
+    "slamgym/envs",
+    "slamgym/planning",
+    "slamgym/sim",
+    "slamgym/slam",
+)
+"""What is measured."""
 
 GOAL_RATE = 2000.0
 """Seven-minute explorations an hour on two cores."""
 GOAL_GAIN = 1.85
 """Rate of two workers in that of one."""
-SIZES = (4_225, 35_000, 1_000_000)
-"""The paper's dataset after cleaning, its explorations, and a large one."""
-CORES = (2, 64, 1000)
-FILES = 14
-"""Files and folders of a pair."""
-BEGIN, END = "<!-- cost: benchmarks/dataset/dataset_rate.py -->", "<!-- end of cost -->"
 
 PARTS_OF_WRITING: dict[str, list[tuple[Any, str]]] = {
     "drawing the pair, its figures": [(exploration, "make_pair"), (dataset_folder, "make_record")],
@@ -89,8 +87,6 @@ class Arguments:
     """As in `slamgym generate`."""
     seed: int = 0
     """Seed of the dataset."""
-    update: Path | None = None
-    """Measure nothing; put the table of costs, from the last results, into this document."""
 
 
 @dataclass(frozen=True)
@@ -128,9 +124,6 @@ class Block:
 
 def main() -> None:
     arguments = tyro.cli(Arguments)
-    if arguments.update is not None:
-        update_document(arguments.update)
-        return
     warm_up()
     plans, config = open_plans(arguments.plans), dataset_config(arguments)
     blocks: list[Block] = []
@@ -147,7 +140,6 @@ def main() -> None:
     report_rate(arguments, blocks)
     with TemporaryDirectory() as root:
         profile_and_weigh(arguments, plans, config, Path(root))
-    print(cost_table())
 
 
 def dataset_config(arguments: Arguments) -> DatasetConfig:
@@ -219,6 +211,7 @@ def report_rate(arguments: Arguments, blocks: list[Block]) -> None:
         title,
         rows,
         list(rows[0]),
+        MODULES,
         times=("CPU [s] each", "driver's CPU [s] each"),
     )
 
@@ -245,6 +238,7 @@ def profile_and_weigh(
         title,
         rows,
         ["part", "CPU [ms]", "share [%]"],
+        MODULES,
         times=("CPU [ms]",),
     )
     print(f"wall time {1000.0 * wall / count:.0f} ms each")
@@ -257,6 +251,7 @@ def profile_and_weigh(
         title,
         [*bytes_rows, ["all", round(sizes.total() / count)]],
         ["file", "bytes"],
+        MODULES,
     )
 
 
@@ -286,53 +281,6 @@ def weigh(root: Path) -> Counter[str]:
             sizes[path.name] += path.stat().st_size
     sizes["manifest line"] = layout.manifest.stat().st_size
     return sizes
-
-
-def update_document(document: Path) -> None:
-    """Put the table of costs between the marks of a document."""
-    text = document.read_text()
-    before, _, rest = text.partition(BEGIN)
-    _, _, after = rest.partition(END)
-    if not rest or not after:
-        raise SystemExit(f"{document}: has no marks {BEGIN} and {END}")
-    table = cost_table()
-    print(table)
-    document.write_text(f"{before}{BEGIN}\n\n{table}\n\n{END}{after}")
-
-
-def cost_table() -> str:
-    """Cost of large datasets, computed from the measured rate and bytes."""
-    rate, sizes = _load("dataset/dataset_rate"), _load("dataset/dataset_bytes")
-    several = rate["rows"][-1]
-    cpu = several["CPU [s] each"] + several["driver's CPU [s] each"]
-    size = next(row["bytes"] for row in sizes["rows"] if row["file"] == "all")
-    lines = [
-        f"{rate['title'].split(';')[0]}: {cpu:.2f} CPU seconds and {size / 1e6:.2f} MB each "
-        f"({rate['machine']['cpu']}, {rate['date'][:10]}).",
-        "",
-        "| explorations | core-hours | "
-        + " | ".join(f"hours on {cores:,} cores" for cores in CORES)
-        + " | disk | files |",
-        "|---|---|" + "---|" * len(CORES) + "---|---|",
-    ]
-    for count in SIZES:
-        hours = count * cpu / 3600.0
-        wall = " | ".join(
-            f"{hours / cores:,.2g}" if hours / cores < 10 else f"{hours / cores:,.0f}"
-            for cores in CORES
-        )
-        lines.append(
-            f"| {count:,} | {hours:,.0f} | {wall} | {_bytes(count * size)} | {count * FILES / 1e6:.2g} million |"
-        )
-    return "\n".join(lines)
-
-
-def _bytes(size: float) -> str:
-    return f"{size / 1e12:.2f} TB" if size >= 1e12 else f"{size / 1e9:.1f} GB"
-
-
-def _load(name: str) -> dict:
-    return json.loads((RESULTS / f"{name}.json").read_text())
 
 
 if __name__ == "__main__":

@@ -41,6 +41,9 @@ from slamgym.dataset.record import GOOD_COVERAGE, PairRecord
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/dataset", "slamgym/envs", "slamgym/planning", "slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 SEED = 2026
 TEST_SHARE = 0.1
 WEIGHTS = (9.0, 0.05, 0.7, 0.25)
@@ -176,16 +179,19 @@ def report(out: Path) -> None:
             )
             faults.update((recipe, verdict.faults[0].reason) for verdict in dropped)
     columns = ["part", "recipe", "pairs", "seen [%]", "kept", "kept [%]", "ATE median, 95 % [m]"]
-    print_and_save("dataset/edition", "Explorations", rows, [*columns, "walls median, 95 % [m]"])
+    print_and_save(
+        "dataset/edition", "Explorations", rows, [*columns, "walls median, 95 % [m]"], MODULES
+    )
     reasons = [[*key, count] for key, count in faults.most_common()]
     print_and_save(
         "dataset/edition_faults",
         "Why the others were left out",
         reasons,
         ["recipe", "fault", "pairs"],
+        MODULES,
     )
     print_and_save(
-        "dataset/edition_digests", "What names the edition", digests, ["file", "SHA-256"]
+        "dataset/edition_digests", "What names the edition", digests, ["file", "SHA-256"], MODULES
     )
 
 

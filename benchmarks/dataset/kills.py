@@ -29,6 +29,9 @@ from slamgym.dataset import Layout
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/core/parallel", "slamgym/dataset")
+"""What is measured."""
+
 STARTER = """
 import os, signal, sys
 from slamgym.commands import cli
@@ -137,6 +140,7 @@ def main() -> None:
         f"{sum(counts.values())} kills, {datasets} datasets: nothing lost, torn or twice; same bytes",
         rows,
         ["killed", "times", "exit codes"],
+        MODULES,
     )
 
 

@@ -23,6 +23,9 @@ from slamgym.dataset.curate.near_duplicates import RADIUS, near_duplicates, plan
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/dataset",)
+"""What is measured."""
+
 CHANGES = [
     (0.8, 0.0),
     (0.95, 0.0),
@@ -83,7 +86,7 @@ def measure_groups(prints: np.ndarray, reading: float, drawing: float) -> None:
     title = f"plans that look alike (`slamgym dataset split` takes a radius of {RADIUS:g})"
     columns = ["radius", "plans", "groups", "plans that share one", "largest group"]
     times = ["reading [CPU s]", "drawing [CPU s]", "comparing [CPU s]"]
-    print_and_save("dataset/plan_look_alikes", title, rows, [*columns, *times], times)
+    print_and_save("dataset/plan_look_alikes", title, rows, [*columns, *times], MODULES, times)
 
 
 def measure_recall(plans: Sequence[FloorPlan], prints: np.ndarray) -> None:
@@ -101,7 +104,7 @@ def measure_recall(plans: Sequence[FloorPlan], prints: np.ndarray) -> None:
         rows.append([factor, turn, round(100.0 * share, 1)])
     title = f"resized and turned plans that are put with their originals, of {len(plans)}"
     columns = ["size", "turn [deg]", "found [%]"]
-    print_and_save("dataset/plan_look_alikes_found", title, rows, columns)
+    print_and_save("dataset/plan_look_alikes_found", title, rows, columns, MODULES)
 
 
 if __name__ == "__main__":

@@ -36,6 +36,9 @@ from slamgym.metrics.wall_direction import find_wall_direction
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/drawing",)
+"""What is measured."""
+
 MOST_ERROR, LEAST_COVERAGE = 0.3, 0.6
 """Explorations with a larger trajectory error [m], or that saw less, are left out."""
 REGULARISATION = 0.1
@@ -123,7 +126,9 @@ def main() -> None:
         row("real", "as in the package", real, [boundary_log_odds(one.signs) for one in real]),
     ]
     table = [[one[column] for column in COLUMNS] for one in rows if one["number"]]
-    print_and_save("drawing/boundaries", "Log odds of boundaries between rooms", table, COLUMNS)
+    print_and_save(
+        "drawing/boundaries", "Log odds of boundaries between rooms", table, COLUMNS, MODULES
+    )
     print(f"BOUNDARY_CONSTANT = {constant:.2f}")
     print(f"BOUNDARY_WEIGHTS = np.array([{', '.join(f'{weight:.2f}' for weight in weights)}])")
 

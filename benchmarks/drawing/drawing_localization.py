@@ -32,6 +32,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 from slam.localization import SECONDS, Drive, Outcome, explore, on_map, placed
 
+MODULES = ("slamgym/drawing", "slamgym/slam")
+"""What is measured."""
+
 FIRST_HOME = 5100
 """Homes from this number on were not used when any setting was chosen."""
 FURNITURE = 0.3
@@ -82,7 +85,7 @@ def main() -> None:
         for name in found
     ]
     print_and_save(
-        "drawing/localization", f"localisation in {arguments.homes} homes", rows, COLUMNS
+        "drawing/localization", f"localisation in {arguments.homes} homes", rows, COLUMNS, MODULES
     )
 
 

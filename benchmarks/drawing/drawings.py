@@ -48,6 +48,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from realism.same_building import exact_plan, people_of_the_house
 from report import print_and_save
 
+MODULES = ("gan/translation", "slamgym/drawing")
+"""What is measured."""
+
 EXACT = "exact"
 FINE = 2
 """Vectors are measured on cells so many times finer than the map's."""
@@ -164,6 +167,7 @@ def main() -> None:
         f"Drawn floors {title}",
         [[r[c] for c in FLOOR_COLUMNS] for r in rows],
         FLOOR_COLUMNS,
+        MODULES,
         times=("CPU s",),
     )
     print_and_save(
@@ -171,6 +175,7 @@ def main() -> None:
         f"Drawn doors and walls {title}",
         [[r[c] for c in OPENING_COLUMNS] for r in rows],
         OPENING_COLUMNS,
+        MODULES,
     )
 
 

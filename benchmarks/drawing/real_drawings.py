@@ -34,6 +34,9 @@ from slamgym.viz.canvas import draw_text, fixed_point, frame_pixels, write_pictu
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/drawing",)
+"""What is measured."""
+
 PANEL = (430, 470)
 """Height and width of a map or a drawing [px]."""
 TILES = (3, 2)
@@ -227,6 +230,7 @@ def count_grades(arguments: argparse.Namespace) -> None:
         "Drawings of real robots' maps, graded blind",
         [[r[c] for c in columns] for r in rows],
         columns,
+        MODULES,
     )
     for model in sorted({one["model"] for one in rows}):
         some = [one for one in rows if one["model"] == model]

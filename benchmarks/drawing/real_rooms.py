@@ -21,6 +21,9 @@ from slamgym.interop import read_map
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("gan/translation", "slamgym/drawing")
+"""What is measured."""
+
 WIDEST_DOOR = 1.6
 """[m]."""
 COUNTS = (
@@ -65,7 +68,9 @@ def main() -> None:
         total[mean] = round(float(np.mean(values)), 3) if values else None
     columns = ("map", *MEANS, *COUNTS)
     table = [[row[column] for column in columns] for row in (*rows, total)]
-    print_and_save("drawing/rooms", "Drawn rooms of real maps", table, columns, times=("CPU s",))
+    print_and_save(
+        "drawing/rooms", "Drawn rooms of real maps", table, columns, MODULES, times=("CPU s",)
+    )
 
 
 if __name__ == "__main__":

@@ -30,6 +30,9 @@ from slamgym.metrics import intersection_over_union
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/drawing",)
+"""What is measured."""
+
 TRUE_WITHIN, STEP = 0.2, 0.05
 """Largest distance to a true wall, and the distance between the places that are looked at [m]."""
 LIMITS = (0.0, 0.5, 0.7, 0.8, 0.9, 0.95, 1.0)
@@ -68,10 +71,12 @@ def main() -> None:
         said.append(sure)
         right.append(true)
     if rows:
-        print_and_save("drawing/wall_confidence", "Confidence of drawn walls", rows, COLUMNS)
+        print_and_save(
+            "drawing/wall_confidence", "Confidence of drawn walls", rows, COLUMNS, MODULES
+        )
         title = "Confidence of drawn walls, all maps"
         bins = table(np.concatenate(said), np.concatenate(right))
-        print_and_save("drawing/wall_confidence_bins", title, bins, BIN_COLUMNS)
+        print_and_save("drawing/wall_confidence_bins", title, bins, BIN_COLUMNS, MODULES)
 
 
 def judged(folders: Sequence[Path], model: str, least_seen: float) -> tuple[FloatArray, BoolArray]:

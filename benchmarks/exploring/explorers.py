@@ -31,6 +31,9 @@ from slamgym.core.parallel.engine import Execution
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import RESULTS, environment
 
+MODULES = ("agents", "slamgym/planning", "slamgym/slam")
+"""What is measured."""
+
 PAGE = Path(__file__).parents[2] / "docs" / "explorers.md"
 PLOT = PAGE.parent / "images" / "coverage_over_time.png"
 ON_PAGE = "houseexpo"
@@ -111,7 +114,7 @@ def run(
     summary = dataclasses.asdict(summarise_trials(evaluation.trials, arguments.against))
     document = {
         "name": f"explorers_{name}",
-        **environment(),
+        **environment(MODULES),
         "seed": config.seed,
         "summary": summary,
     }

@@ -33,6 +33,9 @@ from slamgym.slam import SlamConfig
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("agents/rules.py", "slamgym/planning")
+"""What is measured."""
+
 PLANS = "procedural:home:44"
 ENOUGH = 0.95
 """Share of the reachable floor that an exploration has to see."""
@@ -275,7 +278,9 @@ def main() -> None:
                          100.0 * seen.mean(), 100.0 * seen.min(), times.mean(), ratio])  # fmt: skip
     heads = "maps|explorer|explored|said done|seen [%]|least [%]|time [s]|time / ours"
     title = f"Homes of which {ENOUGH:.0%} was seen and that were said done, on maps of other mappers ({arguments.mode})"
-    print_and_save(f"exploring/foreign_maps_{arguments.mode}", title, rows, heads.split("|"))
+    print_and_save(
+        f"exploring/foreign_maps_{arguments.mode}", title, rows, heads.split("|"), MODULES
+    )
 
 
 if __name__ == "__main__":

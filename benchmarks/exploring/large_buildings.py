@@ -25,6 +25,9 @@ from slamgym.slam import SlamConfig
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/planning", "slamgym/slam")
+"""What is measured."""
+
 KNOWN = (0.0, 100.0, 300.0, 800.0, 1600.0, 3200.0)
 """Known areas from which on costs are counted apart [m2]."""
 ENOUGH = 0.95
@@ -129,13 +132,15 @@ def main() -> None:
     name = f"exploring/large_{arguments.explorer}_{arguments.mode}"
     title = f"{arguments.explorer}, {arguments.mode}: {seen} of {len(rows)} see {ENOUGH:.0%} of the floor"
     heads = "plan|area [m2]|seen [%]|95 % after [s]|end [s]|worst pose error [m]|walls [m]|step [ms]|peak [MB]"
-    print_and_save(name, title, rows, heads.split("|"), times=["step [ms]"])
+    print_and_save(name, title, rows, heads.split("|"), MODULES, times=["step [ms]"])
     heads = (
         "known [m2]|decisions|mean [ms]|median [ms]|all steps [ms]|mean / first|all steps / first"
     )
     title = "CPU time of a decision, and of all the explorer's steps, while so much is known"
     times = ["mean [ms]", "median [ms]", "all steps [ms]"]
-    print_and_save(f"{name}_cost", title, costs(np.vstack(steps)), heads.split("|"), times=times)
+    print_and_save(
+        f"{name}_cost", title, costs(np.vstack(steps)), heads.split("|"), MODULES, times=times
+    )
 
 
 if __name__ == "__main__":

@@ -37,6 +37,9 @@ from slamgym.planning import (
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/planning",)
+"""What is measured."""
+
 RESOLUTION = 0.05  # [m]
 CANVAS = 1280  # [cells]
 ROOM = 80  # [cells]
@@ -137,7 +140,7 @@ def main() -> None:
     rounded = [[row[0], *(round(value, 3) for value in row[1:])] for row in rows]
     times = [column for column in columns if "[ms]" in column]
     title = "CPU time per call; half of the area is known"
-    print_and_save("exploring/planning", title, rounded, columns, times)
+    print_and_save("exploring/planning", title, rounded, columns, MODULES, times)
 
 
 if __name__ == "__main__":

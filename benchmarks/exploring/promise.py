@@ -35,6 +35,9 @@ from slamgym.sim import ClutterConfig
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("agents/rules.py", "slamgym/planning", "slamgym/slam")
+"""What is measured."""
+
 EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
 PROMISES = ("95%", "98%", "99%", "2m2")
 
@@ -91,7 +94,9 @@ def main() -> None:
     rows = [
         {"group": name, **figures(group)} for name, group in (found | {"all": explored}).items()
     ]
-    print_and_save("exploring/promise", f"{len(explored)} explorations", rows, list(rows[0]))
+    print_and_save(
+        "exploring/promise", f"{len(explored)} explorations", rows, list(rows[0]), MODULES
+    )
     if arguments.write:
         share = np.array([1.0 - one.stop[1] for one in explored], np.float32)
         area = share * np.array([one.area for one in explored], np.float32)

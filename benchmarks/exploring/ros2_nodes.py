@@ -29,6 +29,9 @@ import tyro
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save, resident_mb
 
+MODULES = ("slamgym/planning", "slamgym/ros2", "slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 NODES = {"sim": (), "map": ("--out", "mapped"), "explore": ("--out", "explored")}
 GOAL_MS = 50.0
 """What callbacks should take at the 99th percentile."""
@@ -83,6 +86,7 @@ def main() -> None:
         f"{GOAL_MS:g} ms at p99, no growth)",
         rows,
         ("node", "callbacks", "p50 [ms]", "p99 [ms]", "most [ms]", "memory [MB]", "growth [MB/h]"),
+        MODULES,
     )
 
 

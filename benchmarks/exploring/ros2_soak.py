@@ -37,6 +37,9 @@ from slamgym.ros2.node import LATCHED
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save, resident_mb
 
+MODULES = ("slamgym/planning", "slamgym/ros2", "slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 NODES = "sim", "map", "explore"
 
 
@@ -140,6 +143,7 @@ def main() -> None:
         f"(least {coverage.min():.1f}), error {error.mean():.3f} m (most {error.max():.3f})",
         [[*row, *sizes] for row, sizes in zip(rows, memory, strict=True)],
         columns + [f"{name} [MB]" for name in NODES],
+        MODULES,
     )
 
 

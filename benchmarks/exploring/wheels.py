@@ -31,6 +31,9 @@ from slamgym.envs.episode import episode_steps
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("agents/rl", "slamgym/envs", "slamgym/planning", "slamgym/sim")
+"""What is measured."""
+
 CONTACT_MINUTES = 5.0
 COLUMNS = ("coverage", "contacts in 5 min", "path [m]", "time [s]")
 TITLES = {"time_99": "time until 99 % are seen [s]", "contacts": "contacts in 5 min"}
@@ -63,7 +66,9 @@ def main() -> None:
         rows.append(row)
     whole = "_whole" if arguments.until <= 1.0 else ""
     title = f"{len(plans)} held-out plans, {arguments.seconds:.0f} s, localisation {arguments.localization}"
-    print_and_save(f"exploring/wheels{whole}_{arguments.localization}", title, rows, list(rows[0]))
+    print_and_save(
+        f"exploring/wheels{whole}_{arguments.localization}", title, rows, list(rows[0]), MODULES
+    )
 
 
 def measure(

@@ -37,6 +37,9 @@ from slamgym.metrics.alignment import search_similarities
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/metrics/alignment.py",)
+"""What is measured."""
+
 SIZE = 128
 NEAR = 0.005  # of the best mean squared error
 MAX_TURN, MAX_LOG_SCALE, MAX_SHIFT = math.radians(30.0), 0.1, 0.06
@@ -191,6 +194,7 @@ def compare_methods(images: Path, pairs: int, moves: int) -> None:
             "spread over start poses",
             "CPU ms a pair",
         ),
+        MODULES,
         times=("CPU ms a pair",),
     )
 
@@ -274,7 +278,7 @@ def measure_floor(images: Path, count: int) -> None:
         "wall F1 10 cm",
         "room count error",
     )
-    print_and_save("gan/gan_error_floor", title, rows, columns)
+    print_and_save("gan/gan_error_floor", title, rows, columns, MODULES)
 
 
 def score_answer(

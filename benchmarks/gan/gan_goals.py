@@ -42,6 +42,9 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from realism.same_building import known_part, people_of_the_house
 from report import print_and_save
 
+MODULES = ("gan/translation", "slamgym/metrics")
+"""What is measured."""
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(
@@ -80,11 +83,14 @@ def main() -> None:
             "Drawings against true plans; rigid alignment but where said",
             rows,
             columns,
+            MODULES,
         )
     if arguments.real is not None:
         real = [row for method in used for row in never_seen(arguments.real, method)]
         title = "Real robots' maps: share of the drawn floor that was never seen"
-        print_and_save("gan/gan_goals_real", title, real, ("method", "maps", "median", "largest"))
+        print_and_save(
+            "gan/gan_goals_real", title, real, ("method", "maps", "median", "largest"), MODULES
+        )
 
 
 def methods(weights: Sequence[str]) -> list[TranslationMethod]:

@@ -27,6 +27,9 @@ from slamgym.metrics import improvement
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("gan/networks", "gan/training")
+"""What is measured."""
+
 VARIANTS: dict[str, tuple[str, tuple[str, ...]]] = {
     "slam2cad": ("slam2cad", ()),
     "pairs not registered": ("slam2cad", ("register=false",)),
@@ -68,7 +71,7 @@ def main() -> None:
     columns = (
         "variant", "images learnt from", "MSE1 / MSE2", "grey MSE1 / MSE2", "wall F1 10 cm", "room F1", "CPU ms a map",
     )  # fmt: skip
-    print_and_save("gan/gan_variants", title, rows, columns)
+    print_and_save("gan/gan_variants", title, rows, columns, MODULES)
 
 
 def train_variant(images: Path, run: Path, name: str, minutes: float) -> None:

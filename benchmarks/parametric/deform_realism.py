@@ -42,6 +42,9 @@ from slamgym.parametric import deform, map_along_path
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/parametric",)
+"""What is measured."""
+
 METHODS = ("generator", "parametric", "modelprog", "elastic")
 CELL = 0.05
 LEAST_FLOOR = 4.0
@@ -129,7 +132,7 @@ def main() -> None:
         rows += judge(recipe, pairs[: arguments.most], maker, arguments.methods)
     columns = ("recipe", "maps", "pairs", "trees", "disagreement", "of simulated", "CPU s", "90 %")
     title = "Telling generated from simulated maps (0.5 is perfect), and diversity"
-    print_and_save("parametric/deform_realism", title, rows, columns)
+    print_and_save("parametric/deform_realism", title, rows, columns, MODULES)
 
 
 def judge(

@@ -44,6 +44,9 @@ from slamgym.parametric.warp import displacements
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/parametric",)
+"""What is measured."""
+
 PIXELS = 256
 CALIBRATION_SIDE = 4.0  # [m] of the square over which the paper's beta is measured
 Placement = tuple[
@@ -191,7 +194,9 @@ def main() -> None:
     title = (
         f"Conversions on the same draws, {runs} runs, path: {arguments.path}; median (least, most)"
     )
-    print_and_save(f"parametric/parametric_conversions_{arguments.path}", title, rows, columns)
+    print_and_save(
+        f"parametric/parametric_conversions_{arguments.path}", title, rows, columns, MODULES
+    )
 
 
 if __name__ == "__main__":

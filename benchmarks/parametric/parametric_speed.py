@@ -27,6 +27,9 @@ from slamgym.parametric.config import ConversionMethod, EkfConfig, MotionConfig
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/parametric",)
+"""What is measured."""
+
 ROOM = 6.4  # [m]
 MARGIN = 0.5  # [m] of wall round the building
 COLUMNS = (
@@ -145,7 +148,7 @@ def main() -> None:
              landmarks, round(took, 3), case.goal, case.paper)
         )  # fmt: skip
     title = "Table II: one map by the parametric model, one thread"
-    print_and_save("parametric/parametric_speed", title, rows, COLUMNS, times=("CPU [s]",))
+    print_and_save("parametric/parametric_speed", title, rows, COLUMNS, MODULES, times=("CPU [s]",))
 
 
 if __name__ == "__main__":

@@ -34,6 +34,9 @@ from slamgym.interop import read_map
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import Yardsticks, print_and_save
 
+MODULES = ("slamgym/drawing/comparison", "slamgym/slam")
+"""What is measured."""
+
 HOMES, OFFICES, HOUSEEXPO = 12, 3, 9
 SAME_PLACE = 0.35
 """A change is the true one if it lies so near to it [m] and covers this share of it."""
@@ -311,6 +314,7 @@ def main(arguments: Arguments) -> None:
             "TurtleBot3's house: people's maps against its walls",
             rows,
             list(rows[0]),
+            MODULES,
         )
     cases = explored(arguments)
     half = len(cases) // 2
@@ -325,6 +329,7 @@ def main(arguments: Arguments) -> None:
             f"{len(some)} maps, {part}, {name}",
             rows,
             list(rows[0]),
+            MODULES,
         )
     print(different_buildings(cases[half:]))
 

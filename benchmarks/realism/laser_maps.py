@@ -30,6 +30,9 @@ from slamgym.sim import ClutterConfig, LidarConfig, lidar_level
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 COLUMNS = (
     "maps", "number", "explored", "open border", "fragments", "blobs", "unknown", "occupied", "blob [px]",
     "runs of 1, 2, 3, 4 cells",
@@ -75,7 +78,7 @@ def main() -> None:
     title = (
         f"medians over explorations of {arguments.count} plans, furniture {arguments.furniture:g}"
     )
-    print_and_save("realism/laser_maps", title, rows, COLUMNS)
+    print_and_save("realism/laser_maps", title, rows, COLUMNS, MODULES)
     if arguments.sheet is not None:
         cv2.imwrite(str(arguments.sheet), np.vstack(pictures))
 

@@ -37,6 +37,9 @@ from slamgym.slam.replay import replay
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim",)
+"""What is measured."""
+
 COLUMNS = (
     "log", "beams", "part", "short", "long", "none", "sigma [m]",
 )  # fmt: skip
@@ -86,11 +89,17 @@ def main() -> None:
         runs.append(run_row(name, beams))
         mixed.append(mixed_row(name, beams["measured"]))
     print_and_save(
-        "realism/laser_residuals", "beams against the final map, in % of the part's", rows, COLUMNS
+        "realism/laser_residuals",
+        "beams against the final map, in % of the part's",
+        rows,
+        COLUMNS,
+        MODULES,
     )
-    print_and_save("realism/laser_residual_runs", "how failures keep together", runs, RUN_COLUMNS)
+    print_and_save(
+        "realism/laser_residual_runs", "how failures keep together", runs, RUN_COLUMNS, MODULES
+    )
     title = "jumps with a beam in between, in % by the jump's height"
-    print_and_save("realism/laser_residual_edges", title, mixed, list(mixed[0]))
+    print_and_save("realism/laser_residual_edges", title, mixed, list(mixed[0]), MODULES)
 
 
 def simulated(seed: int, level: str) -> Log:

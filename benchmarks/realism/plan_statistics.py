@@ -23,6 +23,9 @@ from slamgym.core.errors import PlanError
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/cad",)
+"""What is measured."""
+
 
 @dataclass(frozen=True)
 class PlanStatistics:
@@ -133,6 +136,7 @@ def main(arguments: Arguments) -> None:
         f"Floor plans: median (5th-95th percentile), {arguments.count} of each kind",
         rows,
         ["figure", "HouseExpo", *(f"generated {kind}" for kind in columns)],
+        MODULES,
     )
 
 

@@ -51,6 +51,9 @@ from slamgym.metrics.maps import distance_to
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 RESOLUTION = 0.05
 PERMUTATIONS = 50
 GMAPPING_PATCH = 32
@@ -145,7 +148,9 @@ def main() -> None:
         }
     )
     name = "realism/same_building" + ("_gmapping" if arguments.gmapping else "")
-    print_and_save(name, f"{len(people)} people's maps, {len(ours)} of ours", rows, COLUMNS)
+    print_and_save(
+        name, f"{len(people)} people's maps, {len(ours)} of ours", rows, COLUMNS, MODULES
+    )
 
 
 def read_grey(path: Path) -> ByteArray:

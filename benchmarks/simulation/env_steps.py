@@ -29,6 +29,9 @@ from slamgym.envs.batch import threads
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/envs", "slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 MODES = ("ground_truth", "dead_reckoning", "pose_graph", "rbpf")
 GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
@@ -75,6 +78,7 @@ def measure_steps() -> None:
         f"Environment steps per CPU second, by localisation and observed map (goal: ground_truth {GOAL:,})",
         list(modes()),
         ("localisation", "map", "steps/s", "ms per step", "reset ms"),
+        MODULES,
         times=("steps/s", "ms per step", "reset ms"),
     )
     print_and_save(
@@ -82,6 +86,7 @@ def measure_steps() -> None:
         "How the cost of a step grows",
         list(growth()),
         ("localisation", "what", "value", "steps/s", "ms per step"),
+        MODULES,
         times=("steps/s", "ms per step"),
     )
     print_and_save(
@@ -89,6 +94,7 @@ def measure_steps() -> None:
         "Resets",
         list(resets()),
         ("plans", "first reset of a plan ms", "later ones ms"),
+        MODULES,
         times=("first reset of a plan ms", "later ones ms"),
     )
 
@@ -168,7 +174,11 @@ def measure_batch(turns: int = 5) -> None:
     columns = ["localisation", "preset", "robots", "threads", "single steps/s", "batch steps/s"]
     columns += ["ratio", "least", "most", "ratio with a core for each thread"]
     print_and_save(
-        "simulation/env_steps_batch", "Steps per CPU second of a batch of robots", rows, columns
+        "simulation/env_steps_batch",
+        "Steps per CPU second of a batch of robots",
+        rows,
+        columns,
+        MODULES,
     )
     columns = ["localisation", "preset", "robots", *STAGES]
     print_and_save(
@@ -176,6 +186,7 @@ def measure_batch(turns: int = 5) -> None:
         "CPU time of the stages of a step for each robot of a batch, in us; draw_noise is a part of sense",
         stages,
         columns,
+        MODULES,
     )
 
 
@@ -350,7 +361,12 @@ def measure_decisions(name: str) -> None:
     ]
     times = [column for column in columns[1:] if column != "s of robot time each"]
     print_and_save(
-        "simulation/decision_rate", "Decisions on four validation plans", rows, columns, times
+        "simulation/decision_rate",
+        "Decisions on four validation plans",
+        rows,
+        columns,
+        MODULES,
+        times,
     )
 
 

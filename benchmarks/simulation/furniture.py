@@ -22,6 +22,9 @@ from slamgym.sim import Clutter, ClutterConfig, make_clutter
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim",)
+"""What is measured."""
+
 SIDE = 480
 COLUMNS = 4
 SHIFT = 4
@@ -84,7 +87,12 @@ def main(arguments: Arguments) -> None:
         resets.append([name, 1e3 * (time.process_time() - begin) / len(plans)])
     columns = ["homes", "ms a reset"]
     print_and_save(
-        "simulation/furnished_resets", "Resets, CPU time", resets, columns, times=columns[1:]
+        "simulation/furnished_resets",
+        "Resets, CPU time",
+        resets,
+        columns,
+        MODULES,
+        times=columns[1:],
     )
     print(arguments.out)
 

@@ -21,6 +21,9 @@ from slamgym.sim import cast_rays
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim",)
+"""What is measured."""
+
 RANGE_MAX = 3.5  # [m]
 ROOM = 4.0  # [m]
 DOOR = 0.9  # [m]
@@ -145,7 +148,7 @@ def main() -> None:
     rows += [measure(7, beams, 360.0) for beams in (180, 360, 1080)]
     times = ("us/scan", "million beams/s", "every wall [us]", "pymunk [us]")
     print_and_save(
-        "simulation/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]), times
+        "simulation/raycast", "Ray casting, one core, CPU time", rows, list(rows[0]), MODULES, times
     )
 
 

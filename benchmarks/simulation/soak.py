@@ -28,6 +28,9 @@ from slamgym.envs import ExploreEnv
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save, resident_mb
 
+MODULES = ("slamgym/envs", "slamgym/sim", "slamgym/slam")
+"""What is measured."""
+
 GOAL_MB = 5.0
 """Growth after the settling steps that a run should stay below."""
 
@@ -91,6 +94,7 @@ def main() -> None:
             "trimmed at the end [MB]",
             "growth, trimmed [MB]",
         ),
+        MODULES,
         times=("steps/s",),
     )
 

@@ -29,6 +29,9 @@ from slamgym.sim import (
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/sim",)
+"""What is measured."""
+
 DT = 0.2  # [s]
 ROOM = 4.0  # [m]
 
@@ -115,7 +118,12 @@ def main() -> None:
     columns = list(rows[0])
     times = [column for column in columns if "[us]" in column]
     print_and_save(
-        "simulation/world_step", "A control step of 0.2 s, one core, CPU time", rows, columns, times
+        "simulation/world_step",
+        "A control step of 0.2 s, one core, CPU time",
+        rows,
+        columns,
+        MODULES,
+        times,
     )
 
 

@@ -26,7 +26,8 @@ FOUND_SECONDS = 10.0
 WRONG_METRES = 0.25
 """A path is wrong if its error exceeds that on the unbroken log by more than this [m]."""
 COLUMNS = (
-    "fault", "mode", "logs", "found", "delay [s]", "right path", "wrong and not found", "median RMSE [m]", "doubts",
+    "fault", "mode", "logs", "found", "delay [s]", "right path", "right or found", "wrong and not found",
+    "median RMSE [m]", "doubts",
 )  # fmt: skip
 
 
@@ -128,6 +129,8 @@ FAULTS: dict[str, Callable[[Log, Span], Log]] = {
     "lost second": lambda log, span: without_scans(log, span._replace(end=span.begin + 1.0)),
 }
 """Faults in one stretch of a log, or where it begins, by name."""
+ALL_IN_A_STRETCH = "all of these in one stretch"
+"""The row of all of :data:`FAULTS` together."""
 FAULTS_EVERYWHERE: dict[str, Callable[[Log, Span], Log]] = {
     "late by 0.1 s": lambda log, _: late(log, 0.1),
     "late by 0.3 s": lambda log, _: late(log, 0.3),
@@ -141,7 +144,7 @@ FAULTS_EVERYWHERE: dict[str, Callable[[Log, Span], Log]] = {
 def fault_rows(
     logs: Mapping[str, tuple[Log, Trajectory | None]], modes: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """A row for each fault and mode over all logs, after one for the unbroken logs.
+    """A row for each fault and mode over all logs, after one for the unbroken logs and before one for all in a stretch.
 
     Args:
         logs: Good logs by name, each with the truth if there is one; else the mode's own path on the unbroken log
@@ -158,6 +161,8 @@ def fault_rows(
                 trials[fault].append(trial)
                 print(f"{mode}, {name}, {fault}: {trial}", file=sys.stderr, flush=True)
         rows += [fault_row(fault, mode, some) for fault, some in trials.items()]
+        in_a_stretch = [trial for fault in FAULTS for trial in trials[fault]]
+        rows.append(fault_row(ALL_IN_A_STRETCH, mode, in_a_stretch))
     return rows
 
 
@@ -223,6 +228,7 @@ def fault_row(fault: str, mode: str, trials: Sequence[Trial]) -> dict[str, Any]:
         "found": len(delays),
         "delay [s]": round(statistics.median(delays), 1) if delays and fault in FAULTS else None,
         "right path": sum(trial.is_right for trial in trials),
+        "right or found": sum(trial.is_right or trial.delay is not None for trial in trials),
         "wrong and not found": sum(not trial.is_right and trial.delay is None for trial in trials),
         "median RMSE [m]": round(statistics.median(trial.error for trial in trials), 3),
         "doubts": round(statistics.mean(len(trial.spans) for trial in trials), 1),

@@ -36,6 +36,9 @@ from slamgym.slam.replay import replay
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/slam",)
+"""What is measured."""
+
 FIRST_HOME = 5000
 """Homes from this number on were not used when the settings were chosen."""
 SECONDS = 60.0
@@ -115,7 +118,7 @@ def main() -> None:
             )
         )
     title = f"localisation in {arguments.homes} homes"
-    print_and_save("slam/localization", title, rows, COLUMNS, times=("ms per scan",))
+    print_and_save("slam/localization", title, rows, COLUMNS, MODULES, times=("ms per scan",))
 
 
 def add(cases: dict[str, list[Outcome]], name: str, outcome: Outcome) -> None:

@@ -53,6 +53,9 @@ from faults import doubtful_spans, fault_rows
 from recorded_logs import end_points
 from report import print_and_save
 
+MODULES = ("slamgym/slam",)
+"""What is measured."""
+
 INSTANTS = 10
 """Number of instants of a drive at which NEES is taken."""
 EVERY = 10
@@ -96,7 +99,7 @@ def main() -> None:
         make_rows, columns = PARTS[part]
         rows = make_rows(arguments)
         if rows:
-            print_and_save(f"slam/mapping_{part}", part, rows, columns)
+            print_and_save(f"slam/mapping_{part}", part, rows, columns, MODULES)
 
 
 def exact(arguments: argparse.Namespace) -> Rows:

@@ -27,6 +27,9 @@ from slamgym.slam import SlamConfig, make_mapper
 sys.path.insert(0, str(Path(__file__).parents[1]))
 from report import print_and_save
 
+MODULES = ("slamgym/slam",)
+"""What is measured."""
+
 GMAPPING_MS = {8: 10.6, 30: 40.0, 100: 128.0}
 """CPU time of GMapping per processed scan with 180 beams, by particles [ms]."""
 
@@ -70,7 +73,7 @@ def main() -> None:
     for one in rows:
         one["of the filter's"] = round(one["ms per scan"] / usual, 3)
     title = "particle filter, CPU time per processed scan"
-    print_and_save("slam/slam_speed", title, rows, COLUMNS, times=("ms per scan",))
+    print_and_save("slam/slam_speed", title, rows, COLUMNS, MODULES, times=("ms per scan",))
 
 
 def drive() -> tuple[list[LogRecord], LaserGeometry]:

@@ -396,7 +396,9 @@ def test_the_page_of_the_documentation_is_what_the_results_make(tmp_path, capsys
     assert page == capsys.readouterr().out
     remedy = "run: slamgym bench leaderboard benchmarks/results/bench -o docs/leaderboard.md"
     assert page == (ROOT / "docs" / "leaderboard.md").read_text(), remedy
-    document = json.loads((tmp_path / "b.json").read_text())
+    boards = (tmp_path / "b.json").read_text()
+    assert boards == (ROOT / "docs" / "leaderboard.json").read_text(), remedy
+    document = json.loads(boards)
     assert document["manifest"] == BENCH.sha256
     assert document["boards"]
 

@@ -27,6 +27,10 @@ from slamgym.commands.reproduce.conversions import (
 from slamgym.commands.reproduce.nearness import Nearness, nearness_claims, wall_distance
 from slamgym.commands.reproduce.own_claims import OWN_MEASURES, own_claims
 from slamgym.commands.reproduce.protocol import (
+    PAPER_IMPROVED,
+    PAPER_MAPS,
+    PAPER_MSE1,
+    PAPER_MSE2,
     MapErrors,
     alignment_table,
     table_one_beside,
@@ -39,9 +43,9 @@ from slamgym.commands.reproduce.steps import (
     TRAINED,
     Reproduction,
 )
-from slamgym.commands.reproduce.verdicts import ClaimVerdict, judge, judge_error
+from slamgym.commands.reproduce.verdicts import ClaimVerdict, exact, judge, judge_error
 from slamgym.core.errors import ConfigError, SlamgymError
-from slamgym.core.intervals import Interval
+from slamgym.core.intervals import Interval, wilson_interval
 from slamgym.dataset.realism.comparison import MIN_MAPS
 from slamgym.gan.evaluation.evaluate import RAW, THICKENED
 
@@ -291,9 +295,31 @@ def test_the_page_explains_the_verdicts_that_there_are():
     assert all(f"- **{verdict}**" in text for verdict in get_args(ClaimVerdict))
     _, _, below = text.partition("| claim of the paper | here | verdict |\n|---|---|---|\n")
     table, _, _ = below.partition("\n\n")
-    given = [row.split("|")[-2].strip() for row in table.splitlines()]
+    rows = [row for row in table.splitlines() if row.startswith("|")]
+    given = [row.split("|")[-2].strip() for row in rows]
     assert len(given) >= 3
     assert set(given) <= set(get_args(ClaimVerdict))
+
+
+def stored(name):
+    """Rows of a result of reproduction."""
+    path = PAGE.parents[1] / "benchmarks" / "results" / "reproduction" / f"{name}.json"
+    return json.loads(path.read_text())["rows"]
+
+
+def test_the_verdicts_of_the_page_follow_from_its_figures():
+    for row in stored("laptop"):
+        judged = judge if row["better"] == "more" else judge_error
+        own = Interval(row["value"], row["low"], row["high"])
+        paper = Interval(row["paper high"], row["paper low"], row["paper high"])
+        assert judged(own, paper, row["bound"]) == row["verdict"], row["claim"]
+    ratio = round(PAPER_MSE1 / PAPER_MSE2, 2)
+    for row in stored("table_one"):
+        error = Interval(row["MSE1 / MSE2"], row["low"], row["high"])
+        assert judge_error(error, exact(ratio), 1.0) == row["verdict on the error"]
+        share = wilson_interval(row["improved"], row["number"])
+        improved = wilson_interval(PAPER_IMPROVED, PAPER_MAPS)
+        assert judge(share, improved, 0.5) == row["verdict on improved"]
 
 
 def test_verdicts_follow_from_the_figures():
