@@ -45,6 +45,13 @@ class LogReading(Arguments):
     time_offset: Literal["auto"] | Annotated[float, Within(ge=-1e10, le=1e10)] = "auto"
     """How late the odometry's stamps are against the scans' [s]; below 0 they are early. By default it is estimated."""
 
+    scan_time: Annotated[float, Within(ge=0.0, le=10.0)] | None = None
+    """Time from the first beam of a scan to the last [s]; 0: they are made at once. By default the log's; where it has
+    none, it is estimated."""
+
+    scan_rate: Annotated[float, Within(gt=0.0, le=1e4)] | None = None
+    """Scans come so often, in the order of the file [Hz]: for logs whose clock stands still or is wrong."""
+
 
 def read_log(path: Path, reading: LogReading) -> Log:
     """A recorded log as it stands; faults of the file are said.
@@ -61,6 +68,8 @@ def read_log(path: Path, reading: LogReading) -> Log:
         odometry_frame=reading.odometry_frame,
         range_max=reading.range_max,
         time_offset=0.0 if isinstance(reading.time_offset, str) else reading.time_offset,
+        scan_time=reading.scan_time,
+        scan_rate=reading.scan_rate,
     )
     log = open_log(path, choices)
     for sentence in log.warnings.sentences():

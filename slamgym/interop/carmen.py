@@ -19,6 +19,7 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -42,6 +43,13 @@ from slamgym.interop.records import (
     possible_angles,
     possible_count,
     usable_scans,
+)
+from slamgym.interop.scan_times import (
+    believed_scan_time,
+    even_stamps,
+    rate_without_clock,
+    usual_gap,
+    with_scan_time,
 )
 
 MESSAGES = ("FLASER", "ROBOTLASER1", "ODOM")
@@ -67,7 +75,8 @@ _NUMBER = r"[-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?"
 _COMMENT = re.compile(
     rf"beams from (?P<start>{_NUMBER}) rad in steps of (?P<step>{_NUMBER}) rad|"
     rf"ranges from (?P<range_max>{_NUMBER}) m mean no return|"
-    rf"ranges below (?P<range_min>{_NUMBER}) m are invalid"
+    rf"ranges below (?P<range_min>{_NUMBER}) m are invalid|"
+    r"a beam every (?P<time_increment>\S+) s"
 )
 """What our own writer says of the laser."""
 
@@ -85,12 +94,15 @@ class _Message(NamedTuple):
     range_max: float | None  # [m]
 
 
-def read_carmen(path: Path | str, range_max: float | None = None) -> Log:
+def read_carmen(
+    path: Path | str, range_max: float | None = None, scan_rate: float | None = None
+) -> Log:
     """Read the front laser's scans and the odometry, at the scans and (ODOM lines) between them.
 
     Args:
         path: A log, plain or compressed by gzip, xz or bzip2 (known by its content, not by its name).
         range_max: Readings from here on are no return [m]; by default what the log says or shows.
+        scan_rate: The scans are taken to come so often, in the order of the file [Hz]; by default their stamps count.
 
     Returns:
         The scans in the order of time. Readings at or beyond the laser's maximum are ``+inf``, zero, negative
@@ -111,6 +123,11 @@ def read_carmen(path: Path | str, range_max: float | None = None) -> Log:
                 ["holds no usable laser scan (FLASER or ROBOTLASER1)", *warnings.sentences()[:3]]
             ),
         )
+    rate, clock = rate_without_clock([scan.stamp for scan in of_one_kind], scan_rate)
+    if rate is not None:
+        messages = _evenly_stamped(messages, of_one_kind, rate)
+        kept = {scan.line for scan in of_one_kind}
+        of_one_kind = [message for message in messages if message.line in kept]
     scan_stamps = [scan.stamp for scan in of_one_kind]
     places = [f"{path}:{scan.line}" for scan in of_one_kind]
     scans = [of_one_kind[index] for index in usable_scans(scan_stamps, places, warnings)]
@@ -131,7 +148,19 @@ def read_carmen(path: Path | str, range_max: float | None = None) -> Log:
         ranges = _ranges(path, scan, limit, warnings)
         laser_scan = LaserScan(scan.stamp, ranges, geometry)
         records.append(LogRecord(scan.stamp, Pose2D(*pose), laser_scan))
-    return Log(str(path), records, geometry, warnings, track, (*findings, *jumps))
+    log = Log(str(path), records, geometry, warnings, track, (*clock, *findings, *jumps))
+    increment = abs(hints.get("time_increment", 0.0))
+    scan_time, faults = believed_scan_time([increment], geometry.num_beams, usual_gap(log))
+    log = replace(log, findings=(*log.findings, *faults))
+    return with_scan_time(log, scan_time) if scan_time else log
+
+
+def _evenly_stamped(messages: list[_Message], scans: list[_Message], rate: float) -> list[_Message]:
+    """The messages with stamps by their place in the file, so that the scans come at a rate [Hz]."""
+    lines = {scan.line for scan in scans}
+    stamps = even_stamps(np.array([message.line in lines for message in messages]), rate)
+    even = zip(messages, stamps.tolist(), strict=True)
+    return [message._replace(stamp=stamp) for message, stamp in even]
 
 
 def _read_messages(path: Path, warnings: LogWarnings) -> tuple[dict[str, float], list[_Message]]:
@@ -169,12 +198,13 @@ def _read_messages(path: Path, warnings: LogWarnings) -> tuple[dict[str, float],
 
 
 def _note(hints: dict[str, float], name: str, text: str) -> None:
-    """Keep a number if it makes sense; only places and angles are negative."""
+    """Keep a number if it makes sense; only places, angles and times of beams that aren't in order are negative."""
     try:
         value = float(text)
     except ValueError:
         return
-    if abs(value) <= MAX_ABS_COORDINATE and (value > 0.0 or name in ("start", "offset")):
+    is_possible = abs(value) <= MAX_ABS_COORDINATE
+    if name == "time_increment" or (is_possible and (value > 0.0 or name in ("start", "offset"))):
         hints[name] = value
 
 
@@ -291,6 +321,7 @@ def _geometry(scans: list[_Message], hints: dict[str, float], range_max: float) 
         range_min=hints.get("range_min", 0.0),
         range_max=range_max,
         mount=_mount(scans, hints),
+        time_increment=math.copysign(0.0, hints.get("time_increment", 0.0)),
     )
 
 

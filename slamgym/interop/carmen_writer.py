@@ -36,7 +36,8 @@ def write_carmen(
     Raises:
         InputFileError: If the file can't be written.
 
-    Ranges are written in millimetres' precision; no return becomes the laser's maximum range, a reading that
+    Where a scan takes its time, a comment says how long, and the odometry at its last beam follows it. Ranges are
+    written in millimetres' precision; no return becomes the laser's maximum range, a reading that
     is too close or erroneous becomes 0.
     """
     lines = carmen_lines(records, geometry, message)
@@ -62,6 +63,9 @@ def carmen_lines(
         f"PARAM robot_front_laser_max {limit:.6g} 0 host 0",
         f"PARAM robot_frontlaser_offset {geometry.mount.x:.6g} 0 host 0",
     ]
+    takes_time = geometry.scan_time > 0.0
+    if takes_time:
+        head.append(f"# a beam every {geometry.time_increment:.12g} s")
     before = "FLASER"
     between = ""
     after = ""
@@ -79,6 +83,10 @@ def carmen_lines(
         ranges = f"{len(record.scan.ranges)} {_format_ranges(record.scan.ranges, limit)}"
         yield f"ODOM {odometry} 0 0 0 {stamp} host {stamp}\n"
         yield f"{before} {ranges} {between}{laser} {odometry} {after}{stamp} host {stamp}\n"
+        if takes_time:
+            odometry = _format_pose(compose(record.odometry, record.scan.motion))
+            stamp = f"{record.stamp + geometry.scan_time:.6f}"
+            yield f"ODOM {odometry} 0 0 0 {stamp} host {stamp}\n"
 
 
 def _looks_like_flaser(geometry: LaserGeometry) -> bool:

@@ -1,5 +1,6 @@
 """Open a recorded run by its kind of file, and the truth or the relations it is compared with."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,6 +13,7 @@ from slamgym.interop.carmen import read_carmen
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.interop.rosbag import NO_ODOMETRY, BagChoices, read_rosbag
+from slamgym.interop.scan_times import BEAM_TIMES, with_scan_time
 from slamgym.interop.tum import read_tum, rows_of_eight
 
 EPISODE_LOGS = ("scans.log", "scans.log.gz")
@@ -25,7 +27,7 @@ def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # no
         path: A CARMEN log (``.gz`` or plain), a ROS bag (``.bag``, ``.mcap``, ``.db3`` or a rosbag2 folder),
             or the folder of an episode that ``slamgym generate`` has written.
         choices: What to read of a bag; see :func:`slamgym.interop.rosbag.read_rosbag`. Of other logs the largest range,
-            the offset and no odometry can be chosen.
+            times and no odometry can be chosen.
 
     Raises:
         InputFileError: If the log can't be read or holds no usable scan.
@@ -36,11 +38,22 @@ def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # no
         raise InputFileError(path, "doesn't exist")
     text = episode_log(path) if path.is_dir() else path
     if text is not None and text.suffix.lower() not in BAG_SUFFIXES:
-        log = retimed(read_carmen(text, choices.range_max), choices.time_offset)
-        return without_odometry(log) if choices.odometry_topic == NO_ODOMETRY else log
+        read = read_carmen(text, choices.range_max, choices.scan_rate)
+        log = retimed(read, choices.time_offset)
+        if choices.odometry_topic == NO_ODOMETRY:
+            log = without_odometry(log)
+        return _with_chosen_time(log, choices.scan_time)
     if (path / "manifest.jsonl").exists():
         raise InputFileError(path, "is a dataset; name one of the folders in its 'episodes'")
-    return read_rosbag(path, choices)
+    return _with_chosen_time(read_rosbag(path, choices), choices.scan_time)
+
+
+def _with_chosen_time(log: Log, scan_time: float | None) -> Log:
+    """The log with the time of a scan that the user gives [s]; None: its own."""
+    if scan_time is None:
+        return log
+    others = tuple(finding for finding in log.findings if finding.kind != BEAM_TIMES)
+    return with_scan_time(replace(log, findings=others), scan_time)
 
 
 def episode_log(folder: Path) -> Path | None:

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamgym.core.geometry import compose, inverse, transform_poses, wrap_angle
+from slamgym.core.geometry import between, compose, inverse, transform_poses, wrap_angle
 from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D, Trajectory
 from slamgym.interop.records import Log, LogFinding, OdometryTrack, interpolated
 
@@ -21,12 +21,25 @@ MUCH_FASTER = 5.0
 
 
 def with_track(log: Log, track: OdometryTrack) -> Log:
-    """The log with other odometry poses, at the scans and between them."""
-    poses = track.poses[track.scans].tolist()
+    """The log with other odometry poses, at the scans and between them, and the scans' motions by them."""
+    at_first = track.poses[track.scans]
+    takes_time = log.geometry.scan_time > 0.0
+    at_last = _after(track, log.geometry.scan_time) if takes_time else at_first
+    poses = zip(at_first.tolist(), at_last.tolist(), strict=True)
     records = []
-    for record, pose in zip(log.records, poses, strict=True):
-        records.append(record._replace(odometry=Pose2D(*pose)))
+    for record, (first, last) in zip(log.records, poses, strict=True):
+        scan = record.scan
+        if takes_time:
+            scan = replace(scan, motion=between(Pose2D(*first), Pose2D(*last)))
+        records.append(record._replace(odometry=Pose2D(*first), scan=scan))
     return replace(log, records=records, recorded_track=track)
+
+
+def _after(track: OdometryTrack, seconds: float) -> FloatArray:
+    """Poses (S, 3) so long after each scan's stamp."""
+    in_time = np.argsort(track.stamps, kind="stable")
+    odometry = Trajectory(track.stamps[in_time], track.poses[in_time])
+    return interpolated(odometry, track.stamps[track.scans] + seconds)
 
 
 def merged_track(odometry: Trajectory, stamps: FloatArray) -> OdometryTrack:

@@ -81,12 +81,19 @@ def _fan(message: Any, flipped: bool) -> tuple[float, float]:
 
 
 def geometry_of(message: Any, mount: Pose2D, flipped: bool, range_max: float) -> LaserGeometry:
-    """The laser that a LaserScan shows, with its mount and the range from which on a reading means no return [m]."""
+    """The laser that a LaserScan shows, with its mount and the range from which on a reading means no return [m].
+
+    How long a scan takes is left at 0: what drivers write has to be checked
+    (:func:`slamgym.interop.scan_times.believed_scan_time`). Their ``scan_time`` doesn't say it: it is the time from a
+    scan to the next, also of simulated lasers, which measure all beams at once.
+    """
     first, step = _fan(message, flipped)
     count = len(message.ranges)
     last = first + (count - 1) * step
     range_min = max(float(message.range_min), 0.0)
-    return LaserGeometry(count, min(first, last), abs(step), range_min, range_max, mount)
+    at_once = math.copysign(0.0, step)  # beams that are stored clockwise are measured so
+    angle_min = min(first, last)
+    return LaserGeometry(count, angle_min, abs(step), range_min, range_max, mount, at_once)
 
 
 def ranges_of(message: Any, geometry: LaserGeometry, flipped: bool) -> Float32Array:
@@ -151,13 +158,27 @@ def odometry_fields(header: Fields, child: str, pose: Pose2D, twist: FloatArray)
 def scan_fields(
     header: Fields, ranges: Float32Array, laser: LaserGeometry, scan_time: float
 ) -> Fields:
-    """The fields of a LaserScan message; no return is +inf, as REP 117 has it."""
-    angle_max = laser.angle_min + laser.angle_increment * (laser.num_beams - 1)
+    """The fields of a LaserScan message; no return is +inf, as REP 117 has it.
+
+    Args:
+        header: Of the first beam.
+        ranges: (num_beams,) [m].
+        laser: The laser.
+        scan_time: Time until the next scan [s].
+    """
+    first = laser.angle_min
+    last = laser.angle_min + laser.angle_increment * (laser.num_beams - 1)
+    step = laser.angle_increment
+    if laser.time_increment < 0.0:  # the beam that is measured first comes first
+        first, last = last, first
+        step = -step
+        ranges = ranges[::-1]
     return {
         "header": header,
-        "angle_min": laser.angle_min,
-        "angle_max": angle_max,
-        "angle_increment": laser.angle_increment,
+        "angle_min": first,
+        "angle_max": last,
+        "angle_increment": step,
+        "time_increment": abs(laser.time_increment),
         "scan_time": scan_time,
         "range_min": laser.range_min,
         "range_max": laser.range_max,

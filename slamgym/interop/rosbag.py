@@ -6,7 +6,7 @@ either the log has its scans alone. The laser's mount is the transform from the 
 """
 
 from collections import Counter
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -37,6 +37,13 @@ from slamgym.interop.ros_messages import (
     ranges_of,
     stamp_of,
 )
+from slamgym.interop.scan_times import (
+    believed_scan_time,
+    even_stamps,
+    rate_without_clock,
+    usual_gap,
+    with_scan_time,
+)
 from slamgym.interop.transforms import TransformTree, clean_frame, planar
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -59,6 +66,8 @@ class BagChoices(NamedTuple):
     odometry_frame: str | None = None
     range_max: float | None = None  # [m]
     time_offset: float = 0.0  # by which the odometry's stamps are late [s]
+    scan_time: float | None = None  # from the first beam of a scan to the last [s]
+    scan_rate: float | None = None  # of the scans, in place of their stamps [Hz]
 
 
 @dataclass
@@ -71,6 +80,7 @@ class _Contents:
     odometry: list[tuple[float, Pose2D]] = field(default_factory=list)
     base_frame: str = ""
     transforms: TransformTree = field(default_factory=TransformTree)
+    is_scan: list[bool] = field(default_factory=list)  # of the scans and odometry, in file order
     sources: dict[str, str] = field(default_factory=dict)
     findings: list[LogFinding] = field(default_factory=list)
     warnings: LogWarnings = field(default_factory=LogWarnings)
@@ -118,6 +128,7 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
         raise InputFileError(path, "doesn't exist")
     contents = _Contents(path, choices)
     _read_contents(contents)
+    _stamp_evenly(contents)
     odometry, base_frame = _odometry(contents)
     mount, flipped = _mount(contents, base_frame)
     geometry = _geometry(contents, mount, flipped)
@@ -149,7 +160,7 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
         stamp, message = contents.scans[index]
         scan = LaserScan(stamp, ranges_of(message, geometry, flipped), geometry)
         records.append(LogRecord(stamp, Pose2D(*pose), scan))
-    return Log(
+    log = Log(
         source=str(path),
         records=records,
         geometry=geometry,
@@ -159,6 +170,25 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
         has_odometry=odometry is not None,
         sources=contents.sources,
     )
+    increments = [float(message.time_increment) for _, message in contents.scans]
+    scan_time, faults = believed_scan_time(increments, geometry.num_beams, usual_gap(log))
+    log = replace(log, findings=(*log.findings, *faults))
+    return with_scan_time(log, scan_time) if scan_time else log
+
+
+def _stamp_evenly(contents: _Contents) -> None:
+    """Give scans and odometry times by their order in the bag if the user gives a rate, or the clock stands still."""
+    stamps = [stamp for stamp, _ in contents.scans]
+    rate, findings = rate_without_clock(stamps, contents.choices.scan_rate)
+    contents.findings += findings
+    if rate is None:
+        return
+    is_scan = np.array(contents.is_scan)
+    even = even_stamps(is_scan, rate)
+    scans = zip(even[is_scan].tolist(), contents.scans, strict=True)
+    contents.scans = [(stamp, message) for stamp, (_, message) in scans]
+    odometry = zip(even[~is_scan].tolist(), contents.odometry, strict=True)
+    contents.odometry = [(stamp, pose) for stamp, (_, pose) in odometry]
 
 
 def _away(times: FloatArray, stamps: FloatArray) -> FloatArray:
@@ -274,9 +304,11 @@ def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> 
     if connection.msgtype == SCAN_TYPE:
         check_scan(message)
         contents.scans.append((stamp_of(message.header, recorded), message))
+        contents.is_scan.append(True)
     elif connection.msgtype == ODOMETRY_TYPE:
         place = pose_of(message.pose.pose, f"pose on {topic}")
         contents.odometry.append((stamp_of(message.header, recorded), place))
+        contents.is_scan.append(False)
         contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
     else:
         is_static = topic.endswith("tf_static")

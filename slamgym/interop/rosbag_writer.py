@@ -121,6 +121,11 @@ def _write_records(
             bag.write_odometry("/ground_truth", stamp, "map", true_pose, truth.twists[i])
         header = bag.header(stamp, "base_scan")
         bag.write("/scan", stamp, scan_fields(header, record.scan.ranges, laser, scan_time))
+        if laser.scan_time > 0.0:
+            last = compose(pose, record.scan.motion)
+            at_last = stamp + laser.scan_time
+            bag.write_transform("/tf", at_last, ("odom", "base_footprint"), last)
+            bag.write_odometry("/odom", at_last, "odom", last, odometry.twists[i])
 
 
 class _Motion(NamedTuple):

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from slamgym.core.geometry import between
-from slamgym.core.types import BoolArray, Float32Array, LaserScan, Pose2D
+from slamgym.core.types import BoolArray, Float32Array, Pose2D
 from slamgym.interop.records import Log, LogRecord
 from slamgym.metrics.trajectory import relative_poses
 
@@ -91,9 +91,7 @@ def without_repeats(log: Log) -> Log:
     for index in repeats:
         record = records[index]
         nothing = np.full_like(record.scan.ranges, np.nan)
-        records[index] = record._replace(
-            scan=LaserScan(record.scan.stamp, nothing, record.scan.geometry)
-        )
+        records[index] = record._replace(scan=replace(record.scan, ranges=nothing))
     first = log.records[repeats[0]].stamp - log.records[0].stamp
     sentence = (
         f"the laser repeats one reading while the robot moves, in {len(repeats)} of {len(log)} scans, first "

@@ -1,0 +1,90 @@
+"""When a log's scans were taken, and how long each took."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from slamgym.core.types import AT_REST, BoolArray, FloatArray
+from slamgym.interop.odometry import with_track
+from slamgym.interop.records import Log, LogFinding
+
+ASSUMED_RATE = 1.0
+"""Scans of a clock that stands still are taken to be so frequent [Hz]."""
+BEAM_TIMES = "beam times"
+"""Kind of the finding about times of beams that can't be."""
+LONGEST_SCAN = 1.1
+"""No scan takes so many times as long as it is until the next one."""
+
+
+def even_stamps(is_scan: BoolArray, rate: float) -> FloatArray:
+    """Stamps (N,) of messages in the order of a file, whose scans come at a rate [Hz] [s]."""
+    scans = np.flatnonzero(is_scan)
+    times = np.arange(len(scans)) / rate
+    order = np.arange(len(is_scan))
+    return np.interp(order, scans, times)
+
+
+def rate_without_clock(
+    stamps: Sequence[float], wanted: float | None
+) -> tuple[float | None, tuple[LogFinding, ...]]:
+    """The rate of scans whose own stamps aren't used [Hz], None where they are, and what is wrong with them.
+
+    Args:
+        stamps: Of the scans, in the order of the file [s].
+        wanted: The rate that the user gives [Hz].
+    """
+    standing = int(np.count_nonzero(np.diff(stamps) == 0.0))
+    if wanted is not None or 2 * standing < len(stamps):
+        return wanted, ()
+    sentence = (
+        f"the clock stands still: {standing + 1:,} of {len(stamps):,} stamps are equal, and the scans are taken as "
+        "1 s apart in the order of the file (--scan-rate HZ gives their times)"
+    )
+    return ASSUMED_RATE, (LogFinding("clock", sentence),)
+
+
+def believed_scan_time(
+    increments: Sequence[float], beams: int, gap: float
+) -> tuple[float, tuple[LogFinding, ...]]:
+    """The time from the first beam of a scan to its last that a laser tells [s], and what is wrong with it.
+
+    One that can't be is taken for none: the scans are mapped as if they were taken at once.
+
+    Args:
+        increments: Time from a beam to the next by each scan [s].
+        beams: Of a scan.
+        gap: Usual time from a scan to the next [s]; nan if it isn't known.
+    """
+    told = float(np.median(increments)) * (beams - 1)
+    fault = ""
+    if not math.isfinite(told):
+        fault = "aren't numbers"
+    elif told < 0.0:
+        fault = "run backwards"
+    elif told > LONGEST_SCAN * gap:
+        fault = f"are {told:.3g} s from the first to the last, and the next scan comes after {gap:.3g} s"
+    if not fault:
+        return told, ()
+    sentence = (
+        f"the beams' times {fault}: the scans are taken as made at once (--scan-time SECONDS gives the time from the "
+        "first beam to the last)"
+    )
+    return 0.0, (LogFinding(BEAM_TIMES, sentence),)
+
+
+def with_scan_time(log: Log, seconds: float) -> Log:
+    """The log with another time from the first beam of its scans to the last [s]; 0: they are made at once."""
+    geometry = log.geometry.taking(seconds)
+    records = []
+    for record in log.records:
+        scan = replace(record.scan, geometry=geometry, motion=AT_REST)
+        records.append(record._replace(scan=scan))
+    return with_track(replace(log, records=records, geometry=geometry), log.track)
+
+
+def usual_gap(log: Log) -> float:
+    """Usual time from a scan to the next [s]; nan where there is no next."""
+    stamps = [record.stamp for record in log.records]
+    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else math.nan
