@@ -1,12 +1,16 @@
-"""Hostile files, each a few kilobytes to make, and a process of its own that measures what reading one costs.
+"""Hostile files, each a few kilobytes to make, and what reading one costs, measured in a process of its own.
 
 Times are multiples of a loop of a million additions in the same process: machines differ by a factor of three, and
 a core that is shared with other work slows both.
 """
 
+import atexit
+import functools
 import gzip
+import io
 import json
 import lzma
+import struct
 import subprocess
 import sys
 import tarfile
@@ -19,13 +23,14 @@ MAX_LOOPS, MAX_MEGABYTES = 100.0, 100.0
 """Loops of a million additions, about 0.04 s each; the worst costs a quarter of them."""
 
 MEASURE = """
-import resource, sys, warnings
-import cv2, shapely
+import importlib, json, os, resource, sys, warnings
+import cv2, ezdxf, shapely
 from slamgym.cad import check_plan, open_plans
-from slamgym.cad import houseexpo, image_plan, room_lines
+from slamgym.cad import dxf, houseexpo, image_plan, room_lines
 from pathlib import Path
 from slamgym.agents.pretrained_policy import read_policy
 from slamgym.core.errors import SlamgymError
+from slamgym.core.pictures import read_png
 from slamgym.dataset.format import read_manifest
 from slamgym.dataset.generate.recipe import open_recipe
 from slamgym.interop import open_log, read_map, read_ros_map, ros_map
@@ -37,6 +42,7 @@ def read(kind, path):
     else:
         readers = {"map": read_ros_map, "any map": read_map, "log": open_log, "recipe": open_recipe}
         readers |= {"dataset": lambda path: list(read_manifest(path)), "weights": lambda path: read_policy(Path(path))}
+        readers |= {"picture": lambda path: read_png(Path(path))}
         readers[kind](path)
 def used():
     usage = resource.getrusage(resource.RUSAGE_SELF)
@@ -49,29 +55,48 @@ def spent(work, *arguments):
     start = used()[0]
     work(*arguments)
     return used()[0] - start
-unit = min(spent(loop) for _ in range(3))
-before = used()
-try:
-    read(*sys.argv[1:])
-    message = "accepted"
-except SlamgymError as error:
-    message = str(error)
-except MemoryError:
-    message = "MemoryError"
-after = used()
-unit = max(unit, min(spent(loop) for _ in range(3)))
-print((after[0] - before[0]) / unit, after[1] - before[1], message)
+def measure(kind, path):
+    unit = min(spent(loop) for _ in range(3))
+    before = used()
+    try:
+        read(kind, path)
+        message = "accepted"
+    except SlamgymError as error:
+        message = str(error)
+    except MemoryError:
+        message = "MemoryError"
+    after = used()
+    unit = max(unit, min(spent(loop) for _ in range(3)))
+    return (after[0] - before[0]) / unit, after[1] - before[1], message
+for line in sys.stdin:
+    child = os.fork()
+    if not child:
+        print(json.dumps(measure(*json.loads(line))), flush=True)
+        os._exit(0)
+    _, status = os.waitpid(child, 0)
+    if status:
+        print(json.dumps((0.0, 0.0, f"exit status {status}")), flush=True)
 """
 
 
-def measure(kind: str, path: Path | str, **options) -> tuple[float, float, str]:
+@functools.cache
+def _measurer() -> subprocess.Popen[str]:
+    """A process that has imported all readers, and forks for each file."""
+    command = [sys.executable, "-W", "ignore", "-c", MEASURE]
+    process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    atexit.register(process.communicate)
+    return process
+
+
+def measure(kind: str, path: Path | str) -> tuple[float, float, str]:
     """CPU time in loops of a million additions, megabytes beyond start-up and the message, or ``accepted``."""
-    command = [sys.executable, "-W", "ignore", "-c", MEASURE, kind, str(path)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, **options)
-    if done.returncode:
-        return 0.0, 0.0, f"exit status {done.returncode}: {done.stderr[-300:]}"
-    loops, megabytes, message = done.stdout.split(" ", 2)
-    return float(loops), float(megabytes), message.strip()
+    process = _measurer()
+    assert process.stdin
+    assert process.stdout
+    process.stdin.write(json.dumps([kind, str(path)]) + "\n")
+    process.stdin.flush()
+    loops, megabytes, message = json.loads(process.stdout.readline())
+    return loops, megabytes, message
 
 
 def aliases(folder: Path) -> Path:
@@ -160,6 +185,50 @@ def picture_bomb(folder: Path, side: int = 30_000) -> Path:
     content = b"".join(stream.compress(row) for _ in range(side)) + stream.flush()
     _png(folder / "huge.png", side, [(b"IDAT", content)])
     return _map(folder, "huge.png")
+
+
+def jpeg_of_passes(folder: Path, side: int = 9000) -> Path:
+    """A grey JPEG of 300 kB that is drawn again and again: 100 passes took 6 s."""
+    from PIL import Image
+
+    content = io.BytesIO()
+    Image.new("L", (side, side), 128).save(content, "JPEG", progressive=True)
+    whole = content.getvalue()
+    last = whole[whole.rindex(b"\xff\xda") : -2]
+    path = folder / "passes.jpg"
+    path.write_bytes(whole[:-2] + 200 * last + whole[-2:])
+    return path
+
+
+def tiff(folder: Path, data: bytes, fields: dict[int, tuple[int, int, int]]) -> Path:
+    """A TIFF of 10 x 10 pixels with more fields: kind, count and value of each tag."""
+    one = {256: 10, 257: 10, 258: 8, 262: 1, 273: 8, 277: 1, 278: 10, 279: 100}
+    every = {tag: (4, 1, value) for tag, value in one.items()} | fields
+    directory = b"".join(struct.pack("<HHII", tag, *every[tag]) for tag in sorted(every))
+    head = b"II*\0" + struct.pack("<I", 8 + len(data))
+    path = folder / "a.tif"
+    path.write_bytes(head + data + struct.pack("<H", len(every)) + directory + bytes(4))
+    return path
+
+
+def tiff_of_one_field(folder: Path, size: int = 1_000_000, count: int = 1000) -> Path:
+    """A TIFF of 1 MB whose fields, of 1 GB, are all the same bytes."""
+    return tiff(folder, bytes(size), {1000 + tag: (1, size, 8) for tag in range(count)})
+
+
+def tiff_of_one_tile(folder: Path, side: int = 30_000) -> Path:
+    """A TIFF of 10 x 10 pixels in a tile of 900 MB."""
+    tile = zlib.compress(bytes(1 << 20))
+    fields = {259: 8, 322: side, 323: side, 324: 8, 325: len(tile)}
+    return tiff(folder, tile, {tag: (4, 1, value) for tag, value in fields.items()})
+
+
+def png_of_profiles(folder: Path, count: int = 3000) -> Path:
+    """A PNG of 16 pixels with thousands of colour profiles of 900 kB."""
+    profile = (b"iCCP", b"a\0\0" + zlib.compress(bytes(900_000), 9))
+    return _png(
+        folder / "profiles.png", 4, [profile] * count + [(b"IDAT", zlib.compress(bytes(20)))]
+    )
 
 
 def vacuum_of_runs(folder: Path, layers: int = 1) -> Path:

@@ -22,6 +22,7 @@ from scipy.spatial import cKDTree
 from shapely import Polygon
 
 from slamgym.cad.drawn_plan import DrawnWalls, edges_of, floor_of_walls, outline_edges, stacked
+from slamgym.cad.dxf_entities import CURVES, POLYLINES, entity_weight, strip_entities
 from slamgym.cad.floorplan import FloorPlan, Room
 from slamgym.cad.plan_formats import PlanOptions
 from slamgym.cad.plan_index import PlanIndex
@@ -29,6 +30,7 @@ from slamgym.cad.polygons import refuse_crossings
 from slamgym.core.errors import PlanError, as_plan_error
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import DEPTH, DRAWING_BYTES, ENTRIES, VERTICES, shown
+from slamgym.core.parallel.budget import read_apart
 from slamgym.core.types import FloatArray
 
 LayerKind = Literal["wall", "door", "window", "room", "other"]
@@ -55,13 +57,6 @@ MAX_COORDINATE = 1e8
 """In the drawing's unit; what lies farther is a broken number."""
 _ARC_SIZES = {"ARC": ("radius", "start_angle", "end_angle"), "CIRCLE": ("radius",)}
 """Attributes that must not be broken numbers either."""
-CURVES = frozenset({"LINE", "LWPOLYLINE", "POLYLINE", "ARC", "CIRCLE", "ELLIPSE", "SPLINE"})
-"""Entities that are drawn as one line."""
-_POLYLINES = ("LWPOLYLINE", "POLYLINE")
-_LEAST_POINTS = {"LINE": 2, "ARC": 2, "ELLIPSE": 9, "CIRCLE": 33}
-"""Least number of points with which a curve is drawn."""
-_READ = CURVES | {"INSERT", "MLINE", "HATCH"}
-"""All entities that are read."""
 
 # Errors that ezdxf raises on damaged files, besides its own.
 _DAMAGED = (
@@ -79,9 +74,13 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
             like walls, or the whole drawing if it has one layer.
 
     Raises:
-        PlanError: If it is no DXF, has no walls or encloses no floor.
+        PlanError: If it is no DXF, has no walls, encloses no floor, or takes ezdxf more time or memory than it may.
     """
-    path = Path(path)
+    return read_apart(_read, (Path(path), unit, tuple(layers)), Path(path), PlanError)
+
+
+def _read(file: tuple[Path, float | None, tuple[str, ...]]) -> FloorPlan:
+    path, unit, layers = file
     document = _open(path)
     code = document.header.get("$INSUNITS", 0)
     if not unit and isinstance(code, int):
@@ -89,7 +88,7 @@ def read_dxf(path: Path | str, unit: float | None = None, layers: Sequence[str] 
     smallest_unit = UNIT_BY_SIZE[0][1]
     found = _Found(str(path), layers, _FLATNESS / (unit or smallest_unit))
     try:
-        _strip(document)
+        strip_entities(document)
         found.check_size(document)
         found.take(document.modelspace())
     except (ezdxf.DXFError, *_DAMAGED):
@@ -149,37 +148,6 @@ def _open(path: Path) -> Any:
     return document
 
 
-def _strip(document: Any) -> None:
-    """Delete what is passed over, and what is attached to the rest: every insert of a block would copy it."""
-    for block in document.blocks:
-        for entity in block:
-            entity.xdata = None
-            entity.appdata = None
-            entity.extension_dict = None
-            entity.reactors = None
-            if entity.dxftype() == "INSERT":
-                entity.delete_all_attribs()
-            elif entity.dxftype() not in _READ:
-                entity.destroy()
-        block.purge()
-
-
-def _weight(entity: Any) -> int:
-    """Least number of points or lines with which an entity is drawn, as its insert copies them."""
-    name = entity.dxftype()
-    if name == "SPLINE":
-        # Without control points a curve through n points solves n equations, at a cost that grows with the square.
-        return len(entity.control_points) or 1 + len(entity.fit_points) ** 2 // 80
-    if name == "MLINE":
-        lines = len(entity.style.elements) if entity.style else 1
-        return len(entity) * lines
-    if name == "HATCH":
-        return sum(len(getattr(path, "vertices", ())) + 1 for path in entity.paths)
-    if name in _POLYLINES:
-        return len(entity)
-    return _LEAST_POINTS.get(name, 1)
-
-
 def _unit_by_size(walls: FloatArray) -> tuple[float, tuple[str, ...]]:
     """The likely unit of a drawing that doesn't say it."""
     points = walls.reshape(-1, 2)
@@ -200,7 +168,7 @@ class _BlockContents(NamedTuple):
     """What stands in a block itself."""
 
     entities: int
-    """Points and lines, as :func:`_weight` counts them."""
+    """Points and lines, as :func:`entity_weight` counts them."""
     wall_lines: int
     inserts: Counter[_Block]
     """How often it holds each other block."""
@@ -258,7 +226,7 @@ class _Found:
             kind = self._kind_within(entity, parent)
             name = entity.dxftype()
             copies = max(entity.mcount, 1) if name == "INSERT" else 1
-            entities += copies * _weight(entity)
+            entities += copies * entity_weight(entity)
             if name == "INSERT":
                 inserts[entity.dxf.name.lower(), kind] += copies
             elif name == "LINE" and kind == "wall":
@@ -356,7 +324,7 @@ class _Found:
             return
         curve = ezdxf.path.make_path(entity)
         points = self._flattened(curve)
-        is_closed = bool(curve.is_closed or (name in _POLYLINES and entity.is_closed))
+        is_closed = bool(curve.is_closed or (name in POLYLINES and entity.is_closed))
         width = 0.0
         if not len(points):
             return

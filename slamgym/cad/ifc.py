@@ -7,7 +7,7 @@ Schema: ISO 16739-1 (IFC 4): IfcBuildingStorey, IfcWall, IfcRelVoidsElement, Ifc
 """
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,9 +29,8 @@ from slamgym.cad.plan_index import PlanIndex
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.errors import InputFileError, PlanError, needing_extra
 from slamgym.core.files import require_file
-from slamgym.core.limits import DRAWING_BYTES, ENTRIES, IFC_SECONDS, PLAN_PARTS, shown
-from slamgym.core.parallel.backlog import Lost
-from slamgym.core.parallel.engine import run_apart
+from slamgym.core.limits import DRAWING_BYTES, ENTRIES, PLAN_PARTS, shown
+from slamgym.core.parallel.budget import read_apart
 from slamgym.core.types import FloatArray, IntArray
 
 LASER_HEIGHT = 0.2
@@ -58,24 +57,12 @@ def storeys_of(path: Path | str) -> list[str]:
     Raises:
         PlanError: If the file is no IFC model.
     """
-    return list(_apart(_names, Path(path), Path(path)))
+    return list(read_apart(_names, Path(path), Path(path), PlanError))
 
 
 def _names(path: Path) -> list[str]:
     model = _open(path)  # kept to the end: ifcopenshell's elements are no longer there without it
     return [storey.name for storey in _storeys(model, path)]
-
-
-def _apart(read: Callable[[Any], Any], item: Any, path: Path) -> Any:
-    """Read in another process: of a damaged model the library's native code may crash, or never end."""
-    result = run_apart(read, item, IFC_SECONDS.value)
-    if isinstance(result, Lost):
-        raise PlanError(
-            path,
-            f"crashes its reader, or takes it more than {IFC_SECONDS.value} s; export it again, or set "
-            f"{IFC_SECONDS.variable} higher if it is only large",
-        )
-    return result
 
 
 def read_ifc(path: Path | str, storey: str | None = None) -> FloorPlan:
@@ -88,7 +75,7 @@ def read_ifc(path: Path | str, storey: str | None = None) -> FloorPlan:
     Raises:
         PlanError: If it is no IFC model, has no such storey, or its walls enclose no floor.
     """
-    return _apart(_read, (Path(path), storey), Path(path))
+    return read_apart(_read, (Path(path), storey), Path(path), PlanError)
 
 
 def open_ifc(path: Path, options: PlanOptions) -> PlanIndex:

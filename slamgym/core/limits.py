@@ -115,14 +115,20 @@ MAP_CELLS = Limit(
     "cells",
     "the map that an explorer sees, which grows with the plan",
 )
-IFC_SECONDS = Limit(
-    "SLAMGYM_MAX_IFC_SECONDS", 300, "seconds", "reading an IFC model, in a process of its own"
+READER_SECONDS = Limit(
+    "SLAMGYM_MAX_READER_SECONDS",
+    300,
+    "seconds",
+    "reading a DXF or IFC drawing or a ROS bag, in a process of its own",
+)
+READER_BYTES = Limit(
+    "SLAMGYM_MAX_READER_BYTES", 4 << 30, "bytes", "memory that such a process takes"
 )
 SCANS = Limit("SLAMGYM_MAX_SCANS", 1_000_000, "scans", "a log")
 
 LIMITS = (
     FILE_BYTES, EXPANSION, ENTRIES, WEIGHT_BYTES, DRAWING_BYTES, DOCUMENT_BYTES, YAML_BYTES, DEPTH, PIXELS, RUNS,
-    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, IFC_SECONDS, SCANS,
+    VERTICES, PLAN_PARTS, CROSSINGS, NEAR_PAIRS, MAP_CELLS, READER_SECONDS, READER_BYTES, SCANS,
 )  # fmt: skip
 """All of them, in the order of the documentation."""
 

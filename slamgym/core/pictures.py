@@ -18,15 +18,17 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import read_bytes
 from slamgym.core.limits import PIXELS
+from slamgym.core.picture_parts import check_parts
 from slamgym.core.types import BoolArray, ByteArray
 
 PICTURE_SUFFIXES = (".png", ".pgm", ".bmp", ".jpg", ".jpeg", ".tif", ".tiff")
 """Suffixes of pictures of maps and plans."""
 _READERS = {
-    b"\x89PNG\r\n\x1a\n": "Png", b"\xff\xd8": "Jpeg", b"BM": "Bmp", b"II": "Tiff", b"MM": "Tiff",
+    b"\x89PNG\r\n\x1a\n": "Png", b"\xff\xd8": "Jpeg", b"BM": "Bmp", b"II*\0": "Tiff", b"MM\0*": "Tiff",
     **dict.fromkeys((b"P1", b"P2", b"P3", b"P4", b"P5", b"P6"), "Ppm"),
 }  # fmt: skip
 """Pillow's names of the formats, by how files begin."""
+_ORIENTATION = 274
 _DAMAGED = (
     OSError, SyntaxError, ValueError, TypeError, LookupError, ArithmeticError, AttributeError, struct.error,
     zlib.error, RuntimeError, MemoryError, AssertionError,
@@ -56,7 +58,7 @@ def decode_picture(
     Raises:
         InputFileError: If it is none of these, damaged, several pictures, or has more pixels than allowed.
     """
-    from PIL import Image, ImageOps
+    from PIL import Image
 
     unreadable = error(
         where, "is not a picture that can be read (PNG, JPEG, BMP, PGM or TIFF), or is damaged"
@@ -69,6 +71,7 @@ def decode_picture(
         warnings.simplefilter("ignore")  # the error says it in one sentence
         pixels = None
         try:
+            check_parts(where, encoded, reader, error)
             image = getattr(module, f"{reader}ImageFile")(io.BytesIO(encoded))
             PIXELS.check(where, image.width * image.height, error)
             if image.mode in ("I", "F") and reader != "Ppm":
@@ -78,7 +81,7 @@ def decode_picture(
             if reader == "Ppm" and _is_binary(image):
                 return _netpbm_pixels(image, encoded)
             image.load()
-            pixels = _pixels(ImageOps.exif_transpose(image) if upright else image)
+            pixels = _pixels(_turned(image) if upright else image)
             image.seek(1)
         except EOFError:  # as it should be: there is no second one
             if pixels is None:
@@ -105,6 +108,25 @@ def grey_picture(pixels: Any) -> tuple[ByteArray, BoolArray]:
 def _is_binary(image: Any) -> bool:
     """True for a PGM or PPM whose pixels are stored as bytes."""
     return image.mode != "1" and bool(image.tile) and image.tile[0][0] in ("raw", "ppm")
+
+
+def _turned(image: Any) -> Any:
+    """The picture as its camera asks (Exif, tag 274), without reading the rest of what the camera says."""
+    from PIL.Image import Exif, Transpose
+
+    description = Exif()
+    description.load(image.info.get("exif", b""))
+    asked = getattr(image, "tag_v2", description).get(_ORIENTATION)
+    turns = {
+        2: Transpose.FLIP_LEFT_RIGHT,
+        3: Transpose.ROTATE_180,
+        4: Transpose.FLIP_TOP_BOTTOM,
+        5: Transpose.TRANSPOSE,
+        6: Transpose.ROTATE_270,
+        7: Transpose.TRANSVERSE,
+        8: Transpose.ROTATE_90,
+    }
+    return image.transpose(turns[asked]) if asked in turns else image
 
 
 def _pixels(image: Any) -> Any:

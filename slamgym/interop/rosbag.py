@@ -14,6 +14,7 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
+from slamgym.core.parallel.budget import read_apart
 from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.bag_expansion import Expansion
 from slamgym.interop.bag_repair import bag_fault
@@ -119,13 +120,18 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
             in the frame ``odom`` is taken, or in the only other one that the laser moves in.
 
     Raises:
-        InputFileError: If the bag can't be read, lacks scans or what ``choices`` names, or leaves the choice of the
-            odometry frame open.
+        InputFileError: If the bag can't be read, lacks scans or what ``choices`` names, leaves the choice of the
+            odometry frame open, or takes the library more time or memory than it may.
         ConfigError: If ``rosbags`` isn't installed.
     """
     path = Path(path)
     if not path.exists():
         raise InputFileError(path, "doesn't exist")
+    return read_apart(_read, (path, choices), path)
+
+
+def _read(bag: tuple[Path, BagChoices]) -> Log:
+    path, choices = bag
     contents = _Contents(path, choices)
     _read_contents(contents)
     _stamp_evenly(contents)
@@ -210,7 +216,7 @@ def _read_contents(contents: _Contents) -> None:
         expansion.check(_bag_path(path))
         with rosbags.highlevel.AnyReader([_bag_path(path)], default_typestore=typestore) as reader:
             _read_messages(contents, reader, expansion)
-    except InputFileError:
+    except (InputFileError, MemoryError):
         raise
     except Exception as error:  # on a damaged file the library may raise any exception
         if not contents.scans:

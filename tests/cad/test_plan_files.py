@@ -1,6 +1,7 @@
 """The same flat from DXF, IFC and GeoJSON, in the forms in which walls and doors are drawn."""
 
 import json
+import sys
 
 import drawn_flat as flat
 import numpy as np
@@ -242,10 +243,10 @@ def test_bad_drawings_are_refused_with_a_sentence(write, name, content, sentence
 
 def test_a_model_that_its_reader_never_finishes_is_refused(write, monkeypatch):
     pytest.importorskip("ifcopenshell")
-    monkeypatch.setenv("SLAMGYM_MAX_IFC_SECONDS", "2")
+    monkeypatch.setenv("SLAMGYM_MAX_READER_SECONDS", "2")
     path = write("a.ifc", flat.ifc().replace("-140.0000000000001,", "-nan,"))
     with pytest.raises(
-        PlanError, match=r"a\.ifc: crashes its reader, or takes it more than 2 s; .* set SLAMGYM_"
+        PlanError, match=r"a\.ifc: crashes its reader, or takes it more than 2 s or .* set SLAMGYM_"
     ):
         read_ifc(path)
 
@@ -302,6 +303,15 @@ def add_a_wide_scribble(document, space):
     space.add_lwpolyline(points, dxfattribs={"layer": "WALLS", "const_width": 0.1})
 
 
+def add_copies_of_a_hatch_of_edges(document, space):
+    block = document.blocks.new("H")
+    edges = block.add_hatch().paths.add_edge_path()
+    for number in range(500):
+        edges.add_line((number, 0), (number + 1, 1))
+    for _ in range(500):
+        space.add_blockref("H", (0, 0))
+
+
 def add_an_arc_without_bounds(document, space):
     space.add_arc((0, 0), 1.0, 0.0, 1e300, dxfattribs={"layer": "WALLS"})
 
@@ -315,6 +325,7 @@ def add_an_arc_without_bounds(document, space):
         (add_walls_in_a_block, "MAX_VERTICES"),
         (add_many_swings, "MAX_NEAR_PAIRS"),
         (add_a_curve_through_many_points, "MAX_ENTRIES"),
+        (add_copies_of_a_hatch_of_edges, "MAX_ENTRIES"),
         (add_a_wide_scribble, "MAX_CROSSINGS"),
         (add_an_arc_without_bounds, "arc without bounds"),
     ],
@@ -338,6 +349,20 @@ def test_dxf_that_stands_for_too_much_is_refused_at_once(tmp_path, monkeypatch, 
     assert (
         time.process_time() - start < 10.0
     )  # a fifteenth of it on a quiet core; without the limits no end
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="bounds memory as Linux counts it")
+@pytest.mark.parametrize(
+    "budget", [("SLAMGYM_MAX_READER_BYTES", "50000000"), ("SLAMGYM_MAX_READER_SECONDS", "1")]
+)
+def test_dxf_that_takes_its_reader_too_much_is_refused(write, monkeypatch, budget):
+    """The library takes 60 MB for each MB of entities without anything."""
+    monkeypatch.setenv(*budget)
+    path = write(
+        "a.dxf", "0\nSECTION\n2\nENTITIES\n" + "0\nLINE\n" * 400_000 + "0\nENDSEC\n0\nEOF\n"
+    )
+    with pytest.raises(PlanError, match=r"a\.dxf: crashes its reader, or takes it more than"):
+        read_dxf(path)
 
 
 def test_geojson_of_too_many_lists_is_refused_before_it_is_parsed(write):

@@ -160,7 +160,8 @@ def test_nodes_with_another_version_are_refused(cluster, monkeypatch):
 @pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds the workers in /proc")
 def test_the_same_bytes_as_on_one_machine_while_workers_are_killed(cluster, tmp_path):
     """Workers die at random moments; the folder has every pair once, and not a byte is different."""
-    build_dataset(tmp_path / "local", Plans(), QUICK, make_explorer, pairs=12)
+    here = Execution(engine="in_process")
+    build_dataset(tmp_path / "local", Plans(), QUICK, make_explorer, pairs=6, execution=here)
     kills: list[int] = []
     over = threading.Event()
     killer = threading.Thread(target=_kill_workers, args=(random.Random(3), kills, over))
@@ -171,14 +172,14 @@ def test_the_same_bytes_as_on_one_machine_while_workers_are_killed(cluster, tmp_
             Plans(),
             QUICK,
             make_explorer,
-            pairs=12,
+            pairs=6,
             execution=Execution(CPUS, "ray"),
         )
     finally:
         over.set()
         killer.join()
     assert kills
-    assert (report.pairs, report.rejected) == (12, {})
+    assert (report.pairs, report.rejected) == (6, {})
     assert content(tmp_path / "ray") == content(tmp_path / "local")
 
 

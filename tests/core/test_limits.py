@@ -42,6 +42,10 @@ ATTACKS = {
     "xz": ("plans", attacks.xz_bomb, "SLAMGYM_MAX_EXPANSION"),
     "log": ("log", attacks.log_bomb, "SLAMGYM_MAX_EXPANSION"),
     "picture": ("map", lambda folder: attacks.picture_bomb(folder, 12_000), "SLAMGYM_MAX_PIXELS"),
+    "passes": ("picture", attacks.jpeg_of_passes, "in more than 100 passes"),
+    "fields": ("picture", attacks.tiff_of_one_field, "fields that are larger than the file"),
+    "tile": ("picture", attacks.tiff_of_one_tile, "SLAMGYM_MAX_PIXELS"),
+    "profiles": ("picture", attacks.png_of_profiles, "several colour profiles"),
     "runs": ("any map", attacks.vacuum_of_runs, "SLAMGYM_MAX_PIXELS"),
     "runs in layers": (
         "any map",

@@ -45,7 +45,7 @@ def test_entities_of_dxf(tmp_path, content):
 @given(mutated_text([flat.ifc().encode()]))
 @cases(40)
 def test_ifc(tmp_path, monkeypatch, content):
-    monkeypatch.setenv("SLAMGYM_MAX_IFC_SECONDS", "10")
+    monkeypatch.setenv("SLAMGYM_MAX_READER_SECONDS", "10")
     path = tmp_path / "a.ifc"
     path.write_bytes(content)
     must_read_or_refuse(check_drawing, path)

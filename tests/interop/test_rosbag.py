@@ -11,6 +11,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.geometry import compose
 from slamgym.core.types import GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop import BagChoices, open_log, read_rosbag, write_rosbag2
+from slamgym.interop.rosbag import _read
 from slamgym.interop.rosbag_writer import BagTracks
 from slamgym.interop.transforms import TransformTree, planar, rigid_transform
 
@@ -219,7 +220,7 @@ class TestErrors:
         monkeypatch.setitem(__import__("sys").modules, "rosbags.highlevel", None)
         (tmp_path / "a.bag").write_bytes(b"")
         with pytest.raises(ConfigError, match=r"slamgym\[ros\]"):
-            open_log(tmp_path / "a.bag")
+            _read((tmp_path / "a.bag", BagChoices()))  # in this process, which lacks it
 
     def test_a_folder_without_a_bag_is_one_error(self, tmp_path):
         with pytest.raises(InputFileError, match="without a ROS bag"):
