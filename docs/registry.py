@@ -112,8 +112,9 @@ def glossary() -> str:
 
 def metrics() -> str:
     """docs/metrics.md."""
+    bar = "\\|"  # else it would end the cell
     rows = "\n".join(
-        f"| **{m.name}** | {m.formula} | {m.unit or '-'} | {m.better or '-'} | `{m.home.replace(':', '.')}` | {m.source} |"
+        f"| **{m.name}** | {m.formula.replace('|', bar)} | {m.unit or '-'} | {m.better or '-'} | `{m.home.replace(':', '.')}` | {m.source} |"
         for m in MEASURES
     )
     return (

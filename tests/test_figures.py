@@ -167,3 +167,11 @@ def test_a_benchmark_writes_the_commit_and_the_modules(results, capsys):
     assert document["commit"] == git(results, "rev-parse", "--short=8", "HEAD")
     assert document["modules"] == ["measured"]
     assert "title" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("page", figures.pages(), ids=lambda page: page.name)
+def test_the_rows_of_a_table_have_as_many_cells_as_its_head(page):
+    text = re.sub(r"<!--.*?-->\n?", "", page.read_text(), flags=re.DOTALL)
+    for table in re.findall(r"(?:^\|.*\n)+", text, re.MULTILINE):
+        cells = [len(re.sub(r"\\\||`[^`]*`", "", row).split("|")) for row in table.splitlines()]
+        assert cells[0] == cells[1] == max(cells), table
