@@ -130,3 +130,18 @@ def test_a_heading_error_moves_what_lies_ahead_sideways():
     covariance = step_covariance(np.array([2.0, 0.0]), np.diag([0.0, 0.0, 0.01]), np.zeros((3, 3)))
     assert covariance[1, 1] == pytest.approx(0.04)
     assert covariance[0, 0] == pytest.approx(0.0)
+
+
+@given(numbers, st.integers(0, 1000))
+def test_a_steps_covariance_is_that_of_poses_drawn_before_it(motion, seed):
+    """To first order: small deviations of the start, carried through the step as poses are."""
+    motion, start = np.array(motion), np.array([0.4, -0.2, 0.7])
+    axes = np.random.default_rng(seed).normal(0.0, 1.0, (3, 3))
+    added, eps = np.diag([0.01, 0.02, 0.003]), 1e-6
+    ahead = seen_from(start, start + motion)
+    moved = [moved_by(start + eps * axis, ahead) - moved_by(start, ahead) for axis in axes]
+    carried = (
+        np.array([(*way[:2], axis[2] * eps) for way, axis in zip(moved, axes, strict=True)]) / eps
+    )
+    covariance = step_covariance(motion[:2], axes.T @ axes, added)
+    assert covariance == pytest.approx(carried.T @ carried + added, abs=1e-3)

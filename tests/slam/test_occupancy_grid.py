@@ -12,6 +12,7 @@ from slamgym.slam.hit_count_kernels import (
     classify_counts,
     draw_scans,
     draw_scans_once,
+    drawn_lengths,
     regrid,
 )
 from slamgym.slam.hit_counts import HitCountMap
@@ -158,3 +159,29 @@ def test_of_the_cells_in_a_coarse_one_occupied_wins_then_free(seed, ratio, left,
     np.testing.assert_array_equal(
         out[::-1], expected
     )  # row 0 of what leaves the package is at the top
+
+
+def test_who_looks_at_a_map_before_it_grows_changes_nothing():
+    poses, ranges = scans(3, 2)
+    far = poses + np.array([12.0, -9.0, 0.0])
+    looked_at, other = HitCountMap(BEAMS, SlamConfig()), HitCountMap(BEAMS, SlamConfig())
+    for drawn in (looked_at, other):
+        drawn.draw(poses, ranges)
+        if drawn is looked_at:
+            drawn.occupancy_grid()
+        drawn.draw(far, ranges)
+    assert looked_at.occupancy_grid().frame == other.occupancy_grid().frame
+    np.testing.assert_array_equal(looked_at.occupancy_grid().cells, other.occupancy_grid().cells)
+
+
+@pytest.mark.parametrize("at_the_end", [True, False])
+def test_a_gap_that_the_scan_cuts_off_is_open_if_it_is_wider_than_a_quarter_turn(at_the_end):
+    geometry = LaserGeometry(91, -np.pi / 2, np.pi / 60, 0.12, 3.5)
+    beams = BeamTable.of(geometry, SlamConfig())
+    lengths = np.empty(91)
+    for missing, open_length in ((30, 0.0), (31, beams.usable)):
+        ranges = np.full(91, 2.0, np.float32)
+        ranges[:missing] = np.inf
+        drawn_lengths(ranges[::-1].copy() if at_the_end else ranges, beams, lengths)
+        gap = lengths[-missing:] if at_the_end else lengths[:missing]
+        assert gap == pytest.approx(np.full(missing, open_length))

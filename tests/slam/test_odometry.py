@@ -75,6 +75,22 @@ def test_the_particles_spread_as_far_as_the_model_says():
     assert np.abs(poses.mean(axis=0)[1:]).max() < 0.005
 
 
+@pytest.mark.parametrize(
+    ("step", "moved"),
+    [
+        ([1.0, 0.0, 0.0], [1.1, 0.03, 0.02]),
+        ([0.0, 1.0, 0.0], [0.03, 1.1, 0.02]),
+        ([0.0, 0.0, 1.0], [0.05, 0.05, 1.4]),
+    ],
+)
+def test_each_noise_enters_where_its_name_says(step, moved):
+    """The first letters of srr, srt, str and stt are of what is moved, the last of what errs by it."""
+    noise = noise_array(MotionNoise(srr=0.1, srt=0.02, str=0.05, stt=0.4))
+    poses = np.zeros((1, 3))
+    sample_motion(poses, np.array([step]), np.ones((1, 1, 3)), noise)
+    assert poses[0] == pytest.approx(moved)
+
+
 @settings(max_examples=30)
 @given(st.integers(0, 2**32 - 1), st.integers(1, 80))
 def test_every_particles_path_is_its_ancestors(seed, length):

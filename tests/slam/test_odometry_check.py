@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from room_drive import GEOMETRY, TIMES, good_drive, scan_at, times, true_poses, with_steps
 
-from slamgym.core.geometry import between
+from slamgym.core.geometry import between, wrap_angle
 from slamgym.core.types import Pose2D, Trajectory
 from slamgym.interop import Log, LogRecord
 from slamgym.interop.odometry import retimed, without_jumps
@@ -43,6 +43,26 @@ def test_late_stamps_are_set_right(drive, late):
     )
     assert np.abs(found - poses).max() < 0.3 * np.abs(before - poses).max()
     assert not check_odometry(wrong, estimate_offset=False).findings or late != 0.1
+
+
+def test_a_clock_is_judged_alike_wherever_the_heading_wraps():
+    """A robot that swings to and fro: of its headings hardly any lie on one side of pi."""
+    rng = np.random.default_rng(0)
+    stamps = TIMES[:250]
+    headings = np.pi + 0.9 * np.sin(0.8 * stamps + 0.5 * np.sin(0.3 * stamps))
+    poses = np.column_stack([np.full((250, 2), (1.0, 3.4)), headings])
+    late = np.interp(stamps - 0.3, stamps, headings)
+    for frame in (0.0, np.pi):
+        records = [
+            LogRecord(
+                stamp, Pose2D(0.0, 0.0, float(wrap_angle(told - frame))), scan_at(pose, stamp, rng)
+            )
+            for stamp, told, pose in zip(stamps.tolist(), late, poses, strict=True)
+        ]
+        (finding,) = check_odometry(Log("swings", records, GEOMETRY)).findings
+        assert finding.kind == "clock"
+        assert "0.3" in finding.sentence or "0.2" in finding.sentence
+        assert "late" in finding.sentence
 
 
 @pytest.mark.parametrize(

@@ -262,6 +262,17 @@ def test_a_single_particle_draws_no_noise_and_the_covariance_is_the_spread_of_ma
     assert 0.001 < deviation < 0.1
 
 
+def test_the_particle_that_explains_its_path_best_is_known_after_a_resampling_too():
+    start = Pose2D(0.0, 0.0, 0.0)
+    mapper = make_mapper(SlamConfig("rbpf", particles=4), GEOMETRY, start, np.random.default_rng(0))
+    mapper.update(start, scan_at(start, 0.0))
+    mapper._poses[:, 0] = [0.0, 0.1, 0.2, 0.3]
+    mapper._path_log_weights[:] = [-9.0, -5.0, -7.0, -1.0]
+    mapper._weights = np.array([0.0, 0.5, 0.5, 0.0])  # the best of all dies, and the worst
+    mapper._resample()
+    assert mapper.pose.x == pytest.approx(0.1)
+
+
 def test_the_effective_number_of_particles_lies_between_one_and_all():
     mapper, _ = run(SlamConfig("rbpf", particles=8), sigma=0.01, odometry_noise=0.3)
     assert 1.0 <= mapper.stats.n_eff[-1] <= 8.0

@@ -6,6 +6,7 @@ import pytest
 
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.geometry import transform_poses
 from slamgym.core.types import (
     GridFrame,
     LaserGeometry,
@@ -145,6 +146,19 @@ def test_scans_between_processed_ones_share_the_correction():
     filled = poses_between(poses, np.array([0, 4]), odometry)
     assert filled[:, 0] == pytest.approx([0, 1, 2, 3, 4])
     assert filled[:, 1] == pytest.approx([0, 0.1, 0.2, 0.3, 0.4])
+
+
+@pytest.mark.parametrize("turn", [0.0, 1.0, 3.0, -3.1])
+def test_a_shared_correction_is_the_same_in_a_turned_map(turn):
+    odometry = np.column_stack([np.arange(5.0), np.zeros(5), 0.1 * np.arange(5.0)])
+    poses = np.array([[0.0, 0.0, 0.1], [4.0, 0.4, 0.3]])
+    frame = Pose2D(1.0, 2.0, turn)
+    straight, turned = (
+        poses_between(p, np.array([0, 4]), odometry) for p in (poses, transform_poses(frame, poses))
+    )
+    expected = transform_poses(frame, straight)
+    assert turned[:, :2] == pytest.approx(expected[:, :2])
+    assert np.cos(turned[:, 2] - expected[:, 2]) == pytest.approx(1.0)
 
 
 def test_settings_follow_the_scanner():

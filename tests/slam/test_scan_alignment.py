@@ -7,8 +7,9 @@ from hypothesis import strategies as st
 
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.branch_and_bound import block_score, search_blocks, turned_cells
+from slamgym.slam.branch_and_bound import block_score, maxima, search_blocks, turned_cells
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.end_points import surface_normals
 from slamgym.slam.graph.alignment import FACES, AlignmentTarget
 from slamgym.slam.graph.matching import SearchWindow, score_levels
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_submap, known_surfaces, sides_of
@@ -210,6 +211,37 @@ def test_branch_and_bound_finds_what_brute_force_finds():
                 if np.hypot(0.1 + 0.1 * (du - 7), 0.1 * (dv - 7) - 0.2) >= 0.3:
                     best_elsewhere = max(best_elsewhere, score)
         assert (found, elsewhere) == (best, best_elsewhere)
+
+
+@pytest.mark.parametrize("height", range(4))
+def test_a_block_bounds_its_places_and_counts_nothing_beyond_the_grid(height):
+    """Against the scores of the places themselves, also where a block hangs over the lower and the left border."""
+    scores = np.random.default_rng(height).integers(1, 256, (9, 12), dtype=np.uint8)
+    side = 1 << height
+    around = np.pad(scores, 2 * side + 4)
+    level, zero = maxima(scores, height + 1)[height], np.zeros(1, np.int32)
+    for row in range(-side - 2, 12):
+        for col in range(-side - 2, 15):
+            first_row, first_col = row + 2 * side + 4, col + 2 * side + 4
+            block = around[first_row : first_row + side, first_col : first_col + side]
+            bound = block_score(level, side, zero, zero, col, row)
+            assert bound >= block.max()
+            if height == 0 or not block.any():
+                assert bound == block.max(), (row, col)
+
+
+@pytest.mark.parametrize(("stray", "is_wall"), [(0.005, True), (0.02, True), (0.05, False)])
+def test_a_surface_has_a_normal_across_it_unless_its_points_stray(stray, is_wall):
+    points = np.column_stack([0.1 * np.arange(9), np.full(9, 2.0)])
+    points[::2, 1] += stray
+    points[1::2, 1] -= stray
+    normals = np.empty((9, 2))
+    surface_normals(points, normals)
+    inner = normals[3:-3]  # with three neighbours on both sides
+    if is_wall:
+        assert np.abs(inner[:, 1]) == pytest.approx(np.ones(3), abs=0.02)
+    else:
+        assert not inner.any()
 
 
 # --- the particle filter's matcher

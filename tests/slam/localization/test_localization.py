@@ -6,8 +6,12 @@ from drawn_drives import CORRIDOR, FLAT, draw, drive
 
 from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import compose, wrap_angle
-from slamgym.core.types import FREE, UNKNOWN, OccupancyGrid, Pose2D
+from slamgym.core.types import FREE, UNKNOWN, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import LocalizationConfig, SlamConfig
+from slamgym.slam.hit_count_kernels import BeamTable
+from slamgym.slam.localization.global_search import is_same
+from slamgym.slam.localization.known_map import KnownMap, explain_scan
 from slamgym.slam.localization.logs import localize_log
 
 HERE = Pose2D(0.0, 0.0, 0.0)
@@ -103,9 +107,33 @@ def test_poses_come_in_the_frame_of_a_turned_map():
     straight, turned = (localize(log, draw(FLAT, (1, 1)), placement=p) for p in (HERE, placement))
     expected = compose(placement, straight.beliefs[-1].pose)
     assert turned.beliefs[-1].pose == pytest.approx(expected)
-    assert np.trace(turned.beliefs[-1].covariance) == pytest.approx(
-        np.trace(straight.beliefs[-1].covariance)
-    )
+    cos, sin = math.cos(placement.theta), math.sin(placement.theta)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    for before, after in zip(straight.beliefs, turned.beliefs, strict=True):
+        assert after.covariance == pytest.approx(turn @ before.covariance @ turn.T, abs=1e-12)
+
+
+def test_places_are_the_same_across_half_a_turn_too():
+    places = np.array([(1.0, 2.0, math.pi - 0.05), (1.0, 2.0, 0.2 - math.pi), (1.0, 2.4, -math.pi)])
+    assert is_same(places, np.array([1.1, 2.0, 0.05 - math.pi])).tolist() == [True, True, False]
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.5, 3.0, -2.0])
+def test_a_scanner_mounted_aside_is_explained_from_where_the_robot_stands(heading):
+    pose = Pose2D(1.6, 1.5, heading)
+    mount = Pose2D(0.1, -0.3, 0.8)
+    ranges = np.empty(180)
+    cast_rays(*compose(pose, mount), -math.pi, math.pi / 90, FLAT, 4.0, ranges)
+    geometry = LaserGeometry(180, -math.pi, math.pi / 90, 0.1, 4.0, mount)
+    beams = BeamTable.of(geometry, SlamConfig())
+    known = KnownMap(draw(FLAT, (1, 1)))
+    scan = ranges.astype(np.float32)
+    against, fit = explain_scan(known.field, np.array(pose), scan, beams, 1, False)
+    beside = np.array([pose.x, pose.y + 0.6, heading])
+    against_beside, fit_beside = explain_scan(known.field, beside, scan, beams, 1, False)
+    assert fit > 0.97
+    assert fit_beside < fit
+    assert against_beside > against + 1.0
 
 
 def test_furniture_that_was_moved_does_not_lose_the_robot():
