@@ -190,3 +190,16 @@ def test_a_costmap_made_of_an_older_one_is_that_of_the_map_alone(seed, edits, co
     np.testing.assert_array_equal(found.costs, expected.costs)
     known = newer.cells != UNKNOWN
     np.testing.assert_array_equal(found.distance[known], expected.distance[known])
+
+
+@pytest.mark.parametrize("gap", [40, 70, 110])
+def test_distances_near_a_change_are_from_the_old_obstacles_beyond_it_too(gap):
+    """In a hall: up to 3 m (60 cells) off a change distances change, and obstacles 3 m from there count."""
+    cells = np.full((200, 400), FREE, np.uint8)
+    cells[:, 100 + gap] = OCCUPIED
+    older = make_costmap(grid_of(cells.copy()))
+    cells[100, 100] = OCCUPIED
+    grid = grid_of(cells)
+    found, expected = make_costmap(grid, before=older), make_costmap(grid)
+    np.testing.assert_array_equal(found.distance, expected.distance)
+    np.testing.assert_array_equal(found.costs, expected.costs)

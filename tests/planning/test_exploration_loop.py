@@ -23,6 +23,7 @@ from slamgym.planning import (
     make_costmap,
     reachable_space,
 )
+from slamgym.planning.blacklist import Blacklist
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.frontier_candidates import (
     coarsen_costmap,
@@ -110,6 +111,17 @@ def test_parts_of_a_frontier_make_up_the_whole_and_extend_no_farther(extent):
         for part in parts:
             assert np.ptp(part.cells, axis=0).max() * FRAME.resolution <= extent
             assert part.size == len(part.cells)
+
+
+def test_what_was_not_reached_is_forgiven_and_what_was_reached_is_not():
+    reached, missed = candidates_of(room(openings=[EAST, NORTH]))
+    blacklist = Blacklist(0.0)
+    blacklist.add(reached, True)
+    blacklist.add(missed, False)
+    holds = [blacklist.holds(one.frontier.centroid) for one in (reached, missed)]
+    blacklist.forgive()
+    left = [blacklist.holds(one.frontier.centroid) for one in (reached, missed)]
+    assert (holds, left) == ([True, True], [True, False])
 
 
 def test_coarse_cells_take_the_lowest_cost_and_stay_in_place():

@@ -2,6 +2,7 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
@@ -15,7 +16,7 @@ from slamgym.planning import (
     reachable_space,
 )
 from slamgym.planning.costmap import INSCRIBED_COST
-from slamgym.planning.grid_path import COST_FACTOR
+from slamgym.planning.grid_path import COST_FACTOR, straight_turns
 from slamgym.planning.grid_path_kernels import line_cost, search_path, trace_path
 
 RESOLUTION = 0.05
@@ -128,6 +129,25 @@ def test_a_search_that_ends_early_finds_the_paths_of_the_whole_search(seed, coun
     assert (part == whole[wanted]).all()
     for cell in wanted[np.isfinite(whole[wanted])]:
         assert (trace_path(parents, start, cell) == trace_path(their_parents, start, cell)).all()
+
+
+@pytest.mark.parametrize("corner", [(0, 1), (1, 0)])
+def test_no_step_cuts_the_corner_of_a_wall(corner):
+    costs = np.zeros((3, 3), np.uint8)
+    costs[corner] = INSCRIBED_COST
+    for goal in (-1, 4):
+        (length,), _ = search_path(costs, 0, goal, np.array([4]), INSCRIBED_COST, 0.0)
+        assert length == 2.0  # round it, not across
+
+
+@pytest.mark.parametrize("heading", [0.0, 0.5, 2.0, -3.0])
+def test_a_robot_turns_by_the_angle_from_its_heading_to_a_place(heading):
+    aside = np.array([0.0, 0.7, -0.7, 3.0, -3.0])
+    towards = heading + aside
+    places = np.column_stack([1.0 + 2.0 * np.cos(towards), -2.0 + 2.0 * np.sin(towards)])
+    pose = Pose2D(1.0, -2.0, heading)
+    np.testing.assert_allclose(straight_turns(pose, places), np.abs(aside), atol=1e-9)
+    assert straight_turns(pose, np.array([[1.1, -2.1]])) == 0.0
 
 
 def test_goal_in_unknown_space_is_replaced_by_the_nearest_place():

@@ -181,6 +181,16 @@ def test_what_only_the_scan_showed_is_kept_as_a_wall_across_its_line_of_sight(ma
     assert np.all(kept[:, 59] == cells[:, 59])
 
 
+def test_what_only_the_scan_showed_is_forgotten_after_ten_seconds(make_world):
+    corrections = MapCorrections(spacing=0.025)
+    world = make_world(room())
+    world.place(40, 54)
+    corrections.note_seen(np.array([world.point(40, 60)]), world.pose, 3.0)
+    for time, count in ((3.0, 1), (12.9, 1), (13.1, 0)):
+        marked = corrections.mark(world.truth, time).cells
+        assert np.count_nonzero(marked != world.truth.cells) == count
+
+
 def test_something_new_in_the_way_is_driven_round(make_world):
     world = make_world(room())
     world.place(40, 20)
@@ -254,6 +264,38 @@ def test_a_turn_past_the_back_keeps_its_direction():
         assert command.linear == 0.0
         signs.add(np.sign(command.angular))
     assert len(signs) == 1
+
+
+def test_points_of_a_scan_lie_where_the_mounted_scanner_sees_them():
+    mount = Pose2D(0.1, -0.2, 0.5)
+    points = scan_points(
+        np.full(7, 1.5, np.float32), plain(LaserGeometry(7, -0.9, 0.3, 0.12, 3.5, mount))
+    )
+    angles = 0.5 - 0.9 + 0.3 * np.arange(7)
+    expected = [0.1, -0.2] + 1.5 * np.column_stack([np.cos(angles), np.sin(angles)])
+    np.testing.assert_allclose(points, expected, atol=1e-6)
+
+
+def test_a_robot_that_something_slows_down_keeps_to_its_arc():
+    context = ExplorerContext(
+        frame=GridFrame(0.05, 0.0, 0.0, 100, 100),
+        geometry=LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5),
+    )
+    costmap = make_costmap(OccupancyGrid(np.full((100, 100), FREE, np.uint8), context.frame))
+    follower = PathFollower(context)
+    aside = np.linspace(0.0, 1.0, 41)
+    follower.set_path(np.column_stack([2.5 + aside, 2.5 + 0.5 * aside]))
+
+    def command(obstacles):
+        return follower.step(costmap, Pose2D(2.5, 2.5, 0.0), np.array(obstacles).reshape(-1, 2))
+
+    linear, angular = command([])
+    before = 0.0
+    for x in (0.4, 0.46, 0.52):
+        slower = command([(x, 0.1)])
+        assert before < slower.linear < 0.95 * linear  # the nearer, the slower
+        assert slower.angular / slower.linear == pytest.approx(angular / linear)
+        before = slower.linear
 
 
 def test_normalised_and_physical_actions_are_the_same_velocity():

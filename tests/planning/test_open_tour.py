@@ -13,6 +13,7 @@ from slamgym.planning.open_tour import (
     nearest_neighbour_tour,
     open_tour,
     short_paths,
+    two_opt,
 )
 
 
@@ -56,6 +57,19 @@ def test_local_search_comes_close_to_the_exact_tour(seed):
     improved = tour_length(lengths, improve_tour(lengths, nearest_neighbour_tour(lengths)))
     # 2-opt and Or-opt end within some 5 % of the optimum on average (Johnson and McGeoch 1997); 8 places are few.
     assert exact - 1e-9 <= improved <= 1.35 * exact
+
+
+@settings(max_examples=20)
+@given(seed=st.integers(0, 10**6), places=st.integers(2, 12))
+def test_no_reversal_shortens_a_tour_that_two_opt_has_left(seed, places):
+    lengths, tour = lengths_of(seed, places), np.arange(places + 1)
+    while two_opt(lengths, tour):
+        pass
+    left = tour_length(lengths, tour[1:])
+    for i in range(1, places):
+        for j in range(i + 1, places + 1):
+            reversed_there = np.concatenate([tour[1:i], tour[i : j + 1][::-1], tour[j + 1 :]])
+            assert tour_length(lengths, reversed_there) >= left - 1e-5
 
 
 def test_places_that_cannot_be_reached_come_last():

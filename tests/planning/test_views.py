@@ -12,9 +12,16 @@ from slamgym.core.types import (
     OccupancyGrid,
     Pose2D,
 )
-from slamgym.planning import expected_gain, grid_path, make_costmap, reachable_space
+from slamgym.planning import (
+    ExplorerContext,
+    expected_gain,
+    grid_path,
+    make_costmap,
+    reachable_space,
+)
 from slamgym.planning.frontiers import view_gain
 from slamgym.planning.grid_path import SHRINK, CoarsePaths, PathLengths
+from slamgym.planning.view_history import ViewHistory
 
 RESOLUTION = 0.05
 HALF_TURN = LaserGeometry(180, -math.pi / 2, math.pi / 179, 0.12, 3.5)
@@ -84,6 +91,24 @@ def test_walls_hide_the_unknown_and_a_half_turn_sees_half_of_what_is_all_round()
     cells[:, 121] = OCCUPIED
     walled_off = view_gain(make_costmap(grid_of(cells)), middle, 3.0, FULL_TURN)
     assert walled_off < 0.85 * all_round
+
+
+@pytest.mark.parametrize(
+    ("pose", "kept"),
+    [
+        ((1.0, 2.0, 0.6), False),
+        ((1.1, 2.1, 0.5), False),
+        ((1.15, 2.15, 0.5), True),
+        ((1.0, 2.0, 0.85), True),
+        ((1.0, 2.0, 0.15), True),
+        ((1.0, 2.0, 0.5 - 2.0 * math.pi), False),
+    ],
+)
+def test_a_scan_is_kept_if_the_robot_has_moved_or_turned_either_way(pose, kept):
+    frame = GridFrame(RESOLUTION, 0.0, 0.0, 100, 100)
+    views, scan = ViewHistory(ExplorerContext(frame, HALF_TURN)), np.ones(180, np.float32)
+    assert views.note(Pose2D(1.0, 2.0, 0.5), scan)
+    assert views.note(Pose2D(*pose), scan) is kept
 
 
 # Coarse paths
