@@ -6,8 +6,9 @@ import pytest
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, Trajectory
-from slamgym.parametric.config import ParametricConfig, TwoPhaseConfig
-from slamgym.parametric.model import DRIFT_MARGIN, deform
+from slamgym.parametric.config import ParametricConfig, ScannerView, TwoPhaseConfig
+from slamgym.parametric.model import DRIFT_MARGIN, _drift_px, deform
+from slamgym.parametric.visibility import observe
 
 METHODS = ("two_phase", "ekf_schur", "ekf")
 
@@ -55,6 +56,37 @@ def test_an_open_frame_grows_until_every_displaced_wall_is_inside(flat, tour) ->
     border[1:-1, 1:-1] = False
     assert (result.grid.cells[border] == OCCUPIED).mean() < 0.05
     assert result.grid.frame.width_px > GridFrame.covering(flat.bounds, 0.1, DRIFT_MARGIN).width_px
+
+
+@pytest.mark.parametrize(
+    ("x", "y", "half", "grows"),
+    [
+        (0.0, -1.0, "upper", 10),
+        (0.0, 1.0, "lower", 10),
+        (0.0, 1.0, "upper", 0),
+        (0.0, -1.0, "lower", 0),
+        (1.0, 0.0, "left", 10),
+        (-1.0, 0.0, "right", 10),
+        (-1.0, 0.0, "left", 0),
+        (0.0, -30.0, "upper", 20),
+    ],
+)
+def test_a_picture_grows_by_as_much_as_walls_are_measured_beyond_it(x, y, half, grows) -> None:
+    """Of a room that fills it, one half is displaced, true minus measured; by half its size at most."""
+    occupied = np.zeros((40, 40), dtype=bool)
+    occupied[[0, -1]] = occupied[:, [0, -1]] = True
+    frame = GridFrame(0.1, 0.0, 0.0, 40, 40)
+    visibility = observe(occupied, frame, np.array([[2.0, 2.0, 0.0]]), ScannerView(mount_x=0.0))
+    forward = np.zeros((2, 40, 40), dtype=np.float32)
+    part = {
+        "upper": np.s_[:20],
+        "lower": np.s_[20:],
+        "left": np.s_[:, :20],
+        "right": np.s_[:, 20:],
+    }[half]
+    forward[0][part] = x
+    forward[1][part] = y
+    assert _drift_px(forward, visibility) == grows
 
 
 def test_displacement_grows_with_severity(flat, tour) -> None:

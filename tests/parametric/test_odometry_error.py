@@ -7,12 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from slamgym.parametric.config import TwoPhaseConfig
 from slamgym.parametric.odometry_error import (
     WHEEL_BASE,
     Increments,
+    PhaseErrors,
     WheelErrors,
     believed_increments,
     diameter_ratio,
+    disturb,
     increments_of,
     integrate,
     left_diameter,
@@ -127,6 +130,34 @@ def test_13_a_wider_base_turns_too_little() -> None:
         motion([0.0], [math.pi / 2]), WheelErrors(alpha_eb=math.radians(1.0))
     )
     assert believed.turn[0] == pytest.approx(math.radians(89.0))
+
+
+@pytest.mark.parametrize("kappa", [-0.02, 0.004, 0.02])
+def test_13_a_quarter_turn_errs_as_if_one_wheel_alone_were_too_large(kappa) -> None:
+    errors = WheelErrors(kappa=kappa)
+    # Jung and Chung's pi b beta / (4 L): both wheels roll a quarter of pi b, one of them too far.
+    rolled = math.pi * WHEEL_BASE / 4.0
+    too_far = diameter_ratio(kappa, WHEEL_BASE) * rolled
+    turned = step_heading(np.array([too_far]), np.array([-rolled]), WHEEL_BASE)[0]
+    expected = wheel_base_ratio(0.0, turned - math.pi / 2.0)
+    assert errors.wheel_base_ratio - 1.0 == pytest.approx(expected - 1.0, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("way", "turn", "s_l", "s_ang"), [(4.0, 0.0, 0.2, 0.06), (0.0, -0.25, 0.0, 0.2)]
+)
+def test_random_errors_of_two_phases_grow_with_the_root_of_what_is_driven_and_turned(
+    way, turn, s_l, s_ang
+) -> None:
+    count = 20_000
+    config = TwoPhaseConfig(s_l=0.1, s_lt=0.03, s_t=0.4)
+    true = motion([way] * count, [turn] * count)
+    believed = disturb(true, PhaseErrors(), config, np.random.default_rng(0))
+    # 20,000 draws give a standard deviation to half a per cent.
+    assert np.std(believed.distance) == pytest.approx(s_l, rel=0.03)
+    assert np.std(believed.turn) == pytest.approx(s_ang, rel=0.03)
+    assert np.mean(believed.distance) == pytest.approx(way, abs=0.01)
+    assert np.mean(believed.turn) == pytest.approx(turn, abs=0.01)
 
 
 def test_14_the_outer_wheel_of_a_left_bend_is_the_right_one() -> None:

@@ -7,7 +7,7 @@ from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame
 from slamgym.parametric import wall_beams
 from slamgym.parametric.config import ScannerView
 from slamgym.parametric.lidar_error import LidarErrors
-from slamgym.parametric.visibility import observe
+from slamgym.parametric.visibility import beam_angles, observe
 from slamgym.parametric.wall_beams import corrected_beams, observed_cad, printed_beams
 
 NO_ERRORS = LidarErrors()
@@ -113,6 +113,39 @@ def strays(monkeypatch, short: float, rand: float) -> np.ndarray:
     return np.concatenate(
         [beams_of(visibility, severity=1.0, seed=seed).set_points for seed in range(30)]
     )
+
+
+@pytest.mark.parametrize("heading", [0.0, 1.5, 3.0, -2.0])
+def test_beams_that_miss_their_wall_go_towards_it_whichever_way_the_robot_looks(heading) -> None:
+    frame, occupied, _ = one_wall()
+    pose = np.array([[0.0, 0.0, heading]])
+    beams = beams_of(observe(occupied, frame, pose, ScannerView(mount_x=0.0)), severity=100.0)
+    away = beams.set_points
+    assert len(away) > 20
+    # The wall stands at x = 2 m from y = -3 m to 3 m.
+    assert np.degrees(np.abs(np.arctan2(away[:, 1], away[:, 0]))).max() < 57.0
+
+
+@pytest.mark.parametrize("range_min", [0.1, 2.3, 2.8])
+def test_a_wall_nearer_than_a_scanner_measures_is_seen_but_not_hit(range_min) -> None:
+    frame, occupied, _ = one_wall()
+    scanner = ScannerView(range_min=range_min, mount_x=0.0)
+    visibility = observe(occupied, frame, np.zeros((1, 3)), scanner)
+    rows, cols = np.nonzero(occupied & visibility.seen)
+    away = np.hypot(*visibility.frame.to_points(rows, cols).T)
+    is_hit = visibility.cells.best[rows, cols] >= 0
+    clearly = np.abs(away - range_min) > 0.1  # a beam meets a cell's border, not its middle
+    np.testing.assert_array_equal(is_hit[clearly], (away > range_min)[clearly])
+    assert (~is_hit).any() == (range_min > 2.0)
+
+
+@pytest.mark.parametrize("count", [2, 5, 180])
+def test_beams_lie_evenly_from_end_to_end_of_a_view_and_all_round(count) -> None:
+    part = beam_angles(ScannerView(field_of_view=2.0, num_beams=count), 0.05)
+    np.testing.assert_allclose(part, np.linspace(-1.0, 1.0, count), atol=1e-12)
+    whole = beam_angles(ScannerView(field_of_view=2.0 * np.pi, num_beams=count), 0.05)
+    steps = np.diff(whole, append=whole[0] + 2.0 * np.pi)
+    np.testing.assert_allclose(steps, 2.0 * np.pi / count)
 
 
 def test_short_beams_end_before_the_wall(monkeypatch) -> None:
