@@ -39,7 +39,8 @@ def facts_of(log: Log) -> Iterator[tuple[str, str]]:
     yield from log.sources.items()
     laser = log.geometry
     first, last = np.degrees(laser.angles[[0, -1]])
-    yield "beams", f"{laser.num_beams}, from {first:.1f} to {last:.1f} degrees"
+    taken = f"in {laser.scan_time:.3f} s" if laser.scan_time else "at once"
+    yield "beams", f"{laser.num_beams}, from {first:.1f} to {last:.1f} degrees, {taken}"
     yield "ranges", f"{laser.range_min:g} to {laser.range_max:g} m"
     x, y, theta = laser.mount
     yield "mount", f"{x:.3f} m ahead, {y:.3f} m left, turned by {np.degrees(theta):.1f} degrees"

@@ -85,7 +85,11 @@ def checked_log(path: Path, reading: LogReading, is_said: bool = True) -> Log:
     """
     from slamgym.slam.odometry_check import check_odometry
 
-    log = check_odometry(read_log(path, reading), estimate_offset=reading.time_offset == "auto")
+    log = check_odometry(
+        read_log(path, reading),
+        estimate_offset=reading.time_offset == "auto",
+        estimate_scan_time=reading.scan_time is None,
+    )
     for finding in log.findings if is_said else ():
         say(f"slamgym: {finding}")
     return log

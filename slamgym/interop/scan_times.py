@@ -6,9 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamgym.core.types import AT_REST, BoolArray, FloatArray
-from slamgym.interop.odometry import with_track
-from slamgym.interop.records import Log, LogFinding
+from slamgym.core.types import AT_REST, BoolArray, FloatArray, Trajectory
+from slamgym.interop.odometry import merged_track, with_track
+from slamgym.interop.records import Log, LogFinding, LogRecord
 
 ASSUMED_RATE = 1.0
 """Scans of a clock that stands still are taken to be so frequent [Hz]."""
@@ -82,6 +82,19 @@ def with_scan_time(log: Log, seconds: float) -> Log:
         scan = replace(record.scan, geometry=geometry, motion=AT_REST)
         records.append(record._replace(scan=scan))
     return with_track(replace(log, records=records, geometry=geometry), log.track)
+
+
+def stamped_earlier(log: Log, seconds: float) -> Log:
+    """The log with its scans taken so much earlier than they say [s]; the odometry's stamps stay."""
+    track = log.track
+    in_time = np.argsort(track.stamps, kind="stable")
+    odometry = Trajectory(track.stamps[in_time], track.poses[in_time])
+    records = []
+    for record in log.records:
+        stamp = record.stamp - seconds
+        records.append(LogRecord(stamp, record.odometry, replace(record.scan, stamp=stamp)))
+    stamps = np.array([record.stamp for record in records])
+    return with_track(replace(log, records=records), merged_track(odometry, stamps))
 
 
 def usual_gap(log: Log) -> float:

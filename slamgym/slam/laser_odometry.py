@@ -11,11 +11,12 @@ import numpy as np
 
 from slamgym.core.geometry import unit_vectors, wrap_angle
 from slamgym.core.jit import plain
-from slamgym.core.types import FloatArray, LaserScan
+from slamgym.core.types import AT_REST, FloatArray, LaserScan, Pose2D
 from slamgym.interop.odometry import with_track
 from slamgym.interop.records import Log, OdometryTrack
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.deskew import placed_returns
 from slamgym.slam.end_points import usable_end_points
 from slamgym.slam.graph.alignment import Alignment, AlignmentTarget, NormalEquations
 from slamgym.slam.graph.mapper import FEW_POINTS
@@ -55,11 +56,15 @@ class LaserMotion(NamedTuple):
 class LaserTracker:
     """Follows the laser from scan to scan.
 
+    Where scans take their time, each is aligned as the speed until now has it, and once more by the motion found.
+
     Args:
         scan: The first one.
+        trusts_odometry: True if the scans' own motions are used instead.
     """
 
-    def __init__(self, scan: LaserScan) -> None:
+    def __init__(self, scan: LaserScan, trusts_odometry: bool = False) -> None:
+        self._trusts_odometry = trusts_odometry
         self._beams = BeamTable.of(scan.geometry, SlamConfig(max_usable_range=TRACKED_RANGE))
         self._stamp = scan.stamp
         self._pose = np.zeros(3)
@@ -67,16 +72,23 @@ class LaserTracker:
         self._speed = np.zeros(3)
         self._submaps: list[Submap] = []  # the newest two
         self._frames: list[FloatArray] = []  # their poses
-        self._draw(self._points(scan))
+        self._first: LaserScan | None = scan
+        self._draw(self._points(scan, self._speed))
 
     def move(self, scan: LaserScan, expected: FloatArray | None = None) -> LaserMotion:
         """Take the next scan, which is ``expected`` (3,) away; by default the speed has stayed as it was."""
-        points = self._points(scan)
         wait = max(scan.stamp - self._stamp, 1e-3)
         if expected is None:
             expected = self._speed * wait
         guess = moved_by(self._pose, expected)
+        points = self._points(scan, expected / wait)
         placed = self._place(points, guess, wait)
+        if scan.geometry.scan_time > 0.0 and not self._trusts_odometry:
+            speed = seen_from(self._pose, placed.pose) / wait
+            self._draw_first(speed)
+            points = self._points(scan, speed)
+            placed = self._place(points, placed.pose, wait)
+        self._first = None
         pose = placed.pose
         step = seen_from(self._pose, pose)
         self._speed = step / wait
@@ -87,9 +99,17 @@ class LaserTracker:
         information = placed.equations.sums.sum(axis=0)[:3, :3]
         return LaserMotion(step, information, placed.fit)
 
-    def _points(self, scan: LaserScan) -> FloatArray:
-        """End points (n, 2) in the robot's frame [m]."""
-        points = usable_end_points(scan.ranges, plain(self._beams), TRACKED_RANGE)
+    def _points(self, scan: LaserScan, speed: FloatArray) -> FloatArray:
+        """End points (n, 2) in the robot's frame [m], as it stands at the first beam, at a speed (3,)."""
+        motion = Pose2D(*(speed * scan.geometry.scan_time).tolist())
+        if self._trusts_odometry:
+            motion = scan.motion
+        beams = self._beams
+        if motion == AT_REST:
+            points = usable_end_points(scan.ranges, plain(beams), TRACKED_RANGE)
+        else:
+            is_near = (scan.ranges >= beams.range_min) & (scan.ranges <= TRACKED_RANGE)
+            points = placed_returns(scan, motion)[is_near & (scan.ranges < beams.range_max)]
         stride = max(1, len(points) // MOST_POINTS)
         return np.ascontiguousarray(points[::stride])
 
@@ -112,6 +132,13 @@ class LaserTracker:
                 placed = found
         x, y, heading = placed.pose
         return placed._replace(pose=np.array([x, y, wrap_angle(heading)]))
+
+    def _draw_first(self, speed: FloatArray) -> None:
+        """Draw the first scan again, now that the speed (3,) is known at which it was taken."""
+        if self._first is not None:
+            self._submaps.clear()
+            self._frames.clear()
+            self._draw(self._points(self._first, speed))
 
     def _draw(self, points: FloatArray) -> None:
         """Draw points (n, 2) of the newest scan into the newest submap, or into a new one."""

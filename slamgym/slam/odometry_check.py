@@ -19,6 +19,7 @@ from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_check import noting_changes, noting_gaps, without_repeats
 from slamgym.slam.laser_odometry import LaserTracker, with_steps
+from slamgym.slam.scan_time_check import with_estimated_scan_time
 
 MOST_PAIRS = 2000
 """About so many pairs are looked at."""
@@ -71,16 +72,19 @@ class PairMotions(NamedTuple):
     odometry: FloatArray  # (N, 3)
 
 
-def check_odometry(log: Log, estimate_offset: bool = True) -> Log:
+def check_odometry(log: Log, estimate_offset: bool = True, estimate_scan_time: bool = True) -> Log:
     """The log with what its odometry got wrong put right, or left out, and said; its laser's faults, too.
 
     Args:
         log: Any log; one without odometry comes back as it is.
         estimate_offset: True if stamps of the odometry that are late or early shall be found.
+        estimate_scan_time: True if the time that scans take shall be found, where the log doesn't say it.
     """
     if not log.has_odometry or len(log) < 2:
         return log
     log = noting_changes(noting_gaps(without_repeats(log)))
+    if estimate_scan_time:
+        log = with_estimated_scan_time(log)
     pairs = measure_pairs(log)
     checked = log
     late = _lateness(log, pairs) if estimate_offset else 0.0
@@ -109,7 +113,7 @@ def measure_pairs(log: Log) -> PairMotions:
     motions = []
     is_seen = []
     for (first, second), expected in zip(scans.T.tolist(), odometry, strict=True):
-        tracker = LaserTracker(log.records[first].scan)
+        tracker = LaserTracker(log.records[first].scan, trusts_odometry=True)
         motion = tracker.move(log.records[second].scan, expected)
         is_seen.append(motion.fit >= LEAST_FIT)
         if motion.fit >= LEAST_FIT:

@@ -1,0 +1,137 @@
+"""How long a log's scans took, by the log itself: turns skew the scans of a laser that takes its time.
+
+Pairs of scans with a turn between them are laid on each other, with each beam where the odometry has the robot then, if
+a scan took so long. Skewed scans fit badly; where some time makes them fit clearly better all over the log, that is it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.interop.records import Log
+from slamgym.interop.scan_times import BEAM_TIMES, stamped_earlier, usual_gap, with_scan_time
+from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.laser_odometry import LaserTracker
+
+LONGEST = 0.25
+"""No usual laser takes longer for a scan [s]."""
+TURN = 1.0
+"""The robot turns about so far between the scans of a pair [rad]."""
+LONGEST_TURN = 3.0
+"""Within this time [s]."""
+MOST_TURNS = 100
+"""So many of the fastest turns are looked at."""
+FEWEST_TURNS = 20
+"""Fewer say nothing."""
+COARSE = (0.5, 1.0)
+"""Shares of the longest possible time that are tried first."""
+FINE = (0.2, 0.4, 0.6, 0.8)
+"""Shares that are tried, too, where one of those helps."""
+HELPS = 0.95
+"""A time helps that brings the number of points that don't fit below this share of what it is without."""
+EXPLAINED = 0.9
+"""It is believed if it does so to below this share in each quarter of the turns: to 0.86 or less on two logs of another
+simulator that sweeps for 0.2 s, to 0.99 or more in some quarter of seven public logs whose lasers are faster."""
+LAST_BEAM = 0.5
+"""Stamps are those of the last beams if that brings the squared errors of the turns below this share."""
+OUTLIER = 0.3
+"""The difference of a turn by laser and by odometry counts as this at most [rad]."""
+
+
+class Trial(NamedTuple):
+    """How the pairs fit if scans take some time."""
+
+    seconds: float
+    is_last: bool
+    """Whether the stamps are those of the last beams."""
+    misses: FloatArray
+    """Share of the points of each pair that don't fit, (N,)."""
+    scale: float
+    """Turns by the laser, as a multiple of those by odometry."""
+    turn_error: float
+    """Sum of the squares of how far turns differ apart from that [rad^2]."""
+
+
+def with_estimated_scan_time(log: Log) -> Log:
+    """The log with the time that its scans took, where it has none and turns show it, and a finding that says so."""
+    longest = min(usual_gap(log), LONGEST)
+    if not log.has_odometry or log.geometry.scan_time > 0.0 or not longest > 0.0:
+        return log
+    pairs = _turns(log)
+    if pairs.shape[1] < FEWEST_TURNS:
+        return log
+    at_once = _try(log, pairs, 0.0)
+    trials = [_try(log, pairs, share * longest) for share in COARSE]
+    if min(trial.misses.sum() for trial in trials) > HELPS * at_once.misses.sum():
+        return log
+    trials += [_try(log, pairs, share * longest) for share in FINE]
+    by_last = [_try(log, pairs, trial.seconds, is_last=True) for trial in trials]
+    best = min(trials, key=_misses)
+    last = min(by_last, key=_misses)
+    if last.turn_error < LAST_BEAM * best.turn_error:
+        best = last
+    quarters = zip(np.array_split(best.misses, 4), np.array_split(at_once.misses, 4), strict=True)
+    if any(found.sum() > EXPLAINED * before.sum() for found, before in quarters):
+        return log
+    return _taking(log, best, longest)
+
+
+def _taking(log: Log, best: Trial, longest: float) -> Log:
+    """The log with the time that was found."""
+    # What was found is how far the robot turned meanwhile, by odometry that makes too much or too little of turns.
+    seconds = min(best.seconds / best.scale, longest)
+    ending = ""
+    if best.is_last:
+        log = stamped_earlier(log, seconds)
+        ending = ", and has the stamp of its last: stamps are set back"
+    sentence = (
+        f"a scan takes {seconds:.2f} s from its first beam to its last, as turns show{ending} (--scan-time 0 takes "
+        "scans as made at once)"
+    )
+    return with_scan_time(log, seconds).noting(BEAM_TIMES, sentence)
+
+
+def _misses(trial: Trial) -> float:
+    return float(trial.misses.sum())
+
+
+def _turns(log: Log) -> IntArray:
+    """First and second scan (2, N) of the pairs with the fastest turns between them, in the order of time."""
+    stamps = np.array([record.stamp for record in log])
+    headings = np.unwrap([record.odometry.theta for record in log])
+    firsts = []
+    seconds = []
+    for first in range(len(stamps) - 1):
+        end = int(np.searchsorted(stamps, stamps[first] + LONGEST_TURN))
+        turned = np.abs(headings[first + 1 : end] - headings[first])
+        far = np.flatnonzero(turned >= 0.75 * TURN)
+        if len(far) and turned[far[0]] < 1.5 * TURN:
+            firsts.append(first)
+            seconds.append(first + 1 + int(far[0]))
+    pairs = np.array([firsts, seconds], dtype=np.int64)
+    waits = stamps[pairs[1]] - stamps[pairs[0]]
+    fastest = np.argsort(waits, kind="stable")[:MOST_TURNS]
+    return pairs[:, np.sort(fastest)]
+
+
+def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> Trial:
+    """Lay the scans of pairs (2, N) on each other, if they take some time [s]."""
+    if is_last:
+        log = stamped_earlier(log, seconds)
+    log = with_scan_time(log, seconds)
+    poses = np.array([record.odometry for record in log], dtype=np.float64)
+    expected = relative_poses(poses[pairs[0]], poses[pairs[1]])
+    fits = []
+    turns = []
+    for (first, second), step in zip(pairs.T.tolist(), expected, strict=True):
+        tracker = LaserTracker(log.records[first].scan, trusts_odometry=True)
+        motion = tracker.move(log.records[second].scan, step)
+        fits.append(motion.fit)
+        turns.append(motion.step[2])
+    odometry = expected[:, 2]
+    laser = np.array(turns)
+    scale = float(np.median(laser / odometry))
+    errors = np.minimum(np.abs(wrap_angle(laser - scale * odometry)), OUTLIER)
+    return Trial(seconds, is_last, 1.0 - np.array(fits), scale, float((errors**2).sum()))
