@@ -41,8 +41,6 @@ FEWER_BEAMS = (2, 4)
 """Of so many beams one is kept."""
 WRONG_TURNS = (0.9, 1.1)
 """Factors of the odometry's turns."""
-SCAN_GAP = 1.0
-"""Time between scans where all stamps of a log are equal [s]."""
 COLUMNS = (
     "log", "mode", "relations [m]", "worst [m]", "revisits [m]", "rotation [deg]", "revisit [m]",
     "worst revisit [m]", "disturbed revisit [m]", "from reference [m]", "doubts", "ms per scan",
@@ -213,21 +211,29 @@ class JudgedLog(NamedTuple):
             return "relations"
         return "own path" if self.path is None else "path"
 
-    def error(self, scans: Trajectory, moments: Trajectory, whole: Trajectory) -> float:
+    def error(
+        self, scans: Trajectory, moments: Trajectory, whole: Trajectory | None
+    ) -> float | None:
         """Mean error of the relations; else RMSE to the reference path after alignment [m].
 
         Args:
             scans: A pose for every scan.
             moments: A pose for every moment of which the log holds the odometry.
-            whole: The reference where the log has none.
+            whole: The reference where the log has none; without it there is no error.
         """
         if self.relations is not None:
             return relation_error(moments, *self.relations).translation.mean
-        return absolute_trajectory_error(scans, self.path or whole).translation.rmse
+        reference = whole if self.path is None else self.path
+        if reference is None:
+            return None
+        return absolute_trajectory_error(scans, reference).translation.rmse
 
 
 def read_judged_log(path: Path) -> JudgedLog:
-    """A log with its relations (NAME.relations) or corrected path (NAME.corr): time, x, y, heading of each scan."""
+    """A log with its relations (NAME.relations) or corrected path.
+
+    NAME.corr has a line for each scan: time [s], x, y [m], heading [rad].
+    """
     stem = path.name.removesuffix(".log.gz")
     relations = path.with_name(f"{stem}.relations")
     corrected = path.with_name(f"{stem}.corr")
@@ -235,22 +241,11 @@ def read_judged_log(path: Path) -> JudgedLog:
     reference = None
     if corrected.exists():
         table = np.loadtxt(corrected)
-        poses = table[longest_ordered(table[:, 0].tolist()), 1:]
-        log = in_step(log)
-        reference = Trajectory(np.array([record.stamp for record in log]), poses)
+        # The log lacks the scans at which time goes backwards, if it has a clock.
+        is_whole = len(table) == len(log)
+        kept = slice(None) if is_whole else longest_ordered(table[:, 0].tolist())
+        reference = Trajectory(np.array([record.stamp for record in log]), table[kept, 1:])
     return JudgedLog(log, read_relations(relations) if relations.exists() else None, reference)
-
-
-def in_step(log: Log) -> Log:
-    """A log whose stamps are all equal as if its scans had been taken at a steady rate."""
-    stamps = np.array([record.stamp for record in log])
-    if np.median(np.diff(stamps)) > 0.0:
-        return log
-    records = []
-    for index, record in enumerate(log):
-        stamp = SCAN_GAP * index
-        records.append(record._replace(stamp=stamp, scan=replace(record.scan, stamp=stamp)))
-    return replace(log, records=records, recorded_track=None, findings=())
 
 
 def variants(log: Log) -> Iterator[tuple[str, Log]]:

@@ -11,7 +11,8 @@ shorter laser, fewer beams and turns of the odometry that are wrong by a tenth; 
 *start*: RMSE of the final path at all scans against the truth, from the true start [m]; *aligned*: the same after rigid
 alignment. The worst of a cell's drives counts. *says*: what the mapper says of its map, the worst of them. *ms*: median
 CPU time per processed scan. Of logs *error* is the mean error of their relations [m]; or the RMSE after alignment to
-their reference path, or, where they have none, to the mode's own path on the whole log.
+their reference path, or, where they have none, to the mode's own path on the whole log. *walls*: largest difference of
+the main direction of the walls, modulo 90 degrees, among six equal parts of a log.
 
 ``--modes karto`` needs ``pip install yag-slam``. ``--pictures FOLDER`` draws every map beside that of the true path.
 """
@@ -28,10 +29,11 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgym.core.config import config_hash, to_dict
-from slamgym.core.types import Pose2D, Trajectory
+from slamgym.core.types import FloatArray, OccupancyGrid, Pose2D, Trajectory
 from slamgym.envs import EpisodeConfig, ExploreConfig
 from slamgym.interop import Log
 from slamgym.metrics import absolute_trajectory_error
+from slamgym.metrics.wall_direction import find_wall_direction
 from slamgym.sim import odometry_level
 from slamgym.slam import SlamConfig
 from slamgym.slam.config import RANGE_MARGIN
@@ -54,6 +56,8 @@ KARTO = "karto"
 VERDICTS = ("", "sure", "doubtful", "broken")
 """What a mapper says of its map, the worst last; Karto says nothing."""
 
+WALL_PARTS = 6
+"""A log is cut into so many parts, whose walls run the same way."""
 MODULES = ("slamgym/slam", "slamgym/sim")
 """What is measured."""
 
@@ -65,7 +69,9 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--drives", type=int, default=2, help="drives a cell, each in its building")
-    parser.add_argument("--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS))
+    parser.add_argument(
+        "--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS), help="none: only the logs"
+    )
     parser.add_argument("--places", nargs="*", choices=PLACES, default=list(PLACES))
     parser.add_argument(
         "--modes", nargs="+", choices=[*MODES, KARTO], default=["pose_graph", "rbpf"]
@@ -225,7 +231,7 @@ def show_logs(arguments: argparse.Namespace, spread: Spread) -> None:
     tasks = [(arguments, path) for path in sorted(arguments.logs.glob("*.log.gz"))]
     rows = [row for some in spread(log_rows, tasks) for row in some]
     error = f"{arguments.modes[0]} error [m]"
-    rows.sort(key=lambda row: row[error], reverse=True)
+    rows.sort(key=lambda row: row[error] or 0.0, reverse=True)
     print_table("recorded log", rows, list(rows[0]))
 
 
@@ -241,8 +247,10 @@ def log_rows(task: tuple[argparse.Namespace, Path]) -> Rows:
         row: dict[str, Any] = {"log": name, "variant": variant, "against": judged.kind}
         for mode in arguments.modes:
             result = mapped(checked, mode)
-            error = judged.error(result.scans, result.moments, own.setdefault(mode, result.scans))
-            row[f"{mode} error [m]"] = round(error, 3)
+            error = judged.error(result.scans, result.moments, own.get(mode))
+            own.setdefault(mode, result.scans)
+            row[f"{mode} error [m]"] = error and round(error, 3)
+            row[f"{mode} walls [deg]"] = round(walls_turn(log, result.scans), 1)
             if mode != KARTO:
                 row[f"{mode} says"] = result.verdict
             row[f"{mode} [ms]"] = round(result.milliseconds, 2)
@@ -254,17 +262,34 @@ def log_rows(task: tuple[argparse.Namespace, Path]) -> Rows:
     return rows
 
 
-def draw(path: Path, log: Log, scans: Trajectory) -> None:
-    """Write a picture of the map that the scans make on a path."""
+def walls_turn(log: Log, scans: Trajectory) -> float:
+    """Largest difference of the main direction of the walls, modulo 90 degrees, among equal parts of a drive [deg]."""
+    angles = []
+    for part in np.array_split(np.arange(len(log)), WALL_PARTS):
+        first, last = int(part[0]), int(part[-1]) + 1
+        some = replace(log, records=log.records[first:last], recorded_track=None)
+        grid = map_on_path(some, scans.poses[first:last])
+        angles.append(find_wall_direction(grid.cells).angle_deg)
+    difference = np.subtract.outer(angles, angles)
+    return float(np.abs((difference + 45.0) % 90.0 - 45.0).max())
+
+
+def map_on_path(log: Log, poses: FloatArray) -> OccupancyGrid:
+    """The map that the scans make on a path (N, 3)."""
     records = [
         record._replace(odometry=Pose2D(*pose))
-        for record, pose in zip(log, scans.poses.tolist(), strict=True)
+        for record, pose in zip(log, poses.tolist(), strict=True)
     ]
     suited = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
     config = replace(suited, mode="ground_truth")
     on_path = replace(log, records=records, recorded_track=None)
-    grid = replay(on_path, config, np.random.default_rng(0)).grid
+    return replay(on_path, config, np.random.default_rng(0)).grid
+
+
+def draw(path: Path, log: Log, scans: Trajectory) -> None:
+    """Write a picture of the map that the scans make on a path."""
     path.parent.mkdir(parents=True, exist_ok=True)
+    grid = map_on_path(log, scans.poses)
     write_picture(path, draw_map(grid, scans.poses, path.stem))
 
 

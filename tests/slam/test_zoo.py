@@ -12,7 +12,6 @@ import pytest
 import zoo
 from recorded_logs import (
     JudgedLog,
-    in_step,
     read_judged_log,
     variants,
     with_fewer_beams,
@@ -156,9 +155,13 @@ def test_a_laser_of_four_metres_has_no_variant_with_a_longer_one(log):
     assert names == ["whole", "1 of 2 beams", "1 of 4 beams", "turns x 0.9", "turns x 1.1"]
 
 
-def test_a_log_without_a_clock_is_judged_by_its_corrected_path(log, tmp_path):
-    """Its stamps are all equal but for those before its clock stopped, of which scans are left out."""
-    stamps = [-0.4, -0.9] + [7.0] * (len(log) - 2)
+@pytest.mark.parametrize(
+    ("first", "others", "left_out"),
+    [((0.0, 1.0), 1.0, 0), ((1.0, 0.5), 1.0, 1), ((-0.4, -0.9), 0.0, 0)],
+    ids=["a clock that runs", "one that steps back", "one that stands still"],
+)
+def test_a_log_is_judged_by_its_corrected_path(log, tmp_path, first, others, left_out):
+    stamps = [*first, *(7.0 + others * k for k in range(len(log) - 2))]
     lines = ["PARAM robot_front_laser_max 20.0 0 host 0"]
     rows = []
     moved = transform_poses(Pose2D(3.0, -1.0, 0.5), path_of(log).poses)
@@ -172,16 +175,14 @@ def test_a_log_without_a_clock_is_judged_by_its_corrected_path(log, tmp_path):
     np.savetxt(tmp_path / "a.corr", rows)
     judged = read_judged_log(tmp_path / "a.log.gz")
     assert judged.kind == "path"
-    assert len(judged.log) == len(log) - 1
+    assert len(judged.log) == len(log) - left_out
     scans = path_of(judged.log)
-    assert (np.diff(scans.stamps) == 1.0).all()
     assert judged.error(scans, scans, scans) == pytest.approx(0.0, abs=1e-5)
     bent = Trajectory(scans.stamps, scans.poses * np.array([1.0, 1.2, 1.0]))
     assert judged.error(bent, bent, bent) > 0.05
 
 
 def test_a_log_is_judged_by_its_relations_or_by_its_own_path(log):
-    assert in_step(log) is log  # its clock runs
     path = path_of(log)
     ends = np.array([compose(STEP, STEP)])
     relations = Relations(path.stamps[:1], path.stamps[1:2], ends + np.array([0.3, 0.0, 0.0]))
@@ -189,7 +190,26 @@ def test_a_log_is_judged_by_its_relations_or_by_its_own_path(log):
     assert by_relations.error(path, path, path) == pytest.approx(0.3)
     own = JudgedLog(log, None, None)
     assert own.kind == "own path"
-    assert own.error(path, path, path) == pytest.approx(0.0, abs=1e-9)
+    assert own.error(path, path, path) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_walls_turn_where_a_path_bends():
+    """A robot spins in the middle of a room of 4 x 4 m, and its path loses 10 degrees on the way."""
+    laser = LaserGeometry(360, -math.pi, math.pi / 180.0, 0.1, 8.0)
+    headings = np.linspace(0.0, 1.0, 60)
+    records = []
+    for stamp, heading in enumerate(headings.tolist()):
+        angles = laser.angles + heading
+        ranges = 2.0 / np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles)))
+        scan = LaserScan(float(stamp), ranges.astype(np.float32), laser)
+        records.append(LogRecord(float(stamp), Pose2D(0.0, 0.0, heading), scan))
+    log = Log("room", records, laser)
+    path = path_of(log)
+    assert zoo.walls_turn(log, path) < 1.0
+    lost = np.where(headings > 0.5, math.radians(10.0), 0.0)
+    bent = path.poses - np.column_stack([np.zeros((60, 2)), lost])
+    # The part in which it bends has walls of either direction, and none in between.
+    assert zoo.walls_turn(log, Trajectory(path.stamps, bent)) == pytest.approx(10.0, abs=1.0)
 
 
 def test_without_its_package_karto_says_what_to_install(monkeypatch):
