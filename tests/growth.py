@@ -14,7 +14,7 @@ def growth(run: Callable[[int], object], size: int) -> float:
     The shortest of several runs of each, begun again where it is too much: what else the machine does only adds.
     """
     small = large = math.inf
-    for _ in range(4):
+    for _ in range(10):
         small = min(small, *(_seconds(run, size) for _ in range(3)))
         large = min(large, _seconds(run, 4 * size))
         if large / small < MOST:

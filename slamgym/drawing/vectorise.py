@@ -84,15 +84,18 @@ def make_drawing(
     RUNS.check(where, changes // 2)
     used = load_floor_model(model) if isinstance(model, str) else model
     grid = known_part(grid)
+    no_floor = InputFileError(
+        where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution"
+    )
+    if grid.cells.size * grid.frame.resolution**2 < SMALLEST_ROOM:
+        raise no_floor  # cleaning would take long over its many cells in a decimetre
     corrections.require(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     floor, gaps = _find_floor(grid, used, angle)
     floor = revised_floor(floor, corrections)
     if floor.is_empty:
-        raise InputFileError(
-            where, f"holds no floor of {SMALLEST_ROOM:g} m2 or more; check its resolution"
-        )
+        raise no_floor
     evidence = Evidence(grid)
     division = revised_division(floor, gaps, corrections)
     walls = judged_walls(find_walls(floor), evidence)
