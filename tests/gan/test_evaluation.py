@@ -285,6 +285,16 @@ class TestCleaning:
         small = clean_map(slam, SCALE)
         assert np.mean(clean_map(large, SCALE / 2)[::2, ::2] == small) > 0.99
 
+    def test_what_fits_into_a_square_is_furniture_and_what_is_longer_a_wall(self):
+        slam = np.full((120, 120), UNKNOWN, np.uint8)
+        slam[10:110, 10:110] = FREE
+        slam[20:30, 20:30] = OCCUPIED  # 0.5 m square
+        slam[80:84, 30:90] = slam[20:70, 60:64] = OCCUPIED  # 3 and 2.5 m long, standing free
+        cleaned = clean_map(slam, 0.05)
+        assert cleaned[15:35, 15:35].all()
+        assert not cleaned[80:84, 30:90].any()
+        assert not cleaned[20:70, 60:64].any()
+
     def test_an_empty_and_an_unknown_map_stay_empty(self):
         for value in (OCCUPIED, UNKNOWN):
             assert not clean_map(np.full((40, 50), value, np.uint8), 0.05).any()

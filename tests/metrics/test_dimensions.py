@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from slamgym.metrics import compare_openings, measure_dimensions, unseen_share
+from slamgym.metrics import compare_openings, label_rooms, measure_dimensions, unseen_share
 from slamgym.metrics.dimensions import floor_area, floor_runs, wall_runs
+from slamgym.metrics.openings import find_doors
 
 CELL = 0.05
 ROOM_A, ROOM_B = (1.02, 1.03, 4.31, 5.17), (4.43, 1.03, 8.08, 5.17)
@@ -114,6 +115,12 @@ class TestOpenings:
         moved = share((*ROOM_A[:2], 4.41, ROOM_A[3]), (4.53, *ROOM_B[1:]), (4.4, 2.55, 4.54, 3.4))
         found = compare_openings(moved, TRUTH, CELL)
         assert (found.doors_kept, found.walls_opened) == (1, 0)
+
+    def test_a_door_stands_in_the_middle_of_its_opening(self):
+        floor = TRUTH >= 0.5
+        (door,) = find_doors(label_rooms(floor, CELL), floor)
+        assert (door.row + 0.5) * CELL == pytest.approx((DOOR[1] + DOOR[3]) / 2.0, abs=1.5 * CELL)
+        assert DOOR[0] - 2.0 * CELL < (door.col + 0.5) * CELL < DOOR[2] + 2.0 * CELL
 
 
 def test_floor_that_was_never_seen():

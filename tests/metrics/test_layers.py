@@ -97,6 +97,17 @@ def test_what_was_seen_is_explored_and_a_longer_margin_explores_more(seed, margi
     assert far.sum() > near.sum() or near.all()
 
 
+def test_a_ray_is_explored_but_nothing_follows_from_it():
+    _, slam = half_explored()
+    before = explored_floor(slam, SCALE / 2, 0.5)
+    slam[30, 50:85] = FREE  # 5 cm wide: a beam that left by a window
+    after = explored_floor(slam, SCALE / 2, 0.5)
+    assert after[30, 50:85].all()
+    assert not before[30, 62:85].any()
+    off_the_ray = np.arange(60) != 30
+    np.testing.assert_array_equal(after[off_the_ray], before[off_the_ray])
+
+
 @pytest.mark.parametrize("value", [UNKNOWN, OCCUPIED])
 def test_without_free_space_or_with_single_cells_nothing_is_explored(value):
     slam = np.full((30, 40), value, np.uint8)

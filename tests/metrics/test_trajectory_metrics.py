@@ -101,10 +101,14 @@ class TestRelations:
         )
         starts, ends = np.array([0.0, 0.0]), np.array([1.0, 30.0])
         relative = np.array([[1.0, 0, 0], [30.5, 0, 0]])
-        assert relation_error(path, starts, ends, relative).translation.mean == pytest.approx(0.25)
-        assert relation_error(
-            path, starts, ends, relative, revisits=True
-        ).translation.mean == pytest.approx(0.5)
+        backwards = (ends, starts, -relative)
+        for relations in ((starts, ends, relative), backwards):
+            every, revisits = (
+                relation_error(path, *relations, revisits=only) for only in (False, True)
+            )
+            assert every.translation.mean == pytest.approx(0.25)
+            assert revisits.translation.mean == pytest.approx(0.5)
+            assert (every.translation.count, revisits.translation.count) == (2, 1)
 
     def test_relations_of_another_log_are_refused(self):
         with pytest.raises(ValueError, match="same log"):
@@ -121,6 +125,11 @@ class TestConsistency:
         )
         low, high = chi2.interval(0.999, 3 * 400)
         assert low < nees.sum() < high
+
+    def test_a_heading_a_little_across_half_a_turn_errs_a_little(self):
+        there, here = np.array([[1.0, 2.0, np.pi - 0.01]]), np.array([[1.0, 2.0, 0.01 - np.pi]])
+        nees = normalised_estimation_error_squared(there, here, np.eye(3)[None] * 0.01, 0.0)
+        assert nees == pytest.approx([0.02**2 / 0.01])
 
     def test_an_overconfident_filter_lies_above(self):
         nees = normalised_estimation_error_squared(

@@ -36,6 +36,24 @@ def test_distinguishing_is_balanced_and_held_out_by_building():
     assert half_against_half(buildings, tree_learner(sample(0.0, 32, 2), 20), 4, 6).low < 0.5
 
 
+def test_each_repeat_and_each_seed_deals_the_buildings_anew():
+    of_second, buildings = np.arange(24) >= 12, [str(i) for i in range(24)]
+    deals = []
+    for seed in (0, 0, 1):
+        held = []
+
+        def learner(train, labels, seed, held=held):
+            held.append(tuple(np.flatnonzero(~train)))
+            return np.zeros((~train).sum())
+
+        distinguish(of_second, buildings, learner, folds=3, repeats=2, seed=seed)
+        assert sorted(i for fold in held[:3] for i in fold) == list(range(24))
+        deals.append([set(held[:3]), set(held[3:])])
+    assert deals[0] == deals[1]
+    assert deals[0][0] != deals[0][1]
+    assert deals[0][0] not in deals[2]
+
+
 def test_distinguishing_needs_two_buildings_of_each_kind():
     with pytest.raises(ConfigError, match="two buildings"):
         distinguish(np.array([False, False, True]), ["a", "b", "c"], tree_learner([]), 5)
