@@ -260,8 +260,8 @@ def report(arguments: Arguments, run: Run, baseline: Run) -> None:
     title = "What explorations cost: core-hours, hours on so many cores, disk, files"
     cores = [f"hours on {count}" for count in CORES]
     columns = ["explorations", "core-hours", *cores, "GB", "million files"]
-    rows = [cost_of(count, own_loops * loop, run) for count in SIZES]
-    print_and_save("exploring/explorations_cost", title, rows, columns, MODULES)
+    costs = [cost_of(count, own_loops * loop, run) for count in SIZES]
+    print_and_save("exploring/explorations_cost", title, costs, columns, MODULES)
 
 
 def cost_of(count: int, cpu_seconds: float, run: Run) -> list[float]:
