@@ -16,6 +16,8 @@ BEAM_TIMES = "beam times"
 """Kind of the finding about times of beams that can't be."""
 LONGEST_SCAN = 1.1
 """No scan takes so many times as long as it is until the next one."""
+SLOWEST_SCAN = 10.0
+"""Nor longer than this [s]: some drivers write nanoseconds."""
 
 
 def even_stamps(is_scan: BoolArray, rate: float) -> FloatArray:
@@ -57,14 +59,16 @@ def believed_scan_time(
         beams: Of a scan.
         gap: Usual time from a scan to the next [s]; nan if it isn't known.
     """
-    told = float(np.median(increments)) * (beams - 1)
+    numbers = [increment for increment in increments if math.isfinite(increment)]
+    is_told = 2 * len(numbers) > len(increments)
+    told = float(np.median(numbers)) * (beams - 1) if is_told else math.nan
     fault = ""
     if not math.isfinite(told):
         fault = "aren't numbers"
     elif told < 0.0:
         fault = "run backwards"
-    elif told > LONGEST_SCAN * gap:
-        fault = f"are {told:.3g} s from the first to the last, and the next scan comes after {gap:.3g} s"
+    elif told > SLOWEST_SCAN or told > LONGEST_SCAN * gap:
+        fault = f"are {told:.3g} s from the first to the last, which is longer than until the next scan"
     if not fault:
         return told, ()
     sentence = (

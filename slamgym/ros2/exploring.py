@@ -31,6 +31,7 @@ from slamgym.ros2.parameters import ExploreParameters
 from slamgym.ros2.stamps import CLOCK_JUMP
 from slamgym.ros2.topics import KeptTopic, listen_to_odometry, listen_to_scans
 from slamgym.ros2.viewing import Display
+from slamgym.slam.deskew import deskewed
 
 try:
     from map_msgs.msg import OccupancyGridUpdate
@@ -83,7 +84,7 @@ class ExploreNode(RosNode):
             exploration.pause()
         self._frames = RobotFrames(names, self.once)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
-        self._laser = LaserReader(self._frames, names.mount, self.once)
+        self._laser = LaserReader(self._frames, names, self.once)
         self._foreign = ForeignMap("map")
         self._map = _Map()
         self._due: _Due | None = None
@@ -228,7 +229,7 @@ class ExploreNode(RosNode):
         scan = None
         if due is not None:
             try:
-                scan = self._laser.read(due.message, due.stamp, due.odometry)
+                scan = deskewed(self._laser.read(due.message, due.stamp, due.odometry))
             except BrokenMessageError as error:
                 self.once("scan", str(error))
                 return

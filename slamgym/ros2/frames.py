@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 
 from slamgym.core.geometry import between, compose, inverse
-from slamgym.core.types import Pose2D
+from slamgym.core.types import AT_REST, Pose2D
 from slamgym.interop.records import BrokenMessageError
 from slamgym.interop.ros_messages import matrix_of, pose_of, stamp_of
 from slamgym.interop.transforms import TransformTree, clean_frame, planar
@@ -60,7 +60,7 @@ class PoseHistory:
         """The pose at a moment, interpolated; None before the first and after the last, or where none is near."""
         after = bisect.bisect_left(self.stamps, stamp)
         if after == len(self.stamps):
-            return None
+            return self.poses[-1] if stamp - self.newest < 1e-6 else None
         later = self.stamps[after]
         if after == 0 or later == stamp:
             return self.poses[after] if later - stamp < 1e-6 else None
@@ -72,6 +72,15 @@ class PoseHistory:
         moved = between(before, self.poses[after])
         part = Pose2D(share * moved.x, share * moved.y, share * moved.theta)
         return compose(before, part)
+
+    def motion(self, stamp: float, seconds: float) -> Pose2D:
+        """The motion from a moment on for some time; where that isn't known yet, the last one known of that length."""
+        for begin in (stamp, self.newest - seconds):
+            first = self.at(begin)
+            last = self.at(begin + seconds)
+            if first is not None and last is not None:
+                return between(first, last)
+        return AT_REST
 
 
 class RobotFrames:

@@ -1,15 +1,18 @@
 """LaserScan messages as scans of one geometry, whatever the driver sends."""
 
+import math
 from typing import Any
 
 import numpy as np
 
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.interop.ranges import range_limit
-from slamgym.interop.records import BrokenMessageError
+from slamgym.interop.records import BrokenMessageError, LogFinding
 from slamgym.interop.ros_messages import check_scan, geometry_of, ranges_of
+from slamgym.interop.scan_times import believed_scan_time
 from slamgym.interop.transforms import clean_frame
 from slamgym.ros2.frames import RobotFrames
+from slamgym.ros2.parameters import FrameNames
 from slamgym.ros2.stamps import Warn
 from slamgym.slam.laser_check import Repetition
 
@@ -22,23 +25,23 @@ class LaserReader:
 
     Args:
         frames: Say where the laser is on the robot.
-        mount: Taken where they don't.
+        names: The laser's mount where they don't, and how long a scan takes if the messages are wrong about it.
         warn: Told what is wrong.
 
     Attributes:
         geometry: None before the first scan.
     """
 
-    def __init__(self, frames: RobotFrames, mount: Pose2D, warn: Warn) -> None:
+    def __init__(self, frames: RobotFrames, names: FrameNames, warn: Warn) -> None:
         self._frames = frames
-        self._mount = mount
+        self._names = names
         self._warn = warn
         self.geometry: LaserGeometry | None = None
         self._flipped = False
         self._repetition = Repetition()
 
     def read(self, message: Any, stamp: float, odometry: Pose2D | None) -> LaserScan:
-        """The scan of a message.
+        """The scan of a message, with the robot's motion until its last beam if it takes its time.
 
         Args:
             message: A LaserScan.
@@ -64,7 +67,11 @@ class LaserReader:
             raise BrokenMessageError(
                 "the laser repeats one reading while the robot moves: such scans are left out; restart its driver"
             )
-        return LaserScan(stamp, ranges, self.geometry)
+        scan_time = self.geometry.scan_time
+        if odometry is None or scan_time == 0.0:
+            return LaserScan(stamp, ranges, self.geometry)
+        motion = self._frames.odometry.motion(stamp, scan_time)
+        return LaserScan(stamp, ranges, self.geometry, motion)
 
     def _first(self, message: Any) -> LaserGeometry:
         frame = clean_frame(message.header.frame_id)
@@ -73,11 +80,16 @@ class LaserReader:
             self._warn(
                 "mount",
                 f"no transform leads from the laser's frame {frame!r} to the robot's (parameter base_frame): "
-                f"laser_mount is taken, {tuple(self._mount)}",
+                f"laser_mount is taken, {self._names.laser_mount}",
             )
-        mount, self._flipped = found or (self._mount, False)
+        mount, self._flipped = found or (self._names.mount, False)
         ranges = np.array(message.ranges, np.float32)
         limit, findings = range_limit([ranges], float(message.range_max), None)
-        for finding in findings:
+        seconds = self._names.scan_time
+        faults: tuple[LogFinding, ...] = ()
+        if seconds < 0.0:
+            gap = float(message.scan_time) or math.nan
+            seconds, faults = believed_scan_time([message.time_increment], len(ranges), gap)
+        for finding in (*findings, *faults):
             self._warn(finding.kind, finding.sentence)
-        return geometry_of(message, mount, self._flipped, limit)
+        return geometry_of(message, mount, self._flipped, limit).taking(seconds)

@@ -10,7 +10,7 @@ import numpy as np
 
 from slamgym.core.errors import InputFileError, SlamgymError
 from slamgym.core.files import StorageError, storage_errors
-from slamgym.core.geometry import compose, inverse
+from slamgym.core.geometry import compose, inverse, part_of
 from slamgym.core.types import LaserScan, OccupancyGrid, Pose2D
 from slamgym.interop import write_ros_map, write_tum
 from slamgym.interop.carmen import read_carmen
@@ -73,7 +73,7 @@ class MapRun:
         self._known = known
         self._warn = warn
         self._older = older
-        self._laser = LaserReader(frames, parameters.mount, warn)
+        self._laser = LaserReader(frames, parameters, warn)
         self._tracker: LaserTracker | None = None
         self.odometry = Pose2D(0.0, 0.0, 0.0)
         self._log: IO[str] | None = None
@@ -93,8 +93,11 @@ class MapRun:
         if self._older is not None:
             self._go_on(self._older, scan, odometry)
             self._older = None
+        if odometry is None:
+            scan = self._follow(scan)
+        else:
+            self.odometry = odometry
         self.stamp = stamp
-        self.odometry = self._by_laser(scan) if odometry is None else odometry
         return self._map(scan)
 
     def _map(self, scan: LaserScan) -> bool:
@@ -128,9 +131,10 @@ class MapRun:
             return
         for record in records:
             self.odometry = record.odometry
-            self._map(LaserScan(record.stamp, record.scan.ranges, scan.geometry))
+            self._map(replace(record.scan, geometry=scan.geometry))
         if odometry is None:
-            self._tracker = LaserTracker(LaserScan(last.stamp, last.scan.ranges, scan.geometry))
+            self.stamp = last.stamp
+            self._tracker = LaserTracker(replace(last.scan, geometry=scan.geometry))
         self._warn("continue", f"the map goes on from the {len(records)} scans of {path}")
 
     def _open_log(self) -> None:
@@ -139,13 +143,16 @@ class MapRun:
             out.mkdir(parents=True, exist_ok=True)
             self._log = gzip.open(out / LOG, "wt", compresslevel=1)  # noqa: SIM115 - close() does
 
-    def _by_laser(self, scan: LaserScan) -> Pose2D:
+    def _follow(self, scan: LaserScan) -> LaserScan:
+        """Move on by the laser alone; the scan comes back with the motion that its beams saw, at the same speed."""
         if self._tracker is None:
             self._tracker = LaserTracker(scan)
-            return self.odometry
+            return scan
         step = self._tracker.move(scan).step
         x, y, theta = moved_by(np.array(self.odometry), step).tolist()
-        return Pose2D(x, y, theta)
+        self.odometry = Pose2D(x, y, theta)
+        share = scan.geometry.scan_time / (scan.stamp - self.stamp)
+        return replace(scan, motion=part_of(Pose2D(*step.tolist()), share))
 
     def _make_mapper(self, scan: LaserScan) -> Mapper:
         geometry = scan.geometry

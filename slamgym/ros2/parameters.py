@@ -24,6 +24,9 @@ class FrameNames(Arguments):
     laser_mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
     """The laser on the robot (x, y [m], yaw [rad]) until /tf_static says it; TurtleBot3 Waffle Pi's."""
 
+    scan_time: Annotated[float, Within(ge=-1.0, le=10.0)] = -1.0
+    """Time from the first beam of a scan to the last [s]; 0: all are measured at once; -1: as the messages say."""
+
     @property
     def mount(self) -> Pose2D:
         """The laser on the robot until /tf_static says it."""

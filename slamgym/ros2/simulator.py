@@ -145,7 +145,7 @@ class SimNode(RosNode):
 
     def _is_awaited(self) -> bool:
         """True if a scan lacks its command, or the mapper's pose if there is a mapper that gives poses."""
-        behind = self._time.began + self.robot.time - self._placed_at
+        behind = self._time.began + self.robot.scan.stamp - self._placed_at
         return self._unanswered > 0 or 1e-6 < behind < POSES_END
 
     def _wait_for_answers(self) -> None:
@@ -176,7 +176,7 @@ class SimNode(RosNode):
         self._send["pose"]({"header": self.header(stamp, "map"), "pose": true_pose})
         self._coverage.add(robot.true_pose, robot.true_ranges)
         self._send["coverage"]({"data": float(self._coverage.share)})
-        at_laser = self.header(stamp, "base_scan")
+        at_laser = self.header(self._time.began + robot.scan.stamp, "base_scan")
         ranges = robot.scan.ranges
         laser = self._lidar.geometry
         self._send["scan"](scan_fields(at_laser, ranges, laser, self._config.control_step))

@@ -21,7 +21,7 @@ from slamgym.core.types import (
 )
 from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
 from slamgym.sim.motion import chord
-from slamgym.sim.raycast import cast_sweep
+from slamgym.sim.raycast import cast_sweep, meet_on_time
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
 
 OPAQUE_SURFACES = SurfaceConfig(dark=0.1, roughness=0.005, frames=0.02)
@@ -31,11 +31,13 @@ REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirro
 """The materials of the level ``real``."""
 
 _PART_DISTANCE = 0.02
-"""While a scan is taken the scanner's pose is kept for this far at most [m]."""
+"""While a scan is taken the scanner sees what is to be seen from one pose for this far at most [m]."""
 _PART_TURN = 0.03
-"""While a scan is taken the scanner's pose is kept for this turn at most [rad]."""
+"""The same for a turn [rad]."""
 _MOST_PARTS = 16
 """So many poses of the scanner there are in a scan at most."""
+_ON_WAY = np.array([1.0, 0.5, 0.0])
+"""Shares of a sweep that are left at the poses between which beams are interpolated."""
 
 SHORTEST_BURST = 3
 """Least number of beams in a row that a burst of cross-talk hits."""
@@ -256,29 +258,42 @@ class Lidar:
             # Always the read-only type, so that the kernel is compiled once.
             segments = segments.view()
             segments.flags.writeable = False
-        bases = self._bases(pose, velocity)
-        sensors = np.array([compose(base, geometry.mount) for base in bases])
+        parts = self._parts(velocity)
+        middles = 1.0 - (np.arange(parts) + 0.5) / parts if parts else np.zeros(1)
+        sensors = self._sensors(pose, velocity, middles)
         ranges = np.empty(geometry.num_beams)
         hits = np.empty(geometry.num_beams, dtype=np.int64)
         angle_min = geometry.angle_min
         increment = geometry.angle_increment
-        cast_sweep(sensors, angle_min, increment, segments, geometry.range_max, ranges, hits)
+        range_max = geometry.range_max
+        cast_sweep(sensors, angle_min, increment, segments, range_max, ranges, hits)
+        if parts:
+            on_way = self._sensors(pose, velocity, _ON_WAY)
+            meet_on_time(on_way, angle_min, increment, segments, range_max, ranges, hits)
         return Sighting(sensors, segments, ranges, hits)
 
-    def _bases(self, pose: Pose2D, velocity: Twist2D) -> list[Pose2D]:
-        """Where the base was for each part of the sweep that ends at ``pose``."""
+    def _parts(self, velocity: Twist2D) -> int:
+        """Number of parts of a sweep, each of which sees what is to be seen from its middle; 0 at rest."""
         distance = velocity.linear * self.config.sweep
         turn = velocity.angular * self.config.sweep
         wanted = max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN)
-        parts = min(_MOST_PARTS, math.ceil(wanted))
-        if parts < 1:
-            return [pose]
-        bases = []
-        for part in range(parts):
-            before = 1.0 - (part + 0.5) / parts
-            dx, dy = chord(pose.theta, -before * distance, -before * turn)
-            bases.append(Pose2D(pose.x + dx, pose.y + dy, pose.theta - before * turn))
-        return bases
+        return min(_MOST_PARTS, math.ceil(wanted))
+
+    def _sensors(self, pose: Pose2D, velocity: Twist2D, shares: FloatArray) -> FloatArray:
+        """Poses (K, 3) of the sensor before a sweep ends at ``pose``, by the shares (K,) of it that are left."""
+        distance = velocity.linear * self.config.sweep
+        turn = velocity.angular * self.config.sweep
+        mount = self.geometry.mount
+        sensors = np.empty((len(shares), 3))
+        for index, left in enumerate(shares.tolist()):
+            base = pose
+            if left > 0.0:
+                dx, dy = chord(pose.theta, -left * distance, -left * turn)
+                base = Pose2D(pose.x + dx, pose.y + dy, pose.theta - left * turn)
+            sensors[index] = compose(base, mount)
+        # No jump at half a turn, so that poses between these can be interpolated.
+        sensors[:, 2] = np.unwrap(sensors[:, 2])
+        return sensors
 
     def true_ranges(self, pose: Pose2D, segments: FloatArray) -> FloatArray:
         """The ranges of :meth:`look`, shape (num_beams,) [m]."""

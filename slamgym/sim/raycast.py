@@ -176,6 +176,55 @@ def cast_sweep(
 
 
 @kernel
+def meet_on_time(
+    sensors: FloatArray,
+    angle_min: float,
+    angle_increment: float,
+    segments: FloatArray,
+    range_max: float,
+    out: FloatArray,
+    hits: IntArray,
+) -> None:
+    """Write the distance to the segment that each beam meets, from where the scanner was at that very beam.
+
+    A beam that misses the segment from there keeps what :func:`cast_sweep` says.
+
+    Args:
+        sensors: Poses at even times from the first beam to the last, shape (K, 3), K at least 2.
+        angle_min: As for :func:`cast_hits`.
+        angle_increment: The same.
+        segments: The same.
+        range_max: The same.
+        out: Ranges of :func:`cast_sweep`, changed in place, shape (num_beams,) [m].
+        hits: The segments that it found.
+    """
+    spans = len(sensors) - 1
+    last = max(len(out) - 1, 1)
+    for i in range(len(out)):
+        s = hits[i]
+        if s < 0:
+            continue
+        place = i * spans / last
+        before = min(int(place), spans - 1)
+        share = place - before
+        x, y, theta = (1.0 - share) * sensors[before] + share * sensors[before + 1]
+        angle = theta + angle_min + i * angle_increment
+        ux = math.cos(angle)
+        uy = math.sin(angle)
+        ax = segments[s, 0] - x
+        ay = segments[s, 1] - y
+        ex = segments[s, 2] - segments[s, 0]
+        ey = segments[s, 3] - segments[s, 1]
+        slant = ux * ey - uy * ex
+        if slant == 0.0:
+            continue
+        distance = (ax * ey - ay * ex) / slant
+        along = (uy * ax - ux * ay) / slant
+        if 0.0 <= along <= 1.0 and 0.0 < distance <= range_max:
+            out[i] = distance
+
+
+@kernel
 def next_hit(
     x: float, y: float, ux: float, uy: float, beyond: float, segments: FloatArray, range_max: float
 ) -> tuple[float, int]:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from ros_stand_ins import LASER, Transforms, scan, transform
+from ros_stand_ins import LASER, Transforms, odometry, scan, transform
 
 from slamgym.core.types import Pose2D
 from slamgym.interop.records import BrokenMessageError
@@ -15,13 +15,16 @@ from slamgym.ros2.parameters import FrameNames
 RANGES = np.linspace(0.5, 3.0, LASER.num_beams, dtype=np.float32)
 
 
+NAMES = FrameNames()
+
+
 class Reading:
     """A reader and its warnings."""
 
-    def __init__(self, *transforms):
-        self.frames, self.warnings = RobotFrames(FrameNames(), lambda *_: None), {}
+    def __init__(self, *transforms, names=NAMES):
+        self.frames, self.warnings = RobotFrames(names, lambda *_: None), {}
         self.frames.take_transforms(Transforms(transforms), static=True)
-        self.reader = LaserReader(self.frames, LASER.mount, self.warnings.setdefault)
+        self.reader = LaserReader(self.frames, names, self.warnings.setdefault)
 
     def __call__(self, message):
         return self.reader.read(message, 1.0, None)
@@ -125,3 +128,42 @@ def test_no_laser_sends_this(fault):
     with pytest.raises(BrokenMessageError, match="scan left out because of"):
         read(scan(1.0, **{"ranges": RANGES, **fault}))
     assert len(read(scan(1.2, RANGES)).ranges) == LASER.num_beams  # and the next one is taken
+
+
+SWEEPING = LASER.taking(0.1)
+
+
+def test_a_scan_that_takes_its_time_brings_the_motion_until_its_last_beam():
+    read = Reading()
+    for stamp in (0.9, 1.0, 1.1, 1.2):
+        turned = 0.5 * (stamp - 1.0)
+        read.frames.take_odometry(odometry(stamp, Pose2D(0.2 * (stamp - 1.0), 0.0, turned)))
+    message = scan(1.0, RANGES, SWEEPING)
+    found = read.reader.read(message, 1.0, Pose2D(0.0, 0.0, 0.0))
+    assert found.geometry.scan_time == pytest.approx(0.1)
+    assert found.motion == pytest.approx((0.02, 0.0, 0.05))
+    # What isn't known yet is taken to go on so.
+    later = read.reader.read(scan(1.15, RANGES, SWEEPING), 1.15, Pose2D(0.03, 0.0, 0.075))
+    assert later.motion.theta == pytest.approx(0.05)
+    assert not set(read.warnings) - {"mount"}
+
+
+def test_the_beams_of_a_laser_upside_down_come_in_the_other_order():
+    turned = transform(0.0, "base_footprint", "base_scan", Pose2D(0.1, 0.0, 0.4), flipped=True)
+    assert Reading(turned)(scan(1.0, RANGES, SWEEPING)).geometry.time_increment < 0.0
+
+
+@pytest.mark.parametrize(
+    ("increment", "said"), [(-0.001, "backwards"), (math.nan, "numbers"), (153333.0, "longer")]
+)
+def test_times_of_beams_that_cannot_be_are_said_and_left_out(increment, said):
+    read = Reading()
+    found = read(scan(1.0, RANGES, time_increment=increment))
+    assert found.geometry.scan_time == 0.0
+    assert said in read.warnings["beam times"]
+
+
+@pytest.mark.parametrize("seconds", [0.0, 0.15])
+def test_the_parameter_says_how_long_a_scan_takes(seconds):
+    read = Reading(names=FrameNames(scan_time=seconds))
+    assert read(scan(1.0, RANGES, SWEEPING)).geometry.scan_time == pytest.approx(seconds)

@@ -67,11 +67,14 @@ class TestSweep:
     def test_turning_skews_the_scan_by_what_was_turned_since_each_beam(self, rate):
         lidar = Lidar(self.SWEEP)
         ranges = lidar.look(ORIGIN, ROOM, Twist2D(0.0, rate)).ranges
-        age = 0.2 * (1.0 - np.arange(360) / 360)
+        age = 0.2 * (1.0 - np.arange(360) / 359)
         angles = lidar.geometry.angles - rate * age
         expected = 2.0 / np.maximum(abs(np.cos(angles)), abs(np.sin(angles)))
-        # Poses stand for a part of the sweep: half of at most 0.03 rad, on walls seen at up to 45 degrees.
-        assert ranges == pytest.approx(expected, abs=0.016 * 2.0 * math.sqrt(2.0))
+        # What is seen follows from a pose for each part of the sweep, which matters within a degree of the corners.
+        errors = abs(ranges - expected)
+        corners = abs(np.sin(2.0 * angles)) > math.cos(math.radians(2.0))
+        assert errors[~corners].max() < 1e-3
+        assert errors.max() < 0.1
         snapshot = 2.0 / np.maximum(
             abs(np.cos(lidar.geometry.angles)), abs(np.sin(lidar.geometry.angles))
         )
@@ -81,7 +84,7 @@ class TestSweep:
         lidar = Lidar(self.SWEEP)
         ranges = lidar.look(ORIGIN, ROOM, Twist2D(0.25, 0.0)).ranges
         # The first beam looks back 0.2 s ago, 0.05 m nearer to the wall behind; beam 180 ahead, half of that.
-        assert ranges[[0, 180]] == pytest.approx([2.0 - 0.05, 2.0 + 0.025], abs=0.011)
+        assert ranges[[0, 180]] == pytest.approx([2.0 - 0.05, 2.0 + 0.025], abs=0.001)
 
     def test_it_fits_between_two_scans(self):
         with pytest.raises(
