@@ -52,3 +52,15 @@ def test_a_room_behind_a_gap_that_is_too_narrow_is_named() -> None:
     plan = FloorPlan("narrow", shapely.box(0.0, 0.0, 5.0, 4.0).difference(wall), rooms)
     tour = plan_trajectory(plan, np.random.default_rng(0))
     assert rooms_left_out(plan, tour) == ["Bath at (4.0, 2.0)"]
+
+
+def test_a_tour_leads_through_the_middle_of_each_room() -> None:
+    wall = shapely.box(3.0, 0.0, 3.1, 3.0)
+    rooms = (
+        Room("Bedroom", shapely.box(0.0, 0.0, 3.0, 4.0)),
+        Room("Bath", shapely.box(3.1, 0.0, 5.1, 4.0)),
+    )
+    plan = FloorPlan("open", shapely.box(0.0, 0.0, 5.1, 4.0).difference(wall), rooms)
+    path = shapely.LineString(plan_trajectory(plan, np.random.default_rng(0)).poses[:, :2])
+    for room in rooms:
+        assert path.distance(room.polygon.centroid) < 0.05  # a cell

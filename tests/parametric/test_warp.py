@@ -4,8 +4,11 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from slamgym.core.types import FREE, OCCUPIED
-from slamgym.parametric.warp import densify, invert, warp
+from slamgym.core.geometry import compose, inverse, transform_points
+from slamgym.core.types import FREE, OCCUPIED, GridFrame, Pose2D
+from slamgym.parametric.config import ScannerView
+from slamgym.parametric.visibility import observe
+from slamgym.parametric.warp import densify, displacements, invert, warp
 
 R = 0.05  # [m/cell]
 
@@ -40,6 +43,23 @@ def test_flipping_y_flips_the_rows(dx, dy) -> None:
     out = warp(cells, constant(dx * R, dy * R), R, FREE)
     flipped = warp(cells[::-1].copy(), constant(dx * R, -dy * R), R, FREE)
     np.testing.assert_array_equal(out, flipped[::-1])
+
+
+@given(
+    moved=st.tuples(st.floats(-0.5, 0.5), st.floats(-0.5, 0.5), st.floats(-0.3, 0.3)),
+    heading=st.floats(-3.0, 3.0),
+)
+def test_a_scan_displaces_what_it_draws_as_one_piece(moved, heading) -> None:
+    """What lies at a place of the robot's frame is drawn at the same place of where it believed to be."""
+    frame = GridFrame(R, -1.0, -1.0, 40, 50)
+    true = np.array([[0.1, 0.2, heading]])
+    believed = true + moved
+    visibility = observe(np.zeros(frame.shape, dtype=bool), frame, true, ScannerView(mount_x=0.0))
+    field = displacements(true, believed, visibility)
+    points = frame.to_points(*np.nonzero(visibility.seen))
+    drawn = transform_points(compose(Pose2D(*believed[0]), inverse(Pose2D(*true[0]))), points)
+    np.testing.assert_allclose((points - drawn).T, field[:, visibility.seen], atol=1e-5)
+    assert not field[:, ~visibility.seen].any()
 
 
 def test_no_displacement_is_the_identity() -> None:

@@ -113,6 +113,17 @@ def test_parts_of_a_frontier_make_up_the_whole_and_extend_no_farther(extent):
             assert part.size == len(part.cells)
 
 
+@pytest.mark.parametrize(("seen", "stays"), [(0.0, True), (0.4, True), (0.6, False), (0.9, False)])
+def test_a_frontier_is_still_there_while_half_of_it_is_unknown(seen, stays):
+    grid = room(openings=[EAST])
+    (candidate,) = candidates_of(grid)
+    x, y = candidate.points[: round(seen * len(candidate.points))].T
+    rows, cols = FRAME.to_cell(x, y)
+    cells = grid.cells.copy()
+    cells[rows, cols] = FREE
+    assert candidate.is_still_there(make_costmap(OccupancyGrid(cells, FRAME))) is stays
+
+
 def test_what_was_not_reached_is_forgiven_and_what_was_reached_is_not():
     reached, missed = candidates_of(room(openings=[EAST, NORTH]))
     blacklist = Blacklist(0.0)

@@ -19,6 +19,7 @@ from slamgym.core.types import (
 )
 from slamgym.planning import Goal, GoalStatus, Navigator, PathFollower, make_costmap
 from slamgym.planning.context import ExplorerContext
+from slamgym.planning.goal_progress import GoalProgress
 from slamgym.planning.path_follower import free_travel, scan_points
 from slamgym.planning.unmapped import MapCorrections
 
@@ -113,6 +114,18 @@ def test_a_robot_that_does_not_move_recovers_and_then_gives_up(make_world):
     assert len(commands) * world.context.control_step < 60.0
 
 
+@pytest.mark.parametrize(("pose", "is_stuck"), [
+    (Pose2D(0.05, 0.0, 0.05 - math.pi), True),
+    (Pose2D(0.2, 0.0, math.pi - 0.05), False),
+    (Pose2D(0.0, 0.0, 0.4 - math.pi), False),
+    (Pose2D(0.0, 0.0, math.pi - 0.5), False),
+])  # fmt: skip
+def test_a_robot_stands_still_that_errs_a_little_across_half_a_turn(pose, is_stuck):
+    progress = GoalProgress.begin(Pose2D(0.0, 0.0, math.pi - 0.05), 0.0)
+    progress.note_pose(pose, 3.0)
+    assert progress.is_stuck(5.0, 25.0) is is_stuck
+
+
 def test_a_passage_that_the_robot_did_not_get_through_is_closed_from_then_on(make_world):
     cells = room()
     cells[:, 60] = OCCUPIED
@@ -179,6 +192,15 @@ def test_what_only_the_scan_showed_is_kept_as_a_wall_across_its_line_of_sight(ma
     kept = corrections.mark(world.truth, 50.0).cells
     assert np.all(kept[31:49, 60] == OCCUPIED)
     assert np.all(kept[:, 59] == cells[:, 59])
+
+
+@pytest.mark.parametrize("bearing", [0.0, 0.8, 2.0, -2.5])
+def test_a_wall_across_the_line_of_sight_stands_at_right_angles_to_it(bearing):
+    ahead, here = np.array([math.cos(bearing), math.sin(bearing)]), np.array([1.0, 2.0])
+    seen = (here + 1.5 * ahead)[None]
+    wall = MapCorrections(spacing=0.025)._across_sight(seen, Pose2D(1.0, 2.0, 0.3)) - here
+    np.testing.assert_allclose(wall @ ahead, 1.5, atol=1e-9)
+    assert np.ptp(wall @ [-ahead[1], ahead[0]]) == pytest.approx(1.0, abs=0.03)
 
 
 def test_what_only_the_scan_showed_is_forgotten_after_ten_seconds(make_world):

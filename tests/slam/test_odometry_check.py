@@ -13,7 +13,16 @@ from slamgym.interop.odometry import retimed, without_jumps
 from slamgym.interop.records import interpolated
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_odometry import with_laser_odometry
-from slamgym.slam.odometry_check import check_odometry, measure_pairs, odometry_shares
+from slamgym.slam.odometry_check import (
+    MATCH_ERRORS,
+    WHEEL_ERROR,
+    WHEEL_ERROR_SHARE,
+    PairMotions,
+    _deviations,
+    check_odometry,
+    measure_pairs,
+    odometry_shares,
+)
 
 
 @pytest.fixture(scope="module")
@@ -106,6 +115,26 @@ def test_a_stretch_that_lies_is_named(drive, change):
     assert 16.0 < inside <= 21.0
     assert checked.distrusted[0][0] >= 39.0
     assert checked.distrusted[-1][1] <= 61.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_deviation_is_counted_in_those_of_wheels_and_matches_together(seed):
+    rng = np.random.default_rng(seed)
+    odometry, error = rng.normal(0.0, 0.3, (2, 3))
+    shape = rng.normal(0.0, 0.004, (3, 3))
+    of_match = shape @ shape.T + 1e-6 * np.eye(3)
+    pair = PairMotions(
+        scans=np.array([[0], [1]]),
+        stamps=np.array([[0.0], [0.3]]),
+        laser=(odometry + error)[None],
+        information=np.linalg.inv(of_match)[None],
+        odometry=odometry[None],
+    )
+    wheels = np.array([[np.hypot(*odometry[:2]), abs(odometry[2])]])
+    spread = WHEEL_ERROR + WHEEL_ERROR_SHARE * wheels[0, [0, 0, 1]]
+    both = np.diag(spread**2) + MATCH_ERRORS**2 * of_match  # a standard deviation's factor
+    expected = np.sqrt(error @ np.linalg.inv(both) @ error)
+    assert _deviations(pair, wheels) == pytest.approx([expected], rel=1e-6)
 
 
 def test_a_robot_at_rest_is_no_fault():

@@ -7,10 +7,15 @@ from drawn_drives import CORRIDOR, FLAT, draw, drive
 from slamgym.core.errors import SlamgymError
 from slamgym.core.geometry import compose, wrap_angle
 from slamgym.core.types import FREE, UNKNOWN, LaserGeometry, OccupancyGrid, Pose2D
+from slamgym.metrics.trajectory import relative_poses
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import LocalizationConfig, SlamConfig
+from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.graph.submaps import sides_of
+from slamgym.slam.graph.wheels import WheelCalibration
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.localization.global_search import is_same
+from slamgym.slam.localization.hypothesis import Hypothesis
 from slamgym.slam.localization.known_map import KnownMap, explain_scan
 from slamgym.slam.localization.logs import localize_log
 
@@ -72,13 +77,19 @@ def test_a_robot_that_is_carried_off_notices_and_finds_itself_again():
     result = localize(log, draw(FLAT, (1, 1)))
     states = [belief.state for belief in result.beliefs]
     away, _ = errors(result, truth)
-    before = len(
-        [index for index in result.processed if index < len(drive(FLAT, ROUND_TRIP[:4])[0])]
-    )
+    before_scans = len(drive(FLAT, ROUND_TRIP[:4])[0])
+    before = len([index for index in result.processed if index < before_scans])
     assert states[before - 1] == "localised"
     assert states[before + 8] != "localised"
     assert states[-1] == "localised"
     assert away[-1] < 0.15
+    # Twice as far as the first time has it to be sure of the other place; half a turn counts a metre.
+    steps = relative_poses(truth[:-1], truth[1:])
+    steps[before_scans - 1] = 0.0
+    driven = np.cumsum(np.hypot(steps[:, 0], steps[:, 1]) + np.abs(steps[:, 2]) / math.pi)
+    again = next(k for k in range(before + 8, len(states)) if states[k] == "localised")
+    way = driven[result.processed[again] - 1] - driven[before_scans - 1]
+    assert way > 2.0 * LocalizationConfig().confirm_distance
 
 
 @pytest.mark.parametrize("off", [(0.2, -0.1, 0.1), (0.6, 0.2, -0.1)])
@@ -134,6 +145,23 @@ def test_a_scanner_mounted_aside_is_explained_from_where_the_robot_stands(headin
     assert fit > 0.97
     assert fit_beside < fit
     assert against_beside > against + 1.0
+
+
+@pytest.mark.parametrize("scale", [0.97, 1.04])
+def test_a_wrong_scale_of_the_odometry_is_learned_from_the_map(scale):
+    log, truth = drive(FLAT, ROUND_TRIP[:4], noise=0.0)
+    known, wheels = KnownMap(draw(FLAT, (1, 1))), WheelCalibration()
+    beams = BeamTable.of(log.geometry, SlamConfig())
+    place = Hypothesis.around(truth[0].copy(), (0.1, 0.1, 0.05))
+    for first in range(0, len(truth) - 3, 3):
+        motions = relative_poses(truth[first : first + 3], truth[first + 1 : first + 4])
+        step = wheels.step(motions * [scale, scale, 1.0])
+        place.move(step, wheels.variances(step.slips))
+        points = usable_end_points(log.records[first + 3].scan.ranges, beams, np.inf)
+        place.align(known.surfaces, points, sides_of(points, np.zeros(2)))
+        assert np.hypot(*(place.pose - truth[first + 3])[:2]) < 0.1
+    # What is measured times 1 plus the error is the way: learned at least in part, and not away from it.
+    assert place.systematic[0] == pytest.approx(1.0 / scale - 1.0, abs=0.6 * abs(1.0 / scale - 1.0))
 
 
 def test_furniture_that_was_moved_does_not_lose_the_robot():
