@@ -46,7 +46,7 @@ demo: $(VENV)/.base
 
 test: $(VENV)/.dev
 	$(BIN)/slamgym warmup --batched
-	$(BIN)/python -m pytest -n 2 --import-mode=importlib
+	$(BIN)/python -m pytest -n 2 --dist loadfile --import-mode=importlib
 
 smoke: $(VENV)/.dev
 	$(BIN)/slamgym reproduce --scale smoke --out out/smoke

@@ -1,6 +1,6 @@
 """Reinforcement learning: your own reward, a policy that learns it, and its evaluation.
 
-Needs the extra `agents`. Run: ``python examples/own_reward.py [STEPS]``
+Needs the extra `agents`. Run: ``python examples/own_reward.py [STEPS] [EPISODES]``
 """
 
 import sys
@@ -30,7 +30,7 @@ def make_env(plans: str) -> gym.Env:
     )
 
 
-def explore(model: PPO, episodes: int = 10) -> tuple[float, float]:
+def explore(model: PPO, episodes: int) -> tuple[float, float]:
     """Means over buildings: share of the floor seen, sum of the reward's own term."""
     env, found = make_env("bundled"), []
     for seed in range(episodes):
@@ -46,15 +46,16 @@ def explore(model: PPO, episodes: int = 10) -> tuple[float, float]:
     return coverage, moved
 
 
-def main(steps: int) -> None:
+def main(steps: int, episodes: int) -> None:
     """Learn on generated buildings; explore others before and after."""
     model = PPO("MlpPolicy", make_env("procedural"), n_steps=256, batch_size=64, seed=1)
-    before = explore(model)
+    before = explore(model, episodes)
     model.learn(steps)
-    after = explore(model)
+    after = explore(model, episodes)
     for name, (coverage, moved) in (("before", before), ("after", after)):
         print(f"{name} {steps} steps: {coverage:.0%} seen, {moved:.1f} of keep_moving")
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else 20_000)
+    given = [int(argument) for argument in sys.argv[1:]]
+    main(*given, *(20_000, 10)[len(given) :])

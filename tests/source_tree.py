@@ -49,6 +49,7 @@ def room_of(name: str) -> str:
     return name.split(".")[1]
 
 
+@functools.cache
 def imports_between_rooms() -> dict[tuple[str, str], set[str]]:
     """For each pair of packages, which module of the first imports what of the second."""
     found: dict[tuple[str, str], set[str]] = {}

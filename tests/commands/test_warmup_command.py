@@ -79,7 +79,7 @@ def compiled():
 for name in ("pose_graph", "drive", "navigate", "decide"):
     KERNEL_PARTS[name][0]()
 before = compiled()
-line = "generate --pairs 2 --minutes 3 --engine in_process -o {tmp_path}"
+line = "generate --pairs 2 --minutes 1 --engine in_process -o {tmp_path}"
 assert main(line.split()) == 0
 print(sorted(compiled() - before))
 """

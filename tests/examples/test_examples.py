@@ -32,14 +32,14 @@ def test_every_example_is_run_here():
 
 def test_a_reward_of_ones_own(tmp_path):
     pytest.importorskip("stable_baselines3")
-    printed = run("own_reward.py", tmp_path, "256")
+    printed = run("own_reward.py", tmp_path, "256", "2")
     assert "before 256 steps: " in printed
     assert "after 256 steps: " in printed
 
 
 def test_maps_to_a_translator(tmp_path):
     pytest.importorskip("torch")
-    printed = run("maps_to_cad.py", tmp_path, "5", "0.05")
+    printed = run("maps_to_cad.py", tmp_path, "5", "0.01")
     assert printed.count("mean squared error 0.") == 4
     assert (tmp_path / "maps_to_cad" / "run" / "weights.safetensors").is_file()
 

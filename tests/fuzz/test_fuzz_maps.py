@@ -104,7 +104,7 @@ def read_map_and_plan(path: Path) -> None:
         st.binary(),
     )
 )
-@cases(200)
+@cases(80)
 def test_descriptions(tmp_path, content):
     (tmp_path / "a.png").write_bytes(PICTURES[0])
     (tmp_path / "a.yaml").write_bytes(content)

@@ -13,11 +13,11 @@ from torch.nn import Conv2d, ReLU, Sequential
 from slamgym.gan.device import keep_freed_memory
 
 torch.set_num_threads(1)
-network = Sequential(Conv2d(2, 48, 3, padding=1), ReLU(), Conv2d(48, 48, 3, padding=1), ReLU())
+network = Sequential(Conv2d(2, 24, 3, padding=1), ReLU(), Conv2d(24, 24, 3, padding=1), ReLU())
 for keep in (lambda: None, keep_freed_memory):
     keep()
-    for step in range(8):
-        if step == 4:
+    for step in range(6):
+        if step == 3:
             before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
         network(torch.ones(8, 2, 96, 96)).square().mean().backward()
         network.zero_grad()

@@ -1,8 +1,10 @@
 """Training goes on bit for bit, stops at NaN with the last good state kept, and learns."""
 
 import dataclasses
+import itertools
 import json
 import signal
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -166,7 +168,12 @@ def test_too_few_pairs_are_refused(tmp_path, make_images):
         )
 
 
-def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tmp_path, images):
+def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(
+    tmp_path, images, monkeypatch
+):
+    ticks = itertools.count()
+    clock = SimpleNamespace(monotonic=lambda: 0.02 * next(ticks))
+    monkeypatch.setattr("slamgym.gan.training.train.time", clock)
     stages = (Stage(16, 1e6, 2), Stage(32, 1e6, 1))
     config = dataclasses.replace(PROGRESSIVE, stages=stages, minutes=1 / 60)
     report = train_translator(images, tmp_path / "run", config, CPU, QUIET)
@@ -177,7 +184,7 @@ def test_a_budget_of_time_ends_the_training_early_and_is_shared_by_the_stages(tm
 
 def test_the_residual_network_learns(tmp_path, make_images, monkeypatch):
     monkeypatch.setattr("slamgym.gan.training.held_out.VALIDATION_SHARE", 0.25)
-    images = make_images(tmp_path / "images", count=24)
+    images = make_images(tmp_path / "images", count=16)
     config = dataclasses.replace(RESIDUAL, augment=False, stages=(Stage(32, 40.0, 6),))
     report = train_translator(images, tmp_path / "run", config, CPU, QUIET)
     # The walls are a pixel too thick and have gaps; copying the map scores 1.

@@ -68,7 +68,7 @@ def test_killed_and_restarted_in_any_order_the_exploration_goes_on(nodes, tmp_pa
     """The explorer comes first, then the simulator; the mapper last, and it is killed on the way."""
     explorer = nodes.start("explore", "--explorer", "tour", "--out", "explored")
     nodes.wait_for(explorer, "waiting for map, odom, scan")
-    robot = nodes.start("sim", "--plan", PLAN, "--speed", "20")
+    robot = nodes.start("sim", "--plan", PLAN, "--speed", "5")
     nodes.wait_for(explorer, "received odom, scan")
     mapper = nodes.start("map", "--out", "first", as_name="first")
     nodes.wait_for(explorer, "exploring:", count=3)
