@@ -182,7 +182,7 @@ def scan_fields(
         "scan_time": scan_time,
         "range_min": laser.range_min,
         "range_max": laser.range_max,
-        "ranges": np.asarray(ranges, dtype=np.float32),
+        "ranges": np.ascontiguousarray(ranges, dtype=np.float32),
         "intensities": np.zeros(0, dtype=np.float32),
     }
 

@@ -38,7 +38,7 @@ def rate_without_clock(
         wanted: The rate that the user gives [Hz].
     """
     standing = int(np.count_nonzero(np.diff(stamps) == 0.0))
-    if wanted is not None or 2 * standing < len(stamps):
+    if wanted is not None or 2 * standing <= len(stamps):
         return wanted, ()
     sentence = (
         f"the clock stands still: {standing + 1:,} of {len(stamps):,} stamps are equal, and the scans are taken as "

@@ -291,8 +291,8 @@ class Lidar:
                 dx, dy = chord(pose.theta, -left * distance, -left * turn)
                 base = Pose2D(pose.x + dx, pose.y + dy, pose.theta - left * turn)
             sensors[index] = compose(base, mount)
-        # No jump at half a turn, so that poses between these can be interpolated.
-        sensors[:, 2] = np.unwrap(sensors[:, 2])
+        if len(shares) > 1:  # no jump at half a turn, so that poses between these can be interpolated
+            sensors[:, 2] = sensors[0, 2] + turn * (shares[0] - shares)
         return sensors
 
     def true_ranges(self, pose: Pose2D, segments: FloatArray) -> FloatArray:
