@@ -193,7 +193,7 @@ def test_files_of_other_kinds_are_refused(tmp_path):
 
 @pytest.mark.skipif(not HOUSEEXPO.exists(), reason="needs the HouseExpo archive")
 def test_houseexpo_itself_reads_with_few_rejections(tmp_path):
-    ids = (HOUSEEXPO / "map_id_train.txt").read_text().split()[:300]
+    ids = (HOUSEEXPO / "map_id_train.txt").read_text().split()[:150]
     (tmp_path / "ids.txt").write_text("\n".join(ids))
     source = open_plans(HOUSEEXPO / "json.tar.gz", tmp_path / "ids.txt")
     loaded, usable = 0, 0
