@@ -1,5 +1,6 @@
 """Sets of maps from folders good and bad, and the command that compares them."""
 
+import functools
 import json
 
 import numpy as np
@@ -10,6 +11,7 @@ from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.dataset.realism.comparison import read_map_sets
 from slamgym.interop import write_ros_map
+from slamgym.metrics.two_sample import tree_learner
 
 COUNT = 10
 
@@ -88,8 +90,10 @@ def test_other_mistakes_are_refused(folders, tmp_path):
         read_map_sets([thin], building="flat")
 
 
-def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, capsys):
+def test_the_command_writes_page_figures_and_the_same_again(folders, tmp_path, capsys, monkeypatch):
     pytest.importorskip("sklearn")
+    few_trees = functools.partial(tree_learner, trees=30)
+    monkeypatch.setattr("slamgym.dataset.realism.comparison.tree_learner", few_trees)
     words = ["dataset", "realism", str(folders[0]), "--against", str(folders[1]), "--halvings", "1"]
     for out in ("one", "two"):
         assert main([*words, "-o", str(tmp_path / out)]) == 0
