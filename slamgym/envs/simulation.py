@@ -132,8 +132,7 @@ class SimulatedRobot:
         )
         self.world.reset(start)
         self._lidar = lidar
-        self._rng = streams.lidar
-        self._odometry_rng = streams.odometry
+        self._streams = streams
         self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._dt = config.control_step
         self.radius = config.robot.radius
@@ -146,7 +145,6 @@ class SimulatedRobot:
         self.path_length = 0.0
         self.collisions = 0
         self._in_contact = False
-        self._share = config.lidar.sweep / config.control_step
         self._sense(AT_REST, AT_REST)
 
     @property
@@ -180,7 +178,7 @@ class SimulatedRobot:
         dt = self._dt
         motion = self.world.step(command, dt)
         before = self.odometry_pose
-        self.odometry_pose = self._odometry.update(motion, self._odometry_rng)
+        self.odometry_pose = self._odometry.update(motion, self._streams.odometry)
         moved = between(before, self.odometry_pose)
         self.velocity = Twist2D(moved.x / dt, moved.theta / dt)
         self.steps += 1
@@ -199,11 +197,13 @@ class SimulatedRobot:
         if len(sighting.sensors) > 1:
             self.true_ranges = self._lidar.true_ranges(world.pose, world.segments())
         # Speeds are the same all the step long, so its last part is as its first.
-        self._swept = part_of(driven, self._share) if self._share else AT_REST
-        by_odometry = part_of(moved, self._share) if self._share else AT_REST
-        stamp = self.time - self._lidar.config.sweep
+        sweep = self._lidar.config.sweep
+        share = sweep / self._dt
+        self._swept = part_of(driven, share) if share else AT_REST
+        by_odometry = part_of(moved, share) if share else AT_REST
+        rng = self._streams.lidar
         self.scan: LaserScan = self._lidar.measure(
-            sighting, self._rng, stamp, world.surfaces, by_odometry
+            sighting, rng, self.time - sweep, world.surfaces, by_odometry
         )
 
 

@@ -19,7 +19,6 @@ import math
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -44,13 +43,7 @@ from slamgym.interop.records import (
     possible_count,
     usable_scans,
 )
-from slamgym.interop.scan_times import (
-    believed_scan_time,
-    even_stamps,
-    rate_without_clock,
-    usual_gap,
-    with_scan_time,
-)
+from slamgym.interop.scan_times import even_stamps, rate_without_clock, with_told_scan_time
 
 MESSAGES = ("FLASER", "ROBOTLASER1", "ODOM")
 IGNORED_MESSAGES = re.compile(
@@ -150,9 +143,7 @@ def read_carmen(
         records.append(LogRecord(scan.stamp, Pose2D(*pose), laser_scan))
     log = Log(str(path), records, geometry, warnings, track, (*clock, *findings, *jumps))
     increment = abs(hints.get("time_increment", 0.0))
-    scan_time, faults = believed_scan_time([increment], geometry.num_beams, usual_gap(log))
-    log = replace(log, findings=(*log.findings, *faults))
-    return with_scan_time(log, scan_time) if scan_time else log
+    return with_told_scan_time(log, [increment])
 
 
 def _evenly_stamped(messages: list[_Message], scans: list[_Message], rate: float) -> list[_Message]:

@@ -6,7 +6,7 @@ either the log has its scans alone. The laser's mount is the transform from the 
 """
 
 from collections import Counter
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -15,7 +15,7 @@ import numpy as np
 from slamgym.core.errors import InputFileError, needing_extra
 from slamgym.core.limits import SCANS
 from slamgym.core.parallel.budget import read_apart
-from slamgym.core.types import FloatArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.bag_expansion import Expansion
 from slamgym.interop.bag_repair import bag_fault
 from slamgym.interop.odometry import merged_track, without_jumps
@@ -38,13 +38,7 @@ from slamgym.interop.ros_messages import (
     ranges_of,
     stamp_of,
 )
-from slamgym.interop.scan_times import (
-    believed_scan_time,
-    even_stamps,
-    rate_without_clock,
-    usual_gap,
-    with_scan_time,
-)
+from slamgym.interop.scan_times import StampedMessages, by_rate, seconds_apart, with_told_scan_time
 from slamgym.interop.transforms import TransformTree, clean_frame, planar
 
 SCAN_TYPE = "sensor_msgs/msg/LaserScan"
@@ -134,7 +128,10 @@ def _read(bag: tuple[Path, BagChoices]) -> Log:
     path, choices = bag
     contents = _Contents(path, choices)
     _read_contents(contents)
-    _stamp_evenly(contents)
+    own = StampedMessages(contents.scans, contents.odometry)
+    timed = by_rate(own, contents.is_scan, choices.scan_rate)
+    contents.scans, contents.odometry, clock = timed
+    contents.findings += clock
     odometry, base_frame = _odometry(contents)
     mount, flipped = _mount(contents, base_frame)
     geometry = _geometry(contents, mount, flipped)
@@ -142,7 +139,7 @@ def _read(bag: tuple[Path, BagChoices]) -> Log:
     places = [f"{path} at {stamp:.3f} s" for stamp in stamps.tolist()]
     kept = np.array(usable_scans(stamps.tolist(), places, contents.warnings))
     if odometry is not None:
-        far = _away(odometry.stamps, stamps[kept]) > ODOMETRY_GAP
+        far = seconds_apart(odometry.stamps, stamps[kept]) > ODOMETRY_GAP
         if far.mean() > 0.5:
             late = odometry.stamps[0] - stamps[0]
             contents.find(
@@ -176,33 +173,7 @@ def _read(bag: tuple[Path, BagChoices]) -> Log:
         has_odometry=odometry is not None,
         sources=contents.sources,
     )
-    increments = [float(message.time_increment) for _, message in contents.scans]
-    scan_time, faults = believed_scan_time(increments, geometry.num_beams, usual_gap(log))
-    log = replace(log, findings=(*log.findings, *faults))
-    return with_scan_time(log, scan_time) if scan_time else log
-
-
-def _stamp_evenly(contents: _Contents) -> None:
-    """Give scans and odometry times by their order in the bag if the user gives a rate, or the clock stands still."""
-    stamps = [stamp for stamp, _ in contents.scans]
-    rate, findings = rate_without_clock(stamps, contents.choices.scan_rate)
-    contents.findings += findings
-    if rate is None:
-        return
-    is_scan = np.array(contents.is_scan)
-    even = even_stamps(is_scan, rate)
-    scans = zip(even[is_scan].tolist(), contents.scans, strict=True)
-    contents.scans = [(stamp, message) for stamp, (_, message) in scans]
-    odometry = zip(even[~is_scan].tolist(), contents.odometry, strict=True)
-    contents.odometry = [(stamp, pose) for stamp, (_, pose) in odometry]
-
-
-def _away(times: FloatArray, stamps: FloatArray) -> FloatArray:
-    """How far each stamp lies from the nearest of some ordered times."""
-    after = np.searchsorted(times, stamps)
-    around = np.clip([after - 1, after], 0, len(times) - 1)
-    neighbours = times[around]
-    return np.asarray(np.abs(neighbours - stamps).min(axis=0), dtype=np.float64)
+    return with_told_scan_time(log, [float(scan.time_increment) for _, scan in contents.scans])
 
 
 def _read_contents(contents: _Contents) -> None:

@@ -3,10 +3,11 @@
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from slamgym.core.types import AT_REST, BoolArray, FloatArray, Trajectory
+from slamgym.core.types import AT_REST, BoolArray, FloatArray, Pose2D, Trajectory
 from slamgym.interop.odometry import merged_track, with_track
 from slamgym.interop.records import Log, LogFinding, LogRecord
 
@@ -18,6 +19,38 @@ LONGEST_SCAN = 1.1
 """No scan takes so many times as long as it is until the next one."""
 SLOWEST_SCAN = 10.0
 """Nor longer than this [s]: some drivers write nanoseconds."""
+
+
+class StampedMessages(NamedTuple):
+    """Messages with their stamps [s]."""
+
+    scans: list[tuple[float, Any]]
+    odometry: list[tuple[float, Pose2D]]
+    findings: tuple[LogFinding, ...] = ()
+
+
+def by_rate(
+    messages: StampedMessages, is_scan: Sequence[bool], wanted: float | None
+) -> StampedMessages:
+    """Messages with times by their order, where the user wants a rate of scans [Hz] or the clock stands still.
+
+    Args:
+        messages: With their own stamps.
+        is_scan: Of scans and odometry as they are mixed.
+        wanted: The rate [Hz], or None.
+    """
+    scans, odometry, _ = messages
+    rate, findings = rate_without_clock([stamp for stamp, _ in scans], wanted)
+    if rate is None:
+        return messages
+    stamps = even_stamps(np.array(is_scan), rate)
+    of_scans = stamps[np.array(is_scan)].tolist()
+    of_odometry = stamps[~np.array(is_scan)].tolist()
+    return StampedMessages(
+        scans=[(stamp, one) for stamp, (_, one) in zip(of_scans, scans, strict=True)],
+        odometry=[(stamp, one) for stamp, (_, one) in zip(of_odometry, odometry, strict=True)],
+        findings=findings,
+    )
 
 
 def even_stamps(is_scan: BoolArray, rate: float) -> FloatArray:
@@ -68,7 +101,9 @@ def believed_scan_time(
     elif told < 0.0:
         fault = "run backwards"
     elif told > SLOWEST_SCAN or told > LONGEST_SCAN * gap:
-        fault = f"are {told:.3g} s from the first to the last, which is longer than until the next scan"
+        fault = (
+            f"are {told:.3g} s from the first to the last, which is longer than until the next scan"
+        )
     if not fault:
         return told, ()
     sentence = (
@@ -76,6 +111,14 @@ def believed_scan_time(
         "first beam to the last)"
     )
     return 0.0, (LogFinding(BEAM_TIMES, sentence),)
+
+
+def with_told_scan_time(log: Log, increments: Sequence[float]) -> Log:
+    """The log with the time of a scan that its laser tells, by the times from a beam to the next [s]."""
+    beams = log.geometry.num_beams
+    seconds, faults = believed_scan_time(increments, beams, usual_gap(log))
+    log = replace(log, findings=(*log.findings, *faults))
+    return with_scan_time(log, seconds) if seconds else log
 
 
 def with_scan_time(log: Log, seconds: float) -> Log:
@@ -105,3 +148,11 @@ def usual_gap(log: Log) -> float:
     """Usual time from a scan to the next [s]; nan where there is no next."""
     stamps = [record.stamp for record in log.records]
     return float(np.median(np.diff(stamps))) if len(stamps) > 1 else math.nan
+
+
+def seconds_apart(times: FloatArray, stamps: FloatArray) -> FloatArray:
+    """How far each stamp lies from the nearest of some ordered times."""
+    after = np.searchsorted(times, stamps)
+    around = np.clip([after - 1, after], 0, len(times) - 1)
+    neighbours = times[around]
+    return np.asarray(np.abs(neighbours - stamps).min(axis=0), dtype=np.float64)

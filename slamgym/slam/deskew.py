@@ -14,12 +14,12 @@ from slamgym.core.geometry import compose, inverse, transform_points
 from slamgym.core.jit import kernel, plain
 from slamgym.core.types import AT_REST, Float32Array, FloatArray, LaserScan, Pose2D
 
-STEEPEST = math.tan(math.radians(80.0))
+STEEPEST_SLOPE = math.tan(math.radians(80.0))
 """Two neighbouring returns lie on one surface if it is seen less steeply: within 10 degrees of the beam it is taken for
 the veil behind an edge (``min_angle`` in the example of laser_filters' ScanShadowsFilter)."""
-WIDEST = 2.0
+WIDEST_BEAMS = 2.0
 """And if they lie less far apart than so many beams: a gap that opens between near and far was seen by nobody."""
-ROUNDING = 1e-6
+DIRECTION_ROUNDING = 1e-6
 """A direction belongs to a beam although it misses it by so little [beams]."""
 
 
@@ -177,11 +177,11 @@ def _is_one_surface(
 ) -> bool:
     """Whether two neighbouring returns lie on one surface; False where one is none."""
     apart = abs(seen[i + 1] - seen[i])
-    if math.isnan(points[i, 0]) or math.isnan(points[i + 1, 0]) or apart > WIDEST * width:
+    if math.isnan(points[i, 0]) or math.isnan(points[i + 1, 0]) or apart > WIDEST_BEAMS * width:
         return False
     near = math.hypot(points[i, 0], points[i, 1])
     far = math.hypot(points[i + 1, 0], points[i + 1, 1])
-    return abs(far - near) < STEEPEST * min(near, far) * apart * step
+    return abs(far - near) < STEEPEST_SLOPE * min(near, far) * apart * step
 
 
 @kernel
@@ -200,8 +200,8 @@ def _cover(
     offset = a[0] * ey - a[1] * ex
     turn = 2.0 * math.pi / step
     for shift in (0.0, turn, -turn):
-        first = max(0, math.ceil(low + shift - ROUNDING))
-        last = min(len(out) - 1, math.floor(high + shift + ROUNDING))
+        first = max(0, math.ceil(low + shift - DIRECTION_ROUNDING))
+        last = min(len(out) - 1, math.floor(high + shift + DIRECTION_ROUNDING))
         for k in range(first, last + 1):
             angle = angle_min + k * step
             slant = math.cos(angle) * ey - math.sin(angle) * ex
@@ -216,8 +216,8 @@ def _keep(low: float, high: float, distance: float, step: float, out: Float32Arr
     """Write one range in the directions between ``low`` and ``high`` [beams] that nothing nearer is in."""
     turn = 2.0 * math.pi / step
     for shift in (0.0, turn, -turn):
-        first = max(0, math.ceil(low + shift - ROUNDING))
-        last = min(len(out) - 1, math.floor(high + shift + ROUNDING))
+        first = max(0, math.ceil(low + shift - DIRECTION_ROUNDING))
+        last = min(len(out) - 1, math.floor(high + shift + DIRECTION_ROUNDING))
         for k in range(first, last + 1):
             if not out[k] <= distance:
                 out[k] = distance

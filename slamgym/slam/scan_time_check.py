@@ -15,9 +15,9 @@ from slamgym.interop.scan_times import BEAM_TIMES, stamped_earlier, usual_gap, w
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_odometry import LaserTracker
 
-LONGEST = 0.25
+LONGEST_SCAN_TIME = 0.25
 """No usual laser takes longer for a scan [s]."""
-TURN = 1.0
+PAIR_TURN = 1.0
 """The robot turns about so far between the scans of a pair [rad]."""
 LONGEST_TURN = 3.0
 """Within this time [s]."""
@@ -25,22 +25,22 @@ MOST_TURNS = 100
 """So many of the fastest turns are looked at."""
 FEWEST_TURNS = 20
 """Fewer say nothing."""
-COARSE = (0.5, 1.0)
+COARSE_SHARES = (0.5, 1.0)
 """Shares of the longest possible time that are tried first."""
-FINE = (0.2, 0.4, 0.6, 0.8)
+FINE_SHARES = (0.2, 0.4, 0.6, 0.8)
 """Shares that are tried, too, where one of those helps."""
-HELPS = 0.95
+HELPFUL_SHARE = 0.95
 """A time helps that brings the number of points that don't fit below this share of what it is without."""
-EXPLAINED = 0.9
+CLEARER_SHARE = 0.9
 """It is believed if it does so to below this share in each quarter of the turns: to 0.86 or less on two logs of another
 simulator that sweeps for 0.2 s, to 0.99 or more in some quarter of seven public logs whose lasers are faster."""
-LAST_BEAM = 0.5
+LAST_BEAM_SHARE = 0.5
 """Stamps are those of the last beams if that brings the squared errors of the turns below this share."""
-OUTLIER = 0.3
+TURN_OUTLIER = 0.3
 """The difference of a turn by laser and by odometry counts as this at most [rad]."""
 
 
-class Trial(NamedTuple):
+class ScanTimeTrial(NamedTuple):
     """How the pairs fit if scans take some time."""
 
     seconds: float
@@ -56,29 +56,29 @@ class Trial(NamedTuple):
 
 def with_estimated_scan_time(log: Log) -> Log:
     """The log with the time that its scans took, where it has none and turns show it, and a finding that says so."""
-    longest = min(usual_gap(log), LONGEST)
+    longest = min(usual_gap(log), LONGEST_SCAN_TIME)
     if not log.has_odometry or log.geometry.scan_time > 0.0 or not longest > 0.0:
         return log
     pairs = _turns(log)
     if pairs.shape[1] < FEWEST_TURNS:
         return log
     at_once = _try(log, pairs, 0.0)
-    trials = [_try(log, pairs, share * longest) for share in COARSE]
-    if min(trial.misses.sum() for trial in trials) > HELPS * at_once.misses.sum():
+    trials = [_try(log, pairs, share * longest) for share in COARSE_SHARES]
+    if min(trial.misses.sum() for trial in trials) > HELPFUL_SHARE * at_once.misses.sum():
         return log
-    trials += [_try(log, pairs, share * longest) for share in FINE]
+    trials += [_try(log, pairs, share * longest) for share in FINE_SHARES]
     by_last = [_try(log, pairs, trial.seconds, is_last=True) for trial in trials]
     best = min(trials, key=_misses)
     last = min(by_last, key=_misses)
-    if last.turn_error < LAST_BEAM * best.turn_error:
+    if last.turn_error < LAST_BEAM_SHARE * best.turn_error:
         best = last
     quarters = zip(np.array_split(best.misses, 4), np.array_split(at_once.misses, 4), strict=True)
-    if any(found.sum() > EXPLAINED * before.sum() for found, before in quarters):
+    if any(found.sum() > CLEARER_SHARE * before.sum() for found, before in quarters):
         return log
     return _taking(log, best, longest)
 
 
-def _taking(log: Log, best: Trial, longest: float) -> Log:
+def _taking(log: Log, best: ScanTimeTrial, longest: float) -> Log:
     """The log with the time that was found."""
     # What was found is how far the robot turned meanwhile, by odometry that makes too much or too little of turns.
     seconds = min(best.seconds / best.scale, longest)
@@ -93,7 +93,7 @@ def _taking(log: Log, best: Trial, longest: float) -> Log:
     return with_scan_time(log, seconds).noting(BEAM_TIMES, sentence)
 
 
-def _misses(trial: Trial) -> float:
+def _misses(trial: ScanTimeTrial) -> float:
     return float(trial.misses.sum())
 
 
@@ -106,8 +106,8 @@ def _turns(log: Log) -> IntArray:
     for first in range(len(stamps) - 1):
         end = int(np.searchsorted(stamps, stamps[first] + LONGEST_TURN))
         turned = np.abs(headings[first + 1 : end] - headings[first])
-        far = np.flatnonzero(turned >= 0.75 * TURN)
-        if len(far) and turned[far[0]] < 1.5 * TURN:
+        far = np.flatnonzero(turned >= 0.75 * PAIR_TURN)
+        if len(far) and turned[far[0]] < 1.5 * PAIR_TURN:
             firsts.append(first)
             seconds.append(first + 1 + int(far[0]))
     pairs = np.array([firsts, seconds], dtype=np.int64)
@@ -116,7 +116,7 @@ def _turns(log: Log) -> IntArray:
     return pairs[:, np.sort(fastest)]
 
 
-def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> Trial:
+def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> ScanTimeTrial:
     """Lay the scans of pairs (2, N) on each other, if they take some time [s]."""
     if is_last:
         log = stamped_earlier(log, seconds)
@@ -133,5 +133,5 @@ def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> Tr
     odometry = expected[:, 2]
     laser = np.array(turns)
     scale = float(np.median(laser / odometry))
-    errors = np.minimum(np.abs(wrap_angle(laser - scale * odometry)), OUTLIER)
-    return Trial(seconds, is_last, 1.0 - np.array(fits), scale, float((errors**2).sum()))
+    errors = np.minimum(np.abs(wrap_angle(laser - scale * odometry)), TURN_OUTLIER)
+    return ScanTimeTrial(seconds, is_last, 1.0 - np.array(fits), scale, float((errors**2).sum()))
