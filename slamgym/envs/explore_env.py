@@ -64,7 +64,8 @@ class ExploreEnv(gym.Env[Any, Any]):
     | "velocity" | (2,) float32        | -0.52, -3.64 | 0.52, 3.64 | m/s, rad/s | by wheel odometry |
     | "time"     | (1,) float32        | 0   | 420   | s    | since the start |
 
-    The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the
+    The scan is seen from the pose, also of a laser that sweeps (``lidar.sweep``): what it hasn't seen from there is no
+    return. The pose is in the map frame, whose origin is the start and whose axes are the building's. By default the
     map is an egocentric crop of 8.4 x 8.4 m at 0.1 m a cell: the believed pose in the middle, ahead up. With
     ``observation={"map": "global"}`` it is the whole map on a fixed canvas centred on the start, shape
     (1, 1280, 1280) for 64 m at 0.05 m, published again every 2 s; with ``shared_map`` it is the same read-only
@@ -340,7 +341,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         simulation = self.simulation
         now = SensedStep(
             mapper=simulation.mapper,
-            ranges=simulation.scan.ranges,
+            ranges=simulation.ranges,
             pose=simulation.believed_pose,
             velocity=simulation.velocity,
             is_new=simulation.is_new_scan_processed,

@@ -26,6 +26,7 @@ from slamgym.interop import read_ros_map
 from slamgym.sim import Lidar, Motion, WheelOdometry, World
 from slamgym.slam import make_mapper
 from slamgym.slam.columns import Columns
+from slamgym.slam.deskew import deskewed_at_last_beam
 
 EXPECTED_ACTIONS = {
     "normalized": "two numbers in [-1, 1], shares of the highest speed and of the highest turning rate",
@@ -236,6 +237,14 @@ class Simulation(SimulatedRobot):
         self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
         self._believes_truth = config.slam.mode == "ground_truth"
         super().__init__(prepared, start, config, lidar, streams)
+
+    @property
+    def ranges(self) -> Float32Array:
+        """The newest scan as seen from where the robot is now, (num_beams,) [m]; infinite where it saw nothing."""
+        if self.scan.motion == AT_REST:
+            return self.scan.ranges
+        ranges = deskewed_at_last_beam(self.scan).ranges
+        return np.where(np.isnan(ranges), np.float32(np.inf), ranges)
 
     def _sense(self, driven: Pose2D, moved: Pose2D) -> None:
         """Scan, and let SLAM take it in."""

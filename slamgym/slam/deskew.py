@@ -50,6 +50,19 @@ def deskewed(scan: LaserScan, motion: Pose2D | None = None) -> LaserScan:
     )
 
 
+def deskewed_at_last_beam(scan: LaserScan) -> LaserScan:
+    """The scan as a laser would have taken it at once where the robot is at its last beam; see :func:`deskewed`."""
+    geometry = scan.geometry
+    if scan.motion == AT_REST:
+        return scan
+    backwards = replace(
+        scan,
+        stamp=scan.stamp + geometry.scan_time,
+        geometry=geometry._replace(time_increment=-geometry.time_increment),
+    )
+    return deskewed(backwards, inverse(scan.motion))
+
+
 def placed_returns(scan: LaserScan, motion: Pose2D) -> FloatArray:
     """Where the returns of a scan lie, (num_beams, 2) in the robot's frame at the stamp [m]; nan where there is none.
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from slamgym.core.geometry import compose, part_of
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.deskew import deskewed
+from slamgym.slam.deskew import deskewed, deskewed_at_last_beam
 
 CORNERS = [(-2.5, -2.0), (2.0, -2.0), (2.0, 0.5), (3.0, 1.5), (1.0, 2.5), (-2.5, 2.0)]
 ROOM = np.array([(*a, *b) for a, b in zip(CORNERS, [*CORNERS[1:], CORNERS[0]], strict=True)])
@@ -78,6 +78,16 @@ def test_it_matters(geometry, turn):
     scan = swept(geometry, AT_REST, Pose2D(0.04, 0.0, turn))
     assert errors_off_corners(scan, geometry, AT_REST).max() > 0.2
     assert np.nanmax(errors_off_corners(deskewed(scan), geometry, AT_REST)) < 0.01
+
+
+@pytest.mark.parametrize("geometry", GEOMETRIES)
+def test_it_can_be_seen_from_where_the_robot_is_at_the_last_beam(geometry):
+    motion = Pose2D(0.04, 0.01, 0.3)
+    scan = deskewed_at_last_beam(swept(geometry, AT_REST, motion))
+    assert scan.stamp == pytest.approx(3.0 + geometry.scan_time)
+    assert np.nanmax(errors_off_corners(scan, geometry, motion)) < 0.01
+    at_once = LaserScan(0.0, scan.ranges, geometry)
+    assert deskewed_at_last_beam(at_once) is at_once
 
 
 def test_a_laser_upside_down_measures_its_last_beam_first():
