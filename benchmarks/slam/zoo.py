@@ -73,9 +73,8 @@ def main() -> None:
         "--robots", nargs="*", choices=ROBOTS, default=list(ROBOTS), help="none: only the logs"
     )
     parser.add_argument("--places", nargs="*", choices=PLACES, default=list(PLACES))
-    parser.add_argument(
-        "--modes", nargs="+", choices=[*MODES, KARTO], default=["pose_graph", "rbpf"]
-    )
+    modes = [*(mode for mode in MODES if mode != "ground_truth"), KARTO]
+    parser.add_argument("--modes", nargs="+", choices=modes, default=["pose_graph", "rbpf"])
     parser.add_argument("--sweep", choices=["on", "off"], default="on")
     parser.add_argument("--minutes", type=float, default=7.0, help="longest drive")
     parser.add_argument("--logs", type=Path, help="folder of NAME.log.gz, with .relations or .corr")
@@ -83,6 +82,10 @@ def main() -> None:
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--cache", type=Path, default=Path("build/zoo"), help="folder of drives")
     arguments = parser.parse_args()
+    if arguments.drives < 1:
+        parser.error("--drives must be at least 1")
+    if arguments.logs is not None and not any(arguments.logs.glob("*.log.gz")):
+        parser.error(f"--logs {arguments.logs}: there is no NAME.log.gz in it")
     with ProcessPoolExecutor(arguments.workers) as pool:
         # One process needs no pool, and is easier to look into.
         spread = pool.map if arguments.workers > 1 else map

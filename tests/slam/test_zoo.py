@@ -212,6 +212,18 @@ def test_walls_turn_where_a_path_bends():
     assert zoo.walls_turn(log, Trajectory(path.stamps, bent)) == pytest.approx(10.0, abs=1.0)
 
 
+@pytest.mark.parametrize("wrong", [["--drives", "0"], ["--logs", "."], ["--modes", "ground_truth"]])
+def test_a_wrong_argument_is_named_before_anything_is_simulated(
+    tmp_path, monkeypatch, capsys, wrong
+):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(zoo.sys, "argv", ["zoo.py", *wrong])
+    with pytest.raises(SystemExit):
+        zoo.main()
+    assert wrong[0] in capsys.readouterr().err.splitlines()[-1]
+    assert not list(tmp_path.iterdir())
+
+
 def test_without_its_package_karto_says_what_to_install(monkeypatch):
     def missing(name):
         raise ImportError(f"No module named {name!r}")
