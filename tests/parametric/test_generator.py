@@ -50,8 +50,13 @@ def test_an_exploration_with_known_poses_is_drawn_again_cell_by_cell(flat) -> No
     assert (cells != episode.slam_map.cells).mean() < 0.002
 
 
-def test_without_errors_walls_are_only_where_walls_are(flat, tour) -> None:
-    result = map_along_path(flat, tour, EXACT, np.random.default_rng(0))
+@pytest.mark.parametrize("sweep", [0.0, 0.1, 0.2])
+def test_without_errors_walls_are_only_where_walls_are(flat, tour, sweep) -> None:
+    """Also of a laser that takes its time: each beam is drawn where the robot was then."""
+    exact = replace(EXACT, lidar=lidar_level("exact", LidarConfig(sweep=sweep)))
+    result = map_along_path(flat, tour, exact, np.random.default_rng(0))
+    last_beams = (result.true.stamps + sweep) / exact.control_step
+    np.testing.assert_allclose(last_beams, np.round(last_beams), atol=1e-6)
     np.testing.assert_allclose(result.field, 0.0, atol=1e-5)
     walls = cv2.dilate((result.cad.cells == OCCUPIED).astype(np.uint8), np.ones((3, 3)))
     assert walls[result.grid.cells == OCCUPIED].all()
