@@ -291,7 +291,8 @@ class Lidar:
                 dx, dy = chord(pose.theta, -left * distance, -left * turn)
                 base = Pose2D(pose.x + dx, pose.y + dy, pose.theta - left * turn)
             sensors[index] = compose(base, mount)
-        if len(shares) > 1:  # no jump at half a turn, so that poses between these can be interpolated
+        if len(shares) > 1:
+            # No jump at half a turn, so that poses between these can be interpolated.
             sensors[:, 2] = sensors[0, 2] + turn * (shares[0] - shares)
         return sensors
 

@@ -147,18 +147,24 @@ def noting_changes(log: Log) -> Log:
     return log.noting("laser changed", sentence)
 
 
+def median_change(old: Float32Array, new: Float32Array) -> float:
+    """Median of what the readings of two scans (num_beams,) differ by [m]; 0 if there are few."""
+    both = np.isfinite(old) & np.isfinite(new)
+    if np.count_nonzero(both) < FEWEST_READINGS:
+        return 0.0
+    return float(np.median(np.abs(new[both] - old[both])))
+
+
 def _change_of_scan(before: LogRecord, after: LogRecord) -> str:
     """What happened to all readings, though the robot hardly moved; nothing where nothing did."""
     old = before.scan.ranges
     new = after.scan.ranges
-    both = np.isfinite(old) & np.isfinite(new)
-    if np.count_nonzero(both) < FEWEST_READINGS:
-        return ""
     step = between(before.odometry, after.odometry)
     moved = float(np.hypot(step.x, step.y))
-    changed = float(np.median(np.abs(new[both] - old[both])))
+    changed = median_change(old, new)
     if changed < max(CHANGED_METRES, 2.0 * moved) or abs(step.theta) > OTHER_VIEW_RADIANS:
         return ""
+    both = np.isfinite(old) & np.isfinite(new)
     factors = new[both] / old[both]
     factor = float(np.median(factors))
     is_alike = np.median(np.abs(factors / factor - 1.0)) < SCALE_SPREAD

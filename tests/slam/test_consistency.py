@@ -7,7 +7,14 @@ import pytest
 
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim.raycast import cast_rays
-from slamgym.slam.graph.consistency import STRETCH_METRES, UNKNOWN_METRES, Consistency
+from slamgym.slam.graph.consistency import (
+    LOST_FIT,
+    MOST_SHARE,
+    STRETCH_METRES,
+    UNKNOWN_METRES,
+    Consistency,
+    are_broken,
+)
 from slamgym.slam.graph.submaps import Submap, sides_of
 from slamgym.slam.mapper import DoubtSpan, SlamStats
 
@@ -19,7 +26,7 @@ ROOM = np.array(
 SCANS, SUBMAPS = 8, 6
 
 
-def judged(offsets, deviation=0.0):
+def judged(offsets, deviation=0.0, fits=None):
     """A robot that stays in a room, with submaps drawn at offsets in x [m]; returns doubtful and broken scans."""
     ranges = np.empty(GEOMETRY.num_beams)
     cast_rays(0.1, 0.0, 0.0, GEOMETRY.angle_min, GEOMETRY.angle_increment, ROOM, 8.0, ranges)
@@ -45,7 +52,8 @@ def judged(offsets, deviation=0.0):
     scans = np.tile(ranges.astype(np.float32), (len(poses), 1))
     for number in range(len(submaps)):
         consistency.judge(number, submaps, graph, scans)
-    return consistency.stamps(np.arange(len(poses), dtype=np.float64))
+    stamps = np.arange(len(poses), dtype=np.float64)
+    return consistency.stamps(stamps, np.ones(len(poses)) if fits is None else fits)
 
 
 def test_a_room_that_is_seen_again_is_sure():
@@ -71,8 +79,27 @@ def test_a_submap_whose_place_the_graph_does_not_know_is_doubtful():
     assert (doubtful, broken) == (list(range(2 * SCANS, 3 * SCANS)), [])
 
 
+@pytest.mark.parametrize("usual", [0.0, 0.02, 0.1, 0.5])
+def test_however_much_of_a_map_is_broken_no_right_one_contradicts_itself_so_much(usual):
+    share = np.full(12, usual)
+    share[4:8] = 1.2 * max(MOST_SHARE, usual)
+    broken = are_broken(1000.0 * np.column_stack([share, 1.0 - share]))
+    assert broken[5:7].all()
+    assert broken[0] == (usual > MOST_SHARE)
+    quiet = np.full(12, 0.7 * MOST_SHARE)
+    assert not are_broken(1000.0 * np.column_stack([quiet, 1.0 - quiet])).any()
+
+
+def test_a_submap_in_which_a_scan_fits_nothing_is_doubtful():
+    fits = np.ones(SCANS * SUBMAPS)
+    fits[2 * SCANS] = 1.1 * LOST_FIT
+    assert judged([0.0] * SUBMAPS, fits=fits) == ([], [])
+    fits[2 * SCANS] = 0.9 * LOST_FIT
+    assert judged([0.0] * SUBMAPS, fits=fits) == (list(range(2 * SCANS, 3 * SCANS)), [])
+
+
 def test_nothing_is_said_before_a_submap_is_complete():
-    assert Consistency(GEOMETRY).stamps(np.arange(3.0)) == ([], [])
+    assert Consistency(GEOMETRY).stamps(np.arange(3.0), np.ones(3)) == ([], [])
 
 
 def test_doubtful_scans_that_follow_each_other_are_one_span():

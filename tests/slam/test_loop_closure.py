@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.config import PoseGraphConfig
 from slamgym.slam.graph.alignment import AlignmentTarget
-from slamgym.slam.graph.closures import LoopCloser
+from slamgym.slam.graph.closures import LoopCloser, agree
 from slamgym.slam.graph.relative import (
     DAMPING,
     MATCH_FLOOR,
@@ -89,8 +89,17 @@ def draw(submap: Submap, pose: np.ndarray, x: float, pillars: list[float]) -> No
     submap.add(pose, points, sides_of(points, np.zeros(2)))
 
 
-def closed(pillars: list[float], driven: float, deviation: float = 0.4) -> Match | None:
-    """The closure found when the robot, back at the place it began at, believes to be 0.9 m further."""
+def closed(
+    pillars: list[float], driven: float, deviation: float = 0.6, others: tuple[Match, ...] = ()
+) -> Match | None:
+    """The closure found when the robot, back at the place it began at, believes to be 0.9 m further.
+
+    Args:
+        pillars: Places of pairs of pillars [m].
+        driven: Way since the beginning [m].
+        deviation: Standard deviation along the corridor [m].
+        others: Closures that were found before.
+    """
     xs = np.arange(-1.0, 4.01, 0.25)
     old, new = Submap(0, 12.0), Submap(len(xs), 12.0)
     for x in xs:
@@ -98,6 +107,7 @@ def closed(pillars: list[float], driven: float, deviation: float = 0.4) -> Match
     draw(new, np.zeros(3), 0.0, NICHE)
     poses = np.array([(x, 0.0, 0.0) for x in [*xs, 0.9]])
     ways, submaps, closer = np.array([*xs + 1.0, driven]), [old, new], LoopCloser(PoseGraphConfig())
+    closer.found = list(others)
 
     def choose(numbers: list[int]) -> AlignmentTarget:
         chosen = [submaps[number] for number in numbers]
@@ -122,8 +132,38 @@ def test_a_place_left_a_moment_ago_is_not_seen_again():
 
 
 def test_a_place_that_the_path_leaves_out_is_another_that_looks_alike():
-    assert closed(NICHE, 40.0, deviation=0.25) is not None
     assert closed(NICHE, 40.0, deviation=0.16) is None
+
+
+def test_a_surprising_closure_needs_another_that_says_the_same():
+    """0.9 m are 3.1 standard deviations of the path, the search's own window included."""
+    surprising = 0.25
+    assert closed(NICHE, 40.0, surprising) is None
+    # Some metres before, and as far off the path; after 40 m it says nothing any more.
+    before = Match(0, 14, np.array([3.5 - 0.9, 0.0, 0.0]), np.eye(3))
+    assert closed(NICHE, 7.0, surprising, (before,)) is not None
+    elsewhere = before._replace(measured=before.measured + np.array([1.0, 0.0, 0.0]))
+    assert closed(NICHE, 7.0, surprising, (elsewhere,)) is None
+    assert closed(NICHE, 40.0, surprising, (before,)) is None
+
+
+@given(numbers, numbers, numbers, st.floats(0.1, 5.0), st.floats(-3.0, 3.0))
+def test_closures_agree_if_they_move_the_path_alike(old, new, correction, apart, turn):
+    """Whatever the correction, and wherever the frames are: the way between two closures stays as it was."""
+    step = np.array([apart, 0.2, turn])
+    first_old, first_new = np.array(old), np.array(new)
+    second_old, second_new = moved_by(first_old, step), moved_by(first_new, step)
+    poses = np.array([first_old, second_old, first_new, second_new])
+    path = Path(poses, np.array([0.0, apart, 50.0, 50.0 + apart]), 0.4)
+    true_new = moved_by(np.array(correction), first_new), moved_by(np.array(correction), second_new)
+    closure = Match(0, 2, seen_from(first_old, true_new[0]), np.eye(3))
+    other = Match(1, 3, seen_from(second_old, true_new[1]), np.eye(3))
+    assert agree(path, closure, other)
+    assert agree(path, other, closure)
+    off = other._replace(measured=other.measured + np.array([0.0, 2.0, 0.0]))
+    assert not agree(path, closure, off)
+    turned = other._replace(measured=other.measured + np.array([0.0, 0.0, 0.5]))
+    assert not agree(path, closure, turned)
 
 
 def test_a_heading_error_moves_what_lies_ahead_sideways():
