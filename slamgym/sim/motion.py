@@ -35,9 +35,6 @@ _RAMP_STEP = 0.02
 approximated; its position error over a stop-to-full-speed ramp of the Waffle Pi is below 0.05 mm, and
 heading and distance are exact."""
 
-_HANDOVER = 0.01
-"""Within this distance of contact the caller has to take over [m]."""
-
 NO_TIME = 1e-9
 """Remaining time too short to move in [s]."""
 
@@ -135,11 +132,12 @@ def drive_freely(
     segments: FloatArray,
     discs: FloatArray,
 ) -> float:
-    """Drive towards a target velocity for as long as nothing can be touched.
+    """Drive towards a target velocity for as long as nothing is touched.
 
-    The free distance in any direction is the clearance less the body's radius; the drive continues for as long as it
+    The free distance in any direction is the clearance less the radius; the drive continues for as long as it
     can't use that distance up, then looks again (conservative advancement). In open space one look covers the
-    whole step.
+    whole step. The radius holds a skin about the body: close to something the drive goes on by what the skin takes,
+    and ends where the skin touches.
 
     Args:
         state: Drive state, updated in place.
@@ -147,19 +145,20 @@ def drive_freely(
         target_angular: Commanded turning rate within the limits [rad/s].
         limits: Linear acceleration [m/s^2], angular acceleration [rad/s^2], wheel separation [m].
         span: Time to drive [s].
-        radius: Radius about the axle within which the body touches something [m].
+        radius: Of the body with its skin [m].
         segments: Obstacles, shape (S, 4).
         discs: Obstacles, shape (P, 3).
 
     Returns:
-        The time left when something came within 1 cm of the radius [s]; 0 if the whole span was driven.
+        The time left when the skin touched something [s]; 0 if the whole span was driven.
     """
-    while span > 0.0:
+    while span > NO_TIME:
         slack = clearance(state[X], state[Y], segments, discs) - radius
-        if slack < _HANDOVER:
+        if slack < 0.0:
             return span
         speed = max(abs(state[LINEAR]), abs(target_linear))
-        part = span if speed * span <= slack else slack / speed
+        free = max(slack, SUBSTEP_DISTANCE)
+        part = span if speed * span <= free else free / speed
         _advance(state, target_linear, target_angular, limits, part)
         span -= part
     return 0.0

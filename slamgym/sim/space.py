@@ -1,11 +1,10 @@
 """The physical world: a floor plan, what stands and walks in it, the robot that drives through it, and its start.
 
-A step has two regimes that share one motion model (:mod:`slamgym.sim.motion`). Away from everything the
-robot follows the exact arc, which costs a microsecond. Within a centimetre of touching something, pymunk
-takes over in substeps of a few millimetres and decides how much of the commanded motion contact allows. Where
-there is no contact, both give the same motion. Last, every substep is checked against the obstacles, and one
-that would put the body into an obstacle is not carried out: no speed, time step or corner lets the robot
-through a wall.
+A step has two regimes that share one motion model (:mod:`slamgym.sim.motion`). Until its skin touches something the
+robot follows the exact arc, which costs a microsecond. Then pymunk takes over in substeps of a few millimetres and
+decides how much of the commanded motion contact allows. Where there is no contact, both give the same motion. Last,
+every substep is checked against the obstacles, and one that would put the body into an obstacle is not carried out: no
+speed, time step or corner lets the robot through a wall.
 """
 
 import math
@@ -185,7 +184,7 @@ class World:
         before = self.pose
         self._state[motion.LEFT :] = 0.0
         self._let_time_pass(dt)
-        contact = self._drive(target, dt)
+        contact = self.drive_touching(target, self._drive_freely(target, dt))
         pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
         return Motion(pose, between(before, pose), (left, right), contact, distance)
@@ -229,36 +228,38 @@ class World:
         crowd.advance(dt, x, y, self._contact_radius)
         self._legs[:] = crowd.legs()
         if self._solver is not None:
-            self._solver.place_people(crowd.discs)
+            self._solver.place_discs(crowd.discs)
 
     def _somebody(self) -> FloatArray:
         """The robot and the people with their skin, shape (D, 3) as x, y, radius [m]."""
         robot = [*self._state[:2], self._contact_radius]
         return np.vstack([robot, self._discs + np.array([0.0, 0.0, SKIN])])
 
-    def _drive(self, target: Twist2D, dt: float) -> bool:
-        """Drive freely where possible, else in contact substeps; returns True if contact changed the motion."""
-        state = self._state
+    def _drive_freely(self, target: Twist2D, span: float) -> float:
+        """Drive until the skin touches something; the time left."""
+        left: float = motion.drive_freely(
+            self._state,
+            target.linear,
+            target.angular,
+            self._limits,
+            span,
+            self._contact_radius,
+            self._obstacles,
+            self._discs,
+        )
+        if left < span:
+            self.velocity = Twist2D(*self._state[motion.LINEAR : motion.LEFT].tolist())
+            if self._solver is not None:
+                self._solver.release()
+        return left
+
+    def drive_touching(self, target: Twist2D, left: float) -> bool:
+        """Drive on from where the skin touches something for the time that is left; whether that changed the motion."""
         contact = False
-        left = dt
         while left > motion.NO_TIME:
-            before = left
-            left = motion.drive_freely(
-                state,
-                target.linear,
-                target.angular,
-                self._limits,
-                left,
-                self._contact_radius,
-                self._obstacles,
-                self._discs,
-            )
-            if left < before:
-                self.velocity = Twist2D(float(state[motion.LINEAR]), float(state[motion.ANGULAR]))
-            if left > motion.NO_TIME:
-                span = min(left, motion.contact_span(state, target.linear))
-                contact |= self._contact_substep(target, span)
-                left -= span
+            span = min(left, motion.contact_span(self._state, target.linear))
+            contact |= self._contact_substep(target, span)
+            left = self._drive_freely(target, left - span)
         return contact
 
     def _contact_substep(self, target: Twist2D, span: float) -> bool:
@@ -284,7 +285,7 @@ class World:
         """The part of a wished velocity that contact allows, and the push that ends an overlap of the skin."""
         if self._solver is None:
             self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
-            self._solver.place_people(self._discs)
+            self._solver.place_discs(self._discs)
         return self._solver.solve(pose, wish)
 
 

@@ -1,39 +1,85 @@
-"""The kernel for discs among walls gives what pymunk gives, to the bit."""
+"""Contacts: what touches nothing isn't changed, what touches is stopped, and no solver is made before."""
+
+import math
 
 import numpy as np
 import pytest
 
-from slamgym.core.types import Pose2D
-from slamgym.sim.contact import ContactSolver, DiscBody, DiscContacts, solve_disc, wall_order
-from slamgym.sim.robot import RobotConfig
+from slamgym.cad import FloorPlan
+from slamgym.core.types import Pose2D, Twist2D
+from slamgym.sim import RobotConfig, World, sample_start
+from slamgym.sim import space as space_module
+from slamgym.sim.contact import SKIN, ContactSolver
+
+WALL = np.array([[1.0, -5.0, 1.0, 5.0]])
+NOBODY = np.empty((0, 3))
 
 
-def scattered_walls(rng):
-    """Short walls in a square, some of them in corners that share a point, one without length."""
-    walls = rng.uniform(-1.5, 1.5, (60, 4))
-    walls[:, 2:] = walls[:, :2] + rng.normal(0.0, 0.4, (60, 2))
-    walls[10:20, :2] = walls[:10, 2:]
-    walls[20:30] = np.round(walls[20:30], 1)
-    walls[5, 2:] = walls[5, :2]
-    return walls
+@pytest.mark.parametrize("gap", [0.0, 0.001, 0.02])
+def test_a_wish_is_left_as_it_is_where_nothing_is_touched(gap):
+    robot = RobotConfig()
+    solver = ContactSolver(WALL, NOBODY, robot)
+    pose = Pose2D(1.0 - robot.radius - SKIN - gap - 1e-9, 0.3, 0.4)
+    wish = (0.2, -0.1, 1.5)
+    left, push = solver.solve(pose, wish)
+    assert left == pytest.approx(wish, abs=1e-12)
+    assert push == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
 
-@pytest.mark.parametrize("seed", range(6))
-def test_velocities_and_pushes_are_pymunks(seed):
-    rng = np.random.default_rng(seed)
-    robot, walls = RobotConfig(radius=rng.uniform(0.1, 0.3)), scattered_walls(rng)
-    solver, disc = ContactSolver(walls, np.empty((0, 3)), robot), DiscBody.of(robot)
-    contacts, row = DiscContacts.none(2, len(walls)), seed % 2
-    contacts.order[row] = wall_order(walls)
-    state = np.zeros(8)
-    state[:3] = rng.uniform(-1.0, 1.0, 3)
-    held = 0
-    for step in range(800):
-        wish = tuple(rng.normal(0.0, (0.2, 0.2, 1.0)).tolist())
-        expected = solver.solve(Pose2D(*state[:3].tolist()), wish)
-        assert solve_disc(contacts, row, walls, disc, state, wish) == expected, step
-        left, push = np.array(expected)
-        held += bool(np.abs(left - wish).max() > 1e-3)
-        # Mostly on by what is left, so that contacts last; now and then elsewhere, so that they are forgotten.
-        state[:3] += (left + push) * 0.03 if step % 50 else rng.uniform(-0.3, 0.3, 3)
-    assert held > 100
+def test_a_wall_takes_the_part_of_a_velocity_that_goes_into_it():
+    robot = RobotConfig()
+    solver = ContactSolver(WALL, NOBODY, robot)
+    pose = Pose2D(1.0 - robot.radius - 0.5 * SKIN, 0.3, 0.4)
+    left, push = solver.solve(pose, (0.2, -0.1, 1.5))
+    assert left == pytest.approx((0.0, -0.1, 1.5), abs=1e-6)
+    assert push[0] < 0.0, "the overlap of the skin ends"
+    away, _ = solver.solve(pose, (-0.2, 0.1, 0.0))
+    assert away == pytest.approx((-0.2, 0.1, 0.0), abs=1e-6)
+
+
+def test_the_push_of_an_old_contact_is_not_felt_at_the_next_one():
+    robot = RobotConfig()
+    walls = np.vstack([WALL, WALL - [2.0, 0.0, 2.0, 0.0]])
+    used, fresh = (ContactSolver(walls, NOBODY, robot) for _ in range(2))
+    used.solve(Pose2D(1.0 - robot.radius - 0.1 * SKIN, 0.0, 0.0), (0.2, 0.0, 0.0))
+    used.release()
+    there = Pose2D(-1.0 + robot.radius + 0.9 * SKIN, 0.0, 0.0), (-0.2, 0.0, 0.0)
+    for one, other in zip(used.solve(*there), fresh.solve(*there), strict=True):
+        # The overlap is looked for where that push of 0.05 m/s led for a hundredth of a second.
+        assert one == pytest.approx(other, abs=5e-3)
+
+
+def test_a_disc_that_moves_up_is_a_wall_too():
+    robot = RobotConfig()
+    solver = ContactSolver(np.empty((0, 4)), np.array([[9.0, 9.0, 0.25]]), robot)
+    solver.place_discs(np.array([[robot.radius + 0.25, 0.0, 0.25]]))
+    left, _ = solver.solve(Pose2D(0.0, 0.0, 0.0), (0.2, 0.1, 0.0))
+    assert left == pytest.approx((0.0, 0.1, 0.0), abs=1e-6)
+
+
+def test_a_robot_that_touches_nothing_never_enters_the_solver(hall: FloorPlan, monkeypatch):
+    def refuse(*_):
+        raise AssertionError("a solver was made")
+
+    monkeypatch.setattr(space_module, "ContactSolver", refuse)
+    world = World(hall, RobotConfig())
+    world.reset(Pose2D(2.0, 0.22 + SKIN + 1e-6, 0.0))
+    for _ in range(50):  # along a wall, a micrometre off
+        assert not world.step(Twist2D(0.26, 0.0), 0.2).contact
+    with pytest.raises(AssertionError, match="solver"):
+        world.step(Twist2D(0.26, -0.5), 10.0)
+
+
+def test_contacts_are_the_same_whatever_the_length_of_the_steps(make_random_plan):
+    """Of one drive into whatever is ahead, to the skin: the looks at contacts fall on other moments."""
+    plan = make_random_plan(np.random.default_rng(2))
+    start = sample_start(plan, RobotConfig(), np.random.default_rng(1))
+    ends = []
+    for dt in (0.02, 0.2, 10.0):
+        world = World(plan, RobotConfig())
+        world.reset(start)
+        for _ in range(round(20.0 / dt)):
+            world.step(Twist2D(0.26, 0.0), dt)
+        ends.append(world.pose)
+    assert math.dist(ends[0][:2], ends[1][:2]) < SKIN
+    assert math.dist(ends[0][:2], ends[2][:2]) < SKIN

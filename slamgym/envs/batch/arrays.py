@@ -6,7 +6,7 @@ import numpy as np
 
 from slamgym.core.types import BoolArray, ByteArray, Float32Array, FloatArray, IntArray
 from slamgym.sim.beams import BeamModel
-from slamgym.sim.contact import SKIN, DiscBody
+from slamgym.sim.contact import SKIN
 from slamgym.sim.robot import RobotConfig
 from slamgym.slam.hit_count_kernels import BeamTable
 
@@ -38,6 +38,7 @@ class Robots(NamedTuple):
     wheels: FloatArray  # (N, 3) gains of the left and right encoder, believed wheel base [m]
     slips: FloatArray  # (N, 3) standard normal draws of this step
     path: FloatArray  # (N,) [m]
+    left: FloatArray  # (N,) time of the step that was left when something was touched [s]
     steps: IntArray  # (N,) since the episode began
     collisions: IntArray  # (N,) contacts begun
     contact: BoolArray  # (N,) the last step had contact
@@ -56,6 +57,7 @@ class Robots(NamedTuple):
             wheels=_numbers(count, 3),
             slips=_numbers(count, 3),
             path=_numbers(count),
+            left=_numbers(count),
             steps=_integers(count),
             collisions=_integers(count),
             contact=_flags(count),
@@ -191,21 +193,13 @@ class DriveModel(NamedTuple):
 
     dt: float  # duration of a step [s]
     limits: FloatArray  # accelerations and wheel separation, shape (3,)
-    radius: float  # within which the body touches something [m]
-    body: float  # radius of the body itself [m]
-    disc: DiscBody
+    radius: float  # of the body with its skin [m]
 
     @classmethod
     def of(cls, robot: RobotConfig, dt: float) -> "DriveModel":
         """The model of a robot."""
         limits = [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
-        return cls(
-            dt=dt,
-            limits=np.array(limits),
-            radius=robot.radius + SKIN,
-            body=float(robot.radius),
-            disc=DiscBody.of(robot),
-        )
+        return cls(dt=dt, limits=np.array(limits), radius=robot.radius + SKIN)
 
 
 class WheelModel(NamedTuple):

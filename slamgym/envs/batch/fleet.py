@@ -17,6 +17,7 @@ from slamgym.core.types import (
     LaserScan,
     OccupancyGrid,
     Pose2D,
+    Twist2D,
 )
 from slamgym.envs.batch.arrays import (
     DriveModel,
@@ -39,8 +40,8 @@ from slamgym.envs.far_look import BLOCK_SIDE
 from slamgym.envs.plan_cache import PreparedPlan, Streams
 from slamgym.envs.simulation import finished_map
 from slamgym.sim import Lidar, OdometryConfig, WheelOdometry, World
-from slamgym.sim.contact import DiscContacts, wall_order
 from slamgym.sim.lidar import LONGEST_BURST
+from slamgym.sim.motion import NO_TIME
 from slamgym.sim.robot import WHEEL_RADIUS
 from slamgym.sim.surfaces import Surfaces
 from slamgym.slam import Mapper, make_mapper
@@ -54,6 +55,7 @@ class Robot(NamedTuple):
     """One environment's part that is no array."""
 
     prepared: PreparedPlan
+    world: World
     streams: Streams
     mapper: Mapper | None  # None where kernels map
     detector: CompletionDetector
@@ -101,7 +103,6 @@ class Fleet:
         self.map_model = _map_model(config, self.lidar.geometry)
         has_known_poses = slam.mode in ("ground_truth", "dead_reckoning")
         self.is_mapped_together = has_known_poses and slam.counting == "beams"
-        self._contacts = DiscContacts.none(count, 0)
         self._drive_model = DriveModel.of(config.robot, float(config.control_step))
         self._wheel_model = _wheel_model(config.odometry)
 
@@ -175,7 +176,7 @@ class Fleet:
             finished = finished_map(prepared.plan, start, config)
             mapper = make_mapper(config.slam, self.lidar.geometry, initial, streams.slam, finished)
         detector = CompletionDetector.of(config)
-        self.each[index : index + 1] = [Robot(prepared, streams, mapper, detector)]
+        self.each[index : index + 1] = [Robot(prepared, world, streams, mapper, detector)]
 
     def _put_at_rest(
         self, index: int, start: Pose2D, initial: Pose2D, wheels: WheelOdometry
@@ -208,15 +209,6 @@ class Fleet:
             outside=put(scenes.outside, index, surfaces.outside),
         )
         self.robots.exact[index] = self.lidar.is_perfect and len(surfaces.first) == 1
-        contacts = self._contacts
-        no_contact = np.zeros(len(walls))
-        contacts.marks[index] = 0
-        self._contacts = contacts._replace(
-            order=put(contacts.order, index, wall_order(walls)),
-            pairs=put(contacts.pairs, index, no_contact),
-            impulses=put(contacts.impulses, index, no_contact),
-            stamps=put(contacts.stamps, index, no_contact),
-        )
 
     def _put_floor(self, index: int, floor: ReachableFloor, start: Pose2D) -> None:
         """Fill in the floor that one robot has still to see."""
@@ -266,12 +258,23 @@ class Fleet:
 
     def _drive(self, ids: IntArray, targets: FloatArray) -> None:
         robots = self.robots
-        drive_all(robots, self.scenes, self._contacts, self._drive_model, ids, targets)
+        drive_all(robots, self.scenes, self._drive_model, ids, targets)
+        touching = robots.left[ids] > NO_TIME
+        self._note_contact(ids[~touching], False)
+        for i in ids[touching].tolist():
+            target = Twist2D(*targets[i].tolist())
+            contact = self.each[i].world.drive_touching(target, robots.left[i].item())
+            self._note_contact(i, contact)
         if not self._wheel_model.is_ideal:
             for i in ids.tolist():
                 rng = self.each[i].streams.odometry
                 rng.standard_normal(out=robots.slips[i])
         integrate_wheels(robots, self._wheel_model, ids, self._drive_model.dt)
+
+    def _note_contact(self, ids: IntArray | int, contact: bool) -> None:
+        robots = self.robots
+        robots.collisions[ids] += contact and ~robots.contact[ids]
+        robots.contact[ids] = contact
 
     def sense(self, ids: IntArray, is_published: BoolArray) -> None:
         """Scan; where kernels map, map and observe too, and publish the maps of a mask, shape (N,)."""

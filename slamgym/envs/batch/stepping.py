@@ -30,7 +30,6 @@ from slamgym.envs.observations import cut_crop
 from slamgym.envs.turned_reading import CellBox, Place, Tiles
 from slamgym.sim import motion
 from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
-from slamgym.sim.contact import DiscContacts, solve_disc
 from slamgym.sim.raycast import cast_hits
 from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
@@ -47,48 +46,25 @@ _TURN = 2.0 * math.pi
 
 @kernel
 def drive_all(
-    robots: Robots,
-    scenes: Scenes,
-    contacts: DiscContacts,
-    drive: DriveModel,
-    ids: IntArray,
-    targets: FloatArray,
+    robots: Robots, scenes: Scenes, drive: DriveModel, ids: IntArray, targets: FloatArray
 ) -> None:
-    """Drive as :meth:`slamgym.sim.World.drive` does.
+    """Drive until something is touched; the time that is left then is noted.
 
     Args:
         robots: Changed in place.
         scenes: Obstacles.
-        contacts: Changed in place.
         drive: Limits and bodies.
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
     """
     people = np.empty((0, 3))
-    limits = drive.limits
     for i in ids:
         state = robots.drive[i]
-        linear = targets[i, 0]
-        angular = targets[i, 1]
-        state[motion.LEFT :] = 0.0
         walls = scenes.segments[i, : scenes.num_segments[i]]
-        touches = False
-        rest = drive.dt
-        while rest > motion.NO_TIME:
-            rest = motion.drive_freely(
-                state, linear, angular, limits, rest, drive.radius, walls, people
-            )
-            if rest > motion.NO_TIME:
-                span = min(rest, motion.contact_span(state, linear))
-                wished = motion.wished(state, linear, angular, limits, span)
-                wish = (wished[0] / span, wished[1] / span, wished[4])
-                solved = solve_disc(contacts, i, walls, drive.disc, state, wish)
-                touches |= motion.settle(
-                    state, wished, solved, limits, span, drive.body, walls, people
-                )[0]
-                rest -= span
-        robots.collisions[i] += touches and not robots.contact[i]
-        robots.contact[i] = touches
+        state[motion.LEFT :] = 0.0
+        robots.left[i] = motion.drive_freely(
+            state, targets[i, 0], targets[i, 1], drive.limits, drive.dt, drive.radius, walls, people
+        )
 
 
 @kernel
