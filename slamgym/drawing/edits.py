@@ -42,7 +42,8 @@ class Correction:
 
     kind: Literal["split", "join", "add_door", "add_wall", "remove_wall", "name_room"]
     line: tuple[tuple[_Metres, _Metres], ...] = ()
-    """Two places, of all kinds but ``join`` and ``name_room`` [m]. Doors and splits go on to the next walls."""
+    """Two places, of all kinds but ``join`` and ``name_room`` [m]. A split goes on to the next walls; a door lies
+    between its places, and where it stands on open floor the rest of the way to the next walls becomes wall."""
     at: tuple[_Metres, ...] = ()
     """A place on the boundary at which two rooms are joined, or in the room that is named [m]."""
     thickness: Annotated[float, Within(gt=0.0, le=THICKEST_ADDED_WALL)] = OUTER_THICKNESS

@@ -2,11 +2,11 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
-from typing import Literal
 
 import shapely
-from shapely import MultiPolygon, Point, Polygon
+from shapely import LineString, MultiPolygon, Point, Polygon
 from shapely.geometry.base import BaseGeometry
+from shapely.ops import nearest_points
 
 from slamgym.cad.polygons import polygon_parts
 from slamgym.drawing.drawing import Segment
@@ -19,6 +19,8 @@ SAME_DOOR = 0.3
 """Boundaries whose ends are so near to each other are one [m]."""
 AROUND = 1.0
 """A floor is looked at so far around a new boundary [m]."""
+AT_JAMB = 0.2
+"""The jambs of a person's door are at corners or faces so near to its ends [m]: narrower floor isn't drawn."""
 
 
 def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon:
@@ -37,16 +39,19 @@ def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon
     for entry in corrections.of("add_wall"):
         if _share_within(entry.shape, changed) < 0.5:
             raise corrections.error(entry, "no floor lies there")
-        added = _added(entry, floor).intersection(changed)
-        changed = changed.difference(_parts_at(entry.shape, added))
+        changed = _with_wall(changed, entry.shape, entry.thickness, floor)
     for entry in corrections.of("add_door"):
         line = entry.shape
+        if _share_within(line, changed) >= 0.5:
+            for rest in _beside_door(_at_jambs(entry, changed), changed):
+                changed = _with_wall(changed, rest, entry.thickness, changed)
+            continue
         widened = line.buffer(THICKEST_WALL, cap_style="flat")
         passage = _parts_at(line, widened.difference(changed))
         rim = changed.intersection(passage.buffer(1e-3))
         # In a wall with rooms on both sides.
         joins_rooms = rim.area / 1e-3 > 1.5 * line.length
-        if _share_within(line, changed) < 0.5 and joins_rooms:
+        if joins_rooms:
             changed = changed.union(passage)
     return floor if changed is floor else _without_slits(changed)
 
@@ -58,16 +63,42 @@ def _removed(entry: Correction) -> BaseGeometry:
     return entry.shape.buffer(half, cap_style="flat")
 
 
-def _added(entry: Correction, floor: MultiPolygon) -> BaseGeometry:
-    """The body of a new wall."""
+def _with_wall(
+    changed: BaseGeometry, line: BaseGeometry, thickness: float, floor: BaseGeometry
+) -> BaseGeometry:
+    """A floor with a new wall along a line."""
     beyond = []
-    for point in entry.line:
+    for point in line.coords:
         # A slit between its end and another wall is wall.
         is_free = floor.covers(Point(point).buffer(2.0 * NECK))
         beyond.append(0.0 if is_free else 2.0 * NECK)
     before, after = beyond
-    line = lengthened(entry.shape, before, after)
-    return line.buffer(0.5 * entry.thickness, cap_style="flat")
+    longer = lengthened(line, before, after)
+    added = longer.buffer(0.5 * thickness, cap_style="flat").intersection(changed)
+    return changed.difference(_parts_at(line, added))
+
+
+def _at_jambs(entry: Correction, floor: BaseGeometry) -> Segment:
+    """A door on the floor with its ends at corners, or else faces, where some are near."""
+    faces = floor.boundary
+    corners = shapely.MultiPoint(shapely.get_coordinates(faces))
+    jambs = [(shape, most) for most in (INTO_WALLS, AT_JAMB) for shape in (corners, faces)]
+    ends = []
+    for point in map(Point, entry.line):
+        near = [shape for shape, most in jambs if point.distance(shape) <= most]
+        jamb = nearest_points(near[0], point)[0] if near else point
+        ends.append((jamb.x, jamb.y))
+    fitted = Segment(*ends)
+    return fitted if fitted.length >= NARROWEST_CUT else Segment(*entry.line)
+
+
+def _beside_door(door: Segment, floor: BaseGeometry) -> Iterator[LineString]:
+    """Where the wall stands in which a door on the floor hangs: from ends that are at no jamb to the next walls."""
+    for end, before, after in ((door.start, 1e3, -door.length), (door.end, -door.length, 1e3)):
+        jamb = Point(end)
+        if jamb.distance(floor.boundary) > INTO_WALLS:
+            beyond = lengthened(door.line, before, after).intersection(floor)
+            yield from (rest for rest in shapely.get_parts(beyond) if rest.distance(jamb) < 1e-6)
 
 
 def _without_slits(floor: BaseGeometry) -> MultiPolygon:
@@ -124,7 +155,14 @@ def _added_gaps(
     if not entries:
         return {}
     crossings = _Crossings(floor, gaps)
-    return {entry: list(crossings.of(entry)) for entry in entries}
+    found = {}
+    for entry in entries:
+        if entry.kind == "split":
+            found[entry] = list(crossings.of(entry))
+        else:
+            door = _at_jambs(entry, floor)
+            found[entry] = [Gap(door.start, door.end, kind="door")]
+    return found
 
 
 def _without_repeated(gaps: Sequence[Gap], new: Sequence[Gap]) -> list[Gap]:
@@ -190,11 +228,10 @@ class _Crossings:
         inside = space.buffer(-INTO_WALLS, join_style="mitre")
         line = lengthened(entry.shape, 1e3, 1e3)
         near = entry.shape.buffer(1e-3)
-        kind: Literal["door", "opening"] = "opening" if entry.kind == "split" else "door"
         for piece in shapely.get_parts(line.intersection(inside)):
             covered = piece.intersection(near).length
             if piece.length >= NARROWEST_CUT and covered >= 0.5 * piece.length:
-                gap = Gap(piece.coords[0], piece.coords[-1], kind=kind)
+                gap = Gap(piece.coords[0], piece.coords[-1], kind="opening")
                 yield from onto_faces([gap], space)
 
     def _space_around(self, entry: Correction) -> MultiPolygon:

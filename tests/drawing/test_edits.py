@@ -48,14 +48,30 @@ def test_a_split_goes_on_to_the_walls_and_is_an_opening():
     assert len(drawing.walls) == len(PLAIN.walls)
 
 
-def test_a_narrow_split_is_no_door_and_a_wide_door_is_one():
+def test_a_narrow_split_is_no_door():
     for kind, expected in (("split", "opening"), ("add_door", "door")):
         drawing = corrected({"kind": kind, "line": ((4.04, 1.35), (4.04, 2.15))})
         assert [door.kind for door in drawing.doors] == [expected]
         assert rooms(drawing) == pytest.approx(rooms(PLAIN), abs=0.11)
-    assert "door" in [
-        door.kind for door in corrected({**SPLIT, "kind": "add_door"}).doors if door.width > 2.0
-    ]
+
+
+@pytest.mark.parametrize(("start", "end"), [(0.8, 1.7), (0.3, 2.1), (1.7, 0.8)])
+def test_a_door_on_open_floor_lies_between_its_two_places_and_walls_lead_on_from_it(start, end):
+    drawing = corrected({"kind": "add_door", "line": ((start, 3.2), (end, 3.2))})
+    assert rooms(drawing) == pytest.approx([4.5, 9.6, 12.6], abs=0.25)
+    (door,) = [door for door in drawing.doors if door.start[1] > 3.1]
+    assert door.kind == "door"
+    assert sorted((door.start[0], door.end[0])) == pytest.approx(sorted((start, end)), abs=1e-3)
+    assert (door.start[1], door.end[1]) == pytest.approx((3.2, 3.2), abs=1e-3)
+    beside = 2.5 - abs(end - start)
+    assert drawing.area == pytest.approx(PLAIN.area - 0.1 * beside, abs=0.02)
+
+
+def test_a_door_whose_places_are_near_jambs_lies_between_the_jambs():
+    """A click is as good as a hand: a door in a passage isn't led past its corner through the next room."""
+    (door,) = corrected({"kind": "add_door", "line": ((4.15, 1.38), (3.93, 2.14))}).doors
+    assert door.width == pytest.approx(0.9, abs=0.12)
+    assert len(corrected({"kind": "add_door", "line": ((4.12, 1.33), (4.13, 2.17))}).rooms) == 2
 
 
 def test_joined_rooms_are_one():
@@ -239,6 +255,26 @@ DRIVER = """
   return { saved, shown: document.getElementById("json").value, listed: document.querySelectorAll("li button").length,
            drawn: svg.querySelectorAll(".edit").length, saidThen };
 """
+
+
+@needs_browser
+def test_a_door_lies_between_the_two_clicks(tmp_path):
+    """Where no wall is drawn, in a wall that was added before, and at the jambs of a passage, whatever the zoom."""
+    clicks = """
+      press("add_door"); click(0.8, 3.22); click(1.7, 3.18);
+      press("add_wall"); click(5.5, 0.0); click(5.55, 3.0);
+      press("add_door"); click(5.45, 1.0); click(5.55, 1.8);
+      press("add_door"); click(4.06, 1.35); click(4.03, 2.12);
+      return text("json") || document.getElementById("json").value;
+    """
+    driver = DRIVER[: DRIVER.index('press("split")')] + clicks
+    path = tmp_path / "flat.corrections.json"
+    path.write_text(run_in_page(format_html(PLAIN), driver, tmp_path))
+    drawing = make_drawing(GRID, "flat", MODEL, corrections=read_corrections(path))
+    assert sorted(round(door.width, 2) for door in drawing.doors) == pytest.approx(
+        [0.8, 0.9, 0.92], abs=0.02
+    )
+    assert len(drawing.rooms) == 4
 
 
 @needs_browser

@@ -13,13 +13,13 @@
   const tools = {
     split: ["Split a room", "Click two places between which the boundary leads; it goes on to the next walls."],
     join: ["Join rooms", "Click a door or another boundary, or two rooms that touch: they become one room."],
-    add_door: ["Add a door", "Click both jambs, in a wall or in a passage."],
+    add_door: ["Add a door", "Click both jambs: in a wall, in a passage, or on the floor, where the wall around it is drawn too."],
     add_wall: ["Add a wall", "Click both ends."],
     remove_wall: ["Remove a wall", "Click the wall, or the thing that was drawn as walls."],
     name_room: ["Name a room", "Click the room, then type its name."],
   };
   const state = { tool: null, first: null, entries: data.provenance.corrections || [], past: [], saved: true, dragged: false };
-  const SNAP = 6 * Math.PI / 180, REACH_PX = 14;
+  const SNAP = 6 * Math.PI / 180, REACH_PX = 14, AT_JAMB = 0.2;
 
   // Geometry
 
@@ -74,9 +74,9 @@
   const walls = data.walls.map((wall) => ({ ...wall, line: [wall.start, wall.end] }));
 
   /** The one of some lines that is nearest to a point, if it is near enough to be meant. */
-  function pick(items, p, line = (item) => item.line) {
+  function pick(items, p, line = (item) => item.line, reach = REACH_PX * metresPerPx()) {
     const found = items.map((item) => [distance(line(item), p), item]).sort((a, b) => a[0] - b[0])[0];
-    return found && found[0] < REACH_PX * metresPerPx() ? found[1] : null;
+    return found && found[0] < reach ? found[1] : null;
   }
 
   /** The corner of a room at a place, if one is near. */
@@ -111,13 +111,33 @@
     return [isEnd(line[0]) ? line[0] : along(line, low), isEnd(line[1]) ? line[1] : along(line, high)];
   }
 
+  /** Where jambs may be that a click near them means: corners, or else a face. */
+  function jambs(p) {
+    const all = rooms.flatMap((room) => edges(room.rings));
+    const corners = all.filter(([a]) => length([a, p]) < AT_JAMB).map(([a]) => a);
+    const face = pick(all, p, (edge) => edge, AT_JAMB);
+    return corners.length ? corners : [face ? nearest(face, p) : p];
+  }
+
+  /** The line from jamb to jamb that lies best along the walls. */
+  function between(line) {
+    const pairs = jambs(line[0]).flatMap((a) => jambs(line[1]).map((b) => [a, b]));
+    const astray = (pair) => length([straight(pair)[1], pair[1]]) + 0.1 * (length([pair[0], line[0]]) + length([pair[1], line[1]]));
+    const best = pairs.sort((a, b) => astray(a) - astray(b))[0];
+    return best[1] === line[1] ? straight(best) : best;
+  }
+
+  /** A door between two clicks: in the wall that both are at, or on the floor. */
+  function doorAt(line) {
+    const own = state.entries.filter((entry) => entry.kind === "add_wall");
+    const isAt = (wall) => line.every((p) => distance(wall.line, p) < 0.5 * (wall.thickness || wall.thickness_m) + 0.1);
+    const wall = pick([...own, ...walls].filter(isAt), middle(line));
+    return wall ? line.map((p) => along(wall.line, share(wall.line, p))) : between(line);
+  }
+
   /** The line that two clicks mean. */
   function meant(tool, line) {
-    if (tool === "add_door") {
-      const own = pick(state.entries.filter((entry) => entry.kind === "add_wall"), middle(line));
-      const wall = own || (roomAt(middle(line)) ? null : pick(walls, middle(line)));
-      if (wall) return line.map((p) => along(wall.line, share(wall.line, p)));
-    }
+    if (tool === "add_door") return doorAt(line);
     const [from, to] = line.map(snapped);
     const turned = to === line[1] ? straight([from, to]) : [from, to];
     return tool === "add_wall" ? turned : across(turned);
