@@ -1,7 +1,8 @@
 """A person's last word on a drawing: walls and boundaries added or taken away, and rooms named.
 
-Corrections are a set, so their order says nothing; :mod:`slamgym.drawing.revise` carries them out.
-Coordinates are metres in the frame of the map. A file of corrections holds::
+Corrections are a set, so their order says nothing; :mod:`slamgym.drawing.revise` carries them out. One that can't be
+is left out, with a sentence that says why; all others are carried out. Coordinates are metres in the frame of the map.
+A file of corrections holds::
 
     {"map": {"name": "flat", "sha256": "..."},
      "corrections": [{"kind": "split", "line": [[1.0, 0.5], [1.0, 4.0]]},
@@ -13,7 +14,7 @@ Coordinates are metres in the frame of the map. A file of corrections holds::
 """
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -21,7 +22,7 @@ from typing import Annotated, Any, Literal
 from shapely import LineString, Point, box
 from shapely.geometry.base import BaseGeometry
 
-from slamgym.core.config import Within
+from slamgym.core.config import Within, from_dict
 from slamgym.core.documents import known_fields, read_json
 from slamgym.core.errors import ConfigError, InputFileError
 from slamgym.core.limits import shown
@@ -83,15 +84,17 @@ class Corrections:
     """The map's name, and as ``sha256`` its :func:`map_digest`."""
     where: str = "the corrections"
     """The file, for errors."""
+    faults: tuple[str, ...] = ()
+    """Of those that can't be carried out, a sentence each."""
 
-    def require(self, grid: OccupancyGrid) -> None:
-        """Refuse corrections of another map than the one whose known part this is.
+    def on_map(self, grid: OccupancyGrid) -> "Corrections":
+        """Those that lie on the map whose known part this is.
 
         Raises:
-            InputFileError: If they are of another map, or name none, or lie beyond it.
+            InputFileError: If they are of another map, or name none.
         """
         if not self.corrections:
-            return
+            return self
         digest = map_digest(grid)
         if self.map.get("sha256") != digest:
             raise InputFileError(
@@ -99,33 +102,48 @@ class Corrections:
                 f"is of another map, {shown(self.map.get('name'))}; for this one, map.sha256 must be {digest}",
             )
         around = box(*grid.frame.bounds).buffer(BEYOND_MAP)
-        for entry in self.corrections:
-            if not around.covers(entry.shape):
-                raise self.error(entry, "it doesn't lie on the map")
+        away = [entry for entry in self.corrections if not around.covers(entry.shape)]
+        return self.without(dict.fromkeys(away, "it doesn't lie on the map"))
+
+    def without(self, reasons: Mapping[Correction, str]) -> "Corrections":
+        """All but some, which become faults."""
+        kept = tuple(entry for entry in self.corrections if entry not in reasons)
+        faults = [_fault(entry, reason) for entry, reason in reasons.items()]
+        return replace(self, corrections=kept, faults=(*self.faults, *faults))
 
     def of(self, *kinds: str) -> Iterator[Correction]:
         """The corrections of some kinds, in an order of their own."""
         wanted = [entry for entry in self.corrections if entry.kind in kinds]
         return iter(sorted(wanted, key=repr))
 
-    def error(self, entry: Correction, reason: str) -> InputFileError:
-        """The error of a correction that the drawing doesn't allow."""
-        places = " to ".join(f"({x:.2f}, {y:.2f})" for x, y in entry.shape.coords)
-        return InputFileError(self.where, f"{entry.kind} at {places}: {reason}")
+
+def _fault(entry: Correction, reason: str) -> str:
+    """The sentence on a correction that the drawing doesn't allow."""
+    places = " to ".join(f"({x:.2f}, {y:.2f})" for x, y in entry.shape.coords)
+    return f"correction left out, {entry.kind} at {places}: {reason}"
 
 
 def read_corrections(path: Path | str) -> Corrections:
-    """Read a file of corrections.
+    """Read a file of corrections, and what is wrong with those of them that are none.
 
     Raises:
         InputFileError: If it isn't one.
     """
     document = read_json(path, "save it with the report of a drawing, NAME.html")
-    if not isinstance(document, dict):
+    entries = document.get("corrections") if isinstance(document, dict) else None
+    if not isinstance(entries, list):
         raise InputFileError(
             path, "is no file of corrections; save it with the report of a drawing, NAME.html"
         )
-    return replace(known_fields(Corrections, document, path), where=str(path))
+    usable = []
+    faults = []
+    for number, entry in enumerate(entries, 1):
+        try:
+            usable.append(from_dict(Correction, entry))
+        except ConfigError as fault:
+            faults.append(f"correction {number} of {path} left out: {fault}")
+    found = known_fields(Corrections, {**document, "corrections": [], "faults": []}, path)
+    return replace(found, corrections=tuple(usable), faults=tuple(faults), where=str(path))
 
 
 def map_digest(grid: OccupancyGrid) -> str:

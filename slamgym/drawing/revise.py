@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import shapely
 from shapely import LineString, MultiPolygon, Point, Polygon
@@ -23,37 +24,111 @@ AT_JAMB = 0.2
 """The jambs of a person's door are at corners or faces so near to its ends [m]: narrower floor isn't drawn."""
 
 
-def revised_floor(floor: MultiPolygon, corrections: Corrections) -> MultiPolygon:
-    """The floor with other walls, and with doors in them.
+class Revised(NamedTuple):
+    """A floor and its rooms with a person's corrections."""
 
-    Raises:
-        InputFileError: If no wall or no floor lies where one is named.
+    floor: MultiPolygon
+    division: Division
+    names: dict[int, str]
+    """Of rooms, by their numbers."""
+    faults: tuple[str, ...]
+    """A sentence for each correction that couldn't be carried out."""
+
+
+def revise(floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections) -> Revised:
+    """Carry out a person's corrections; one that can't be leaves no trace.
+
+    Args:
+        floor: As the map shows it.
+        gaps: The likely boundaries of its rooms.
+        corrections: A person's.
     """
-    changed: BaseGeometry = floor
-    for entry in corrections.of("remove_wall"):
-        body = _removed(entry)
-        solid = body.difference(floor)
-        if solid.area < 0.1 * body.area or not body.intersects(floor):
-            raise corrections.error(entry, "no wall stands there")
-        changed = changed.union(body)
-    for entry in corrections.of("add_wall"):
-        if _share_within(entry.shape, changed) < 0.5:
-            raise corrections.error(entry, "no floor lies there")
-        changed = _with_wall(changed, entry.shape, entry.thickness, floor)
-    for entry in corrections.of("add_door"):
-        line = entry.shape
-        if _share_within(line, changed) >= 0.5:
-            for rest in _beside_door(_at_jambs(entry, changed), changed):
-                changed = _with_wall(changed, rest, entry.thickness, changed)
-            continue
-        widened = line.buffer(THICKEST_WALL, cap_style="flat")
-        passage = _parts_at(line, widened.difference(changed))
-        rim = changed.intersection(passage.buffer(1e-3))
-        # In a wall with rooms on both sides.
-        joins_rooms = rim.area / 1e-3 > 1.5 * line.length
-        if joins_rooms:
-            changed = changed.union(passage)
-    return floor if changed is floor else _without_slits(changed)
+    while True:
+        revision = _Revision(corrections)
+        changed = revision.floor(floor)
+        division = revision.division(changed, gaps)
+        names = revision.names(division.rooms)
+        if not revision.refused:
+            return Revised(changed, division, names, corrections.faults)
+        corrections = corrections.without(revision.refused)
+
+
+class _Revision:
+    """A drawing's floor and rooms with corrections, and which of these can't be carried out, with the reasons."""
+
+    def __init__(self, corrections: Corrections) -> None:
+        self._of = corrections.of
+        self.refused: dict[Correction, str] = {}
+
+    def floor(self, floor: MultiPolygon) -> MultiPolygon:
+        """The floor with other walls, and with doors in them."""
+        changed: BaseGeometry = floor
+        for entry in self._of("remove_wall"):
+            body = _removed(entry)
+            solid = body.difference(floor)
+            if solid.area < 0.1 * body.area or not body.intersects(floor):
+                self.refused[entry] = "no wall stands there"
+            else:
+                changed = changed.union(body)
+        for entry in self._of("add_wall"):
+            if _share_within(entry.shape, changed) < 0.5:
+                self.refused[entry] = "no floor lies there"
+            else:
+                changed = _with_wall(changed, entry.shape, entry.thickness, floor)
+        for entry in self._of("add_door"):
+            changed = _with_door(changed, entry)
+        return floor if changed is floor else _without_slits(changed)
+
+    def division(self, floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
+        """The rooms of a floor that has the person's walls, and doors in them, with other boundaries."""
+        gaps = self._without_joined(gaps)
+        added = _added_gaps(floor, gaps, list(self._of("split", "add_door")))
+        new = list(itertools.chain(*added.values()))
+        division = divide(floor, _without_repeated(gaps, new))
+        doors = _Lines(division.doors)
+        for entry, lines in added.items():
+            if not any(doors.same_as(line) for line in lines):
+                self.refused[entry] = (
+                    f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall"
+                )
+        return division
+
+    def _without_joined(self, gaps: Sequence[Gap]) -> list[Gap]:
+        """The boundaries that the person hasn't taken away."""
+        tree = shapely.STRtree([gap.line for gap in gaps])
+        gone = set[int]()
+        for entry in self._of("join"):
+            nearest = tree.query_nearest(entry.shape, max_distance=SAME_DOOR, all_matches=False)
+            if not len(nearest):
+                self.refused[entry] = "no door and no boundary between two rooms lies there"
+            gone.update(nearest.tolist())
+        return [gap for number, gap in enumerate(gaps) if number not in gone]
+
+    def names(self, rooms: Sequence[Polygon]) -> dict[int, str]:
+        """The names that the person gave to rooms, by the rooms' numbers."""
+        names = {}
+        for entry in self._of("name_room"):
+            here = [number for number, room in enumerate(rooms) if room.intersects(entry.shape)]
+            if here:
+                names[here[0]] = entry.name
+            else:
+                self.refused[entry] = "no room lies there"
+        return names
+
+
+def _with_door(floor: BaseGeometry, entry: Correction) -> BaseGeometry:
+    """A floor on which a door hangs, with the wall around it, or in whose wall it is open."""
+    line = entry.shape
+    if _share_within(line, floor) >= 0.5:
+        for rest in _beside_door(_at_jambs(entry, floor), floor):
+            floor = _with_wall(floor, rest, entry.thickness, floor)
+        return floor
+    widened = line.buffer(THICKEST_WALL, cap_style="flat")
+    passage = _parts_at(line, widened.difference(floor))
+    rim = floor.intersection(passage.buffer(1e-3))
+    # In a wall with rooms on both sides.
+    joins_rooms = rim.area / 1e-3 > 1.5 * line.length
+    return floor.union(passage) if joins_rooms else floor
 
 
 def _removed(entry: Correction) -> BaseGeometry:
@@ -108,50 +183,10 @@ def _without_slits(floor: BaseGeometry) -> MultiPolygon:
     return MultiPolygon([part for part in polygon_parts(closed) if part.area > NARROWEST_CUT**2])
 
 
-def revised_division(
-    floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections
-) -> Division:
-    """The rooms of a floor, with other boundaries.
-
-    Args:
-        floor: With the person's walls, and doors in them.
-        gaps: The likely boundaries.
-        corrections: A person's.
-
-    Raises:
-        InputFileError: If no boundary lies where one is taken away, or a new one doesn't part two rooms.
-    """
-    gaps = _without_joined(gaps, corrections)
-    added = _added_gaps(floor, gaps, corrections)
-    new = list(itertools.chain(*added.values()))
-    division = divide(floor, _without_repeated(gaps, new))
-    doors = _Lines(division.doors)
-    for entry, lines in added.items():
-        if not any(doors.same_as(line) for line in lines):
-            raise corrections.error(
-                entry,
-                f"it doesn't part two rooms of {SMALLEST_ROOM:g} m2 or more; lead it from wall to wall",
-            )
-    return division
-
-
-def _without_joined(gaps: Sequence[Gap], corrections: Corrections) -> list[Gap]:
-    """The boundaries that a person hasn't taken away."""
-    tree = shapely.STRtree([gap.line for gap in gaps])
-    gone = set[int]()
-    for entry in corrections.of("join"):
-        nearest = tree.query_nearest(entry.shape, max_distance=SAME_DOOR, all_matches=False)
-        if not len(nearest):
-            raise corrections.error(entry, "no door and no boundary between two rooms lies there")
-        gone.update(nearest.tolist())
-    return [gap for number, gap in enumerate(gaps) if number not in gone]
-
-
 def _added_gaps(
-    floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections
+    floor: MultiPolygon, gaps: Sequence[Gap], entries: Sequence[Correction]
 ) -> dict[Correction, list[Gap]]:
     """The boundaries that a person adds, by corrections."""
-    entries = list(corrections.of("split", "add_door"))
     if not entries:
         return {}
     crossings = _Crossings(floor, gaps)
@@ -186,21 +221,6 @@ class _Lines:
         apart = shapely.hausdorff_distance(self._tree.geometries[near], line.line)
         same: list[int] = near[apart <= SAME_DOOR].tolist()
         return same
-
-
-def room_names(rooms: Sequence[Polygon], corrections: Corrections) -> dict[int, str]:
-    """The names that a person gave to rooms, by the rooms' numbers.
-
-    Raises:
-        InputFileError: If no room lies where one is named.
-    """
-    names = {}
-    for entry in corrections.of("name_room"):
-        here = [number for number, room in enumerate(rooms) if room.intersects(entry.shape)]
-        if not here:
-            raise corrections.error(entry, "no room lies there")
-        names[here[0]] = entry.name
-    return names
 
 
 def _parts_at(line: BaseGeometry, geometry: BaseGeometry) -> BaseGeometry:

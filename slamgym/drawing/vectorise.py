@@ -30,7 +30,7 @@ from slamgym.drawing.evidence import (
 from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
 from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
 from slamgym.drawing.polygons import straightened
-from slamgym.drawing.revise import revised_division, revised_floor, room_names
+from slamgym.drawing.revise import revise
 from slamgym.drawing.settings import (
     DEFAULT_MODEL,
     DRAWN_DOORS,
@@ -65,13 +65,13 @@ def make_drawing(
         model: Pretrained or other weights, ``none`` for cleaning alone (no torch), or a function that finds the layers.
         angle_deg: Direction of the main walls against the x axis, counter-clockwise; None finds it.
         provenance: Anything to keep with the drawing, e.g. the source.
-        corrections: A person's last word.
+        corrections: A person's last word. One that can't be carried out is left out, which is a doubt of the drawing.
 
     Returns:
         The drawing, in the frame of the map.
 
     Raises:
-        InputFileError: If the map holds no floor or no walls, or the corrections don't fit it.
+        InputFileError: If the map holds no floor or no walls, or the corrections are of another one.
     """
     corrections = corrections or Corrections(())
     provenance = provenance or {}
@@ -89,17 +89,15 @@ def make_drawing(
     )
     if grid.cells.size * grid.frame.resolution**2 < SMALLEST_ROOM:
         raise no_floor  # cleaning would take long over its many cells in a decimetre
-    corrections.require(grid)
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     floor, gaps = _find_floor(grid, used, angle)
-    floor = revised_floor(floor, corrections)
+    floor, division, names, faults = revise(floor, gaps, corrections.on_map(grid))
     if floor.is_empty:
         raise no_floor
     evidence = Evidence(grid)
-    division = revised_division(floor, gaps, corrections)
     walls = judged_walls(find_walls(floor), evidence)
-    rooms = _rooms(division.rooms, grid, room_names(division.rooms, corrections))
+    rooms = _rooms(division.rooms, grid, names)
     doors = _doors(division, rooms, walls, grid)
     drawing = Drawing(
         name=printable(name),
@@ -114,7 +112,7 @@ def make_drawing(
         provenance=_provenance(model, corrections, provenance),
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None)
-    return replace(drawing, doubts=tuple(doubts))
+    return replace(drawing, doubts=(*faults, *doubts))
 
 
 def _provenance(

@@ -1,4 +1,4 @@
-"""A person's corrections: each does what it says, in any order, and what doesn't fit is refused in a sentence."""
+"""A person's corrections: each does what it says, in any order, and what doesn't fit is left out with a sentence."""
 
 import itertools
 import json
@@ -137,12 +137,25 @@ def test_any_order_gives_the_same_drawing():
         ({**NO_WALL, "line": ((1.0, 1.0), (2.0, 1.0))}, "no wall stands there"),
         ({**NO_WALL, "line": ((-3.0, 1.0), (-2.0, 1.0))}, "no wall stands there"),
         ({**NAME, "at": (9.0, 1.0)}, "no room lies there"),
+        ({**NO_WALL, "line": ((4.05, 0.0), (4e4, 1.3))}, "it doesn't lie on the map"),
     ],
 )
-def test_what_does_not_fit_the_drawing_is_refused(entry, message):
-    with pytest.raises(InputFileError, match=r"^flat\.corrections\.json: ") as error:
-        corrected(entry)
-    assert message in str(error.value)
+def test_what_does_not_fit_the_drawing_costs_itself_only(entry, message):
+    drawing = corrected(WALL, entry, DOOR_IN_WALL)
+    (doubt,) = drawing.doubts
+    assert doubt.startswith(f"correction left out, {entry['kind']} at (")
+    assert message in doubt
+    assert drawing.floor == corrected(WALL, DOOR_IN_WALL).floor
+    assert rooms(drawing) == rooms(corrected(WALL, DOOR_IN_WALL))
+    assert len(drawing.provenance["corrections"]) == 3
+
+
+def test_a_correction_that_needs_one_that_is_left_out_is_left_out_too():
+    nowhere = {**WALL, "line": ((-3.0, 0.0), (-3.0, 2.0))}
+    drawing = corrected(nowhere, {**DOOR_IN_WALL, "line": ((-3.0, 0.5), (-3.0, 1.4))}, NAME)
+    assert len(drawing.doubts) == 2
+    assert rooms(drawing) == rooms(PLAIN)
+    assert drawing.rooms[0].name == "Küche"
 
 
 @pytest.mark.parametrize(
@@ -150,23 +163,9 @@ def test_what_does_not_fit_the_drawing_is_refused(entry, message):
     [
         ("{", "is not valid JSON"),
         ("[]", "is no file of corrections"),
-        ("{}", "'corrections' of Corrections is missing"),
-        ('{"corrections": [{"kind": "spilt", "line": [[0, 0], [1, 1]]}]}', "did you mean 'split'?"),
-        ('{"corrections": [{"kind": "join", "place": [0, 0]}]}', "unknown setting 'place'"),
-        (
-            '{"corrections": [{"kind": "join", "line": [[0, 0], [1, 1]]}]}',
-            "join needs 'at': [x, y]",
-        ),
-        ('{"corrections": [{"kind": "name_room", "at": [0, 0]}]}', "and a name"),
-        (
-            '{"corrections": [{"kind": "split", "line": [[0, 0], [0, 0]]}]}',
-            "must be at least 0.1 m long",
-        ),
-        ('{"corrections": [{"kind": "join", "at": [0, 1e9]}]}', "must be in [-100000, 100000]"),
-        (
-            '{"corrections": [{"kind": "add_wall", "line": [[0, 0], [1, 1]], "thickness": -1}]}',
-            "thickness must be",
-        ),
+        ("{}", "is no file of corrections"),
+        ('{"corrections": {}}', "is no file of corrections"),
+        ('{"corrections": [], "map": 3}', "map"),
     ],
 )
 def test_a_file_that_is_none_is_refused(tmp_path, text, message):
@@ -175,6 +174,29 @@ def test_a_file_that_is_none_is_refused(tmp_path, text, message):
     with pytest.raises(InputFileError, match=r"c\.json: ") as error:
         read_corrections(path)
     assert message in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("3", "takes an object of settings"),
+        ('{"kind": "spilt", "line": [[0, 0], [1, 1]]}', "did you mean 'split'?"),
+        ('{"kind": "join", "place": [0, 0]}', "unknown setting 'place'"),
+        ('{"kind": "join", "line": [[0, 0], [1, 1]]}', "join needs 'at': [x, y]"),
+        ('{"kind": "name_room", "at": [0, 0]}', "and a name"),
+        ('{"kind": "split", "line": [[0, 0], [0, 0]]}', "must be at least 0.1 m long"),
+        ('{"kind": "join", "at": [0, 1e9]}', "must be in [-100000, 100000]"),
+        ('{"kind": "add_wall", "line": [[0, 0], [1, 1]], "thickness": -1}', "thickness must be"),
+    ],
+)
+def test_a_bad_line_of_a_file_costs_itself_only(tmp_path, entry, message):
+    path = tmp_path / "c.json"
+    path.write_text(f'{{"corrections": [{json.dumps(JOIN)}, {entry}, {json.dumps(NAME)}]}}')
+    found = read_corrections(path)
+    assert [one.kind for one in found.corrections] == ["join", "name_room"]
+    (fault,) = found.faults
+    assert fault.startswith("correction 2 of ")
+    assert message in fault
 
 
 def saved(folder, *entries, digest=None):
@@ -218,6 +240,13 @@ def test_the_command_draws_with_corrections(tmp_path, capsys):
     drawing = json.loads((tmp_path / "out" / "flat.json").read_text())["drawing"]
     assert len(drawing["rooms"]) == 1
     assert drawing["provenance"]["corrections"] == [{**JOIN, "at": list(DOOR)}]
+    capsys.readouterr()
+    saved(tmp_path, {**NAME, "at": (99.0, 1.0)}, JOIN, {"kind": "spilt"}, digest=digest)
+    assert main(correct) == 0
+    said = capsys.readouterr().err
+    assert "correction left out, name_room at (99.00, 1.00): it doesn't lie on the map" in said
+    assert "correction 3 of " in said
+    assert len(json.loads((tmp_path / "out" / "flat.json").read_text())["drawing"]["rooms"]) == 1
     for words in (
         ["cad", str(path), *correct[1:]],
         [str(path.parent) if word == str(path) else word for word in correct],
