@@ -1,9 +1,12 @@
 """A person's corrections: each does what it says, in any order, and what doesn't fit is left out with a sentence."""
 
+import dataclasses
 import itertools
 import json
+import re
 
 import pytest
+import shapely
 from browser import needs_browser, run_in_page
 from drawing.painted import FLAT, painted
 
@@ -267,6 +270,9 @@ DRIVER = """
     svg.dispatchEvent(new MouseEvent("click", { clientX: at.x, clientY: at.y, bubbles: true }));
     saidThen.push(text("said"));
   };
+  const key = (name, options = {}) =>
+    document.dispatchEvent(new KeyboardEvent("keydown", { key: name, bubbles: true, ...options }));
+  const listed = () => [...document.querySelectorAll("#corrections li")].map((item) => item.textContent);
   press("split"); click(0.6, 3.22); click(2.0, 3.18);
   press("join"); click(4.0, 1.75);
   press("undo");
@@ -330,3 +336,105 @@ def test_clicks_in_the_report_become_a_file_that_is_carried_out(tmp_path):
         tmp_path,
     )
     assert again == 5
+
+
+def driven(tmp_path, clicks, drawing=PLAIN):
+    return run_in_page(
+        format_html(drawing), DRIVER[: DRIVER.index('press("split")')] + clicks, tmp_path
+    )
+
+
+@needs_browser
+def test_the_page_refuses_what_the_command_would_leave_out(tmp_path):
+    said = driven(
+        tmp_path,
+        """
+        press("split"); click(0.0, 4.75); click(2.5, 4.75);
+        press("add_wall"); click(-3.0, 0.0); click(-3.0, 2.0);
+        press("add_door"); click(-0.05, 1.0); click(-0.05, 2.0);
+        return [saidThen[1], saidThen[3], saidThen[5], listed().length];
+        """,
+    )
+    assert said == [
+        "Split a room: it doesn't part two rooms of 1 m² or more; lead it from wall to wall.",
+        "Add a wall: no floor lies there.",
+        "Add a door: it doesn't part two rooms of 1 m² or more; lead it from wall to wall.",
+        0,
+    ]
+
+
+@needs_browser
+def test_the_page_names_the_rooms_that_the_command_draws(tmp_path):
+    entries = [
+        WALL,
+        DOOR_IN_WALL,
+        {**SPLIT, "line": ((0.5, 1.1), (3.8, 1.1))},
+        {"kind": "add_door", "line": ((5.5, 1.0), (5.5, 1.9))},
+        {**NAME, "at": (1.0, 4.5)},
+        {**SPLIT, "line": ((0.2, 1.0), (0.9, 1.0))},
+    ]
+    drawing = corrected(*entries)
+    shown, left_out = driven(
+        tmp_path,
+        'return [text("sizes"), listed().filter((words) => words.includes("left out"))];',
+        drawing=dataclasses.replace(PLAIN, provenance=drawing.provenance),
+    )
+    found = sorted(float(area) for area in re.findall(r"([0-9.]+) m²", shown))
+    assert found == pytest.approx(rooms(drawing), abs=0.15)
+    assert "Küche" in shown
+    assert len(left_out) == len(drawing.doubts) == 1
+
+
+@needs_browser
+def test_corrections_are_undone_and_redone_and_kept_until_they_are_saved(tmp_path):
+    clicks = """
+      key("1"); click(0.6, 3.22); click(2.0, 3.18);
+      key("2"); click(4.0, 1.75);
+      key("z", { ctrlKey: true });
+      const undone = listed().length;
+      key("z", { ctrlKey: true }); key("y", { ctrlKey: true }); key("Z", { ctrlKey: true, shiftKey: true });
+      return [undone, listed().length];
+    """
+    assert driven(tmp_path, clicks) == [1, 2]
+    back = """
+      const found = [text("said"), listed().length];
+      press("undo"); found.push(listed().length); press("redo"); press("save");
+      return found;
+    """
+    said, kept, dropped = driven(tmp_path, back)
+    assert "not saved yet" in said
+    assert (kept, dropped) == (2, 0)
+    assert driven(tmp_path, "return listed().length;") == 0
+
+
+@needs_browser
+def test_the_page_shows_the_corrected_plan(tmp_path):
+    clicks = """
+      press("add_door"); click(0.8, 3.22); click(1.7, 3.18);
+      key("p");
+      const layer = svg.lastElementChild;
+      return [getComputedStyle(svg.querySelector(".over")).display, layer.querySelectorAll("image").length,
+              layer.querySelectorAll(".door").length, layer.querySelectorAll("text").length];
+    """
+    assert driven(tmp_path, clicks) == ["none", 1, 2, 3]
+
+
+@needs_browser
+def test_a_place_on_a_large_map_is_enlarged_before_it_is_clicked(tmp_path):
+    """So that a door is wider than a hand's error."""
+    hall = shapely.union_all([FLAT, shapely.box(7.2, 1.0, 7.5, 2.0), shapely.box(7.4, 0, 70, 40)])
+    grid, _, model = painted(hall, resolution=0.1)
+    clicks = """
+      const scale = () => 1000 * svg.getScreenCTM().a;
+      const before = scale();
+      press("split"); click(0.6, 3.22);
+      const enlarged = scale();
+      click(0.6, 3.22); click(2.0, 3.18);
+      const line = JSON.parse(document.getElementById("json").value).corrections[0].line;
+      key("0");
+      return [before, enlarged, scale(), line];
+    """
+    before, enlarged, after, line = driven(tmp_path, clicks, make_drawing(grid, "hall", model))
+    assert before == after < 40
+    assert enlarged == pytest.approx(80, rel=0.01)
+    assert sorted(x for x, _ in line) == pytest.approx([0.0, 2.5], abs=0.05)

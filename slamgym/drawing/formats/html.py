@@ -24,6 +24,8 @@ PAGE = (0.18, 0.16)
 """Width and height that a figure may take of a page [m]."""
 PAPER_SCALES = (20, 50, 75, 100, 150, 200, 300, 500, 750, 1000, 1500, 2000, 5000, 10_000, 50_000)
 """Drawn 1 to one of these."""
+SCRIPTS = ("plan.js", "clicks.js", "report.js")
+"""The parts of a report's script, in their order."""
 INDEX = Path("index.html")
 """Page of a folder of reports."""
 
@@ -45,7 +47,7 @@ def format_html(drawing: Drawing) -> str:
         "dimensioned": _svg(drawing, "the drawing with dimensions"),
         "over": _svg(drawing, "the drawing over its map", with_map=True),
         "data": facts,
-        "script": format_part("report.js"),
+        "script": "".join(map(format_part, SCRIPTS)),
         "rooms": _rooms_table(drawing),
         "doors": _doors_table(drawing),
         "provenance": "".join(provenance_part(drawing.provenance)),
