@@ -63,7 +63,12 @@ class LogFinding(NamedTuple):
     kind: str
     """One or two words, for scripts."""
     sentence: str
-    """For the user; it names the option that changes it."""
+    """For the user: what is wrong, mostly a colon, what was done about it, and the option that changes it."""
+
+    @property
+    def fault(self) -> str:
+        """What is wrong, without what was done about it."""
+        return self.sentence.partition(": ")[0]
 
     def __str__(self) -> str:
         return f"{self.kind}: {self.sentence}"
@@ -102,6 +107,10 @@ class Log:
     tell how the robot moved."""
     distrusted: Sequence[tuple[float, float]] = ()
     """Stretches of time [s] over which the scans contradict the odometry; in order, apart from each other."""
+    doubted: Sequence[tuple[float, float]] = ()
+    """Stretches of time [s] over which the scans are wrong or missing: a path through them is in doubt."""
+    since: float | None = None
+    """When the recording began, which findings count from [s], where that isn't the first scan."""
     sources: Mapping[str, str] = field(default_factory=dict)
     """Topics and frames that a bag was read from, by their role."""
 
@@ -124,6 +133,11 @@ class Log:
 
     def __len__(self) -> int:
         return len(self.records)
+
+    @property
+    def start(self) -> float:
+        """When the recording began [s]."""
+        return self.records[0].stamp if self.since is None else self.since
 
     @property
     def duration(self) -> float:

@@ -16,7 +16,7 @@ from slamgym.interop import write_ros_map, write_tum
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.carmen_writer import carmen_lines
 from slamgym.interop.odometry import FASTEST_DRIVE
-from slamgym.interop.records import LogRecord
+from slamgym.interop.records import BrokenMessageError, LogRecord
 from slamgym.ros2.frames import RobotFrames
 from slamgym.ros2.laser import LaserReader
 from slamgym.ros2.parameters import MapParameters
@@ -25,6 +25,7 @@ from slamgym.ros2.stamps import Warn
 from slamgym.slam import Mapper, SlamConfig, make_mapper
 from slamgym.slam.graph.relative import moved_by
 from slamgym.slam.laser_odometry import LaserTracker
+from slamgym.slam.log_watch import LogWatch
 
 Configure = Callable[[SlamConfig], SlamConfig]
 
@@ -75,6 +76,8 @@ class MapRun:
         self._older = older
         self._laser = LaserReader(frames, parameters, warn)
         self._tracker: LaserTracker | None = None
+        self._watch: LogWatch | None = None
+        self._broken_at = -np.inf  # [s]
         self.odometry = Pose2D(0.0, 0.0, 0.0)
         self._log: IO[str] | None = None
         self._is_logged = False
@@ -89,7 +92,12 @@ class MapRun:
             BrokenMessageError: If no laser sends such a message.
             StorageError: If the log can't be made.
         """
-        scan = self._laser.read(message, stamp, odometry)
+        try:
+            scan = self._laser.read(message, stamp, odometry)
+        except BrokenMessageError:
+            self._broken_at = stamp
+            self.leave_out()
+            raise
         if self._older is not None:
             self._go_on(self._older, scan, odometry)
             self._older = None
@@ -97,8 +105,31 @@ class MapRun:
             scan = self._follow(scan)
         else:
             self.odometry = odometry
+            self._check(LogRecord(stamp, odometry, scan))
         self.stamp = stamp
         return self._map(scan)
+
+    def _check(self, record: LogRecord) -> None:
+        """Say what is wrong with laser and odometry, as `slamgym doctor` would of the log."""
+        if self._watch is None:
+            self._watch = LogWatch(record.scan.geometry, record.stamp)
+        for finding in self._watch.take(record):
+            self._warn(finding.kind, f"{finding.kind}: {finding.fault}; the map may be wrong there")
+
+    def leave_out(self) -> None:
+        """Scans were left out before the next one."""
+        if self._watch is not None:
+            self._watch.leave_out()
+
+    @property
+    def doubt(self) -> str:
+        """Why the pose may be wrong now; empty if nothing speaks against it."""
+        reasons = [] if self._watch is None else [self._watch.doubt(self.stamp)]
+        if self._broken_at > self.stamp:
+            reasons.append("scans are left out")
+        if self.mapper is not None and self.mapper.stats.is_doubtful:
+            reasons.append("the map doesn't fit")
+        return ", ".join(filter(None, reasons))
 
     def _map(self, scan: LaserScan) -> bool:
         """Map a scan at the odometry as it is now, and log it."""

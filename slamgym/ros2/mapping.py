@@ -62,6 +62,7 @@ class MapNode(RosNode):
         self._known = KnownPlace(read_ros_map(names.map)) if names.map else None
         self._is_paused = False
         self._is_new = False
+        self._num_dropped = 0
         self._grids = self.offer(OccupancyGrid, "map", LATCHED)
         self._poses = self.offer(PoseWithCovarianceStamped, "pose")
         self._diagnostics = self.offer(DiagnosticArray, "/diagnostics")
@@ -142,6 +143,10 @@ class MapNode(RosNode):
                 "order", "scans with the stamp of the last one, or an older one, are left out"
             )
             return
+        dropped = self.worker.dropped + self._sync.dropped
+        if dropped != self._num_dropped:
+            self._num_dropped = dropped
+            run.leave_out()
         try:
             self._is_new |= run.add(message, stamp, odometry)
         except BrokenMessageError as error:
@@ -207,6 +212,7 @@ class MapNode(RosNode):
 
     def _pause(self, is_paused: bool) -> str:
         self._is_paused = is_paused
+        self._run.leave_out()
         return "paused: the robot must stay where it is" if is_paused else "mapping"
 
     def _begin_at(self, message: Any) -> None:
@@ -234,8 +240,9 @@ class MapNode(RosNode):
         if mapper is None:
             return
         stats = mapper.stats
-        level = DiagnosticStatus.WARN if stats.is_doubtful else DiagnosticStatus.OK
-        text = "in doubt" if stats.is_doubtful else "sure"
+        doubt = self._run.doubt
+        level = DiagnosticStatus.WARN if doubt else DiagnosticStatus.OK
+        text = f"in doubt: {doubt}" if doubt else "sure"
         figures = {
             "scans": stats.scans,
             "processed": stats.processed,

@@ -1,13 +1,12 @@
-"""A log's scans as a whole: a laser that repeats one reading, says nothing for a while, or changes on the way."""
+"""A log's scans as a whole: a laser that repeats one reading, or says nothing for a while."""
 
 from dataclasses import replace
-from itertools import pairwise
 
 import numpy as np
 
 from slamgym.core.geometry import between
 from slamgym.core.types import BoolArray, Float32Array, Pose2D
-from slamgym.interop.records import Log, LogRecord
+from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 
 LEAST_SECONDS = 0.5
@@ -27,15 +26,6 @@ GAP_METRES = 0.5
 """It drives so far, at least [m]."""
 GAP_RADIANS = 1.0
 """Or it turns so far [rad]."""
-OTHER_SCALE = 1.15
-"""From one scan to the next all readings become so many times as long or short where a laser's unit changes."""
-SCALE_SPREAD = 0.06
-"""The readings' own factors are within this share of it, in half of the beams."""
-MIRRORED_SHARE = 0.2
-"""The readings of a mirrored scan differ from those of the beams on the other side before by less than this share of
-what they differ from those of their own beams."""
-CHANGED_METRES = 0.3
-"""Half of the readings change by so much, and by twice as much as the robot moves [m]."""
 FEWEST_READINGS = 10
 """A scan with fewer readings, as in an open hall, may well be the same again."""
 
@@ -92,7 +82,7 @@ def without_repeats(log: Log) -> Log:
         record = records[index]
         nothing = np.full_like(record.scan.ranges, np.nan)
         records[index] = record._replace(scan=replace(record.scan, ranges=nothing))
-    first = log.records[repeats[0]].stamp - log.records[0].stamp
+    first = log.records[repeats[0]].stamp - log.start
     sentence = (
         f"the laser repeats one reading while the robot moves, in {len(repeats)} of {len(log)} scans, first "
         f"{first:.0f} s after the start: they are left out, and the path is in doubt there; restart its driver"
@@ -120,31 +110,11 @@ def noting_gaps(log: Log) -> Log:
         return log
     longest = gaps[np.argmax(waits[gaps])]
     sentence = (
-        f"the laser sends no scan for {waits[longest]:.1f} s from {stamps[longest] - stamps[0]:.0f} s after the start "
+        f"the laser sends no scan for {waits[longest]:.1f} s from {stamps[longest] - log.start:.0f} s after the start "
         f"on, while the robot drives {drives[longest]:.1f} m ({len(gaps)} such gaps): the odometry alone leads there"
     )
-    return log.noting("gap", sentence)
-
-
-def noting_changes(log: Log) -> Log:
-    """The log with a finding where all readings are scaled or mirrored from one scan to the next."""
-    waits = np.diff([record.stamp for record in log])
-    if not log.has_odometry or not len(waits) or np.median(waits) <= 0.0:  # its stamps say nothing
-        return log
-    places: list[float] = []  # [s]
-    first = ""
-    for before, after in pairwise(log.records):
-        change = _change_of_scan(before, after)
-        if change:
-            places.append(after.stamp - log.records[0].stamp)
-            first = first or change
-    if not places:
-        return log
-    sentence = (
-        f"from one scan to the next {first}, {places[0]:.0f} s after the start (in {len(places)} places, the last at "
-        f"{places[-1]:.0f} s): the map is wrong before or behind; cut the log there"
-    )
-    return log.noting("laser changed", sentence)
+    doubted = zip(stamps[gaps].tolist(), stamps[gaps + 1].tolist(), strict=True)
+    return replace(log.noting("gap", sentence), doubted=(*log.doubted, *doubted))
 
 
 def median_change(old: Float32Array, new: Float32Array) -> float:
@@ -153,28 +123,6 @@ def median_change(old: Float32Array, new: Float32Array) -> float:
     if np.count_nonzero(both) < FEWEST_READINGS:
         return 0.0
     return float(np.median(np.abs(new[both] - old[both])))
-
-
-def _change_of_scan(before: LogRecord, after: LogRecord) -> str:
-    """What happened to all readings, though the robot hardly moved; nothing where nothing did."""
-    old = before.scan.ranges
-    new = after.scan.ranges
-    step = between(before.odometry, after.odometry)
-    moved = float(np.hypot(step.x, step.y))
-    changed = median_change(old, new)
-    if changed < max(CHANGED_METRES, 2.0 * moved) or abs(step.theta) > OTHER_VIEW_RADIANS:
-        return ""
-    both = np.isfinite(old) & np.isfinite(new)
-    factors = new[both] / old[both]
-    factor = float(np.median(factors))
-    is_alike = np.median(np.abs(factors / factor - 1.0)) < SCALE_SPREAD
-    if is_alike and not 1.0 / OTHER_SCALE < factor < OTHER_SCALE:
-        return f"all readings become {factor:.1f} times as long"
-    opposite = old[::-1]
-    seen = np.isfinite(opposite) & np.isfinite(new)
-    across = np.median(np.abs(new[seen] - opposite[seen])) if seen.any() else np.inf
-    is_mirrored = across < MIRRORED_SHARE * changed
-    return "left and right change places" if is_mirrored else ""
 
 
 def _stuck_scans(log: Log) -> list[int]:

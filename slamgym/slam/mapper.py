@@ -3,7 +3,7 @@
 import math
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -58,6 +58,9 @@ class SlamStats:
     broken: list[float] = field(default_factory=list)
     """Those among them at which the map contradicts itself [s]."""
 
+    doubted: Sequence[tuple[float, float]] = ()
+    """Stretches of time over which the scans are wrong or missing, by checks of the log [s]."""
+
     last_stamp: float = -math.inf
     """Time of the last processed scan [s]."""
 
@@ -79,15 +82,20 @@ class SlamStats:
         return bool(self.doubtful) and self.doubtful[-1] == self.last_stamp
 
     def spans(self, gap: float = 5.0) -> list[DoubtSpan]:
-        """The doubtful and broken scans as stretches, in which they follow each other within a gap [s]."""
-        spans: list[DoubtSpan] = []
+        """What is doubtful or broken as stretches, in which scans in doubt follow each other within a gap [s]."""
         broken = set(self.broken)
-        for stamp in self.doubtful:
-            kind = "broken" if stamp in broken else "doubtful"
-            if spans and spans[-1].kind == kind and stamp - spans[-1].end < gap:
-                spans[-1] = spans[-1]._replace(end=stamp)
+        ends = [*self.doubted, *((stamp, stamp) for stamp in self.doubtful)]
+        parts = [
+            DoubtSpan(begin, end, "broken" if begin == end in broken else "doubtful")
+            for begin, end in ends
+        ]
+        spans: list[DoubtSpan] = []
+        for part in sorted(parts):
+            last = spans[-1] if spans else None
+            if last is not None and last.kind == part.kind and part.begin - last.end < gap:
+                spans[-1] = last._replace(end=max(last.end, part.end))
             else:
-                spans.append(DoubtSpan(stamp, stamp, kind))
+                spans.append(part)
         return spans
 
     @property

@@ -17,7 +17,8 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.laser_check import noting_changes, noting_gaps, without_repeats
+from slamgym.slam.laser_changes import noting_changes
+from slamgym.slam.laser_check import noting_gaps, without_repeats
 from slamgym.slam.laser_odometry import LaserTracker, with_steps
 from slamgym.slam.scan_time_check import with_estimated_scan_time
 
@@ -82,33 +83,41 @@ def check_odometry(log: Log, estimate_offset: bool = True, estimate_scan_time: b
     """
     if not log.has_odometry or len(log) < 2:
         return log
-    log = noting_changes(noting_gaps(without_repeats(log)))
+    log = noting_gaps(without_repeats(log))
     if estimate_scan_time:
         log = with_estimated_scan_time(log)
-    pairs = measure_pairs(log)
-    checked = log
-    late = _lateness(log, pairs) if estimate_offset else 0.0
+    checked = noting_changes(log)
+    pairs = measure_pairs(checked)
+    late = _lateness(checked, pairs) if estimate_offset else 0.0
     if late != 0.0:
         side = "late" if late > 0.0 else "early"
-        checked = retimed(log, late).noting(
+        in_time = retimed(log, late).noting(
             "clock",
             f"the odometry is {abs(late):.2f} s {side}: its stamps are set right "
             "(--time-offset 0 doesn't)",
         )
+        checked = noting_changes(in_time)
         pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
     lie = _lie(pairs)
     if lie:
         sentence = f"the odometry {lie}: the laser alone is used {OTHERWISE}"
-        return without_odometry(log).noting("odometry", sentence)
+        return without_odometry(checked).noting("odometry", sentence)
     checked = _rescaled(checked, pairs)
     pairs = pairs._replace(odometry=_odometry_of(checked, pairs.scans))
     return _distrusted(checked, pairs)
 
 
 def measure_pairs(log: Log) -> PairMotions:
-    """Motions of a sample of pairs, by the scans and by the odometry; pairs that say nothing are left out."""
+    """Motions of a sample of pairs, by the scans and by the odometry.
+
+    Left out are pairs that say nothing, and those where the laser itself is in doubt.
+    """
     stamps = np.array([record.stamp for record in log])
     scans = _sampled_pairs(stamps)
+    first, second = stamps[scans]
+    for begin, end in log.doubted:
+        apart = (second < begin) | (first >= end)
+        scans, first, second = scans[:, apart], first[apart], second[apart]
     odometry = _odometry_of(log, scans)
     motions = []
     is_seen = []
@@ -234,11 +243,10 @@ def _distrusted(log: Log, pairs: PairMotions) -> Log:
     if not stretches:
         return log
     seconds = sum(end - begin for begin, end in stretches)
-    start = log.records[0].stamp
     first_begin, first_end = stretches[0]
     sentence = (
         f"the scans contradict the odometry for {seconds:.0f} s in {len(stretches)} stretches, "
-        f"first from {first_begin - start:.0f} to {first_end - start:.0f} s after the start: "
+        f"first from {first_begin - log.start:.0f} to {first_end - log.start:.0f} s after the start: "
         f"it isn't trusted there, unless the laser is wrong {OTHERWISE}"
     )
     return replace(log.noting("contradicted", sentence), distrusted=stretches)

@@ -1,6 +1,6 @@
 """Replaying a recorded log through a mapper."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -85,9 +85,10 @@ def replay(
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
     mapper.finish()
-    blind = blind_scans(log)
-    unseen = [log.records[index].stamp for index in processed if blind[index]]
+    unsure = blind_scans(log) | _within(log.track.stamps[log.track.scans], log.doubted)
+    unseen = [log.records[index].stamp for index in processed if unsure[index]]
     mapper.stats.doubtful = sorted({*mapper.stats.doubtful, *unseen})
+    mapper.stats.doubted = log.doubted
     path = mapper.trajectory()
     grid = mapper.occupancy_grid()
     if older is not None:
@@ -101,11 +102,19 @@ def replay(
         processed=path,
         trajectory=Trajectory(track.stamps[track.scans], poses[track.scans]),
         moments=Trajectory(track.stamps[in_time], poses[in_time]),
-        doubtful=blind | np.isin(last, mapper.stats.doubtful),
+        doubtful=unsure | np.isin(last, mapper.stats.doubtful),
         covariances=covariances,
         stats=mapper.stats,
         extra=mapper.report(),
     )
+
+
+def _within(stamps: FloatArray, spans: Sequence[tuple[float, float]]) -> BoolArray:
+    """Which of some moments (N,) lie in stretches of time [s]."""
+    inside = np.zeros(len(stamps), dtype=np.bool_)
+    for begin, end in spans:
+        inside |= (stamps >= begin) & (stamps <= end)
+    return inside
 
 
 def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:
