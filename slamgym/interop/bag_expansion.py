@@ -68,7 +68,7 @@ class Expansion:
         storages = [getattr(each, "storage", each) for each in reader.readers]
         are_compressed = [self._guard(storage) for storage in storages]
         for connection, stamp_ns, data in reader.messages(connections=connections):
-            content = self._expanded_part("zstd", data) if any(are_compressed) else data
+            content = self.expanded("zstd", data) if any(are_compressed) else data
             yield connection, stamp_ns, content
 
     def _guard(self, storage: Any) -> bool:
@@ -77,7 +77,7 @@ class Expansion:
             for place, chunk in storage.chunks.items():
                 name = self._names[chunk.decompressor]
                 if name in self._makers:
-                    expand = partial(self._expanded_part, name)
+                    expand = partial(self.expanded, name)
                     storage.chunks[place] = chunk._replace(decompressor=expand)
             return False
         for part in getattr(storage, "storages", [storage]):
@@ -89,8 +89,14 @@ class Expansion:
         storage.metadata = storage.metadata._replace(compression_mode=None)
         return True
 
-    def _expanded_part(self, compression: str, data: bytes) -> bytes:
-        """The content of a compressed chunk or message."""
+    def expanded(self, compression: str, data: bytes) -> bytes:
+        """The content of a chunk or message, compressed or not.
+
+        Raises:
+            InputFileError: If the bag expands beyond the limits.
+        """
+        if compression not in self._makers:
+            return data
         return b"".join(self._pieces(compression, data))
 
     def _measure(self, compression: str, data: bytes) -> None:

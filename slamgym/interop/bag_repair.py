@@ -16,6 +16,8 @@ CUT_OFF = (
     "footer",
     "malformed",
     "not a database",
+    "decompress",
+    "end too soon",
 )
 """Parts of the library's sentences about such bags."""
 

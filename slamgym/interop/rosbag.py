@@ -5,6 +5,7 @@ A scan is taken from ``sensor_msgs/LaserScan``; the odometry at its moment is in
 either the log has its scans alone. The laser's mount is the transform from the base to the scan's frame.
 """
 
+import tempfile
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,6 +18,7 @@ from slamgym.core.limits import SCANS
 from slamgym.core.parallel.budget import read_apart
 from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.bag_expansion import Expansion
+from slamgym.interop.bag_remains import whole_part
 from slamgym.interop.bag_repair import bag_fault
 from slamgym.interop.odometry import merged_track, without_jumps
 from slamgym.interop.ranges import range_limit
@@ -126,8 +128,7 @@ def read_rosbag(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  #
 
 def _read(bag: tuple[Path, BagChoices]) -> Log:
     path, choices = bag
-    contents = _Contents(path, choices)
-    _read_contents(contents)
+    contents = _read_contents(path, choices)
     own = StampedMessages(contents.scans, contents.odometry)
     timed = by_rate(own, contents.is_scan, choices.scan_rate)
     contents.scans, contents.odometry, clock = timed
@@ -176,25 +177,55 @@ def _read(bag: tuple[Path, BagChoices]) -> Log:
     return with_told_scan_time(log, [float(scan.time_increment) for _, scan in contents.scans])
 
 
-def _read_contents(contents: _Contents) -> None:
+def _read_contents(path: Path, choices: BagChoices) -> _Contents:
+    """Read a bag; of one that was cut off, what is whole."""
     rosbags = import_rosbags()
-    path = contents.path
-    warnings = contents.warnings
+    contents = _Contents(path, choices)
     try:
-        # ROS 2 bags before Iron carry no message definitions; those of Humble serve all that is read here.
-        typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
-        expansion = Expansion(path, rosbags)
-        expansion.check(_bag_path(path))
-        with rosbags.highlevel.AnyReader([_bag_path(path)], default_typestore=typestore) as reader:
-            _read_messages(contents, reader, expansion)
+        _read_bag(contents, _bag_path(path), Expansion(path, rosbags))
     except (InputFileError, MemoryError):
         raise
-    except Exception as error:  # on a damaged file the library may raise any exception
-        if not contents.scans:
-            raise InputFileError(path, bag_fault(path, error)) from error
-        warnings.add("damage in the bag, the rest of which is lost", path)
+    except Exception as error:  # noqa: BLE001 - on a damaged file the library may raise any
+        if contents.scans:
+            contents.warnings.add("damage in the bag, the rest of which is lost", path)
+        else:
+            contents = _read_remains(path, choices, error)
     if not contents.scans:
-        raise InputFileError(path, f"holds no usable scan: {'; '.join(warnings.sentences()[:3])}")
+        faults = "; ".join(contents.warnings.sentences()[:3])
+        raise InputFileError(path, f"holds no usable scan: {faults}")
+    return contents
+
+
+def _read_remains(path: Path, choices: BagChoices, error: Exception) -> _Contents:
+    """Read what is whole of a bag that the library refuses for an error."""
+    expansion = Expansion(path, import_rosbags())
+    contents = _Contents(path, choices)
+    with tempfile.TemporaryDirectory() as folder:
+        try:
+            remains = whole_part(path, Path(folder), expansion.expanded)
+            if remains is None:
+                raise error
+            _read_bag(contents, remains.path, expansion)
+        except (InputFileError, MemoryError):
+            raise
+        except Exception:  # noqa: BLE001 - the library's, or that of a file that is damaged otherwise
+            raise InputFileError(path, bag_fault(path, error)) from error
+    seconds = contents.scans[-1][0] - contents.scans[0][0] if contents.scans else 0.0
+    contents.find(
+        "cut off",
+        f"the recording was cut off: what is whole is read, {len(contents.scans)} scans in {seconds:.0f} s "
+        f"({remains.kept:,} of {remains.total:,} bytes)",
+    )
+    return contents
+
+
+def _read_bag(contents: _Contents, bag: Path, expansion: Expansion) -> None:
+    rosbags = import_rosbags()
+    # ROS 2 bags before Iron carry no message definitions; those of Humble serve all that is read here.
+    typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
+    expansion.check(bag)
+    with rosbags.highlevel.AnyReader([bag], default_typestore=typestore) as reader:
+        _read_messages(contents, reader, expansion)
 
 
 def _read_messages(contents: _Contents, reader: Any, expansion: Expansion) -> None:
