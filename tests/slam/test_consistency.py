@@ -8,6 +8,7 @@ import pytest
 from slamgym.core.types import LaserGeometry, Pose2D
 from slamgym.sim.raycast import cast_rays
 from slamgym.slam.graph.consistency import (
+    FEW_SEEN,
     LOST_FIT,
     MOST_SHARE,
     STRETCH_METRES,
@@ -83,11 +84,19 @@ def test_a_submap_whose_place_the_graph_does_not_know_is_doubtful():
 def test_however_much_of_a_map_is_broken_no_right_one_contradicts_itself_so_much(usual):
     share = np.full(12, usual)
     share[4:8] = 1.2 * max(MOST_SHARE, usual)
-    broken = are_broken(1000.0 * np.column_stack([share, 1.0 - share]))
+    broken = are_broken(FEW_SEEN * np.column_stack([share, 1.0 - share]))
     assert broken[5:7].all()
     assert broken[0] == (usual > MOST_SHARE)
     quiet = np.full(12, 0.7 * MOST_SHARE)
-    assert not are_broken(1000.0 * np.column_stack([quiet, 1.0 - quiet])).any()
+    assert not are_broken(FEW_SEEN * np.column_stack([quiet, 1.0 - quiet])).any()
+
+
+def test_a_person_who_is_passed_where_little_else_is_seen_breaks_no_map():
+    counts = np.zeros((12, 2))
+    counts[:, 1] = 0.02 * FEW_SEEN
+    counts[5, 0] = 0.05 * FEW_SEEN  # nearly as many as all that three submaps see
+    assert not are_broken(counts).any()
+    assert are_broken(2.0 * counts).any()
 
 
 def test_a_submap_in_which_a_scan_fits_nothing_is_doubtful():
