@@ -32,14 +32,17 @@ class Desk:
 
     Attributes:
         sent: Each topic's messages, in the order of publishing.
+        qos: How each topic was offered last.
         later: The wall clock of the nodes is so far ahead [s].
     """
 
     def __init__(self):
         self.sent, self.nodes, self.answers, self.later = {}, [], {}, 0.0
+        self.qos = {}
 
-    def publisher(self, node, kind, topic, *_, **__):
+    def publisher(self, node, kind, topic, qos, *_, **__):
         name = node.resolve_topic_name(topic)
+        self.qos[name] = qos
         self.sent.setdefault(name, [])
         return SimpleNamespace(
             publish=lambda message: self.sent[name].append(message),

@@ -12,6 +12,7 @@ pytest.importorskip("rclpy")
 from ros_stand_ins import Message, odometry, pose_on_map, scan
 from test_explore_node import begin, is_zero, look, map_message, room, with_navigation
 
+from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, GridFrame, OccupancyGrid
 from slamgym.ros2.worker import MOST_PENDING, Worker
 
 
@@ -80,6 +81,52 @@ def test_a_stop_acts_while_a_step_is_computed_and_that_step_drives_nobody(desk, 
     assert desk.call(robot.node, "start").success
     robot.sense(3)
     assert not is_zero(robot.commands[-1])
+
+
+def office(side=60.0, room=4.0):
+    """A building of 225 rooms with doors, of which the right half isn't known yet."""
+    count = round(side / 0.05)
+    pitch = round(room / 0.05)
+    cells = np.full((count, count), FREE, np.uint8)
+    walls = np.arange(0, count, pitch)
+    cells[walls] = cells[:, walls] = OCCUPIED
+    middles = walls + pitch // 2
+    for wall in walls[1:]:
+        for middle in middles:
+            cells[wall, middle - 9 : middle + 9] = FREE
+            cells[middle - 9 : middle + 9, wall] = FREE
+    cells[:, count // 2 + 10 :] = UNKNOWN
+    first = -0.05 * (middles[3] + 0.5)
+    return OccupancyGrid(cells, GridFrame(0.05, first, first, count, count))
+
+
+def test_a_step_of_a_tour_through_225_rooms_delays_no_stop(desk, monkeypatch):
+    robot = begin(desk, explorer="tour").map().sense(3)
+    blocked = Blocked(desk, robot, monkeypatch)
+    blocked.release()
+    began, ended = threading.Event(), threading.Event()
+    step = robot.node._exploration.step
+
+    def long_step(*args):
+        began.set()
+        order = step(*args)
+        ended.set()
+        return order
+
+    monkeypatch.setattr(robot.node._exploration, "step", long_step)
+    blocked.hear("/map", map_message(office(), stamp=robot.stamp))
+    blocked.scan()
+    assert began.wait(60.0)
+    count = len(robot.commands)
+    begun = time.thread_time()
+    blocked.hear("/explore/resume", Message(data=False))
+    seconds = time.thread_time() - begun
+    assert not ended.is_set()  # a step takes 0.5 CPU s, most of it without the interpreter's lock
+    assert [is_zero(one) for one in robot.commands[count:]] == [True]
+    assert seconds < 0.02  # of its own: a control period is 0.2 s
+    desk.settle(robot.node)
+    assert ended.is_set()
+    assert all(is_zero(one) for one in robot.commands[count:])
 
 
 def test_a_stop_and_a_start_during_one_step_leave_the_robot_driving(desk, monkeypatch):

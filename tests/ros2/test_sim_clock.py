@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.node import Node
 from ros_stand_ins import Message
 
 from slamgym.envs import ExploreConfig
@@ -94,6 +95,51 @@ def test_after_resets_of_either_no_stamp_is_ahead_of_the_clock(desk, monkeypatch
     assert node._wait_for_leader()
     node.step()
     assert stamps(desk)[-1] == pytest.approx(BEGIN + STEP)
+
+
+class Wire(list):
+    """Messages of one topic, which all nodes hear that listen to it."""
+
+    def __init__(self, desk, topic):
+        super().__init__()
+        self.desk, self.topic = desk, topic
+
+    def append(self, message):
+        super().append(message)
+        for ends in self.desk.answers.values():
+            for end in list(ends):
+                if end.topic == self.topic:
+                    end.callback(message)
+
+
+def test_two_in_namespaces_have_one_clock_that_runs_forwards(desk, monkeypatch):
+    spaces = iter(("/tb1", "/tb2"))
+    with monkeypatch.context() as patch:
+        plain = Node.__init__
+        patch.setattr(
+            Node, "__init__", lambda node, name: plain(node, name, namespace=next(spaces))
+        )
+        desk.sent["/clock"] = Wire(desk, "/clock")
+        first, second = (make(desk, monkeypatch) for _ in range(2))
+    ends = [
+        SimpleNamespace(node_namespace=node.get_namespace(), node_name=node.get_name())
+        for node in (first, second)
+    ]
+    for node in (first, second):
+        node.get_publishers_info_by_topic = lambda topic: ends if topic == "/clock" else []
+        node._time.find_leader()
+        node.publish()
+    assert (first._time.is_led, second._time.is_led) == (False, True)
+    for _ in range(20):
+        first.step()
+        while second._wait_for_leader():
+            second.step()
+            now = desk.sent["/clock"][-1].clock
+            assert stamps(desk, "/tb2/scan")[-1] <= now.sec + 1e-9 * now.nanosec + 1e-6
+    shown = [one.clock.sec + 1e-9 * one.clock.nanosec for one in desk.sent["/clock"]]
+    assert shown == pytest.approx([BEGIN + STEP * number for number in range(21)])
+    assert stamps(desk, "/tb1/scan") == pytest.approx(shown)
+    assert stamps(desk, "/tb2/scan") == pytest.approx(shown)
 
 
 def test_a_clock_that_stands_is_waited_for_and_said(desk, monkeypatch, capfd):
