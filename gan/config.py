@@ -13,6 +13,7 @@ from slamgym.core.config import (
     CountOrZero,
     NonNegative,
     Positive,
+    Seed,
     Settings,
     Share,
     ShareBelowOne,
@@ -102,7 +103,7 @@ class OptimiserConfig(Settings, section="optimiser"):
     """Share of the training, at its end, over which the rate falls linearly to 0 (225 of 750 epochs)."""
     average: ShareBelowOne = 0.0
     """Decay of a moving average of the generator's weights, which then become the weights of the run; 0 keeps none."""
-    clip_norm: float = 0.0
+    clip_norm: NonNegative = 0.0
     """Largest norm of the generator's gradient; 0 doesn't clip."""
 
     def _check(self) -> None:
@@ -174,7 +175,7 @@ class TranslatorTrainingConfig(Settings):
     patience: CountOrZero = 0
     """Stop after so many passes without a better wall F1 of held-out pairs, and keep the weights of the best pass; 0
     trains to the end (``slam2cad``)."""
-    seed: int = 0
+    seed: Seed = 0
     minutes: Positive | None = None
     """Wall-clock time of the whole training; each stage gets the share of it that it has of the epochs. None goes by
     the epochs themselves."""

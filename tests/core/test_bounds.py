@@ -68,6 +68,12 @@ def test_no_setting_takes_any_number():
     assert accepted == []
 
 
+def test_no_seed_of_any_settings_is_below_zero():
+    seeds = {cls: _fields(cls)["seed"] for cls in settings_classes() if "seed" in _fields(cls)}
+    assert {"TranslatorTrainingConfig", "DatasetConfig"} <= {cls.__name__ for cls in seeds}
+    assert [cls.__name__ for cls, field in seeds.items() if field.test(-1) is None] == []
+
+
 def test_what_has_no_upper_bound_of_its_own_says_the_largest():
     class Free(Settings, section="free"):
         speed: float = 0.0
