@@ -1,19 +1,23 @@
 """Every format holds what was drawn, to scale, and can be read again."""
 
 import dataclasses
+import datetime as dt
 import itertools
 import json
+import math
 import xml.etree.ElementTree as ET
 
 import numpy as np
 import pytest
 import shapely
 from drawing.painted import FLAT, Painted, painted
+from shapely import affinity
 
 from slamgym.cad import check_plan, open_plans, read_houseexpo
 from slamgym.core.errors import SlamgymError
 from slamgym.drawing import make_drawing, write_drawing
 from slamgym.drawing.drawing import DrawnDoor, DrawnWall
+from slamgym.drawing.formats.chains import dimension_chains
 from slamgym.drawing.formats.html import format_html
 from slamgym.drawing.formats.look import DRAWN_COLOURS, place_labels
 from slamgym.drawing.formats.png import draw_picture
@@ -181,30 +185,36 @@ def test_text_formats_are_the_same_every_time(drawing, files, tmp_path):
         assert path.read_bytes() == files[path.suffix].read_bytes()
 
 
-def test_dxf_has_its_layers_in_metres_and_passes_the_audit(drawing, tmp_path):
+def in_millimetres(shape):
+    return affinity.scale(shape, 1000, 1000, origin=(0, 0))
+
+
+def test_dxf_has_its_layers_in_millimetres_and_passes_the_audit(drawing, tmp_path):
     ezdxf = pytest.importorskip("ezdxf")
     (path,) = write_drawing(drawing, tmp_path / "flat", ["dxf"])
     document = ezdxf.readfile(path)
     audit = document.audit()
     assert not audit.errors
     assert not audit.fixes
-    assert document.header["$INSUNITS"] == 6
+    assert document.header["$INSUNITS"] == 4
     space = document.modelspace()
     outlines = space.query("LWPOLYLINE[layer=='A-WALL']")
     assert all(line.closed for line in outlines)
     faces = shapely.polygonize([shapely.LinearRing(list(line.vertices())) for line in outlines])
-    bodies = shapely.union_all([wall.polygon for wall in drawing.walls])
-    assert all(face.boundary.distance(bodies.boundary) < 1e-3 for face in shapely.get_parts(faces))
+    bodies = in_millimetres(shapely.union_all([wall.polygon for wall in drawing.walls]))
+    assert all(face.boundary.distance(bodies.boundary) < 1.0 for face in shapely.get_parts(faces))
     (door,) = space.query("INSERT[layer=='A-DOOR']")
     jamb = door.matrix44().transform((1.0, 0.0, 0.0))
-    ends = {(round(x, 3), round(y, 3)) for x, y, _ in (door.dxf.insert, jamb)}
-    assert ends == {
-        (round(x, 3), round(y, 3)) for x, y in (drawing.doors[0].start, drawing.doors[0].end)
-    }
+    ends = shapely.MultiPoint([tuple(place)[:2] for place in (door.dxf.insert, jamb)])
+    assert ends.hausdorff_distance(in_millimetres(drawing.doors[0].line)) < 500.0
+    assert ends.distance(shapely.Point(1000 * np.array(drawing.doors[0].start))) < 0.1
+    assert ends.distance(shapely.Point(1000 * np.array(drawing.doors[0].end))) < 0.1
+    swing = {part.dxf.layer for part in door.block() if part.dxf.layer != "0"}
+    assert swing == {"A-DOOR-SWING-ASSUMED"}
     assert len(space.query("LWPOLYLINE[layer=='A-AREA']")) == 2
     assert len(space.query("LWPOLYLINE[layer=='V-SURV']")) > 0
     box = shapely.box(*document.header["$EXTMIN"][:2], *document.header["$EXTMAX"][:2])
-    assert box.covers(shapely.box(*drawing.bounds))
+    assert box.covers(in_millimetres(shapely.box(*drawing.bounds)).buffer(-1e-6))
     assert box.bounds == pytest.approx((*document.header["$LIMMIN"], *document.header["$LIMMAX"]))
 
 
@@ -213,37 +223,66 @@ def test_dxf_dimensions_are_metres_by_their_style_alone(drawing, tmp_path):
     (path,) = write_drawing(drawing, tmp_path / "flat", ["dxf"])
     document = ezdxf.readfile(path)
     lines = document.modelspace().query("DIMENSION[layer=='A-ANNO-DIMS']")
-    assert document.dimstyles.get("METRES").dxf.dimlfac == document.header["$DIMLFAC"] == 1.0
+    assert document.dimstyles.get("METRES").dxf.dimlfac == document.header["$DIMLFAC"] == 0.001
     assert {line.dxf.dimstyle for line in lines} == {"METRES"}
     assert not any(line.has_xdata("ACAD") for line in lines)
-    shown = {t.text for line in lines for t in line.get_geometry_block() if t.dxftype() == "MTEXT"}
-    assert shown == {f"{line.length:.2f} m" for line in drawing.dimensions}
+    chain = [0.9, 1.3, 0.8]
+    expected = sorted([*(line.length for line in drawing.dimensions), *chain])
+    shown = [t.text for line in lines for t in line.get_geometry_block() if t.dxftype() == "MTEXT"]
+    shown = sorted(float(text.removesuffix(" m")) for text in shown)
+    assert shown == pytest.approx(expected, abs=0.06)  # a cell
     measured = sorted(line.get_measurement() for line in lines)
-    assert measured == pytest.approx(sorted(line.length for line in drawing.dimensions), abs=1e-6)
+    assert [0.001 * value for value in measured] == pytest.approx(shown, abs=0.01)
 
 
-def test_dxf_has_a_sheet_to_scale_on_the_smallest_paper(drawing, tmp_path):
+def test_dxf_has_a_sheet_in_millimetres_on_which_the_plan_is_upright(drawing, tmp_path):
     ezdxf = pytest.importorskip("ezdxf")
     (path,) = write_drawing(drawing, tmp_path / "flat", ["dxf"])
     document = ezdxf.readfile(path)
     assert document.layout_names_in_taborder() == ["Model", "A4 1-50"]
-    sheet = document.layout("A4 1-50").dxf_layout.dxf
+    layout = document.layout("A4 1-50")
+    sheet = layout.dxf_layout.dxf
     assert (sheet.paper_width, sheet.paper_height) == (297.0, 210.0)
-    assert (sheet.scale_numerator, sheet.scale_denominator) == (20.0, 1.0)  # mm of paper a metre
-    _, view = document.layout("A4 1-50").viewports()
-    assert view.dxf.height == view.dxf.view_height
+    assert (sheet.scale_numerator, sheet.scale_denominator) == (1.0, 1.0)
+    _, view = layout.viewports()
+    assert view.get_scale() == pytest.approx(1 / 50)
+    on_paper = view.get_transformation_matrix()
+    corners = shapely.get_coordinates([drawing.floor, *(line.line for line in drawing.dimensions)])
+    places = np.array([tuple(on_paper.transform((*place, 0)))[:2] for place in 1000 * corners])
     x, y, _ = view.dxf.center
-    half = 0.5 * view.dxf.width, 0.5 * view.dxf.height
-    assert shapely.box(x - half[0], y - half[1], x + half[0], y + half[1]).covers(
-        shapely.box(*drawing.bounds)
-    )
+    half = 0.5 * np.array([view.dxf.width, view.dxf.height])
+    assert (np.abs(places - (x, y)) < half).all()
+    edges = np.diff(places[: len(shapely.get_coordinates(drawing.floor))], axis=0)
+    long_edges = edges[np.hypot(*edges.T) > 10.0]
+    assert np.abs(long_edges).min(axis=1) == pytest.approx(0.0, abs=0.35)
+    # LibreCAD reads paper and scale here.
+    assert document.header["$PSVPSCALE"] == 1 / 50
+    size = np.subtract(document.header["$PLIMMAX"], document.header["$PLIMMIN"])
+    assert size.tolist() == [297.0, 210.0]
+    words = " ".join(text.dxf.text for text in layout.query("TEXT"))
+    for part in (str(dt.date.today().year), "Source: ", "cells of 5 cm", "within 5 cm", "assumed"):
+        assert part in words
+
+
+def test_chains_measure_from_corner_to_jamb_along_a_wall_with_two_doors():
+    rooms = [shapely.box(0, 0, 3, 4), shapely.box(3.1, 0, 8, 4), shapely.box(0, 4.1, 8, 9)]
+    doors = [shapely.box(1.0, 4.0, 1.9, 4.1), shapely.box(5.0, 4.0, 5.8, 4.1)]
+    grid, floor, _ = painted(shapely.union_all([*rooms, *doors]))
+    drawn = make_drawing(grid, "two", Painted(floor, shapely.union_all(doors)))
+    (chain,) = dimension_chains(drawn)
+    lengths = [math.dist(*pair) for pair in itertools.pairwise(chain.marks)]
+    assert sorted(lengths) == pytest.approx(sorted([1.0, 0.9, 3.1, 0.8, 2.2]), abs=0.05)
+    (x0, y0), (x1, y1) = chain.marks[0], chain.marks[-1]
+    assert math.dist((x0, y0), (x1, y1)) == pytest.approx(8.0, abs=0.05)
+    line_y = y0 + chain.aside * (1.0 if x1 > x0 else -1.0)
+    assert line_y == pytest.approx(4.5, abs=0.1)  # in the large room
 
 
 @pytest.mark.parametrize(
     ("size", "paper"),
     [
-        ((13, 8), ("A4", 50)),
-        ((9, 12), ("A4", 50)),
+        ((13, 7.5), ("A4", 50)),
+        ((9, 11.5), ("A4", 50)),
         ((18, 9), ("A4", 100)),
         ((39, 9), ("A3", 100)),
         ((900, 9), ("A0", 1000)),

@@ -1,12 +1,16 @@
-"""DXF by ezdxf: model space in metres, the map's echoes as underlay, and a sheet to scale in paper space.
+"""DXF by ezdxf: model space in millimetres of the building, so that 1:100 is 1:100, and a sheet on paper.
+
+The model lies in the frame of the map; the sheet shows it upright.
 
 Layers are named as the US National CAD Standard has them: A-WALL (outlines of walls; A-WALL-INFR of those without
 evidence; A-WALL-PATT, their filling), A-DOOR and A-DOOR-OPNG (a block for each door and opening), A-AREA (outlines of
 rooms; A-AREA-IDEN, their names and areas), A-FLOR-INFR (floor never observed), A-ANNO-DIMS
-(dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes).
+(dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes). How doors swing is on
+A-DOOR-SWING-ASSUMED: a map doesn't say it.
 """
 
 import io
+import itertools
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
@@ -15,9 +19,12 @@ import shapely
 from shapely import MultiPolygon, Polygon
 
 from slamgym.cad.polygons import polygon_parts
+from slamgym.core.geometry import unit_vectors
+from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, Layer
 from slamgym.drawing.evidence import echo_outlines
-from slamgym.drawing.formats.dxf_sheet import add_sheet, add_text, fitting_paper
+from slamgym.drawing.formats.chains import BESIDE, dimension_chains
+from slamgym.drawing.formats.dxf_sheet import MM, add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
 from slamgym.drawing.polygons import CORNER_GRID
 
@@ -31,10 +38,13 @@ LAYER_LOOKS = {
     "A-WALL-PATT": (9, 9),
     "A-DOOR": (5, 25),
     "A-DOOR-OPNG": (150, 18),
+    "A-DOOR-SWING-ASSUMED": (9, 13),
     "A-ANNO-DIMS": (1, 13),
     "A-ANNO-TTLB": (7, 25),
 }
 """AutoCAD's number of the colour, and the width of lines [0.01 mm]."""
+SWING = "A-DOOR-SWING-ASSUMED"
+"""Layer of the leaves and arcs of doors."""
 
 
 def format_dxf(drawing: Drawing) -> str:
@@ -42,37 +52,49 @@ def format_dxf(drawing: Drawing) -> str:
     import ezdxf
     from ezdxf import units
 
-    document = ezdxf.new("R2018", units=units.M)
-    document.header["$PSLTSCALE"] = 0  # dashes are in metres, on paper too
-    low, high = np.reshape(drawing.bounds, (2, 2))
-    middle = 0.5 * (low + high)
-    width, height = (high - low).tolist()
-    paper = fitting_paper(width, height)
-    _add_tables(document, paper.letters)
+    document = ezdxf.new("R2018", units=units.MM)
+    low, high = MM * np.reshape(drawing.bounds, (2, 2))
+    middle, width, height = _upright(drawing)
+    paper = fitting_paper(width + 2.0 * BESIDE, height + 2.0 * BESIDE)
+    document.header["$PSLTSCALE"] = 0  # dashes are as long on paper as in the building
+    _add_tables(document, MM * paper.letters)
     space = document.modelspace()
-    space.units = units.M
+    space.units = units.MM
     _draw(space, drawing, paper.letters)
     space.reset_extents((*low, 0.0), (*high, 0.0))
     space.reset_limits(low, high)
-    document.set_modelspace_vport(high[1] - low[1], middle)
-    add_sheet(document, drawing, paper, middle)
+    document.set_modelspace_vport(high[1] - low[1], 0.5 * (low + high))
+    add_sheet(document, drawing, paper, MM * middle)
     stream = io.StringIO()
     document.write(stream)
     return stream.getvalue()
 
 
+def _upright(drawing: Drawing) -> tuple[FloatArray, float, float]:
+    """The middle (2,) of a drawing, and its width and height along its main walls [m]."""
+    walls = [wall.polygon for wall in drawing.walls]
+    lines = [dimension.line for dimension in drawing.dimensions]
+    points = shapely.get_coordinates([drawing.floor, *walls, *lines])
+    axes = unit_vectors(np.radians([drawing.angle_deg, drawing.angle_deg + 90.0]))
+    places = points @ axes.T
+    low, high = places.min(axis=0), places.max(axis=0)
+    width, height = (high - low).tolist()
+    return 0.5 * (low + high) @ axes, width, height
+
+
 def _add_tables(document: Any, letters: float) -> None:
-    """Layers, styles for letters of a height [m], and a block each for doors and openings 1 m wide."""
-    document.linetypes.add("DASHED", [0.3, 0.2, -0.1])
+    """Layers, styles for letters of a height [mm], and a block each for doors and openings 1 m wide."""
+    document.linetypes.add("DASHED", [300.0, 200.0, -100.0])
     for name, (colour, weight) in LAYER_LOOKS.items():
         linetype = "DASHED" if name.endswith(("-INFR", "-OPNG")) else "CONTINUOUS"
         document.layers.add(name, color=colour, lineweight=weight, linetype=linetype)
     document.styles.add("PLAN", font="arial.ttf")
     _add_dimension_style(document, letters)
-    document.blocks.new("OPENING").add_line((0.0, 0.0), (1.0, 0.0))
-    door = document.blocks.new("DOOR")
-    door.add_line((0.0, 0.0), (0.0, 1.0))
-    door.add_arc((0.0, 0.0), 1.0, 0.0, 90.0)
+    for name in ("OPENING", "DOOR"):
+        document.blocks.new(name).add_line((0.0, 0.0), (1.0, 0.0))
+    door = document.blocks.get("DOOR")
+    door.add_line((0.0, 0.0), (0.0, 1.0), dxfattribs={"layer": SWING})
+    door.add_arc((0.0, 0.0), 1.0, 0.0, 90.0, dxfattribs={"layer": SWING})
 
 
 def _add_dimension_style(document: Any, letters: float) -> None:
@@ -83,11 +105,11 @@ def _add_dimension_style(document: Any, letters: float) -> None:
     style.dimtsz = 0.4 * letters
     style.dimasz = 0.4 * letters
     style.dimgap = 0.3 * letters
-    style.dimexe = 0.0
+    style.dimexe = 0.3 * letters
     style.dimlunit = 2
     style.dimdec = 2
     style.dimzin = 0
-    style.dimlfac = 1.0
+    style.dimlfac = 1.0 / MM
     style.dimscale = 1.0
     style.dimpost = "<> m"
     style.dimtxsty = "PLAN"
@@ -95,7 +117,7 @@ def _add_dimension_style(document: Any, letters: float) -> None:
     style.dimjust = 1
     style.dimtih = 0
     style.dimtoh = 0
-    style.dimexo = 0.0
+    style.dimexo = 0.5 * letters
     style.dimdsep = 46
     style.dimclrd = 1
     style.dimclre = 1
@@ -103,7 +125,7 @@ def _add_dimension_style(document: Any, letters: float) -> None:
 
 
 def _draw(space: Any, drawing: Drawing, letters: float) -> None:
-    """Everything in metres, what lies on top last."""
+    """Everything, what lies on top last; letters of a height [m]."""
     seen = _union_of_walls(drawing, "SEEN")
     inferred = _union_of_walls(drawing, "INFERRED")
     inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
@@ -116,13 +138,24 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     for door in drawing.doors:
         _add_door(space, door, drawing.floor)
     for line in drawing.dimensions:
-        dimension = space.add_aligned_dim(
-            line.start, line.end, 0.0, dimstyle="METRES", dxfattribs={"layer": "A-ANNO-DIMS"}
-        )
-        dimension.render()
+        _add_dimension(space, line.start, line.end, 0.0)
+    for chain in dimension_chains(drawing):
+        for start, end in itertools.pairwise(chain.marks):
+            _add_dimension(space, start, end, chain.aside)
     for label in place_labels(drawing, letters)[0]:
         if label.kind == "name":
-            add_text(space, label.words, label.at, letters, "A-AREA-IDEN", "MIDDLE_CENTER")
+            at = MM * np.array(label.at)
+            text = add_text(space, label.words, at, MM * letters, "A-AREA-IDEN", "MIDDLE_CENTER")
+            text.dxf.rotation = drawing.angle_deg
+
+
+def _add_dimension(space: Any, start: DrawnPoint, end: DrawnPoint, aside: float) -> None:
+    """A dimension between two places [m], its line so far to the left of the way from one to the other."""
+    places = MM * np.array([start, end])
+    dimension = space.add_aligned_dim(
+        *places, MM * aside, dimstyle="METRES", dxfattribs={"layer": "A-ANNO-DIMS"}
+    )
+    dimension.render()
 
 
 def _union_of_walls(drawing: Drawing, layer: Layer) -> Any:
@@ -132,11 +165,11 @@ def _union_of_walls(drawing: Drawing, layer: Layer) -> Any:
 
 
 def _rings(shape: Polygon) -> list[list[list[float]]]:
-    """Outline and holes, the first point not repeated [m]."""
+    """Outline and holes, the first point not repeated [mm]."""
     rings = []
     for ring in shapely.get_rings(shape):
         points = shapely.get_coordinates(ring)[:-1]
-        rings.append(np.round(points, 4).tolist())
+        rings.append(np.round(MM * points, 1).tolist())
     return rings
 
 
@@ -152,26 +185,26 @@ def _add_hatch(space: Any, shapes: Iterable[Polygon], layer: str, pattern: str) 
     for shape in shapes:
         hatch = space.add_hatch(color=256, dxfattribs={"layer": layer})
         if pattern != "SOLID":
-            hatch.set_pattern_fill(pattern, color=256, scale=0.05)
+            hatch.set_pattern_fill(pattern, color=256, scale=50.0)
         for number, points in enumerate(_rings(shape)):
             hatch.paths.add_polyline_path(points, is_closed=True, flags=16 if number else 1)
 
 
 def _add_door(space: Any, door: DrawnDoor, floor: MultiPolygon) -> None:
-    """A door's block. A map doesn't say how it is hung: the leaf swings over as much floor as it can."""
+    """A door's block. A map doesn't say how it is hung: the leaf is assumed to swing over as much floor as it can."""
     shut_from_either_end = [(door.start, door.end), (door.end, door.start)]
     hung = [
         _Hung(hinge, jamb, side) for hinge, jamb in shut_from_either_end for side in (1.0, -1.0)
     ]
     best = max(hung, key=lambda way: round(way.swept.intersection(floor).area, 2))
     attributes = {
-        "xscale": door.width,
-        "yscale": best.side * door.width,
-        "zscale": door.width,
+        "xscale": MM * door.width,
+        "yscale": MM * best.side * door.width,
+        "zscale": MM * door.width,
         "rotation": best.turn_deg,
         "layer": "A-DOOR" if door.kind == "door" else "A-DOOR-OPNG",
     }
-    space.add_blockref(door.kind.upper(), best.hinge, attributes)
+    space.add_blockref(door.kind.upper(), MM * np.array(best.hinge), attributes)
 
 
 class _Hung(NamedTuple):

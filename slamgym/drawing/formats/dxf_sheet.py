@@ -1,5 +1,11 @@
-"""The sheet of a DXF drawing: paper space with a viewport to scale, a title, a scale bar and the map's y axis."""
+"""The sheet of a DXF drawing: paper space in millimetres, a viewport to scale in which the plan is upright, a title.
 
+LibreCAD has no paper space; it reads scale and paper from the header instead, and prints the model to that scale.
+"""
+
+import datetime as dt
+import math
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,8 +18,13 @@ from slamgym.viz.canvas import round_length
 
 BORDER = 10.0
 """Margin of the paper [mm]."""
-TITLE = 22.0
+TITLE = 28.0
 """Height of the strip with the title [mm]."""
+MM = 1000.0
+"""A metre in millimetres."""
+LEAST_ACCURACY = 0.05
+"""Lengths are no surer than this, or than a cell of the map where that is more [m]: 81 % of the room widths in homes of
+the recipe ``reference`` are within it (``docs/drawing/quality.md``)."""
 SHEET_LAYER = "A-ANNO-TTLB"
 """Layer of all that is drawn on the sheet."""
 
@@ -36,7 +47,7 @@ class Paper(NamedTuple):
         """Width and height of the building that there is room for [m]."""
         width = self.width - 2.0 * BORDER
         height = self.height - 2.0 * BORDER - TITLE
-        return 1e-3 * width * self.scale, 1e-3 * height * self.scale
+        return width * self.scale / MM, height * self.scale / MM
 
 
 def fitting_paper(width: float, height: float) -> Paper:
@@ -56,96 +67,90 @@ def fitting_paper(width: float, height: float) -> Paper:
 
 
 def add_sheet(document: Any, drawing: Drawing, paper: Paper, middle: FloatArray) -> None:
-    """Draw the sheet round a middle (2,) [m] as the layout, in the building's coordinates, plotted to scale.
-
-    Programs that don't know paper space show it round the building, where it belongs.
-    """
+    """Draw the sheet as the layout; a middle (2,) [mm of the building] lies in the middle of its viewport."""
     name = f"{paper.name} 1-{paper.scale}"
     document.layouts.rename("Layout1", name)
-    sheet = _Sheet(document.layout(name), paper, middle)
-    sheet.set_up()
-    sheet.add_viewport()
+    sheet = _Sheet(document.layout(name), paper)
+    sheet.add_viewport(middle, drawing.angle_deg)
     sheet.add_title(drawing)
+    on_paper = np.array([0.5 * paper.width, 0.5 * (paper.height + TITLE)])
+    document.header["$PSVPSCALE"] = 1.0 / paper.scale
+    document.header["$PINSBASE"] = (*(on_paper - middle / paper.scale), 0.0)
 
 
 class _Sheet:
-    """A layout whose paper lies round a middle (2,) of the building [m]."""
+    """A layout in millimetres of paper, the origin at its lower left corner."""
 
-    def __init__(self, layout: Any, paper: Paper, middle: FloatArray) -> None:
+    def __init__(self, layout: Any, paper: Paper) -> None:
         self._layout = layout
         self._paper = paper
-        self._middle = middle
-        self._metre = 1000.0 / paper.scale
-        """Length of a metre of the building on paper [mm]."""
-        self._frame = np.array([paper.width, paper.height]) - 2.0 * BORDER
-        """Width and height within the margins [mm]."""
-        with_title = self._frame + np.array([0.0, TITLE])
-        self._corner = middle - 0.5 * with_title / self._metre
-        """The lower left corner within the margins, in the building's coordinates [m]."""
+        self._width = paper.width - 2.0 * BORDER
+        """Within the margins [mm]."""
+        layout.page_setup((paper.width, paper.height), (BORDER,) * 4, scale=(1, 1))
 
-    def set_up(self) -> None:
-        """Set size and scale of the paper, and what is shown of it."""
+    def add_viewport(self, middle: FloatArray, angle_deg: float) -> None:
+        """Show the building with its main walls along the sheet."""
         paper = self._paper
-        metre = self._metre
-        corner = self._corner
-        margins = (BORDER, BORDER, BORDER, BORDER)
-        self._layout.page_setup(
-            (paper.width, paper.height), margins, offset=tuple(-metre * corner), scale=(metre, 1.0)
+        size = np.array([self._width, paper.height - 2.0 * BORDER - TITLE])
+        centre = np.array([0.0, TITLE]) + 0.5 * size
+        view = self._layout.add_viewport(
+            centre, size, (0.0, 0.0), size[1] * paper.scale, dxfattribs={"layer": SHEET_LAYER}
         )
-        end = corner + (self._frame + BORDER) / metre
-        self._layout.reset_limits(corner - BORDER / metre, end)
-        middle = corner + 0.5 * self._frame / metre
-        self._layout.reset_main_viewport(middle, (self._frame + 2.0 * BORDER) / metre)
-
-    def add_viewport(self) -> None:
-        """Show the building."""
-        view = self._paper.view
-        attributes = {"layer": SHEET_LAYER}
-        self._layout.add_viewport(self._middle, view, self._middle, view[1], dxfattribs=attributes)
+        view.dxf.view_target_point = (*middle, 0.0)
+        view.dxf.view_twist_angle = -angle_deg
 
     def add_title(self, drawing: Drawing) -> None:
         """Draw frame and title, a scale bar and the map's y axis."""
-        width, height = self._frame.tolist()
+        width = self._width
+        height = self._paper.height - 2.0 * BORDER
+        metre = MM / self._paper.scale
         bar = round_length(0.2 * self._paper.view[0])
-        right = width - 10.0
-        end = width - 24.0
-        start = end - bar * self._metre
-        border_x = [0.0, width, width, 0.0, 0.0]
-        border_y = [0.0, 0.0, height, height, 0.0]
-        self._add_line(border_x, border_y)
-        self._add_line([0.0, width], [TITLE, TITLE])
-        self._add_line([start, start, end, end], [11.0, 9.0, 9.0, 11.0])
-        arrow_x = [right, right, right - 1.5, right + 1.5, right]
-        arrow_y = [5.0, 17.0, 13.0, 13.0, 17.0]
-        self._add_line(arrow_x, arrow_y)
-        area = f"{drawing.area:.1f} m² of floor"
+        end = width - 26.0
+        start = end - bar * metre
+        self._add_line([(0, 0), (width, 0), (width, height), (0, height), (0, 0)])
+        self._add_line([(0, TITLE), (width, TITLE)])
+        self._add_line([(start, 13), (start, 11), (end, 11), (end, 13)])
+        turn = math.radians(-drawing.angle_deg)
+        along = np.array([-math.sin(turn), math.cos(turn)])
+        across = np.array([along[1], -along[0]])
+        foot = np.array([width - 12.0, 7.0])
+        tip = foot + 12.0 * along
+        head = [tip - 4.0 * along + side * across for side in (1.5, -1.5)]
+        self._add_line([foot, tip, *head, tip])
+        provenance = drawing.provenance
+        source = Path(str(provenance.get("source", drawing.name))).name
+        cell = drawing.grid.frame.resolution
+        accuracy = 100.0 * max(LEAST_ACCURACY, cell)
+        made = f"{dt.date.today().isoformat()}, slamgym {provenance.get('slamgym', '')}"
         rooms = counted(len(drawing.rooms), "room")
         scale = f"1:{self._paper.scale} on {self._paper.name}"
-        made_by = f"slamgym {drawing.provenance.get('slamgym', '')}"
-        self._add_text(4.0, 14.0, drawing.name[:40], letters=5.0)
-        self._add_text(4.0, 8.5, f"{area}, {rooms}; {scale}")
-        self._add_text(4.0, 3.5, f"Lengths in metres, drawn from a robot's map by {made_by}")
-        self._add_text(start, 4.0, f"{bar:g} m")
-        self._add_text(right + 2.0, 5.0, "y")
+        lines = [
+            f"{drawing.area:.1f} m² of floor, {rooms}; {scale}; {made}",
+            f"Source: {source[:60]}, a robot's map with cells of {100.0 * cell:g} cm",
+            f"Lengths in metres, most within {accuracy:.0f} cm; furniture along a wall is drawn as wall",
+            "Swings of doors and thicknesses of walls seen from one side are assumed",
+        ]
+        self._add_text(4.0, 21.5, drawing.name[:40], letters=4.5)
+        for number, words in enumerate(lines):
+            self._add_text(4.0, 16.0 - 4.2 * number, words, letters=2.2)
+        self._add_text(start, 6.5, f"{bar:g} m")
+        self._add_text(width - 16.0, 1.5, "y of the map", letters=1.8)
 
-    def _add_line(self, x: list[float], y: list[float]) -> None:
-        """A line through points from the corner [mm]."""
-        places = self._corner + np.column_stack([x, y]) / self._metre
-        self._layout.add_lwpolyline(places, dxfattribs={"layer": SHEET_LAYER})
+    def _add_line(self, points: Any) -> None:
+        """A line through points (N, 2) from the corner within the margins [mm]."""
+        self._layout.add_lwpolyline(np.array(points), dxfattribs={"layer": SHEET_LAYER})
 
     def _add_text(self, x: float, y: float, words: str, letters: float = 2.5) -> None:
-        """Words at a place from the corner, with letters of a height [mm]."""
-        place = self._corner + np.array([x, y]) / self._metre
-        height = letters / self._metre
-        add_text(self._layout, words, place, height, SHEET_LAYER)
+        """Words at a place from the corner within the margins, with letters of a height [mm]."""
+        add_text(self._layout, words, (x, y), letters, SHEET_LAYER)
 
 
 def add_text(
     space: Any, words: str, at: Any, height: float, layer: str, align: str = "LEFT"
-) -> None:
-    """A line of text at a point."""
+) -> Any:
+    """A line of text at a point; returns the entity."""
     from ezdxf.enums import TextEntityAlignment
 
     attributes = {"style": "PLAN", "layer": layer}
     text = space.add_text(words, height=height, dxfattribs=attributes)
-    text.set_placement(tuple(at), align=TextEntityAlignment[align])
+    return text.set_placement(tuple(at), align=TextEntityAlignment[align])
