@@ -14,10 +14,13 @@ CPU time per processed scan. Of logs *error* is the mean error of their relation
 their reference path, or, where they have none, to the mode's own path on the whole log. *walls*: largest difference of
 the main direction of the walls, modulo 90 degrees, among six equal parts of a log.
 
-``--modes karto`` needs ``pip install yag-slam``. ``--pictures FOLDER`` draws every map beside that of the true path.
+``--modes karto`` needs ``pip install yag-slam``. A run of some modes leaves the columns of the others in the results
+file as they are, so that a change of one mapper doesn't take the hours of the slow ones. ``--pictures FOLDER`` draws
+every map beside that of the true path.
 """
 
 import argparse
+import json
 import statistics
 import sys
 from collections.abc import Callable, Iterable
@@ -48,7 +51,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 from drives import Drive, kept_drive
 from karto import karto_path
 from recorded_logs import read_judged_log, variants
-from report import print_and_save, print_table
+from report import RESULTS, print_and_save, print_table
 from zoo_robots import FIRST_SEED, PLACES, ROBOTS
 
 KARTO = "karto"
@@ -210,9 +213,25 @@ def show_cells(arguments: argparse.Namespace, spread: Spread) -> None:
     title = f"robot in a place, {arguments.drives} drives each, sweep {arguments.sweep}"
     columns = list(rows[0])
     if len(cells) == len(ROBOTS) * len(PLACES):
-        print_and_save(f"slam/zoo_sweep_{arguments.sweep}", title, rows, columns, MODULES)
+        name = f"slam/zoo_sweep_{arguments.sweep}"
+        rows = with_other_modes(RESULTS / f"{name}.json", rows)
+        print_and_save(name, title, rows, list(rows[0]), MODULES)
     else:
         print_table(title, rows, columns)
+
+
+def with_other_modes(path: Path, rows: Rows) -> Rows:
+    """Rows with the columns of the modes that weren't run now, if the last run had as many drives."""
+    if not path.exists():
+        return rows
+    before = json.loads(path.read_text())["rows"]
+    by_cell = {(row["robot"], row["place"]): row for row in before}
+    whole = []
+    for row in rows:
+        old = by_cell.get((row["robot"], row["place"]), {})
+        is_same = old.get("driven [m]") == row["driven [m]"]
+        whole.append({**(old if is_same else {}), **row})
+    return whole
 
 
 def cell_figures(drives: list[tuple[float, list[Figures]]], modes: list[str]) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 import argparse
 import gzip
+import json
 import math
 from itertools import pairwise
 
@@ -241,3 +242,19 @@ def test_karto_is_told_where_the_laser_is_mounted(tmp_path):
     path = zoo.mapped(one.log, "karto").scans
     error = absolute_trajectory_error(path, one.truth, align=False).translation.rmse
     assert error < 0.1  # it matches on a grid of 0.05 m
+
+
+def test_a_run_of_one_mode_keeps_what_the_others_had_on_the_same_drives(tmp_path):
+    path = tmp_path / "zoo.json"
+    cell = {"robot": "lds-01", "place": "hall", "driven [m]": 40}
+    other = {"robot": "vacuum", "place": "hall", "driven [m]": 41}
+    now = [cell | {"pose_graph [ms]": 1.0}, other | {"pose_graph [ms]": 2.0}]
+    assert zoo.with_other_modes(path, now) == now
+    before = [
+        cell | {"pose_graph [ms]": 9.0, "rbpf [ms]": 8.0},
+        other | {"driven [m]": 50, "rbpf [ms]": 7.0},
+    ]
+    path.write_text(json.dumps({"rows": before}))
+    first, second = zoo.with_other_modes(path, now)
+    assert first == now[0] | {"rbpf [ms]": 8.0}
+    assert second == now[1]
