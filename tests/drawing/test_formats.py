@@ -106,6 +106,11 @@ def test_an_opening_is_told_from_a_door(wide, tmp_path):
 def test_geojson_says_what_each_feature_is(drawing, files):
     data = json.loads(files[".geojson"].read_text())
     assert "local metres" in data["coordinates"]
+    # Read by GDAL 3.11 as LOCAL_CS["frame of the map", ...] in metres; without it, as degrees (EPSG:4326).
+    system = data["crs"]["properties"]["name"]
+    assert system.startswith("ENGCRS[")
+    assert 'LENGTHUNIT["metre",1]' in system
+    assert system.count("[") == system.count("]")
     kinds = [feature["properties"]["kind"] for feature in data["features"]]
     assert (kinds.count("wall"), kinds.count("door"), kinds.count("room")) == (
         len(drawing.walls),

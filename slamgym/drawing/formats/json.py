@@ -5,7 +5,8 @@ HouseExpo's JSON is readable as a plan again, so that a drawing can be explored:
 floor); ``drawing`` holds everything else in the MAP's frame (metres, y up).
 
 GeoJSON has one feature for each wall, door, opening, window and room. RFC 7946 wants degrees of longitude and latitude;
-a building's map has none, so the coordinates are local metres, which the member ``coordinates`` of the collection says.
+a building's map has none, so the coordinates are local metres, which the member ``coordinates`` of the collection says,
+and its ``crs`` by :data:`LOCAL_METRES`: GDAL, by which QGIS reads, would take metres for degrees without it.
 """
 
 import json
@@ -21,6 +22,12 @@ from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
 from slamgym.drawing.edits import map_digest
+
+LOCAL_METRES = (
+    'ENGCRS["frame of the map",EDATUM["origin of the map"],CS[Cartesian,2],AXIS["(X)",east,ORDER[1]],'
+    'AXIS["(Y)",north,ORDER[2]],LENGTHUNIT["metre",1]]'
+)
+"""A local engineering coordinate system as well-known text (ISO 19162)."""
 
 
 def format_json(drawing: Drawing) -> str:
@@ -55,6 +62,7 @@ def format_geojson(drawing: Drawing) -> str:
     collection = {
         "type": "FeatureCollection",
         "name": drawing.name,
+        "crs": {"type": "name", "properties": {"name": LOCAL_METRES}},
         "coordinates": "local metres in the frame of the map, x right, y up; not longitude and latitude",
         "bbox": _plain(drawing.bounds),
         "angle_deg": round(drawing.angle_deg, 3),
