@@ -35,8 +35,9 @@ from slamgym.dataset.generate import exploration
 from slamgym.dataset.generate.build import schedule_groups
 from slamgym.dataset.generate.exploration import ExplorationTask, run_exploration
 from slamgym.envs import EpisodeConfig, ExploreConfig, ExploreEnv
+from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.observing import BatchObserver
 from slamgym.envs.warmup import warm_up
-from slamgym.sim import Lidar, WheelOdometry, World
 from slamgym.slam import SlamConfig
 from slamgym.slam.config import Mode
 from slamgym.slam.mapper import Mapper
@@ -65,13 +66,8 @@ MODULES = (
 PARTS: dict[str, list[tuple[Any, str]]] = {
     "SLAM": [(Mapper, "update")],
     "explorer (frontiers, navigation)": [(BatchedExplorer, "predict")],
-    "world and sensors": [
-        (World, "step"),
-        (Lidar, "look"),
-        (Lidar, "measure"),
-        (WheelOdometry, "update"),
-    ],
-    "observation (map published)": [(ExploreEnv, "_observe")],
+    "world and sensors": [(Fleet, "drive"), (Fleet, "look")],
+    "observation (map published)": [(BatchObserver, "observe_one")],
     "coverage, errors, log": [(ExploreEnv, "step")],
     "start": [(ExploreEnv, "reset")],
     "writing the pair": [(exploration, name) for name in ("make_pair", "stage_pair")],

@@ -208,8 +208,8 @@ def hidden_areas(env: ExploreEnv, loop: ExplorationLoop) -> FloatArray:
     coverage = env.coverage
     grid = loop.known_map()
     frontiers = loop.wanted
-    floor = coverage._floor
-    unseen = coverage._unseen
+    floor = coverage.floor
+    unseen = coverage.unseen
     rows, cols = np.indices(floor.shape)
     frame = coverage.frame
     x = frame.origin_x + (cols + 0.5) * CELL - env.start.x

@@ -35,7 +35,7 @@ MODULES = ("slamgym/envs", "slamgym/sim", "slamgym/slam")
 MODES = ("ground_truth", "dead_reckoning", "pose_graph", "rbpf")
 GOAL = 3000
 """Steps/s that ground_truth localisation should reach."""
-STAGES = ("drive", "draw_noise", "sense", "are_complete", "rewards", "figures", "observe")
+STAGES = ("drive", "draw_noise", "sense", "are_complete", "record", "figures", "observe")
 """Methods of a batch's parts whose time is taken."""
 BATCHES = (
     ("ground_truth", "dict", ((8, 1), (64, 1), (64, 2))),
@@ -215,7 +215,8 @@ class TimedPool:
 
 def batch_rates(env: BatchExploreEnv) -> tuple[float, float]:
     """Steps per CPU second, and per second where each thread has a core."""
-    pool, original = TimedPool(threads._pool(os.getpid(), env._fleet.threads)), threads._pool
+    original = threads._pool
+    pool = TimedPool(original(os.getpid(), env._explorations.fleet.threads))
     threads._pool = lambda *_: pool  # type: ignore[assignment]
     begin = time.process_time()
     rate = batch_rate(env, 0.5)
@@ -227,12 +228,13 @@ def batch_rates(env: BatchExploreEnv) -> tuple[float, float]:
 def stage_costs(env: BatchExploreEnv) -> list[float]:
     """CPU time of each stage for a step of one robot [us]."""
     spent = dict.fromkeys(STAGES, 0.0)
-    fleet: Any = env._fleet
-    owners: dict[str, Any] = {
-        "observe": env._observer,
-        "are_complete": env,
-        "rewards": env,
-        "figures": env,
+    parts: Any = env._explorations
+    owners = {
+        "drive": parts.fleet,
+        "draw_noise": parts.fleet,
+        "sense": parts.beliefs,
+        "record": parts.assessment,
+        "observe": parts.observer,
     }
 
     def timed(name: str, function: Any) -> Any:
@@ -245,7 +247,7 @@ def stage_costs(env: BatchExploreEnv) -> list[float]:
         return call
 
     for name in STAGES:
-        owner = owners.get(name, fleet)
+        owner = owners.get(name, parts)
         attribute = name if hasattr(owner, name) else f"_{name}"
         setattr(owner, attribute, timed(name, getattr(owner, attribute)))
     begin = time.thread_time()

@@ -4,7 +4,8 @@ from .coverage import Coverage, ReachableFloor
 from .episode import Episode, EpisodeConfig, run_episode
 from .explore_env import ExploreEnv
 from .explore_frontiers_env import ExploreFrontiersEnv
-from .rewards import RewardConfig, RewardFunction, StepRecord
+from .records import StepRecord
+from .rewards import RewardConfig, RewardFunction
 from .simulation import EpisodeLog
 
 __all__ = [

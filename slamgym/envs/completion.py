@@ -94,6 +94,12 @@ class CompletionDetector:
         self._trusted = _TRUSTED
         return False
 
+    def distance_to_frontier(self, grid: OccupancyGrid, pose: Pose2D) -> float:
+        """From a pose to the nearest frontier that the robot can reach, as the crow flies [m]; infinite without one."""
+        grid = free_body(_with_border(crop_known(grid, pose)), pose, self._radius)
+        frontiers = find_frontiers(self._body_costs(grid), pose, self._min_size)
+        return min((one.min_distance for one in frontiers), default=math.inf)
+
     def _is_promise_kept(self, promise: Promise, grid: OccupancyGrid, pose: Pose2D) -> bool:
         """True if what the map shows of ways on keeps the promise."""
         costmap = make_costmap(grid, self._costs)

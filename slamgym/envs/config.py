@@ -61,6 +61,11 @@ class ObservationConfig(Settings, section="observation"):
         return self.preset in ("compact", "compact_far")
 
     @property
+    def is_whole_map(self) -> bool:
+        """True if the whole map is observed as a picture."""
+        return self.map == "global" and not self.is_compact
+
+    @property
     def crop_side(self) -> float:
         """Side of the egocentric crop [m]."""
         return self.crop_px * self.crop_resolution

@@ -11,6 +11,7 @@ It is computed from the truth: it may measure an exploration, but no observation
 """
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -18,9 +19,8 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import FloorPlan, fill_segments, ring_segments
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.jit import kernel
-from slamgym.core.types import BoolArray, FloatArray, GridFrame, LaserGeometry, Pose2D
+from slamgym.core.types import BoolArray, FloatArray, GridFrame
 from slamgym.sim.passages import Passages
 from slamgym.sim.space import fitting_area
 
@@ -62,7 +62,7 @@ class ReachableFloor:
     def mask(self, x: float, y: float) -> BoolArray:
         """The floor that is reachable from a point.
 
-        Convention: row 0 at the *bottom*, as the kernel of :class:`Coverage` wants it.
+        Convention: row 0 at the *bottom*, as :class:`Coverage` has it.
 
         Args:
             x: The start, world frame [m].
@@ -107,67 +107,32 @@ class ReachableFloor:
         return int(np.argmin([part.distance(point) for part in self._parts]))
 
 
-class Coverage:
+class Coverage(NamedTuple):
     """Floor that one exploration has seen so far.
 
-    Args:
-        floor: The floor that counts, from :meth:`ReachableFloor.mask`.
-        frame: Its frame, world frame.
-        geometry: The scanner.
-        usable_range: Beams are followed no further than this [m].
-
-    Attributes:
-        frame: Where the cells lie.
+    Convention: the masks have row 0 at the *bottom*, as the kernel :func:`sweep` wants them.
     """
 
-    def __init__(
-        self, floor: BoolArray, frame: GridFrame, geometry: LaserGeometry, usable_range: float
-    ) -> None:
-        self._unseen = floor.copy()
-        self._floor = floor
-        self.frame = frame
-        self._mount = geometry.mount
-        self._directions = unit_vectors(geometry.angles)
-        self._usable = usable_range
-        self._total = int(np.count_nonzero(floor))
-        self._seen = 0
+    floor: BoolArray  # cells that count, shape ``frame.shape``
+    unseen: BoolArray  # those still to be seen
+    frame: GridFrame
 
     @property
     def floor_area(self) -> float:
         """The floor that counts [m2]."""
-        return self._total * CELL**2
+        return int(np.count_nonzero(self.floor)) * CELL**2
 
     @property
     def share(self) -> float:
         """Share of the floor's cells that were seen, in [0, 1]; 1 where there is no floor."""
-        return self._seen / self._total if self._total else 1.0
+        total = int(np.count_nonzero(self.floor))
+        return (total - int(np.count_nonzero(self.unseen))) / total if total else 1.0
 
     @property
     def seen(self) -> BoolArray:
         """Cells of the floor that were seen, shape ``frame.shape``, row 0 at the top."""
-        seen: BoolArray = self._floor & ~self._unseen
+        seen: BoolArray = self.floor & ~self.unseen
         return seen[::-1]
-
-    def add(self, pose: Pose2D, true_ranges: FloatArray) -> None:
-        """Look around.
-
-        Args:
-            pose: True pose of the robot's base, world frame.
-            true_ranges: Ranges without noise from there, shape (num_beams,) [m].
-        """
-        sensor = compose(pose, self._mount)
-        self._seen += sweep(
-            self._unseen,
-            self.frame.origin_x,
-            self.frame.origin_y,
-            CELL,
-            sensor.x,
-            sensor.y,
-            sensor.theta,
-            self._directions,
-            true_ranges,
-            self._usable,
-        )
 
 
 def _outlines(area: BaseGeometry) -> FloatArray:

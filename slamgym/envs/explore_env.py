@@ -1,21 +1,21 @@
 """The environment: a robot explores a floor plan and maps it with SLAM."""
 
-import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import gymnasium as gym
+import numpy as np
 
 from slamgym.cad import FloorPlan
 from slamgym.core.config import suggest
-from slamgym.core.errors import ConfigError, PlanError
+from slamgym.core.errors import ConfigError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, Pose2D
-from slamgym.envs.assessment import Assessment
-from slamgym.envs.completion import CompletionDetector
+from slamgym.envs.batch.exploration import Explorations, Outcome
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
-from slamgym.envs.observations import Measurements, SensedStep, make_view, observation_space
-from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions, Streams
+from slamgym.envs.observations import observation_space
+from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import Reward, RewardTerms
 from slamgym.envs.simulation import Actions, EpisodeLog, Simulation
 from slamgym.planning import ExplorerContext
@@ -26,6 +26,33 @@ from slamgym.viz.exploration import Renderer, Scene
 from slamgym.viz.window import Window
 
 RENDER_MODES = ("rgb_array", "human")
+
+
+_ONE = np.ones(1, dtype=np.bool_)
+
+
+class StepInfo(dict[str, Any]):
+    """The ``info`` of a step: ``map_error`` is measured when it is read, e.g. where a wrapper ends the episode."""
+
+    def __init__(self, figures: dict[str, Any], measure: Callable[[], float]) -> None:
+        super().__init__(figures)
+        self._measure = measure
+
+    def __reduce__(self) -> tuple[type, tuple[dict[str, Any]]]:
+        return dict, (dict(self),)  # to other processes goes what was measured
+
+    def __missing__(self, name: str) -> float:
+        """Measure the error of the newest map."""
+        if name != "map_error":
+            raise KeyError(name)
+        return self._measure()
+
+
+def _first(values: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures of one robot alone, as plain numbers where they are numbers."""
+    return {
+        name: value[0].item() if value.ndim == 1 else value[0] for name, value in values.items()
+    }
 
 
 class ExploreEnv(gym.Env[Any, Any]):
@@ -160,13 +187,13 @@ class ExploreEnv(gym.Env[Any, Any]):
         self.observation_space = observation_space(self.config)
         self._actions = Actions(self.config)
         self.action_space = self._actions.space
-        self._lidar = Lidar(self.config.lidar)
-        self._plan_cache = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
-        self._measurements = Measurements(self.config)
         self._reward = Reward(self.config.reward, reward_terms)
+        sites = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
+        self._explorations = Explorations(self.config, 1, sites, self._reward)
+        self._robot: Simulation | None = None
+        self.log: EpisodeLog | None = None
         self._renderer = Renderer()
         self._window: Window | None = None
-        self._simulation: Simulation | None = None
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -183,51 +210,50 @@ class ExploreEnv(gym.Env[Any, Any]):
         """
         super().reset(seed=seed)
         announce_compilation(cast_sweep)
+        explorations = self._explorations
         config = self.config
-        wanted = ResetOptions.read(options)
-        streams = Streams.spawn(self.np_random)
-        prepared, start = self._plan_cache.choose_site(wanted, streams, config.clutter)
-        self._prepared = prepared
-        self._refuse_too_large(prepared.plan, start)
-
-        simulation = Simulation(prepared, start, config, self._lidar, streams)
-        self._simulation = simulation
-        self.assessment = Assessment(
-            prepared, simulation, self._lidar.geometry, config.usable_range, self._reward
-        )
-        self._view = make_view(config)
-        self._frontiers = CompletionDetector.of(config)
+        self._latest: Outcome | None = None
+        explorations.begin(_ONE, [self.np_random], ResetOptions.read(options))
+        self._robot = Simulation(explorations.beliefs)
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None
         self._record()
-        observation = self._observe(is_publication_due=True)
+        observation = explorations.observer.observe_one(0, is_published=True)
         self._show()
-        info = self.assessment.info()
+        info = self._info()
         info["plan"] = self.plan.id
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
-        """Drive for one control step; see :class:`gymnasium.Env`."""
-        config = self.config
-        simulation = self.simulation
-        assessment = self.assessment
-        motion = simulation.step(self._actions.to_command(action))
-        assessment.look()
+        """Drive for one control step; see :class:`gymnasium.Env`.
+
+        Raises:
+            ActionError: If the action is of another kind than those of the space, or not a number.
+        """
+        explorations = self._explorations
+        _ = self.simulation  # raises before the first reset
+        outcome = explorations.step(self._actions.to_command(action))
+        self._latest = outcome
         self._record()
-
-        is_publication_due = simulation.steps % config.publication_steps == 0
-        terminated = self._is_complete(is_publication_due)
-        truncated = config.max_steps is not None and simulation.steps >= config.max_steps
-        record = assessment.assess(motion, config.control_step, terminated)
-        reward, terms = self._reward(record)
-
-        observation = self._observe(is_publication_due)
-        info = assessment.info()
-        info["reward_terms"] = terms
-        if terminated or truncated:
-            info["is_success"] = terminated
-            info["map_error"] = assessment.map_error.measure()
+        is_published = bool(explorations.is_published[0])
+        observation = explorations.observer.observe_one(0, is_published)
         self._show()
-        return observation, reward, terminated, truncated, info
+        terminated = bool(outcome.terminations[0])
+        truncated = bool(outcome.truncations[0])
+        info = self._info()
+        info["reward_terms"] = _first(outcome.terms)
+        info["is_success"] = terminated
+        if terminated or truncated:
+            info["map_error"] = self.map_error()
+        return observation, float(outcome.rewards[0]), terminated, truncated, info
+
+    def conclude(self) -> tuple[float, dict[str, float]]:
+        """Let the latest step be the last: what that adds to its reward, and to each term."""
+        if self._latest is None:
+            return 0.0, {}
+        record = self._latest.record.but(terminated=np.ones(1, dtype=np.bool_))
+        reward, terms = self._reward(record)
+        added = {name: terms[name] - before for name, before in self._latest.terms.items()}
+        return float(reward[0] - self._latest.rewards[0]), _first(added)
 
     def render(self) -> Any:
         """The frame, shape (720, 1280, 3) uint8, in mode ``"rgb_array"``; else None."""
@@ -254,19 +280,19 @@ class ExploreEnv(gym.Env[Any, Any]):
         Raises:
             gymnasium.error.ResetNeeded: Before the first reset.
         """
-        if self._simulation is None:
+        if self._robot is None:
             raise gym.error.ResetNeeded("call reset() before step() or render()")
-        return self._simulation
+        return self._robot
 
     @property
     def plan(self) -> FloorPlan:
         """The building. Privileged."""
-        return self._prepared.plan
+        return self._explorations.fleet.each[0].prepared.plan
 
     @property
     def clutter(self) -> Clutter:
         """Furniture and people in it. Privileged."""
-        return self._prepared.clutter
+        return self._explorations.fleet.each[0].prepared.clutter
 
     @property
     def start(self) -> Pose2D:
@@ -281,17 +307,17 @@ class ExploreEnv(gym.Env[Any, Any]):
     @property
     def coverage(self) -> Coverage:
         """Floor that was truly seen. Privileged."""
-        return self.assessment.coverage
+        return self.simulation.coverage
 
     def map_error(self) -> float:
         """Mean distance of the map's occupied cells from the nearest true obstacle [m]. Privileged."""
-        return self.assessment.map_error.measure()
+        return self._explorations.assessment.map_error(0)
 
     def scene(self) -> Scene:
         """Contents of a picture of this moment, where the steps are recorded. Privileged."""
-        _ = self.simulation  # raises before the first reset
+        simulation = self.simulation
         assert self.log is not None
-        return self.assessment.scene(self.log)
+        return simulation.scene(self.log)
 
     def explorer_context(self) -> ExplorerContext:
         """Knowledge that an explorer may have in advance: the robot, the scanner and the frame of the map.
@@ -312,46 +338,12 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     # The parts of reset and step.
 
-    def _refuse_too_large(self, plan: FloorPlan, start: Pose2D) -> None:
-        """Refuse a plan that reaches out of the canvas, because its map would be cut off."""
-        observation = self.config.observation
-        if observation.map != "global" or observation.is_compact:
-            return
-        min_x, min_y, max_x, max_y = plan.bounds
-        extent = max(start.x - min_x, max_x - start.x, start.y - min_y, max_y - start.y)
-        if extent > 0.5 * observation.map_size:
-            raise PlanError(
-                plan.where,
-                f"the plan reaches {extent:.1f} m from the start at ({start.x:.1f}, {start.y:.1f}) but the "
-                f"map only {0.5 * observation.map_size:.1f} m; set observation.map_size to "
-                f"{math.ceil(2.0 * extent)} or more",
-            )
-
-    def _is_complete(self, is_publication_due: bool) -> bool:
-        """True if the exploration is complete by one of the rules in force."""
-        config = self.config
-        if config.coverage_goal is not None and self.coverage.share >= config.coverage_goal:
-            return True
-        if not (config.terminate_when_explored and is_publication_due):
-            return False
-        grid = self.simulation.mapper.occupancy_grid()
-        return self._frontiers.is_explored(grid, self.simulation.believed_pose)
-
-    def _observe(self, is_publication_due: bool) -> Any:
-        simulation = self.simulation
-        now = SensedStep(
-            mapper=simulation.mapper,
-            ranges=simulation.ranges,
-            pose=simulation.believed_pose,
-            velocity=simulation.velocity,
-            is_new=simulation.is_new_scan_processed,
-            is_published=is_publication_due,
-        )
-        seen = self._view.look(now)
-        if self.config.observation.preset != "dict":
-            return seen
-        stamps = (simulation.time,)
-        return self._measurements.observe(seen, now.ranges, now.pose, now.velocity, stamps)
+    def _info(self) -> dict[str, Any]:
+        """The newest figures; the map's error is measured where somebody asks for it."""
+        info = StepInfo(_first(self._explorations.figures()), self.map_error)
+        if self._explorations.assessment.errors_read()[0]:
+            info["map_error"] = self.map_error()
+        return info
 
     def _record(self) -> None:
         if self.log is not None:

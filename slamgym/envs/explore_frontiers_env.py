@@ -208,7 +208,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             _add(terms, info["reward_terms"], weight)
             is_due = loop.observe(observation)
         if loop.finished and not terminated:
-            reward, last_terms = self.inner.assessment.conclude()
+            reward, last_terms = self.inner.conclude()
             total += weight * reward
             _add(terms, last_terms, weight)
         return total, truncated and not terminated, {**info, "reward_terms": terms}

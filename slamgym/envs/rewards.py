@@ -1,14 +1,14 @@
 """Rewards: small functions of one transition, summed by weights.
 
 Each term is signed so that a positive weight asks for what most users want: gains are positive, costs
-negative. They compute without branches, so that a record may hold arrays, a number for each of many environments.
-Coverage and map error come from the truth, which is legitimate for a training signal and never
+negative. They compute without branches, so that a record may hold arrays, a row for each of many environments.
+Coverage, clearance and map error come from the truth, which is legitimate for a training signal and never
 reaches an observation.
 """
 
 import math
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, fields
+from collections.abc import Callable, Mapping
+from dataclasses import field, fields
 from functools import partial
 from typing import Any
 
@@ -16,52 +16,15 @@ import numpy as np
 
 from slamgym.core.config import Settings, Share, suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import FloatArray
-
-
-@dataclass(frozen=True, slots=True)
-class StepRecord:
-    """One transition, as a reward function sees it.
-
-    ``previous_`` values are those before the step.
-    """
-
-    duration: float
-    """Duration of the step [s]."""
-    time: float
-    """Robot time after the step [s]."""
-    distance: float
-    """True path length of the robot during the step [m]."""
-    contact: bool
-    """True if an obstacle stopped or deflected the robot."""
-    coverage: float
-    """Share of the reachable floor that was truly seen, in [0, 1]."""
-    previous_coverage: float
-    pose_error: float
-    """Distance of the believed from the true position [m]."""
-    terminated: bool
-    """True if the exploration is complete: the coverage goal is reached or no frontier is left."""
-    floor_area: float = math.nan
-    """The reachable floor [m2]."""
-    map_errors: Callable[[], tuple[float, float]] = field(
-        default=lambda: (math.nan, math.nan), compare=False
-    )
-    """Measures ``previous_map_error`` and ``map_error`` when they are read, until the next step."""
-
-    @property
-    def map_error(self) -> float:
-        """Mean distance of the map's occupied cells from the nearest true wall [m]; reading it costs half a step."""
-        return self.map_errors()[1]
-
-    @property
-    def previous_map_error(self) -> float:
-        """The same before the step if a term reads it at each step; else when last read, at first at the start."""
-        return self.map_errors()[0]
-
+from slamgym.envs.records import StepRecord
 
 RewardFunction = Callable[[StepRecord], float]
 RewardTerms = Mapping[str, tuple[float, RewardFunction]]
 """Terms of the user's own: name to (weight, function)."""
+
+
+WISHED_CLEARANCE = 0.2
+"""Room that :func:`clearance_cost` wants [m]: what an 0.8 m door leaves on either side of a TurtleBot3."""
 
 
 def coverage_gain(step: StepRecord) -> float:
@@ -92,6 +55,32 @@ def collision_cost(step: StepRecord) -> float:
 def map_error_cost(step: StepRecord) -> float:
     """Minus the growth of the map's error [m]; sums to minus the final error."""
     return step.previous_map_error - step.map_error
+
+
+def information_gain(step: StepRecord) -> float:
+    """Bits of the map's entropy that the step has taken away; sums to what the map knows in the end."""
+    return step.previous_entropy - step.entropy
+
+
+def clearance_cost(step: StepRecord) -> float:
+    """Minus what is missing of :data:`WISHED_CLEARANCE` [m]."""
+    return np.minimum(0.0, step.clearance - WISHED_CLEARANCE)
+
+
+def turning_cost(step: StepRecord) -> float:
+    """Minus the angle turned [rad]: smooth paths turn little."""
+    return -np.abs(step.turning)
+
+
+def revisit_cost(step: StepRecord) -> float:
+    """Minus one for each time that the robot had come to this place before."""
+    return 0.0 - step.revisits
+
+
+def uncertainty_cost(step: StepRecord) -> float:
+    """Minus the believed standard deviation of the position [m]."""
+    variance: Any = step.covariance[..., 0, 0] + step.covariance[..., 1, 1]
+    return 0.0 - variance**0.5
 
 
 def completion_bonus(step: StepRecord) -> float:
@@ -139,6 +128,21 @@ class RewardConfig(Settings, section="reward"):
     map_error: float = weight_of(map_error_cost, 0.0)
     """Per metre of mean map error (:func:`map_error_cost`)."""
 
+    information_gain: float = weight_of(information_gain, 0.0)
+    """Per bit of the map's entropy (:func:`information_gain`); 1 m2 has 400 cells of 0.05 m."""
+
+    clearance: float = weight_of(clearance_cost, 0.0)
+    """Per missing metre and step (:func:`clearance_cost`)."""
+
+    turning: float = weight_of(turning_cost, 0.0)
+    """Per radian (:func:`turning_cost`)."""
+
+    revisits: float = weight_of(revisit_cost, 0.0)
+    """Per earlier visit of a place (:func:`revisit_cost`)."""
+
+    uncertainty: float = weight_of(uncertainty_cost, 0.0)
+    """Per metre of the position's deviation and step (:func:`uncertainty_cost`)."""
+
     completion: float = weight_of(completion_bonus, 1.0)
     """Once, at the end (:func:`completion_bonus`)."""
 
@@ -171,7 +175,7 @@ class Reward:
 
     Attributes:
         terms: Weight and function of the active terms by the name that ``info["reward_terms"]`` shows.
-        may_measure: True if a term may read the map's error.
+        may_measure: True if a term may read what a step did to the map.
 
     Raises:
         ConfigError: If terms of the user's own are no mapping, or one has a name that is taken or isn't (number,
@@ -181,7 +185,6 @@ class Reward:
     def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
         functions = dict(FUNCTIONS)
         functions["shaping"] = partial(potential_shaping, discount=config.discount)
-        functions["map_error"] = partial(_own_value, "map_error", map_error_cost)  # robot by robot
         self.terms: dict[str, tuple[float, RewardFunction]] = {}
         for name, function in functions.items():
             weight = getattr(config, name)
@@ -195,23 +198,16 @@ class Reward:
         for name, entry in own_terms.items():
             weight, function = _own_term(name, entry, functions)
             self.terms[name] = weight, partial(_own_value, name, function)
-        self.may_measure = bool(extra) or "map_error" in self.terms
+        of_map = {"map_error", "information_gain"}
+        self.may_measure = bool(extra) or not of_map.isdisjoint(self.terms)
 
-    def __call__(self, step: StepRecord) -> tuple[float, dict[str, float]]:
-        """The reward of a transition, and what each term contributed to it."""
+    def __call__(self, step: StepRecord) -> tuple[Any, dict[str, Any]]:
+        """The reward of a transition, and what each term contributed to it; of many transitions an array for each."""
+        total: Any = 0.0 * step.coverage
         contributions = {}
         for name, (weight, term) in self.terms.items():
-            contributions[name] = weight * float(term(step))
-        return float(sum(contributions.values())), contributions
-
-    def of_many(self, steps: StepRecord) -> tuple[FloatArray, dict[str, FloatArray]]:
-        """The same of many transitions, of a record whose fields are arrays, shape (N,)."""
-        total = np.zeros(np.shape(steps.coverage))
-        contributions = {}
-        for name, (weight, term) in self.terms.items():
-            weighted = weight * np.asarray(term(steps), np.float64)
-            contributions[name] = np.broadcast_to(weighted, total.shape)
-            total += contributions[name]
+            contributions[name] = weight * term(step)
+            total = total + contributions[name]
         return total, contributions
 
 
@@ -244,7 +240,8 @@ def _own_term(
 def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
     """What a term of the user's own gives for a transition, or for each of many."""
     if np.ndim(step.coverage):
-        return np.array([_own_value(name, function, one) for one in _each(step)])
+        robots = range(len(step.coverage))  # type: ignore[arg-type]  # of many
+        return np.array([_own_value(name, function, step.of_robot(index)) for index in robots])
     try:
         value = math.fsum([function(step)])  # which refuses text, as float() doesn't
     except Exception as error:
@@ -256,12 +253,3 @@ def _own_value(name: str, function: RewardFunction, step: StepRecord) -> Any:
             f"reward term {name!r} gave {value} after {step.time:.1f} s, not a finite number"
         )
     return value
-
-
-def _each(steps: StepRecord) -> Iterator[StepRecord]:
-    """The transitions of a record of arrays, shape (N,)."""
-    columns = []
-    for one in fields(steps):
-        values = getattr(steps, one.name)
-        columns.append(np.broadcast_to(values, np.shape(steps.coverage)).tolist())
-    return map(StepRecord, *columns)

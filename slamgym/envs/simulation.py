@@ -1,32 +1,19 @@
-"""One episode of a robot in a building: actions, truth, sensors and belief, stepped together, and its log."""
+"""One robot's episode: its actions, views of it in a fleet, and its log."""
 
-from dataclasses import replace
+import math
 from typing import Any
 
 import numpy as np
 from gymnasium import spaces
 
-from slamgym.cad import FloorPlan
 from slamgym.core.errors import ActionError
-from slamgym.core.geometry import between, compose, inverse, part_of
-from slamgym.core.types import (
-    AT_REST,
-    UNKNOWN,
-    Float32Array,
-    FloatArray,
-    LaserScan,
-    OccupancyGrid,
-    Pose2D,
-    Trajectory,
-    Twist2D,
-)
+from slamgym.core.types import Float32Array, FloatArray, OccupancyGrid, Pose2D, Trajectory, Twist2D
+from slamgym.envs.batch.beliefs import Beliefs
+from slamgym.envs.batch.robot import SimulatedRobot
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.plan_cache import PreparedPlan, Streams
-from slamgym.interop import read_ros_map
-from slamgym.sim import Lidar, Motion, WheelOdometry, World
-from slamgym.slam import make_mapper
+from slamgym.slam import Mapper
 from slamgym.slam.columns import Columns
-from slamgym.slam.deskew import deskewed_at_last_beam
+from slamgym.viz.exploration import Scene, SceneFigures
 
 EXPECTED_ACTIONS = {
     "normalized": "two numbers in [-1, 1], shares of the highest speed and of the highest turning rate",
@@ -61,224 +48,97 @@ class Actions:
             high = (np.array([linear, angular]) / self._scale).astype(np.float32)
             self.space = spaces.Box(-high, high, dtype=np.float32)
 
-    def to_command(self, action: Any) -> Twist2D:
-        """The velocity that an action asks for; the world cuts off what exceeds the robot's limits.
+    def to_command(self, action: Any) -> FloatArray:
+        """The velocity that one robot's action asks for, shape (1, 2); see :meth:`to_commands`.
 
         Raises:
-            ActionError: If it is of another kind than the actions of the space.
+            ActionError: If it is of another kind than the actions of the space, or not a number.
         """
         try:
-            if self._commands:
-                return self._commands[int(action)]
-            linear, angular = action
-            return Twist2D(float(linear) * self._scale[0], float(angular) * self._scale[1])
-        except (TypeError, ValueError, KeyError):
+            return self.to_commands([action])
+        except ActionError:
             raise ActionError(action, EXPECTED_ACTIONS[self._kind]) from None
 
     def to_commands(self, actions: Any) -> FloatArray:
-        """The velocities that the actions of many robots ask for, shape (N, 2).
+        """The velocities that the actions of many robots ask for, shape (N, 2) [m/s, rad/s].
 
         Raises:
-            ActionError: If they are of another kind than the actions of the space.
+            ActionError: If they are of another kind than the actions of the space, or not numbers.
         """
         try:
             if self._commands:
                 return np.array([self._commands[int(action)] for action in actions])
             shares: FloatArray = np.asarray(actions, dtype=np.float64).reshape(len(actions), 2)
-            return shares * self._scale
         except (TypeError, ValueError, KeyError):
             raise ActionError(actions, EXPECTED_ACTIONS[self._kind]) from None
-
-
-class SimulatedRobot:
-    """A robot in a building: driven, and seen by its own sensors.
-
-    Convention: the map frame has its origin at the start position and the world's axes; the robot starts
-    there with its true heading, as if read from a compass.
-
-    Args:
-        prepared: The building.
-        start: Where the robot stands at first, world frame.
-        config: The settings.
-        lidar: The scanner.
-        streams: Sources of randomness.
-
-    Attributes:
-        world: The robot in its building.
-        radius: Of the circle that holds the robot [m].
-        steps: So far.
-        start: Start pose, world frame.
-        world_from_map: The map frame in the world.
-        scan: The newest scan.
-        true_ranges: Without errors, from the robot's pose alone, shape (num_beams,) [m].
-        odometry_pose: Integrated wheel odometry; starts in the map frame.
-        velocity: As measured by the wheel odometry.
-        path_length: True path length so far [m].
-        collisions: How often the robot came into contact with something.
-
-    Raises:
-        ConfigError: If the start leaves no room for the robot.
-    """
-
-    def __init__(
-        self,
-        prepared: PreparedPlan,
-        start: Pose2D,
-        config: ExploreConfig,
-        lidar: Lidar,
-        streams: Streams,
-    ) -> None:
-        self.world = World(
-            prepared.plan, config.robot, clutter=prepared.clutter, surfaces=prepared.surfaces
-        )
-        self.world.reset(start)
-        self._lidar = lidar
-        self._streams = streams
-        self._odometry = WheelOdometry(config.odometry, config.robot, streams.odometry)
-        self._dt = config.control_step
-        self.radius = config.robot.radius
-        self.steps = 0
-        self.start = start
-        self.world_from_map = Pose2D(start.x, start.y, 0.0)
-        self.odometry_pose = Pose2D(0.0, 0.0, start.theta)
-        self._odometry.reset(self.odometry_pose)
-        self.velocity = Twist2D(0.0, 0.0)
-        self.path_length = 0.0
-        self.collisions = 0
-        self._in_contact = False
-        self._sense(AT_REST, AT_REST)
-
-    @property
-    def time(self) -> float:
-        """Robot time [s]."""
-        return self.steps * self._dt
-
-    @property
-    def true_pose(self) -> Pose2D:
-        """World frame."""
-        return self.world.pose
-
-    @property
-    def true_map_pose(self) -> Pose2D:
-        """The true pose, expressed in the map frame."""
-        x, y, theta = self.world.pose
-        return Pose2D(x - self.start.x, y - self.start.y, theta)
-
-    @property
-    def true_scan_pose(self) -> Pose2D:
-        """The true pose at the newest scan's stamp, world frame."""
-        return _before(self.world.pose, self._swept)
-
-    @property
-    def scan_odometry(self) -> Pose2D:
-        """The odometry at the newest scan's stamp."""
-        return _before(self.odometry_pose, self.scan.motion)
-
-    def step(self, command: Twist2D) -> Motion:
-        """Drive for one control step towards a velocity, then scan."""
-        dt = self._dt
-        motion = self.world.step(command, dt)
-        before = self.odometry_pose
-        self.odometry_pose = self._odometry.update(motion, self._streams.odometry)
-        moved = between(before, self.odometry_pose)
-        self.velocity = Twist2D(moved.x / dt, moved.theta / dt)
-        self.steps += 1
-        self.path_length += motion.distance
-        self.collisions += motion.contact and not self._in_contact
-        self._in_contact = motion.contact
-        self._sense(motion.increment, moved)
-        return motion
-
-    def _sense(self, driven: Pose2D, moved: Pose2D) -> None:
-        """Scan from where the robot stands or has just ``driven``; ``moved``: the same by its odometry."""
-        world = self.world
-        speed = Twist2D(driven.x / self._dt, driven.theta / self._dt)
-        sighting = self._lidar.look(world.pose, world.segments(), speed)
-        self.true_ranges = sighting.ranges
-        if len(sighting.sensors) > 1:
-            self.true_ranges = self._lidar.true_ranges(world.pose, world.segments())
-        # Speeds are the same all the step long, so its last part is as its first.
-        sweep = self._lidar.config.sweep
-        share = sweep / self._dt
-        self._swept = part_of(driven, share) if share else AT_REST
-        by_odometry = part_of(moved, share) if share else AT_REST
-        rng = self._streams.lidar
-        self.scan: LaserScan = self._lidar.measure(
-            sighting, rng, self.time - sweep, world.surfaces, by_odometry
-        )
-
-
-def _before(pose: Pose2D, motion: Pose2D) -> Pose2D:
-    """Where a motion to a pose began."""
-    return pose if motion == AT_REST else compose(pose, inverse(motion))
+        if np.isnan(shares).any():
+            raise ActionError(actions, EXPECTED_ACTIONS[self._kind])
+        return shares * self._scale
 
 
 class Simulation(SimulatedRobot):
-    """The episode of a robot that maps.
+    """A view of one robot of a fleet that maps; see :class:`SimulatedRobot`."""
 
-    Args and frames as :class:`SimulatedRobot`.
+    def __init__(self, beliefs: Beliefs, index: int = 0) -> None:
+        super().__init__(beliefs.fleet, index)
+        self._beliefs = beliefs
 
-    Attributes:
-        mapper: SLAM.
-        believed_pose: What SLAM believes, map frame; by odometry since the newest scan's first beam.
-        is_new_scan_processed: Whether SLAM processed the newest scan, i.e. whether the map may have changed.
-    """
+    @property
+    def mapper(self) -> Mapper:
+        """SLAM."""
+        return self._beliefs.mapper(self._index)
 
-    def __init__(
-        self,
-        prepared: PreparedPlan,
-        start: Pose2D,
-        config: ExploreConfig,
-        lidar: Lidar,
-        streams: Streams,
-    ) -> None:
-        initial = Pose2D(0.0, 0.0, start.theta)
-        finished = finished_map(prepared.plan, start, config)
-        self.mapper = make_mapper(config.slam, lidar.geometry, initial, streams.slam, finished)
-        self._believes_truth = config.slam.mode == "ground_truth"
-        super().__init__(prepared, start, config, lidar, streams)
+    @property
+    def believed_pose(self) -> Pose2D:
+        """What SLAM believes, map frame; by odometry since the newest scan's first beam."""
+        return self._pose(self._beliefs.maps.believed)
 
     @property
     def ranges(self) -> Float32Array:
         """The newest scan as seen from where the robot is now, (num_beams,) [m]; infinite where it saw nothing."""
-        if self.scan.motion == AT_REST:
-            return self.scan.ranges
-        ranges = deskewed_at_last_beam(self.scan).ranges
-        return np.where(np.isnan(ranges), np.float32(np.inf), ranges)
+        ranges: Float32Array = self._beliefs.ranges[self._index].copy()
+        return ranges
 
-    def _sense(self, driven: Pose2D, moved: Pose2D) -> None:
-        """Scan, and let SLAM take it in."""
-        super()._sense(driven, moved)
-        scan = self.scan
-        odometry = self.scan_odometry
-        if self._believes_truth:
-            scan = replace(scan, motion=self._swept)
-            odometry = _before(self.true_map_pose, self._swept)
-        self.is_new_scan_processed = self.mapper.update(odometry, scan)
-        pose = self.mapper.pose
-        self.believed_pose = pose if scan.motion == AT_REST else compose(pose, scan.motion)
+    def scene(self, log: "EpisodeLog") -> Scene:
+        """Contents of a picture of the episode, all in the world frame.
 
-
-def finished_map(plan: FloorPlan, start: Pose2D, config: ExploreConfig) -> OccupancyGrid | None:
-    """The finished map that a robot is given to localise on, in the map frame; None where the settings ask for none.
-
-    Args:
-        plan: The building.
-        start: Where the robot stands at first, world frame.
-        config: Names the map's file, if it isn't the plan as a drawing.
-
-    Raises:
-        InputFileError: If the map's file can't be read.
-    """
-    if config.slam.mode != "map":
-        return None
-    if config.finished_map is None:
-        return plan.raster(config.slam.resolution, offset=(start.x, start.y), outside=UNKNOWN)
-    grid = read_ros_map(config.finished_map)
-    frame = grid.frame._replace(
-        origin_x=grid.frame.origin_x - start.x, origin_y=grid.frame.origin_y - start.y
-    )
-    return OccupancyGrid(grid.cells, frame)
+        Args:
+            log: The paths so far.
+        """
+        prepared = self._fleet.each[self._index].prepared
+        world = self.world
+        start = self.start
+        belief = self.believed_pose
+        truth = self.true_pose
+        placed = Pose2D(belief.x + start.x, belief.y + start.y, belief.theta)
+        grid = self.mapper.occupancy_grid()
+        frame = grid.frame._replace(
+            origin_x=grid.frame.origin_x + start.x, origin_y=grid.frame.origin_y + start.y
+        )
+        num_fixed = len(prepared.plan.segments()) + len(prepared.clutter.segments())
+        coverage = self.coverage
+        return Scene(
+            plan=prepared.plan,
+            furniture=world.furniture(),
+            moving=world.segments()[num_fixed:],
+            robot_radius=self.radius,
+            true_pose=truth,
+            believed_pose=placed,
+            scan=self.scan,
+            true_ranges=self.true_ranges,
+            grid=OccupancyGrid(grid.cells, frame),
+            seen=coverage.seen,
+            seen_frame=coverage.frame,
+            true_path=log.true_poses[:, :2],
+            believed_path=log.estimates[:, :2] + [start.x, start.y],
+            figures=SceneFigures(
+                time=self.time,
+                coverage=coverage.share,
+                path_length=self.path_length,
+                pose_error=math.hypot(placed.x - truth.x, placed.y - truth.y),
+                contacts=self.collisions,
+            ),
+        )
 
 
 class EpisodeLog(Columns):

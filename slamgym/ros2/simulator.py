@@ -15,10 +15,10 @@ from std_msgs.msg import Float32
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.core.types import Pose2D, Twist2D
+from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.robot import SimulatedRobot
 from slamgym.envs.config import ExploreConfig
-from slamgym.envs.coverage import Coverage
 from slamgym.envs.plan_cache import PlanCache, ResetOptions, Streams
-from slamgym.envs.simulation import SimulatedRobot
 from slamgym.interop.ros_messages import (
     grid_fields,
     odometry_fields,
@@ -43,9 +43,9 @@ TICKS = 10
 
 
 def begin_robot(
-    plans: PlanCache, parameters: SimParameters, config: ExploreConfig, lidar: Lidar
-) -> tuple[SimulatedRobot, FloorPlan, Coverage]:
-    """The robot that an environment with the same settings and seed has after its reset, its building, its coverage.
+    plans: PlanCache, parameters: SimParameters, config: ExploreConfig
+) -> tuple[SimulatedRobot, FloorPlan]:
+    """The robot that an environment with the same settings and seed has after its reset, and its building.
 
     Raises:
         ConfigError: If there is no such plan, or the start leaves no room for the robot.
@@ -61,11 +61,10 @@ def begin_robot(
     rng, _ = seeding.np_random(parameters.seed)
     streams = Streams.spawn(rng)
     prepared, pose = plans.choose_site(wanted, streams, config.clutter)
-    robot = SimulatedRobot(prepared, pose, config, lidar, streams)
-    floor = prepared.floor
-    reachable = floor.mask(pose.x, pose.y)
-    coverage = Coverage(reachable, floor.frame, lidar.geometry, config.usable_range)
-    return robot, prepared.plan, coverage
+    fleet = Fleet(config, 1)
+    fleet.begin(0, prepared, pose, streams)
+    fleet.look(np.array([0]))
+    return SimulatedRobot(fleet), prepared.plan
 
 
 class SimNode(RosNode):
@@ -104,9 +103,7 @@ class SimNode(RosNode):
     def _begin(self) -> None:
         """Begin an episode by the parameters as they are now."""
         parameters = self.read_parameters(self._defaults)
-        self.robot, plan, self._coverage = begin_robot(
-            self._plans, parameters, self._config, self._lidar
-        )
+        self.robot, plan = begin_robot(self._plans, parameters, self._config)
         self._options = parameters
         self._time.begin()
         self._command = Twist2D(0.0, 0.0)
@@ -174,8 +171,7 @@ class SimNode(RosNode):
         self._send["odom"](odometry_fields(header, "base_footprint", pose, twist))
         true_pose = pose_fields(robot.true_map_pose)
         self._send["pose"]({"header": self.header(stamp, "map"), "pose": true_pose})
-        self._coverage.add(robot.true_pose, robot.true_ranges)
-        self._send["coverage"]({"data": float(self._coverage.share)})
+        self._send["coverage"]({"data": robot.coverage.share})
         at_laser = self.header(self._time.began + robot.scan.stamp, "base_scan")
         ranges = robot.scan.ranges
         laser = self._lidar.geometry

@@ -8,7 +8,6 @@ import numpy as np
 
 from slamgym.core.config import NonNegative, Settings, Share, Within, suggest
 from slamgym.core.errors import ConfigError
-from slamgym.core.geometry import compose
 from slamgym.core.jit import plain
 from slamgym.core.types import (
     AT_REST,
@@ -20,24 +19,14 @@ from slamgym.core.types import (
     Twist2D,
 )
 from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
-from slamgym.sim.motion import chord
-from slamgym.sim.raycast import cast_sweep, meet_on_time
 from slamgym.sim.surfaces import SurfaceConfig, Surfaces, no_surfaces
+from slamgym.sim.sweep import look_along
 
 OPAQUE_SURFACES = SurfaceConfig(dark=0.1, roughness=0.005, frames=0.02)
 """A building without glass and mirrors, in which an exploration can be completed: the default."""
 
 REAL_SURFACES = replace(OPAQUE_SURFACES, glazing=0.06, inner_glazing=0.01, mirrors=0.005)
 """The materials of the level ``real``."""
-
-_PART_DISTANCE = 0.02
-"""While a scan is taken the scanner sees what is to be seen from one pose for this far at most [m]."""
-_PART_TURN = 0.03
-"""The same for a turn [rad]."""
-_MOST_PARTS = 16
-"""So many poses of the scanner there are in a scan at most."""
-_ON_WAY = np.array([1.0, 0.5, 0.0])
-"""Shares of a sweep that are left at the poses between which beams are interpolated."""
 
 SHORTEST_BURST = 3
 """Least number of beams in a row that a burst of cross-talk hits."""
@@ -258,43 +247,21 @@ class Lidar:
             # Always the read-only type, so that the kernel is compiled once.
             segments = segments.view()
             segments.flags.writeable = False
-        parts = self._parts(velocity)
-        middles = 1.0 - (np.arange(parts) + 0.5) / parts if parts else np.zeros(1)
-        sensors = self._sensors(pose, velocity, middles)
         ranges = np.empty(geometry.num_beams)
         hits = np.empty(geometry.num_beams, dtype=np.int64)
-        angle_min = geometry.angle_min
-        increment = geometry.angle_increment
-        range_max = geometry.range_max
-        cast_sweep(sensors, angle_min, increment, segments, range_max, ranges, hits)
-        if parts:
-            on_way = self._sensors(pose, velocity, _ON_WAY)
-            meet_on_time(on_way, angle_min, increment, segments, range_max, ranges, hits)
+        sweep = self.config.sweep
+        sensors = look_along(
+            plain(pose),
+            plain(geometry.mount),
+            (velocity.linear * sweep, velocity.angular * sweep),
+            geometry.angle_min,
+            geometry.angle_increment,
+            segments,
+            geometry.range_max,
+            ranges,
+            hits,
+        )
         return Sighting(sensors, segments, ranges, hits)
-
-    def _parts(self, velocity: Twist2D) -> int:
-        """Number of parts of a sweep, each of which sees what is to be seen from its middle; 0 at rest."""
-        distance = velocity.linear * self.config.sweep
-        turn = velocity.angular * self.config.sweep
-        wanted = max(abs(distance) / _PART_DISTANCE, abs(turn) / _PART_TURN)
-        return min(_MOST_PARTS, math.ceil(wanted))
-
-    def _sensors(self, pose: Pose2D, velocity: Twist2D, shares: FloatArray) -> FloatArray:
-        """Poses (K, 3) of the sensor before a sweep ends at ``pose``, by the shares (K,) of it that are left."""
-        distance = velocity.linear * self.config.sweep
-        turn = velocity.angular * self.config.sweep
-        mount = self.geometry.mount
-        sensors = np.empty((len(shares), 3))
-        for index, left in enumerate(shares.tolist()):
-            base = pose
-            if left > 0.0:
-                dx, dy = chord(pose.theta, -left * distance, -left * turn)
-                base = Pose2D(pose.x + dx, pose.y + dy, pose.theta - left * turn)
-            sensors[index] = compose(base, mount)
-        if len(shares) > 1:
-            # No jump at half a turn, so that poses between these can be interpolated.
-            sensors[:, 2] = sensors[0, 2] + turn * (shares[0] - shares)
-        return sensors
 
     def true_ranges(self, pose: Pose2D, segments: FloatArray) -> FloatArray:
         """The ranges of :meth:`look`, shape (num_beams,) [m]."""

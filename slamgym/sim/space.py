@@ -74,6 +74,8 @@ class World:
         pose: True pose of the robot's base frame, world frame.
         velocity: True velocity of the body.
         surfaces: The materials of the first of :meth:`segments`; people are plain.
+        discs: People, who can be touched, shape (P, 3) as x, y, radius [m].
+        num_obstacles: So many of :meth:`segments`, the first ones, can be touched.
     """
 
     def __init__(
@@ -90,17 +92,18 @@ class World:
         walls = np.asarray(plan.segments(), dtype=np.float64)
         clutter = clutter or Clutter()
         self._crowd = Crowd(clutter.people, clutter.walkable) if clutter.walkable else None
-        self._discs = self._crowd.discs if self._crowd else np.empty((0, 3))
+        self.discs = self._crowd.discs if self._crowd else np.empty((0, 3))
         # One array: what stays, what may be moved, then the legs of those who walk.
         standing = np.vstack([walls, clutter.segments()])
         self.surfaces = no_surfaces() if surfaces is None else surfaces
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
-        self._obstacles = segments[: len(standing)]
+        self.num_obstacles = len(standing)
         self._legs = segments[len(standing) :]
-        self._changes = Changes(clutter, self._obstacles[len(walls) :])
+        self._changes = Changes(clutter, segments[len(walls) : len(standing)])
         self._visible = segments.view()
         self._visible.flags.writeable = False
+        self._obstacles = self._visible[: len(standing)]
         self._limits = np.array(
             [robot.linear_acceleration, robot.angular_acceleration, robot.wheel_separation]
         )
@@ -161,7 +164,7 @@ class World:
                 f"start pose ({x:.2f}, {y:.2f}) in plan {plan_id} is outside the free space; "
                 "choose another or let the start be sampled"
             )
-        if motion.clearance(x, y, self._obstacles, self._discs) < self.robot.radius:
+        if motion.clearance(x, y, self._obstacles, self.discs) < self.robot.radius:
             raise ConfigError(
                 f"start pose ({x:.2f}, {y:.2f}) in plan {plan_id} leaves no room for the robot's body; "
                 "choose another or let the start be sampled"
@@ -183,7 +186,7 @@ class World:
         target = self._within_limits(command, dt)
         before = self.pose
         self._state[motion.LEFT :] = 0.0
-        self._let_time_pass(dt)
+        self.let_time_pass(dt)
         contact = self.drive_touching(target, self._drive_freely(target, dt))
         pose = self._note_pose()
         left, right, distance = self._state[motion.LEFT :].tolist()
@@ -197,14 +200,19 @@ class World:
         """
         before = self.pose
         if dt > 0.0:
-            self._let_time_pass(dt)
+            self.let_time_pass(dt)
         self._state[:3] = pose
         pose = self._note_pose()
         moved = between(before, pose)
         aside = 0.5 * self.robot.wheel_separation * moved.theta
         return Motion(pose, moved, (moved.x - aside, moved.x + aside), False, abs(moved.x))
 
-    def _let_time_pass(self, dt: float) -> None:
+    @property
+    def is_lively(self) -> bool:
+        """True if people walk or things are moved while time passes."""
+        return bool(self._crowd or self._changes.movables)
+
+    def let_time_pass(self, dt: float) -> None:
         """People walk and things are moved while the robot stands."""
         if self._crowd:
             self._let_people_walk(self._crowd, dt)
@@ -233,7 +241,7 @@ class World:
     def _somebody(self) -> FloatArray:
         """The robot and the people with their skin, shape (D, 3) as x, y, radius [m]."""
         robot = [*self._state[:2], self._contact_radius]
-        return np.vstack([robot, self._discs + np.array([0.0, 0.0, SKIN])])
+        return np.vstack([robot, self.discs + np.array([0.0, 0.0, SKIN])])
 
     def _drive_freely(self, target: Twist2D, span: float) -> float:
         """Drive until the skin touches something; the time left."""
@@ -245,7 +253,7 @@ class World:
             span,
             self._contact_radius,
             self._obstacles,
-            self._discs,
+            self.discs,
         )
         if left < span:
             self.velocity = Twist2D(*self._state[motion.LINEAR : motion.LEFT].tolist())
@@ -276,7 +284,7 @@ class World:
             span,
             float(self.robot.radius),
             self._obstacles,
-            self._discs,
+            self.discs,
         )
         self.velocity = Twist2D(linear, angular)
         return bool(contact)
@@ -284,8 +292,8 @@ class World:
     def _solve_contact(self, pose: Pose2D, wish: Velocity) -> tuple[Velocity, Velocity]:
         """The part of a wished velocity that contact allows, and the push that ends an overlap of the skin."""
         if self._solver is None:
-            self._solver = ContactSolver(self._obstacles, self._discs, self.robot)
-            self._solver.place_discs(self._discs)
+            self._solver = ContactSolver(self._obstacles, self.discs, self.robot)
+            self._solver.place_discs(self.discs)
         return self._solver.solve(pose, wish)
 
 

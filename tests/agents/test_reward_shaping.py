@@ -19,7 +19,8 @@ from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
 from slamgym.agents.wheels import read_wheels, write_wheels
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.envs.rewards import Reward, StepRecord
+from slamgym.envs import StepRecord
+from slamgym.envs.rewards import Reward
 
 pytest.importorskip("stable_baselines3")
 

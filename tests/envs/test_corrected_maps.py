@@ -7,7 +7,8 @@ from slamgym.agents.registry import make_explorer
 from slamgym.cad import open_plans
 from slamgym.core.geometry import compose
 from slamgym.core.types import Pose2D
-from slamgym.envs import ExploreConfig, ExploreEnv, simulation
+from slamgym.envs import ExploreConfig, ExploreEnv
+from slamgym.envs.batch import beliefs
 from slamgym.slam import SlamConfig
 from slamgym.slam.mapper import PoseTracker
 
@@ -41,7 +42,7 @@ def bend(monkeypatch):
         def make(config, geometry, initial, rng, finished=None):
             return BendingMapper(config, geometry, initial, rng, every, drift)
 
-        monkeypatch.setattr(simulation, "make_mapper", make)
+        monkeypatch.setattr(beliefs, "make_mapper", make)
 
     return with_drift
 

@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from slamgym.cad import FloorPlan
+from slamgym.core.geometry import compose, unit_vectors
 from slamgym.core.types import Pose2D
-from slamgym.envs.coverage import CELL, Coverage, ReachableFloor
+from slamgym.envs.coverage import CELL, Coverage, ReachableFloor, sweep
 from slamgym.sim import Lidar, LidarConfig
 from slamgym.sim.passages import Passages
 
@@ -16,13 +17,18 @@ LIDAR = Lidar(LidarConfig())
 RADIUS = 0.22
 
 
-def coverage_of(plan: FloorPlan, x: float, y: float, usable: float = 3.0) -> Coverage:
+def coverage_of(plan: FloorPlan, x: float, y: float) -> Coverage:
     floor = ReachableFloor(plan, RADIUS)
-    return Coverage(floor.mask(x, y), floor.frame, LIDAR.geometry, usable)
+    cells = floor.mask(x, y)
+    return Coverage(cells, cells.copy(), floor.frame)
 
 
-def look(coverage: Coverage, plan: FloorPlan, pose: Pose2D) -> float:
-    coverage.add(pose, LIDAR.true_ranges(pose, plan.segments()))
+def look(coverage: Coverage, plan: FloorPlan, pose: Pose2D, usable: float = 3.0) -> float:
+    ranges = LIDAR.true_ranges(pose, plan.segments())
+    sensor = compose(pose, LIDAR.geometry.mount)
+    directions = unit_vectors(LIDAR.geometry.angles)
+    left, bottom = coverage.frame.origin_x, coverage.frame.origin_y
+    sweep(coverage.unseen, left, bottom, CELL, *sensor, directions, ranges, usable)
     return coverage.share
 
 
@@ -98,8 +104,8 @@ def test_a_wall_hides_the_next_room(flat: FloorPlan):
 
 def test_the_usable_range_ends_sight():
     plan = FloorPlan("corridor", shapely.box(0, 0, 20, 1))
-    coverage = coverage_of(plan, 1.0, 0.5, usable=2.0)
-    look(coverage, plan, Pose2D(1.0, 0.5, 0.0))
+    coverage = coverage_of(plan, 1.0, 0.5)
+    look(coverage, plan, Pose2D(1.0, 0.5, 0.0), usable=2.0)
     columns = np.flatnonzero(coverage.seen.any(axis=0))
     sensor = 1.0 + LIDAR.geometry.mount.x
     furthest = coverage.frame.origin_x + (columns[-1] + 1) * CELL

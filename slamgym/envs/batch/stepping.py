@@ -1,7 +1,6 @@
-"""One step of many environments: loops over the kernels that a single environment uses, so that both compute the same.
+"""One step of environments, one or many: kernels that loop over robots.
 
-Named tuples go on as ``law[:]``, without names, as a single environment's do (:func:`slamgym.core.jit.plain`), so that
-what takes them is compiled once.
+Named tuples come as ``law[:]``, without names (:func:`slamgym.core.jit.plain`), and are named again first thing.
 
 Every kernel takes ``ids``, the environments that it is about, shape (n,).
 """
@@ -15,6 +14,7 @@ from slamgym.core import geometry
 from slamgym.core.jit import assign, kernel
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, IntArray, Pose2D
 from slamgym.envs.batch.arrays import (
+    PLACE,
     DriveModel,
     MapModel,
     Maps,
@@ -29,42 +29,83 @@ from slamgym.envs.coverage import CELL, sweep
 from slamgym.envs.observations import cut_crop
 from slamgym.envs.turned_reading import CellBox, Place, Tiles
 from slamgym.sim import motion
-from slamgym.sim.beams import fail_beams, measure_beams, write_rep117
+from slamgym.sim.beams import BeamModel, fail_beams, measure_beams, write_rep117
 from slamgym.sim.raycast import cast_hits
+from slamgym.sim.sweep import look_along
 from slamgym.sim.wheel_odometry import count_ticks, slipped_arc
 from slamgym.slam.hit_count_kernels import cells_of, classify_counts, draw_scans
 from slamgym.slam.motion_model import add_way, is_far_enough
 
-_compose = kernel(geometry.compose)
+_compose: Any = kernel(geometry.compose)
 _between = kernel(geometry.between)
 _count_ticks = kernel(count_ticks)
 _slipped_arc = kernel(slipped_arc)
 _add_way = kernel(add_way)
 _is_far_enough = kernel(is_far_enough)
 _TURN = 2.0 * math.pi
+_VELOCITY = Robots._fields.index("velocity")
+_RANGES = Scans._fields.index("ranges")
 
 
 @kernel
 def drive_all(
-    robots: Robots, scenes: Scenes, drive: DriveModel, ids: IntArray, targets: FloatArray
-) -> None:
-    """Drive until something is touched; the time that is left then is noted.
+    robots: Robots,
+    scenes: Scenes,
+    drive: DriveModel,
+    wheels: WheelModel,
+    ids: IntArray,
+    targets: FloatArray,
+) -> int:
+    """Drive, but only until something is touched; those who touch nothing have driven for the whole step.
 
     Args:
-        robots: Changed in place.
+        robots: Changed in place; ``left`` says how much of the step is left.
         scenes: Obstacles.
         drive: Limits and bodies.
+        wheels: Random errors.
         ids: Environments.
         targets: Wished velocities within the limits, shape (N, 2).
+
+    Returns:
+        How many touch something.
     """
-    people = np.empty((0, 3))
+    robots = Robots(*robots)
+    scenes = Scenes(*scenes)
+    drive = DriveModel(*drive)
+    wheels = WheelModel(*wheels)
+    touching = 0
     for i in ids:
         state = robots.drive[i]
-        walls = scenes.segments[i, : scenes.num_segments[i]]
         state[motion.LEFT :] = 0.0
-        robots.left[i] = motion.drive_freely(
-            state, targets[i, 0], targets[i, 1], drive.limits, drive.dt, drive.radius, walls, people
+        left = motion.drive_freely(
+            state,
+            targets[i, 0],
+            targets[i, 1],
+            drive.limits,
+            drive.dt,
+            drive.radius,
+            scenes.segments[i, : scenes.num_obstacles[i]],
+            scenes.discs[i, : scenes.num_discs[i]],
         )
+        robots.left[i] = left
+        if left > motion.NO_TIME:
+            touching += 1
+        else:
+            robots.contact[i] = False
+            _arrive(robots, scenes, wheels, i, drive.dt)
+    return touching
+
+
+@kernel
+def arrive_all(
+    robots: Robots, scenes: Scenes, drive: DriveModel, wheels: WheelModel, ids: IntArray
+) -> None:
+    """Note the poses of robots that have touched something; see :func:`drive_all`."""
+    robots = Robots(*robots)
+    scenes = Scenes(*scenes)
+    wheels = WheelModel(*wheels)
+    for i in ids:
+        _arrive(robots, scenes, wheels, i, drive[0])
 
 
 @kernel
@@ -80,29 +121,38 @@ def _put_pose(rows: FloatArray, i: int, pose: Pose2D) -> None:
 
 
 @kernel
-def integrate_wheels(robots: Robots, model: WheelModel, ids: IntArray, dt: float) -> None:
-    """Note the poses after a drive and integrate the wheel odometry; see :mod:`slamgym.sim.wheel_odometry`.
+def _arrive(robots: Robots, scenes: Scenes, model: WheelModel, i: int, dt: float) -> None:
+    """Note one robot's pose after a drive, and integrate its wheels; see :mod:`slamgym.sim.wheel_odometry`."""
+    state = robots.drive[i]
+    before = _pose(robots.pose, i)
+    theta = math.pi - (math.pi - state[motion.THETA]) % _TURN
+    now = Pose2D(state[motion.X], state[motion.Y], theta)
+    _put_pose(robots.pose, i, now)
+    robots.path[i] += state[motion.DISTANCE]
+    driven = _between(before, now)
+    _put_pose(robots.driven, i, driven)
+    old = _pose(robots.odometry, i)
+    new = _compose(old, driven if model.is_ideal else _rolled(robots, model, i))
+    _put_pose(robots.odometry, i, new)
+    moved = _between(old, new)
+    _put_pose(robots.moved, i, moved)
+    robots.velocity[i, 0] = moved.x / dt
+    robots.velocity[i, 1] = moved.theta / dt
+    _visit(robots, scenes, i)
 
-    Args:
-        robots: Changed in place.
-        model: Random errors.
-        ids: Environments.
-        dt: Duration of the step [s].
-    """
-    for i in ids:
-        state = robots.drive[i]
-        before = _pose(robots.pose, i)
-        theta = math.pi - (math.pi - state[motion.THETA]) % _TURN
-        now = Pose2D(state[motion.X], state[motion.Y], theta)
-        _put_pose(robots.pose, i, now)
-        robots.path[i] += state[motion.DISTANCE]
-        moved = _between(before, now) if model.is_ideal else _rolled(robots, model, i)
-        old = _pose(robots.odometry, i)
-        new = _compose(old, moved)
-        _put_pose(robots.odometry, i, new)
-        moved = _between(old, new)
-        robots.velocity[i, 0] = moved.x / dt
-        robots.velocity[i, 1] = moved.theta / dt
+
+@kernel
+def _visit(robots: Robots, scenes: Scenes, i: int) -> None:
+    """Count the visit if the robot has come to another place."""
+    left, bottom = scenes.floor_corner[i]
+    cols = math.ceil(scenes.floor_shape[i, 1] * CELL / PLACE)
+    col = math.floor((robots.pose[i, 0] - left) / PLACE)
+    place = math.floor((robots.pose[i, 1] - bottom) / PLACE) * cols + col
+    robots.revisits[i] = 0
+    if place != robots.place[i]:
+        robots.place[i] = place
+        robots.revisits[i] = scenes.visits[i, place]
+        scenes.visits[i, place] += 1
 
 
 @kernel
@@ -132,28 +182,39 @@ def look_all(
         scans: Draws; receives the ranges.
         ids: Environments.
     """
+    robots = Robots(*robots)
+    scenes = Scenes(*scenes)
+    scanner = ScanModel(*scanner)
+    scans = Scans(*scans)
     num_beams = scans.true.shape[1]
     hits = np.empty(num_beams, dtype=np.int64)
+    met = np.empty(num_beams)
     measured = np.empty(num_beams)
-    sensors = np.empty((1, 3))
-    law = scanner.law
-    mount = Pose2D(scanner.mount[0], scanner.mount[1], scanner.mount[2])
+    law = BeamModel(*scanner.law)
+    mount = scanner.mount
+    begin = law.angle_min
+    step = law.angle_increment
     for i in ids:
         walls = scenes.segments[i, : scenes.num_segments[i]]
-        true = scans.true[i]
-        sensor = _compose(_pose(robots.pose, i), mount)
-        _put_pose(sensors, 0, sensor)
-        x, y, theta = sensor
-        cast_hits(x, y, theta, law.angle_min, law.angle_increment, walls, law.range_max, true, hits)
+        base = robots.pose[i, 0], robots.pose[i, 1], robots.pose[i, 2]
+        way = robots.driven[i, 0] * scanner.sweep, robots.driven[i, 2] * scanner.sweep
+        sensors = look_along(base, mount, way, begin, step, walls, law.range_max, met, hits)
         if robots.exact[i]:
-            assign(true, measured)
+            assign(met, measured)
         else:
             materials = _materials(scenes, i)
             normal = scans.normal[i]
-            measure_beams(sensors, walls, true, hits, materials, law[:], normal, measured)  # type: ignore[arg-type]
+            measure_beams(sensors, walls, met, hits, materials, law[:], normal, measured)  # type: ignore[arg-type]
             fail_beams(measured, scans.fate[i], scanner.lost, scanner.stray, law.range_max)
             _add_burst(scans, i, measured)
         write_rep117(measured, scanner.range_min, law.range_max, scans.ranges[i])
+        true = scans.true[i]
+        sensor = _compose(base, mount)
+        if len(sensors) == 1:
+            assign(met, true)
+        else:
+            x, y, theta = sensor
+            cast_hits(x, y, theta, begin, step, walls, law.range_max, true, hits)
         _see_floor(scenes, scanner, i, sensor, true)
 
 
@@ -203,6 +264,10 @@ def map_all(
         ids: Environments.
         times: Robot time, shape (N,) [s].
     """
+    robots = Robots(*robots)
+    scans = Scans(*scans)
+    maps = Maps(*maps)
+    model = MapModel(*model)
     for i in ids:
         if model.believes_truth:
             true = robots.pose[i]
@@ -325,18 +390,20 @@ def sense_all(
             :func:`slamgym.envs.observations.crop_points` says.
         out: Receives observations of the preset ``compact``, shape (N, n), or crops, shape (N, 1, h, w).
     """
+    all_maps = Maps(*maps)
+    how = MapModel(*model)
+    velocities = robots[_VELOCITY]
+    all_ranges = scans[_RANGES]
     for k in range(len(ids)):
         i = ids[k]
         one = ids[k : k + 1]
         look_all(robots, scenes, scanner, scans, one)
         map_all(robots, scans, maps, model, one, times)
-        tiles = _tiles(maps, i, model.resolution)
-        pose = maps.believed[i]
-        if is_published[i] and not model.keeps_current:
-            _classify(maps, model, i, tiles[3])
+        tiles = _tiles(all_maps, i, how.resolution)
+        pose = all_maps.believed[i]
+        if is_published[i] and not how.keeps_current:
+            _classify(all_maps, how, i, tiles[3])
         if out.ndim == 2:
-            ranges = scans.ranges[i]
-            velocity = robots.velocity[i]
-            write_compact(tiles, pose, view[0], ranges, velocity, view[1], out[i])
+            write_compact(tiles, pose, view[0], all_ranges[i], velocities[i], view[1], out[i])
         else:
             cut_crop(tiles, pose, view[0], view[1], out[i, 0])
