@@ -59,8 +59,8 @@ def read_log(path: Path, reading: LogReading) -> Log:
     Raises:
         InputFileError: If it can't be read.
     """
+    from slamgym.interop.bag_topics import BagChoices
     from slamgym.interop.logs import open_log
-    from slamgym.interop.rosbag import BagChoices
 
     choices = BagChoices(
         scan_topic=reading.scan_topic,

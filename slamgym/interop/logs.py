@@ -9,10 +9,11 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
+from slamgym.interop.bag_topics import NO_ODOMETRY, BagChoices
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
-from slamgym.interop.rosbag import NO_ODOMETRY, BagChoices, read_rosbag
+from slamgym.interop.rosbag import read_rosbag
 from slamgym.interop.scan_times import BEAM_TIMES, with_scan_time
 from slamgym.interop.tum import read_tum, rows_of_eight
 

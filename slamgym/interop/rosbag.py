@@ -7,9 +7,8 @@ either the log has its scans alone. The laser's mount is the transform from the 
 
 import tempfile
 from collections import Counter
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -20,76 +19,31 @@ from slamgym.core.types import LaserGeometry, LaserScan, Pose2D, Trajectory
 from slamgym.interop.bag_expansion import Expansion
 from slamgym.interop.bag_remains import whole_part
 from slamgym.interop.bag_repair import bag_fault
+from slamgym.interop.bag_topics import (
+    NO_ODOMETRY,
+    BagChoices,
+    BagContents,
+    choose_topics,
+    take_message,
+)
 from slamgym.interop.odometry import merged_track, without_jumps
 from slamgym.interop.ranges import range_limit
 from slamgym.interop.records import (
     BrokenMessageError,
     Log,
-    LogFinding,
     LogRecord,
-    LogWarnings,
     OdometryTrack,
     longest_ordered,
     usable_scans,
 )
-from slamgym.interop.ros_messages import (
-    check_scan,
-    geometry_of,
-    matrix_of,
-    pose_of,
-    ranges_of,
-    stamp_of,
-)
+from slamgym.interop.ros_messages import geometry_of, ranges_of
 from slamgym.interop.scan_times import StampedMessages, by_rate, seconds_apart, with_told_scan_time
-from slamgym.interop.transforms import TransformTree, clean_frame, planar
+from slamgym.interop.transforms import clean_frame, planar
 
-SCAN_TYPE = "sensor_msgs/msg/LaserScan"
-ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 TRANSFORM_TYPES = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
-USUAL_SCAN_TOPICS = ("/scan", "/base_scan", "/front/scan", "/laser_scan")
-USUAL_ODOMETRY_TOPICS = ("/odom", "/odometry", "/wheel/odometry")
 
 ODOMETRY_GAP = 0.5
 """A scan further from the nearest odometry message than this is left out [s]."""
-NO_ODOMETRY = "none"
-"""Given as the odometry's topic: only the scans are read."""
-
-
-class BagChoices(NamedTuple):
-    """Parts of a bag that are read; None leaves the choice to the reader."""
-
-    scan_topic: str | None = None
-    odometry_topic: str | None = None
-    odometry_frame: str | None = None
-    range_max: float | None = None  # [m]
-    time_offset: float = 0.0  # by which the odometry's stamps are late [s]
-    scan_time: float | None = None  # from the first beam of a scan to the last [s]
-    scan_rate: float | None = None  # of the scans, in place of their stamps [Hz]
-
-
-@dataclass
-class _Contents:
-    """The messages of a bag that matter."""
-
-    path: Path
-    choices: BagChoices
-    scans: list[tuple[float, Any]] = field(default_factory=list)
-    odometry: list[tuple[float, Pose2D]] = field(default_factory=list)
-    base_frame: str = ""
-    transforms: TransformTree = field(default_factory=TransformTree)
-    is_scan: list[bool] = field(default_factory=list)  # of the scans and odometry, in file order
-    sources: dict[str, str] = field(default_factory=dict)
-    findings: list[LogFinding] = field(default_factory=list)
-    warnings: LogWarnings = field(default_factory=LogWarnings)
-
-    @property
-    def laser_frame(self) -> str:
-        """Frame of the scans."""
-        return clean_frame(self.scans[0][1].header.frame_id)
-
-    def find(self, kind: str, sentence: str) -> None:
-        """Add a finding."""
-        self.findings.append(LogFinding(kind, sentence))
 
 
 def import_rosbags() -> Any:
@@ -177,10 +131,10 @@ def _read(bag: tuple[Path, BagChoices]) -> Log:
     return with_told_scan_time(log, [float(scan.time_increment) for _, scan in contents.scans])
 
 
-def _read_contents(path: Path, choices: BagChoices) -> _Contents:
+def _read_contents(path: Path, choices: BagChoices) -> BagContents:
     """Read a bag; of one that was cut off, what is whole."""
     rosbags = import_rosbags()
-    contents = _Contents(path, choices)
+    contents = BagContents(path, choices)
     try:
         _read_bag(contents, _bag_path(path), Expansion(path, rosbags))
     except (InputFileError, MemoryError):
@@ -196,10 +150,10 @@ def _read_contents(path: Path, choices: BagChoices) -> _Contents:
     return contents
 
 
-def _read_remains(path: Path, choices: BagChoices, error: Exception) -> _Contents:
+def _read_remains(path: Path, choices: BagChoices, error: Exception) -> BagContents:
     """Read what is whole of a bag that the library refuses for an error."""
     expansion = Expansion(path, import_rosbags())
-    contents = _Contents(path, choices)
+    contents = BagContents(path, choices)
     with tempfile.TemporaryDirectory() as folder:
         try:
             remains = whole_part(path, Path(folder), expansion.expanded)
@@ -219,7 +173,7 @@ def _read_remains(path: Path, choices: BagChoices, error: Exception) -> _Content
     return contents
 
 
-def _read_bag(contents: _Contents, bag: Path, expansion: Expansion) -> None:
+def _read_bag(contents: BagContents, bag: Path, expansion: Expansion) -> None:
     rosbags = import_rosbags()
     # ROS 2 bags before Iron carry no message definitions; those of Humble serve all that is read here.
     typestore = rosbags.typesys.get_typestore(rosbags.typesys.Stores.ROS2_HUMBLE)
@@ -228,9 +182,9 @@ def _read_bag(contents: _Contents, bag: Path, expansion: Expansion) -> None:
         _read_messages(contents, reader, expansion)
 
 
-def _read_messages(contents: _Contents, reader: Any, expansion: Expansion) -> None:
+def _read_messages(contents: BagContents, reader: Any, expansion: Expansion) -> None:
     """Take scans, odometry and transforms; those that can't be read are counted."""
-    topics = _choose_topics(contents, reader)
+    topics = choose_topics(contents, reader)
 
     def is_wanted(connection: Any) -> bool:
         return connection.topic in topics or connection.msgtype in TRANSFORM_TYPES
@@ -239,7 +193,7 @@ def _read_messages(contents: _Contents, reader: Any, expansion: Expansion) -> No
     for connection, stamp_ns, raw in expansion.messages(reader, wanted):
         try:
             message = reader.deserialize(raw, connection.msgtype)
-            _take(contents, connection, message, stamp_ns)
+            take_message(contents, connection, message, stamp_ns)
         except Exception as error:  # noqa: BLE001 - a damaged message makes the decoder stumble anywhere
             fault = f"message on {connection.topic} that can't be decoded"
             if isinstance(error, BrokenMessageError):
@@ -261,81 +215,7 @@ def _bag_path(path: Path) -> Path:
     return storage[0]
 
 
-def _choose_topics(contents: _Contents, reader: Any) -> set[str]:
-    """The topics of the scans and of the odometry, if there is one to read; what is left out becomes a finding."""
-    kinds: dict[str, Counter[str]] = {SCAN_TYPE: Counter(), ODOMETRY_TYPE: Counter()}
-    for connection in reader.connections:
-        if connection.msgtype in kinds and connection.msgcount:
-            kinds[connection.msgtype][connection.topic] += connection.msgcount
-    choices = contents.choices
-    scans = kinds[SCAN_TYPE]
-    scan = _choose_topic(contents.path, scans, choices.scan_topic, USUAL_SCAN_TOPICS)
-    if scan is None:
-        topics = ", ".join(sorted(reader.topics)) or "none"
-        raise InputFileError(contents.path, f"holds no LaserScan message (topics: {topics})")
-    contents.sources["scan topic"] = scan
-    if len(scans) > 1 and choices.scan_topic is None:
-        others = ", ".join(sorted(scans.keys() - {scan}))
-        contents.find(
-            "lasers", f"of several lasers {scan} is used, not {others} (--scan-topic chooses)"
-        )
-    if choices.odometry_topic == NO_ODOMETRY or choices.odometry_frame is not None:
-        return {scan}
-    usual = (f"{scan.rpartition('/')[0]}/odom", *USUAL_ODOMETRY_TOPICS)
-    odometry = _choose_topic(contents.path, kinds[ODOMETRY_TYPE], choices.odometry_topic, usual)
-    if odometry is None:
-        return {scan}
-    contents.sources["odometry from"] = odometry
-    return {scan, odometry}
-
-
-def _choose_topic(
-    path: Path, topics: Counter[str], wanted: str | None, usual: tuple[str, ...]
-) -> str | None:
-    """The wanted topic, else a usual one, else that with most messages."""
-    if wanted is not None and wanted not in topics:
-        known = ", ".join(sorted(topics)) or "none"
-        raise InputFileError(
-            path, f"holds no such message on the topic {wanted!r} (such topics: {known})"
-        )
-    if wanted is not None:
-        return wanted
-    for name in usual:
-        if name in topics:
-            return name
-    return max(topics, key=lambda topic: (topics[topic], topic), default=None)
-
-
-def _take(contents: _Contents, connection: Any, message: Any, stamp_ns: int) -> None:
-    topic = connection.topic
-    recorded = stamp_ns * 1e-9
-    if connection.msgtype == SCAN_TYPE:
-        check_scan(message)
-        contents.scans.append((stamp_of(message.header, recorded), message))
-        contents.is_scan.append(True)
-    elif connection.msgtype == ODOMETRY_TYPE:
-        place = pose_of(message.pose.pose, f"pose on {topic}")
-        contents.odometry.append((stamp_of(message.header, recorded), place))
-        contents.is_scan.append(False)
-        contents.base_frame = contents.base_frame or clean_frame(message.child_frame_id)
-    else:
-        is_static = topic.endswith("tf_static")
-        for entry in message.transforms:
-            parent = entry.header.frame_id
-            child = entry.child_frame_id
-            stamp = stamp_of(entry.header, recorded)
-            transform = entry.transform
-            try:
-                matrix = matrix_of(
-                    transform.translation, transform.rotation, f"transform from {parent} to {child}"
-                )
-            except BrokenMessageError as error:
-                contents.warnings.add(str(error), f"{stamp:.3f} s")
-                continue
-            contents.transforms.add(parent, child, stamp, matrix, static=is_static)
-
-
-def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
+def _odometry(contents: BagContents) -> tuple[Trajectory | None, str]:
     """The base's motion in the odometry frame, None where there is none to use, and the name of the base's frame."""
     tree = contents.transforms
     sources = contents.sources
@@ -360,7 +240,7 @@ def _odometry(contents: _Contents) -> tuple[Trajectory | None, str]:
     return Trajectory(motion.stamps - contents.choices.time_offset, joined), base
 
 
-def _odometry_frame(contents: _Contents) -> str | None:
+def _odometry_frame(contents: BagContents) -> str | None:
     """The frame of tf that the laser moves in; None, and a finding, without one."""
     choices = contents.choices
     if choices.odometry_topic == NO_ODOMETRY:
@@ -388,7 +268,7 @@ def _odometry_frame(contents: _Contents) -> str | None:
     return None
 
 
-def _wanted_frame(contents: _Contents, wanted: str) -> str:
+def _wanted_frame(contents: BagContents, wanted: str) -> str:
     """The odometry frame that the user names."""
     frames = sorted({*contents.transforms.moving().values()})
     if wanted not in frames:
@@ -399,7 +279,7 @@ def _wanted_frame(contents: _Contents, wanted: str) -> str:
     return wanted
 
 
-def _mount(contents: _Contents, base_frame: str) -> tuple[Pose2D, bool]:
+def _mount(contents: BagContents, base_frame: str) -> tuple[Pose2D, bool]:
     """The laser in the base's frame, and true if it hangs upside down."""
     laser_frame = contents.laser_frame
     base_frame = base_frame or "base_link"
@@ -414,7 +294,7 @@ def _mount(contents: _Contents, base_frame: str) -> tuple[Pose2D, bool]:
     return planar(matrix), bool(matrix[2, 2] < 0.0)
 
 
-def _geometry(contents: _Contents, mount: Pose2D, flipped: bool) -> LaserGeometry:
+def _geometry(contents: BagContents, mount: Pose2D, flipped: bool) -> LaserGeometry:
     """The geometry of the first scan with the most frequent number of beams."""
     messages = [message for _, message in contents.scans]
     ranges = [message.ranges for message in messages]

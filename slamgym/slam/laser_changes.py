@@ -23,7 +23,7 @@ OTHER_SCALE = 1.15
 FEWEST_SHARE = 0.3
 """Readings are scaled if such a share of the beams says so: a wall alone, of 45 beams and fewer out of 180, looks
 scaled where a robot turns, in three of five good drives with a range of 3.5 m."""
-EXPLAINED = 0.2
+EXPLAINED_SHARE = 0.2
 """With the fault taken back they are off by less than this share of that. Of 9,721 pairs of scans of seven public logs
 none is named; where one of the two is mirrored 54 to 96 % of a log's are, where it is scaled by 1.4 58 to 100 %, fewest
 where the robot drives a metre from scan to scan."""
@@ -68,7 +68,7 @@ def change_between(before: LogRecord, after: LogRecord) -> str:
     both = np.isfinite(expected) & np.isfinite(new)
     if changed < CHANGED_METRES:
         return ""
-    limit = EXPLAINED * changed
+    limit = EXPLAINED_SHARE * changed
     # The fault begins or ends: it is taken back in the new scan, or put into the old one before that is moved.
     mirrored = seen_after(replace(before.scan, ranges=old[::-1]), step)
     for ranges, moved in ((new[::-1], expected), (new, mirrored)):
