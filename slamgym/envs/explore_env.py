@@ -12,6 +12,7 @@ from slamgym.core.errors import ConfigError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, Pose2D
 from slamgym.envs.batch.exploration import Explorations, Outcome
+from slamgym.envs.batch.robot import before
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import observation_space
@@ -348,13 +349,14 @@ class ExploreEnv(gym.Env[Any, Any]):
     def _record(self) -> None:
         if self.log is not None:
             now = self.simulation
+            scan = now.scan
             self.log.append(
-                stamps=now.scan.stamp,
+                stamps=scan.stamp,
                 true_poses=now.true_scan_pose,
-                odometry=now.scan_odometry,
+                odometry=before(now.odometry_pose, scan.motion),
                 estimates=now.mapper.pose,
-                motions=now.scan.motion,
-                ranges=now.scan.ranges,
+                motions=scan.motion,
+                ranges=scan.ranges,
             )
 
     def _show(self) -> None:

@@ -1,7 +1,9 @@
 """Contact between the robot and the world, solved by pymunk.
 
-Only a robot whose skin touches something comes here (:func:`slamgym.sim.motion.drive_freely`): few do at a time.
+Only a robot whose skin presses on something comes here (:func:`slamgym.sim.motion.drive_freely`): few do at a time.
 """
+
+import math
 
 import pymunk
 
@@ -43,9 +45,8 @@ class ContactSolver:
         self._space = pymunk.Space()
         self._space.iterations = _ITERATIONS
         self._space.collision_slop = _SLOP
-        # The robot with its skin; the base frame's origin is the body's.
-        self._moment = pymunk.moment_for_circle(ROBOT_MASS, 0.0, robot.radius)
-        self._body = pymunk.Body(ROBOT_MASS, self._moment)
+        # The robot with its skin; the base frame's origin is the body's. A disc that slides turns as it wishes.
+        self._body = pymunk.Body(ROBOT_MASS, math.inf)
         shape = pymunk.Circle(self._body, robot.radius + SKIN)
         self._others = [pymunk.Body(body_type=pymunk.Body.KINEMATIC) for _ in discs]
         others = [
@@ -90,17 +91,12 @@ class ContactSolver:
         # for.
         push_x = (position.x - pose.x) / _SOLVER_STEP
         push_y = (position.y - pose.y) / _SOLVER_STEP
-        push_turn = (body.angle - pose.theta) / _SOLVER_STEP
-        left = (velocity.x, velocity.y, body.angular_velocity)
-        return left, (push_x, push_y, push_turn)
+        return (velocity.x, velocity.y, wish[2]), (push_x, push_y, 0.0)
 
     def _step(self, pose: Pose2D, wish: Velocity) -> None:
         """Step the solver with the body at a pose, at rest, and the force that would bring it to a velocity."""
         body = self._body
         body.position = pose.x, pose.y
-        body.angle = pose.theta
         body.velocity = 0.0, 0.0
-        body.angular_velocity = 0.0
         body.force = wish[0] * ROBOT_MASS / _SOLVER_STEP, wish[1] * ROBOT_MASS / _SOLVER_STEP
-        body.torque = wish[2] * self._moment / _SOLVER_STEP
         self._space.step(_SOLVER_STEP)

@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from slamgym.core.jit import kernel
+from slamgym.core.jit import assign, kernel
 from slamgym.core.types import FloatArray
 from slamgym.sim.contact import SKIN, SUBSTEP_DISTANCE, Velocity
 
@@ -34,6 +34,9 @@ _RAMP_STEP = 0.02
 """Longest time over which the drive velocity counts as constant [s]. Only the acceleration ramp is
 approximated; its position error over a stop-to-full-speed ramp of the Waffle Pi is below 0.05 mm, and
 heading and distance are exact."""
+
+_NO_PRESS = 1e-9
+"""The skin doesn't press on what it comes nearer to by less than this [m]: rounding."""
 
 NO_TIME = 1e-9
 """Remaining time too short to move in [s]."""
@@ -132,12 +135,12 @@ def drive_freely(
     segments: FloatArray,
     discs: FloatArray,
 ) -> float:
-    """Drive towards a target velocity for as long as nothing is touched.
+    """Drive towards a target velocity for as long as nothing is pressed on.
 
     The free distance in any direction is the clearance less the radius; the drive continues for as long as it
     can't use that distance up, then looks again (conservative advancement). In open space one look covers the
-    whole step. The radius holds a skin about the body: close to something the drive goes on by what the skin takes,
-    and ends where the skin touches.
+    whole step. The radius holds a skin about the body: close to something the drive goes on by what the skin takes.
+    Where the skin touches something already, only what would press on it ends the drive.
 
     Args:
         state: Drive state, updated in place.
@@ -150,16 +153,21 @@ def drive_freely(
         discs: Obstacles, shape (P, 3).
 
     Returns:
-        The time left when the skin touched something [s]; 0 if the whole span was driven.
+        The time left when the skin pressed on something [s]; 0 if the whole span was driven.
     """
+    before = np.empty_like(state)
+    slack = clearance(state[X], state[Y], segments, discs) - radius
     while span > NO_TIME:
-        slack = clearance(state[X], state[Y], segments, discs) - radius
-        if slack < 0.0:
-            return span
         speed = max(abs(state[LINEAR]), abs(target_linear))
         free = max(slack, SUBSTEP_DISTANCE)
         part = span if speed * span <= free else free / speed
+        assign(state, before)
         _advance(state, target_linear, target_angular, limits, part)
+        reached = clearance(state[X], state[Y], segments, discs) - radius
+        if slack < 0.0 and reached < slack - _NO_PRESS:
+            assign(before, state)
+            return span
+        slack = reached
         span -= part
     return 0.0
 

@@ -87,6 +87,7 @@ class Scenes(NamedTuple):
     patches: FloatArray  # (N, P, 5)
     outside: FloatArray  # (N, K, 4) [m]
     roughness: FloatArray  # (N,) [m]
+    shares: FloatArray  # (N,) of the reachable floor that were seen
     floor_corner: FloatArray  # (N, 2) lower left corner [m]
     first: IntArray  # (N, F) where each segment's patches begin, see slamgym.sim.surfaces
     num_obstacles: IntArray  # (N,) segments that can be touched, the first ones
@@ -111,6 +112,7 @@ class Scenes(NamedTuple):
             patches=_numbers(count, 0, 5),
             outside=_numbers(count, 0, 4),
             roughness=_numbers(count),
+            shares=np.ones(count),
             floor_corner=_numbers(count, 2),
             first=_integers(count, 0),
             num_obstacles=_integers(count),

@@ -170,7 +170,6 @@ class Assessment:
             contact=robots.contact.copy(),
             coverage=coverage,
             previous_coverage=self._coverage,
-            pose_error=self.apart()[0],
             terminated=terminated,
         )
         self._action = targets
@@ -204,6 +203,9 @@ class Assessment:
 
     def _turning(self, index: int) -> float:
         return float(self._fleet.robots.driven[index, 2])
+
+    def _pose_error(self, index: int) -> float:
+        return float(self.apart()[0][index])
 
     def _contacts(self, index: int) -> int:
         return int(self._fleet.robots.collisions[index])

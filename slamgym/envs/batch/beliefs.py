@@ -185,15 +185,18 @@ class Beliefs:
         """Give one robot's mapper the newest scan."""
         robot = self._robots[index]
         scan = robot.scan
-        odometry = robot.scan_odometry
         if scan.motion != AT_REST:
             ranges = deskewed_at_last_beam(scan).ranges
             self.ranges[index] = np.where(np.isnan(ranges), np.float32(np.inf), ranges)
         elif self.ranges is not self.fleet.scans.ranges:
             self.ranges[index] = scan.ranges
         if self.map_model.believes_truth:
-            scan = replace(scan, motion=robot.swept)
-            odometry = before(robot.true_map_pose, robot.swept)
+            swept = robot.swept
+            odometry = before(robot.true_map_pose, swept)
+            if swept != scan.motion:
+                scan = replace(scan, motion=swept)
+        else:
+            odometry = before(robot.odometry_pose, scan.motion)
         mapper = self._mappers[index]
         self.maps.is_new[index] = mapper.update(odometry, scan)
         pose = mapper.pose

@@ -80,9 +80,8 @@ class Fleet:
 
     @property
     def shares(self) -> FloatArray:
-        """Shares of the reachable floor that were seen, shape (N,)."""
-        totals = self.scenes.floor_cells
-        return np.where(totals > 0, self.scenes.seen / np.maximum(totals, 1), 1.0)
+        """Shares of the reachable floor that were seen, shape (N,); 1 where there is no floor."""
+        return self.scenes.shares.copy()
 
     def coverage(self, index: int) -> Coverage:
         """The floor that one robot has seen."""
@@ -162,6 +161,7 @@ class Fleet:
         bottom = floor.frame.origin_y
         scenes.floor_cells[index] = np.count_nonzero(cells)
         scenes.seen[index] = 0
+        scenes.shares[index] = 1.0
         scenes.floor_shape[index] = cells.shape
         scenes.floor_corner[index] = left, bottom
         rows, cols = (math.ceil(side * CELL / PLACE) for side in cells.shape)

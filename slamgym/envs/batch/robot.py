@@ -109,7 +109,7 @@ class SimulatedRobot:
 
     @property
     def scan(self) -> LaserScan:
-        """The newest scan."""
+        """The newest scan; its motion is that of the odometry."""
         lidar = self._fleet.lidar
         stamp = self.time - lidar.config.sweep
         ranges = self._fleet.scans.ranges[self._index].copy()
@@ -124,11 +124,6 @@ class SimulatedRobot:
     def true_scan_pose(self) -> Pose2D:
         """The true pose at the newest scan's stamp, world frame."""
         return before(self.true_pose, self.swept)
-
-    @property
-    def scan_odometry(self) -> Pose2D:
-        """The odometry at the newest scan's stamp."""
-        return before(self.odometry_pose, self._in_scan(self._fleet.robots.moved))
 
     def _in_scan(self, motions: FloatArray) -> Pose2D:
         """The part of a step's motion that fell into the scan: its end, at the same speeds."""

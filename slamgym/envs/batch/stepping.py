@@ -238,6 +238,8 @@ def _see_floor(
     scenes.seen[i] += sweep(
         unseen, left, bottom, CELL, x, y, theta, scanner.directions, true, scanner.usable
     )
+    if scenes.floor_cells[i] > 0:
+        scenes.shares[i] = scenes.seen[i] / scenes.floor_cells[i]
 
 
 @kernel
