@@ -106,7 +106,7 @@ def test_an_opening_is_told_from_a_door(wide, tmp_path):
 def test_geojson_says_what_each_feature_is(drawing, files):
     data = json.loads(files[".geojson"].read_text())
     assert "local metres" in data["coordinates"]
-    # Read by GDAL 3.11 as LOCAL_CS["frame of the map", ...] in metres; without it, as degrees (EPSG:4326).
+    # Read by GDAL 3.12 as LOCAL_CS["frame of the map", ...] in metres; without it, as degrees (EPSG:4326).
     system = data["crs"]["properties"]["name"]
     assert system.startswith("ENGCRS[")
     assert 'LENGTHUNIT["metre",1]' in system
@@ -323,8 +323,27 @@ def test_ifc_is_valid_and_holds_walls_doors_and_spaces(drawing, tmp_path):
     for wall in walls:
         (layer,) = element.get_material(element.get_type(wall)).MaterialLayers
         assert layer.LayerThickness == pytest.approx(
-            element.get_psets(wall)["Slamgym_Evidence"]["Thickness"], abs=0.006
+            element.get_psets(wall)["Slamgym_Evidence"]["Thickness"], abs=0.026
         )
+        common = element.get_psets(wall)["Pset_WallCommon"]
+        assert common["Reference"] == element.get_type(wall).Name
+        assert isinstance(common["IsExternal"], bool)
+    assert len(model.by_type("IfcWallType")) == 1
+    # The L has six corners, the room beside it four, of which two are on the wall between them or on its line.
+    meetings = model.by_type("IfcRelConnectsPathElements")
+    assert len(meetings) >= len(walls)
+    assert {meeting.RelatingConnectionType for meeting in meetings} <= {
+        "ATSTART",
+        "ATEND",
+        "ATPATH",
+    }
+    axes = [
+        shape
+        for wall in walls
+        for shape in wall.Representation.Representations
+        if shape.RepresentationIdentifier == "Axis"
+    ]
+    assert len(axes) == len(walls)
     (door,) = model.by_type("IfcDoor")
     assert door.OverallWidth == pytest.approx(drawing.doors[0].width)
     (voids,) = door.FillsVoids[0].RelatingOpeningElement.VoidsElements
@@ -366,7 +385,18 @@ def test_pieces_of_a_straight_wall_are_one_wall_through_a_door():
     assert len(walls) == len(set(wall_of.tolist())) == 4
     joined = walls[wall_of[0]]
     assert joined.length == pytest.approx(6.0)
-    assert joined.polygon.bounds == pytest.approx((0.0, -0.05, 6.0, 0.06), abs=0.01)
+    assert joined.polygon.bounds == pytest.approx((0.0, -0.06, 6.0, 0.06), abs=0.01)
+    steps = [
+        piece((0.0, 0.0), (3.0, 0.0)),
+        piece((3.0, 0.0), (3.0, 0.1)),
+        piece((3.0, 0.1), (5.0, 0.1)),
+        piece((5.0, 0.1), (5.0, 2.0)),
+    ]
+    stepped, number = straight_walls(steps, [])
+    assert number.tolist() == [0, 0, 0, 1]
+    assert stepped[0].polygon.area == pytest.approx(
+        shapely.union_all([one.polygon for one in steps[:3]]).area, rel=0.02
+    )
     assert joined.share_seen == pytest.approx(4.1 / 5.1)
     assert joined.layer == "SEEN"
     apart, _ = straight_walls(pieces, [])

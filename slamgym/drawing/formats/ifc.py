@@ -1,9 +1,11 @@
 """IFC4 by ifcopenshell: project, site, building and storey; walls of types, doors in openings, slabs, spaces.
 
-Straight walls run through their doors: an opening voids the wall and the door fills it. A map knows nothing of heights:
-walls and rooms are 2.5 m high, doors 2.1 m, slabs 0.2 m, and the storey's description says so.
+Straight walls run from corner to corner, through their doors: an opening voids the wall and the door fills it. Walls
+know which they meet (IfcRelConnectsPathElements), and whether floor was found on one side alone (IsExternal). A map
+knows nothing of heights: walls and rooms are 2.5 m high, doors 2.1 m, slabs 0.2 m, as the storey says.
 """
 
+import math
 import uuid
 from collections.abc import Sequence
 from typing import Any
@@ -23,6 +25,10 @@ DOOR_HEIGHT = 2.1
 """Height of doors and openings, usual in homes [m]."""
 SLAB = 0.2
 """Thickness of a slab, usual in homes [m]."""
+TYPE_STEP = 0.05
+"""Thicknesses of wall types are whole multiples of this [m]: a map of 5 cm cells knows no finer ones."""
+MEET = 0.05
+"""Bodies of walls that meet are no farther apart [m]."""
 
 
 def format_ifc(drawing: Drawing) -> str:
@@ -32,6 +38,7 @@ def format_ifc(drawing: Drawing) -> str:
     builder = _Builder(drawing.name)
     walls, wall_of = straight_walls(drawing.walls, drawing.doors)
     bodies = builder.add_walls(walls)
+    builder.connect_walls(walls, bodies)
     pairs = list(zip(walls, bodies, strict=True))
     doors = []
     for number, door in enumerate(drawing.doors, 1):
@@ -72,6 +79,13 @@ class _Builder:
             context_identifier="Body",
             target_view="MODEL_VIEW",
         )
+        self.axis = self.run(
+            "context.add_context",
+            context_type="Model",
+            parent=self.body.ParentContext,
+            context_identifier="Axis",
+            target_view="GRAPH_VIEW",
+        )
         site = self._add_part("IfcSite", "Site", whole)
         building = self._add_part("IfcBuilding", name, site)
         self.storey = self._add_part("IfcBuildingStorey", "Storey", building)
@@ -92,7 +106,7 @@ class _Builder:
         return ifcopenshell.api.run(call, self.file, **values)
 
     def add_walls(self, walls: Sequence[DrawnWall]) -> list[Any]:
-        """An IfcWall each, its origin at the beginning of its centre line, and a type for each thickness in cm."""
+        """An IfcWall each, its origin at the beginning of its centre line, and a type for each :data:`TYPE_STEP`."""
         bodies = []
         types: dict[int, list[Any]] = {}
         for number, wall in enumerate(walls, 1):
@@ -108,13 +122,45 @@ class _Builder:
             name = f"W{number:03d}"
             body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence)
             bodies.append(body)
-            centimetres = max(round(100.0 * wall.thickness), 1)
-            types.setdefault(centimetres, []).append(body)
+            self._add_axis(body, wall.length)
+            steps = max(round(wall.thickness / TYPE_STEP), 1)
+            types.setdefault(round(100.0 * TYPE_STEP) * steps, []).append(body)
+            common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
+            facts = {
+                "Reference": f"Wall {round(100.0 * TYPE_STEP) * steps} cm",
+                "IsExternal": not wall.thickness_known,
+            }
+            self.run("pset.edit_pset", pset=common, properties=facts)
         material = self.run("material.add_material", name="unknown")
         for centimetres, alike in sorted(types.items()):
             kind = self._add_wall_type(centimetres, material)
             self.run("type.assign_type", related_objects=alike, relating_type=kind)
         return bodies
+
+    def _add_axis(self, body: Any, length: float) -> None:
+        """The centre line of a wall, in the wall's frame."""
+        line = self.shapes.polyline([(0.0, 0.0), (length, 0.0)])
+        shape = self.shapes.get_representation(self.axis, [line])
+        self.run("geometry.assign_representation", product=body, representation=shape)
+
+    def connect_walls(self, walls: Sequence[DrawnWall], bodies: Sequence[Any]) -> None:
+        """Say of walls that meet at which end or along which of both they do."""
+        shapes = [wall.polygon for wall in walls]
+        near = shapely.STRtree(shapes).query(shapes, predicate="dwithin", distance=MEET)
+        for one, other in near.T.tolist():
+            if one < other:
+                meeting = shapely.shortest_line(walls[one].line, walls[other].line)
+                first, second = (
+                    _end_at(walls[wall], point)
+                    for wall, point in zip((one, other), meeting.coords, strict=True)
+                )
+                self.run(
+                    "geometry.connect_path",
+                    relating_element=bodies[one],
+                    related_element=bodies[other],
+                    relating_connection=first,
+                    related_connection=second,
+                )
 
     def _add_wall_type(self, centimetres: int, material: Any) -> Any:
         """An IfcWallType of a thickness and of one layer."""
@@ -241,6 +287,14 @@ def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:
     in_direction = abs(float(of_wall @ of_door))
     in_place = wall.polygon.intersection(door.line).length
     return round(in_direction, 1), float(in_place)
+
+
+def _end_at(wall: DrawnWall, place: DrawnPoint) -> str:
+    """Where along its path a wall is met at a place."""
+    reach = wall.thickness + MEET
+    if math.dist(place, wall.start) <= reach:
+        return "ATSTART"
+    return "ATEND" if math.dist(place, wall.end) <= reach else "ATPATH"
 
 
 def _placement(start: DrawnPoint, end: DrawnPoint) -> FloatArray:

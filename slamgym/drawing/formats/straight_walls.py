@@ -1,4 +1,4 @@
-"""Pieces of one straight wall as one wall: a building model has one for each, which runs through its doors."""
+"""Walls from corner to corner: a building model has one for each straight wall, with its steps, through its doors."""
 
 import itertools
 from collections.abc import Sequence
@@ -6,29 +6,36 @@ from dataclasses import replace
 
 import numpy as np
 import shapely
-from shapely import LineString
+from shapely import Polygon
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.polygons import largest_part
 from slamgym.core.types import BoolArray, IntArray
 from slamgym.drawing.drawing import DrawnDoor, DrawnPoint, DrawnWall, Layer
+from slamgym.drawing.openings import lengthened
 from slamgym.drawing.settings import SEEN_SHARE
-from slamgym.drawing.walls import SAME_THICKNESS
 
 TOUCHING = 0.05
 """Pieces so near to each other can be one straight wall [m]."""
+ASTRAY = 0.12
+"""A piece belongs to a wall if neither of its ends is farther from the wall's line, nor its thickness from the wall's:
+steps of a map's echoes [m]."""
+SHORT = 0.4
+"""A shorter piece is no wall of its own, but a step of one that it touches [m]."""
 
 
 def straight_walls(
     pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]
 ) -> tuple[list[DrawnWall], IntArray]:
-    """Join what touches, or has a door between it, and agrees in line and thickness with the longest piece.
+    """Join what touches, or has a door between it, and lies along the longest piece or is short.
 
     Args:
         pieces: Walls as they are drawn.
         doors: Their doors, which know the pieces at their jambs.
 
     Returns:
-        The walls, as thick and as sure as their longest piece, and for each piece the number of its wall.
+        The walls, as thick and as sure as their longest piece, and for each piece the number of its wall. The body of
+        a wall is that of all its pieces, and closes its doors.
     """
     pairs = [(piece.start, piece.end) for piece in pieces]
     ends = np.array(pairs).reshape(-1, 2, 2)
@@ -43,17 +50,29 @@ def straight_walls(
         start, end = ends[first]
         x, y = (end - start) / length[first]
         normal = [-y, x]
-        away = np.abs((ends - start) @ normal)
-        astray = away.max(axis=1)
+        away = np.abs((ends - start) @ normal).max(axis=1)
         thicker = np.abs(thickness - thickness[first])
-        agrees = np.maximum(astray, thicker) <= SAME_THICKNESS
-        members = _connected(first, beside, agrees & (wall_of < 0))
+        is_along = np.maximum(away, thicker) <= ASTRAY
+        may_join = (is_along | (length < SHORT)) & (wall_of < 0)
+        members = _connected(first, beside, may_join)
         wall_of[members] = len(walls)
-        wall = pieces[first]
+        walls.append(pieces[first])
         if len(members) > 1:
-            wall = _joined([pieces[k] for k in members])
-        walls.append(wall)
+            shut = [door for door in doors if len(set(door.walls) & set(members)) > 1]
+            along = [pieces[k] for k in members if is_along[k]]
+            body = _body([pieces[k] for k in members], shut)
+            walls[-1] = replace(_joined(along), polygon=body)
     return walls, wall_of
+
+
+def _body(pieces: Sequence[DrawnWall], doors: Sequence[DrawnDoor]) -> Polygon:
+    """All that stands of a wall, its doors closed."""
+    shapes: list[BaseGeometry] = [piece.polygon for piece in pieces]
+    for door in doors:
+        longer = lengthened(door.line, TOUCHING, TOUCHING)
+        shapes.append(longer.buffer(0.5 * door.depth, cap_style="flat"))
+    wider = shapely.union_all(shapes).buffer(0.5 * TOUCHING, join_style="mitre")
+    return largest_part(wider.buffer(-0.5 * TOUCHING, join_style="mitre"))
 
 
 def _connected(first: int, beside: list[list[int]], may_join: BoolArray) -> list[int]:
@@ -94,11 +113,8 @@ def _joined(pieces: Sequence[DrawnWall]) -> DrawnWall:
         return [(float(x), float(y)) for x, y in ends]
 
     low, high = stretch([piece.line for piece in pieces])
-    with_corners = stretch([piece.polygon for piece in pieces])
-    axis = LineString(with_corners)
-    body = axis.buffer(0.5 * longest.thickness, cap_style="flat")
     lengths = [piece.length for piece in pieces]
     shares = [piece.share_seen for piece in pieces]
     seen = float(np.average(shares, weights=lengths))
     layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
-    return replace(longest, polygon=body, start=low, end=high, share_seen=seen, layer=layer)
+    return replace(longest, start=low, end=high, share_seen=seen, layer=layer)
