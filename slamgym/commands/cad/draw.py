@@ -156,6 +156,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     """Draw one map under a name and say what came of it."""
     from slamgym.drawing import make_drawing, write_drawing
     from slamgym.drawing.edits import read_corrections
+    from slamgym.drawing.given_names import with_given_names
     from slamgym.interop.map_files import read_map
 
     arguments = job.arguments
@@ -174,6 +175,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
         provenance={"source": str(path), "model": arguments.model, "command": job.command},
         corrections=corrections,
     )
+    drawing = with_given_names(drawing, robot_map.segments, robot_map.grid.frame)
     drawing = dataclasses.replace(drawing, doubts=(*robot_map.doubts, *drawing.doubts))
     files = write_drawing(drawing, stem, job.formats)
     total = sum(wall.length for wall in drawing.walls)
