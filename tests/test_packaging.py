@@ -28,6 +28,7 @@ DATA = (
     "agents/rl/hyperparams/ppo.yml",
     "cad/bundled/home_000000.json",
     "dataset/curate/pretrained/completeness.json",
+    "drawing/pretrained/boundaries.json",
     "dataset/curate/review_page/page.html",
     "drawing/formats/report.js",
     "dataset/generate/recipes/reference.yaml",

@@ -1,78 +1,86 @@
-"""Fit what makes a line across the floor a boundary between two rooms, the constants of slamgym.drawing.boundaries.
+"""Fit what makes a line across the floor a boundary between two rooms: slamgym/drawing/pretrained/boundaries.json.
 
-    slamgym generate --plans json.tar.gz --plans-filter useful -o out/homes --pairs 40
-    python benchmarks/drawing/boundaries.py real_rooms --datasets out/homes --held-out MAP,MAP --groups uos,EX
+    python benchmarks/drawing/boundaries.py real_rooms -o out/rooms
+    python benchmarks/drawing/real_rooms.py real_rooms network=out/rooms/slam2cad cleaning=out/rooms/none   # the table
 
-The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``. A logistic function of the signs of all candidates
-is fitted to real and simulated maps together. Cross-validation leaves one building out at a time, with all maps whose
-name begins with the same prefix; maps held out take no part in any fit. Both constants are printed.
+The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and their ``score.py``. A logistic function of the
+signs of all candidates is fitted to the maps whose licence allows it. Its constant is then raised to where the rooms
+that are drawn are best: fitted to lines, it draws too few, for a boundary missed spoils two rooms, one too many splits
+one. Every map of the output is drawn by what was fitted and chosen without its building, in five folds. Candidates and
+signs are kept in build/boundaries until the code changes.
 """
 
 import argparse
+import hashlib
 import json
 import sys
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import joblib
 import numpy as np
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import average_precision_score, log_loss
+from sklearn.model_selection import GroupKFold
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
-from slamgym.cad import read_houseexpo
-from slamgym.cad.doors import find_openings
-from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid
-from slamgym.dataset.format import Layout, read_manifest
+import slamgym
+from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing import FloorModel, load_floor_model
-from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, cross
-from slamgym.drawing.floor import seen_floor
+from slamgym.drawing.boundaries import PRETRAINED, BoundaryModel
+from slamgym.drawing.candidates import Candidates
+from slamgym.drawing.edits import Corrections
+from slamgym.drawing.floor import NO_MODEL, cleaned_floor
+from slamgym.drawing.free_space import cross
+from slamgym.drawing.openings import Division
+from slamgym.drawing.revise import revise
+from slamgym.drawing.signs import DOOR_SIGNS
 from slamgym.drawing.vectorise import known_part
-from slamgym.interop import read_map
 from slamgym.metrics.wall_direction import find_wall_direction
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from annotated import WIDEST_DOOR, AnnotatedMap, read_annotated, scorer, write_division
 from report import print_and_save
 
 MODULES = ("slamgym/drawing",)
 """What is measured."""
-
-MOST_ERROR, LEAST_COVERAGE = 0.3, 0.6
-"""Explorations with a larger trajectory error [m], or that saw less, are left out."""
-REGULARISATION = 0.1
+ROOT = Path(__file__).parents[2]
+FOLDS = 5
+REGULARISATION = 0.03
 """Inverse strength, of standardised signs."""
-SIMULATED_WEIGHT = 0.2
-"""A candidate of a simulated map, against one of a real map."""
+RAISED = 0.3 * np.arange(1, 5)
+"""Constants that are tried, above the fitted one."""
+NETWORK = "slam2cad"
+MODELS = {NETWORK: "with_doors", NO_MODEL: "without_doors"}
+"""Floor models, and whose weights each chooses."""
+SOURCES = ("boundaries", "candidates", "flood", "floor", "free_space", "signs")
+"""Modules of slamgym.drawing on which candidates and signs depend."""
 COLUMNS = (
+    "floor model",
     "maps",
-    "fitted to",
     "number",
     "candidates",
     "boundaries",
     "found",
     "average precision",
     "log loss",
+    "raised by",
 )
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Boundaries of a map, (N, 2, 2) [m]."""
-
-    certain: FloatArray
-    ambiguous: FloatArray
-    """A drawing may have them or not."""
-
-
-@dataclass(frozen=True)
 class Example:
-    """The candidates of a map that are boundaries, or surely none."""
+    """A map, its candidates, and which of them are boundaries, or surely none."""
 
-    name: str
-    signs: FloatArray
+    map: AnnotatedMap
+    candidates: Candidates
     is_boundary: BoolArray
+    is_counted: BoolArray
+    """False for lines beside a boundary, or at one that may be drawn or not."""
     found: int
     """True boundaries that are among the candidates."""
     boundaries: int
@@ -82,111 +90,68 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("rooms", type=Path, help="folder of annotated maps")
-    parser.add_argument(
-        "--datasets", nargs="*", type=Path, default=[], help="folders made by `slamgym generate`"
-    )
-    parser.add_argument("--model", default="slam2cad", help="as `slamgym cad --model`")
-    parser.add_argument(
-        "--held-out", default="", metavar="NAMES", help="real maps that nothing is fitted to"
-    )
-    parser.add_argument(
-        "--groups",
-        default="",
-        metavar="PREFIXES",
-        help="maps whose names begin so show one building",
-    )
+    parser.add_argument("rooms", type=Path, help="folder of annotated maps and their score.py")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for the drawings")
     arguments = parser.parse_args()
-    model = load_floor_model(arguments.model)
-    held_out = set(filter(None, arguments.held_out.split(",")))
-    prefixes = tuple(filter(None, arguments.groups.split(",")))
-    real = [example for case in real_maps(arguments.rooms) for example in examples(*case, model)]
-    if missing := held_out - {one.name for one in real}:
-        parser.error(f"--held-out: no map is called {', '.join(sorted(missing))}")
-    simulated = [
-        example
-        for folder in arguments.datasets
-        for case in explorations(folder)
-        for example in examples(*case, model)
-    ]
-    kept = [one for one in real if one.name not in held_out]
-    constant, weights = fit(kept, simulated)
-    apart = [one for one in real if one.name in held_out]
-    rows = [
-        row("real", "other buildings", kept, left_out_log_odds(kept, simulated, prefixes)),
-        row(
-            "held out", "real, simulated", apart, [constant + one.signs @ weights for one in apart]
-        ),
-        row(
-            "simulated",
-            "real, simulated",
-            simulated,
-            [constant + one.signs @ weights for one in simulated],
-        ),
-        row("real", "as in the package", real, [boundary_log_odds(one.signs) for one in real]),
-    ]
-    table = [[one[column] for column in COLUMNS] for one in rows if one["number"]]
-    print_and_save(
-        "drawing/boundaries", "Log odds of boundaries between rooms", table, COLUMNS, MODULES
+    prepare = joblib.Memory(ROOT / "build" / "boundaries", verbose=0).cache(
+        example, ignore=["model"]
     )
-    print(f"BOUNDARY_CONSTANT = {constant:.2f}")
-    print(f"BOUNDARY_WEIGHTS = np.array([{', '.join(f'{weight:.2f}' for weight in weights)}])")
+    rooms = Rooms(scorer(arguments.rooms))
+    network = load_floor_model(NETWORK)
+    digest = code_digest()
+    by_network = [prepare(one, digest, network) for one in read_annotated(arguments.rooms)]
+    shipped: dict[str, Any] = {}
+    rows: list[dict[str, Any]] = []
+    for name, key in MODELS.items():
+        examples = by_network if name == NETWORK else [without_network(one) for one in by_network]
+        odds = crossed(examples)
+        f1 = rooms_by_raise(examples, odds, rooms)
+        raised = raised_by(examples, f1)
+        odds = [own + by for own, by in zip(odds, raised, strict=True)]
+        for one, own in zip(examples, odds, strict=True):
+            write_division(drawn(one, own), arguments.output / name / f"{one.map.name}.json")
+        rows += figures(name, examples, odds, raised)
+        shipped[key] = asdict(raise_constant(fit(examples), best_raise(f1)))
+    shipped["about"] = about([one.map for one in by_network if one.map.may_be_used])
+    PRETRAINED.write_text(json.dumps(shipped, indent=1) + "\n", encoding="utf-8")
+    table = [[row[column] for column in COLUMNS] for row in rows]
+    title = "Candidates for boundaries between rooms, judged without their buildings"
+    print_and_save("drawing/boundaries", title, table, COLUMNS, MODULES)
 
 
-def real_maps(folder: Path) -> Iterator[tuple[str, OccupancyGrid, Truth]]:
-    """Annotated maps and their boundaries."""
-    for path in sorted(folder.glob("*/*/rooms.json")):
-        grid = read_map(path.parent / "map.yaml").grid
-        doors = json.loads(path.read_text(encoding="utf-8"))["doors"]
-        lines = np.array([in_metres([door["a"], door["b"]], grid.frame) for door in doors]).reshape(
-            -1, 2, 2
-        )
-        sure = np.array(
-            [door["kind"] != "ambiguous" and door["width_m"] <= WIDEST for door in doors], bool
-        )
-        yield path.parent.name, grid, Truth(lines[sure], lines[~sure])
+def about(used: Sequence[AnnotatedMap]) -> dict[str, Any]:
+    """Where the weights come from."""
+    sources = sorted({str(one.about["source_repo"]) for one in used})
+    return {"maps": len(used), "sources": sources, "slamgym": slamgym.__version__}
 
 
-def in_metres(pixels: Sequence[Sequence[float]], frame: GridFrame) -> FloatArray:
-    """Columns and rows of the middles of pixels, from the top left, as places [m]."""
-    cols, rows = np.asarray(pixels, np.float64).T
-    x = frame.origin_x + (cols + 0.5) * frame.resolution
-    y = frame.origin_y + (frame.height_px - 0.5 - rows) * frame.resolution
-    return np.column_stack([x, y])
+def code_digest() -> str:
+    """Changes with the code that finds candidates and signs."""
+    digest = hashlib.sha256()
+    for name in SOURCES:
+        digest.update((ROOT / "slamgym" / "drawing" / f"{name}.py").read_bytes())
+    return digest.hexdigest()
 
 
-def explorations(folder: Path) -> Iterator[tuple[str, OccupancyGrid, Truth]]:
-    """Simulated maps and the openings of their plans; where the plan names doors, others are ambiguous."""
-    for record in read_manifest(folder):
-        if record.ate > MOST_ERROR or record.coverage < LEAST_COVERAGE:
-            continue
-        episode = Layout(folder).episode(record.name)
-        plan = read_houseexpo(episode / "plan.json")
-        named, openings = (
-            np.array([(door.start, door.end) for door in doors]).reshape(-1, 2, 2)
-            - record.start[:2]
-            for doors in (plan.doors, find_openings(plan.free_space))
-        )
-        truth = Truth(named, openings) if len(named) else Truth(openings, named)
-        yield record.name, read_map(episode / "map.yaml").grid, truth
-
-
-def examples(name: str, grid: OccupancyGrid, truth: Truth, model: FloorModel) -> Iterator[Example]:
-    """The candidates of a map as the drawing finds them; nothing if it has none."""
-    grid = known_part(grid)
-    angle = find_wall_direction(grid.cells).angle_deg
-    layers = model(grid, angle)
-    seen, floor = seen_floor(grid, angle)
-    if floor.is_empty:
-        return
-    lines, signs = candidates(floor, seen, layers, grid.frame)
-    if not len(lines):
-        return
-    matched, close = compared(lines, truth.certain)
+def example(one: AnnotatedMap, digest: str, model: FloorModel) -> Example:  # noqa: ARG001 - part of the key
+    """The candidates of a map, kept as long as the digest stays."""
+    grid = known_part(one.grid)
+    candidates = Candidates.of(grid, model, find_wall_direction(grid.cells).angle_deg)
+    certain, optional = one.boundaries()
+    matched, close = compared(candidates.lines, certain)
     is_boundary = np.any(matched, axis=1)
-    beside = np.any(np.hstack([close, compared(lines, truth.ambiguous)[1]]), axis=1) & ~is_boundary
+    near = np.hstack([close, compared(candidates.lines, optional)[1]])
+    is_counted = is_boundary | ~np.any(near, axis=1)
     found = int(np.any(matched, axis=0).sum())
-    yield Example(name, signs[~beside], is_boundary[~beside], found, len(truth.certain))
+    return Example(one, candidates, is_boundary, is_counted, found, len(certain))
+
+
+def without_network(one: Example) -> Example:
+    """The same with the floor of cleaning alone: the candidates and what lies around them don't depend on a model."""
+    found = one.candidates
+    layers = cleaned_floor(found.grid, found.angle_deg)
+    signs = {name: values for name, values in found.signs.items() if name not in DOOR_SIGNS}
+    return replace(one, candidates=replace(found, layers=layers, signs=signs))
 
 
 def compared(lines: FloatArray, true_lines: FloatArray) -> tuple[BoolArray, BoolArray]:
@@ -207,52 +172,112 @@ def directions(lines: FloatArray) -> tuple[FloatArray, FloatArray]:
     return along / width[:, None], width
 
 
-def fit(real: Sequence[Example], simulated: Sequence[Example]) -> tuple[float, FloatArray]:
-    """Constant and weights of the log odds."""
-    both = [*real, *simulated]
-    sizes = [len(one.is_boundary) for one in both]
-    importance = np.repeat([1.0] * len(real) + [SIMULATED_WEIGHT] * len(simulated), sizes)
-    model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=500))
-    signs = np.concatenate([one.signs for one in both])
-    is_boundary = np.concatenate([one.is_boundary for one in both])
-    model.fit(signs, is_boundary, logisticregression__sample_weight=importance)
+def fit(examples: Sequence[Example]) -> BoundaryModel:
+    """Constant and weights of the log odds, to the maps that may be used."""
+    used = [one for one in examples if one.map.may_be_used]
+    names = list(used[0].candidates.signs)
+    signs = np.concatenate(
+        [np.column_stack([one.candidates.signs[n] for n in names])[one.is_counted] for one in used]
+    )
+    is_boundary = np.concatenate([one.is_boundary[one.is_counted] for one in used])
+    model = make_pipeline(StandardScaler(), LogisticRegression(C=REGULARISATION, max_iter=3000))
+    model.fit(signs, is_boundary)
     scaler, logistic = model[0], model[1]
     weights = logistic.coef_[0] / scaler.scale_
-    return float(logistic.intercept_[0] - weights @ scaler.mean_), weights
+    constant = float(logistic.intercept_[0] - weights @ scaler.mean_)
+    return BoundaryModel(
+        round(constant, 4), dict(zip(names, np.round(weights, 4).tolist(), strict=True))
+    )
 
 
-def left_out_log_odds(
-    real: Sequence[Example], simulated: Sequence[Example], prefixes: tuple[str, ...]
-) -> list[FloatArray]:
-    """Log odds of the candidates of each map by what was fitted without its building."""
-    buildings = [next((p for p in prefixes if one.name.startswith(p)), one.name) for one in real]
-    fits = {
-        building: fit(
-            [one for one, b in zip(real, buildings, strict=True) if b != building], simulated
+def raise_constant(model: BoundaryModel, by: float) -> BoundaryModel:
+    return replace(model, constant=round(model.constant + by, 4))
+
+
+def folds(examples: Sequence[Example]) -> list[tuple[list[int], list[int]]]:
+    """Numbers of the maps to fit to and of those left out; a building is in one fold."""
+    buildings = [one.map.building for one in examples]
+    found = GroupKFold(FOLDS).split(buildings, groups=buildings)
+    return [(kept.tolist(), left.tolist()) for kept, left in found]
+
+
+def crossed(examples: Sequence[Example]) -> list[FloatArray]:
+    """Log odds of all candidates by what was fitted without their fold."""
+    odds: list[FloatArray] = [np.zeros(0)] * len(examples)
+    for kept, left in folds(examples):
+        model = fit([examples[i] for i in kept])
+        for i in left:
+            odds[i] = model.log_odds(examples[i].candidates.signs)
+    return odds
+
+
+def raised_by(examples: Sequence[Example], f1: FloatArray) -> list[float]:
+    """By how much the constant of each map is raised: as suits the rooms of the other folds, whose F1 is given."""
+    raised = [0.0] * len(examples)
+    for kept, left in folds(examples):
+        for i in left:
+            raised[i] = best_raise(f1[kept])
+    return raised
+
+
+def rooms_by_raise(
+    examples: Sequence[Example], odds: Sequence[FloatArray], rooms: "Rooms"
+) -> FloatArray:
+    """Room F1 of each map with each constant that is tried, (maps, constants)."""
+    both = zip(examples, odds, strict=True)
+    return np.array([[rooms.f1(one, own + by) for by in RAISED] for one, own in both])
+
+
+def best_raise(f1: FloatArray) -> float:
+    """Where the rooms are best on the mean of three neighbouring constants, from F1 of (maps, constants)."""
+    padded = np.pad(f1.mean(axis=0), 1, mode="edge")
+    smooth = np.convolve(padded, np.ones(3) / 3.0, mode="valid")
+    return float(RAISED[int(np.argmax(smooth))])
+
+
+def drawn(one: Example, odds: FloatArray) -> Division:
+    """The rooms of a map as they are drawn."""
+    floor, gaps = one.candidates.floor(odds)
+    return revise(floor, gaps, Corrections(()))[1]
+
+
+class Rooms:
+    """The scorer of rooms."""
+
+    def __init__(self, score: Any) -> None:
+        self._score = score
+        self._path = Path(tempfile.mkdtemp()) / "drawing.json"
+
+    def f1(self, one: Example, odds: FloatArray) -> float:
+        """Room F1 of what these log odds make of the seen space of a map."""
+        write_division(one.candidates.division(odds), self._path)
+        return float(self._score.score(str(one.map.folder), str(self._path), WIDEST_DOOR)["f1"])
+
+
+def figures(
+    name: str, examples: Sequence[Example], odds: Sequence[FloatArray], raised: Sequence[float]
+) -> list[dict[str, Any]]:
+    """Rows of the table, of all maps and of each set."""
+    rows = []
+    for maps in ("all", *sorted({one.map.set for one in examples})):
+        chosen = [i for i, one in enumerate(examples) if maps in ("all", one.map.set)]
+        some = [examples[i] for i in chosen]
+        is_boundary = np.concatenate([one.is_boundary[one.is_counted] for one in some])
+        log_odds = np.concatenate([odds[i][examples[i].is_counted] for i in chosen])
+        probability = 1.0 / (1.0 + np.exp(-log_odds))
+        values = (
+            name,
+            maps,
+            len(some),
+            len(is_boundary),
+            sum(one.boundaries for one in some),
+            sum(one.found for one in some),
+            round(float(average_precision_score(is_boundary, probability)), 3),
+            round(float(log_loss(is_boundary, probability)), 4),
+            ", ".join(f"{by:g}" for by in sorted({raised[i] for i in chosen})),
         )
-        for building in set(buildings)
-    }
-    return [fits[b][0] + one.signs @ fits[b][1] for one, b in zip(real, buildings, strict=True)]
-
-
-def row(
-    maps: str, fitted_to: str, some: Sequence[Example], log_odds: Sequence[FloatArray]
-) -> dict[str, Any]:
-    """Figures of a set of maps."""
-    if not some:
-        return {"number": 0}
-    is_boundary = np.concatenate([one.is_boundary for one in some])
-    probability = 1.0 / (1.0 + np.exp(-np.concatenate(log_odds)))
-    return {
-        "maps": maps,
-        "fitted to": fitted_to,
-        "number": len(some),
-        "candidates": len(is_boundary),
-        "boundaries": sum(one.boundaries for one in some),
-        "found": sum(one.found for one in some),
-        "average precision": round(float(average_precision_score(is_boundary, probability)), 3),
-        "log loss": round(float(log_loss(is_boundary, probability)), 4),
-    }
+        rows.append(dict(zip(COLUMNS, values, strict=True)))
+    return rows
 
 
 if __name__ == "__main__":

@@ -1,44 +1,55 @@
 """Drawings of real robots' maps against the rooms and doors that a person saw in them.
 
-    python benchmarks/drawing/real_rooms.py real_rooms --model slam2cad -o out/real_rooms
+    python benchmarks/drawing/boundaries.py real_rooms -o out/rooms     # each map drawn without its building
+    python benchmarks/drawing/real_rooms.py real_rooms "slam2cad=out/rooms/slam2cad" "cleaning=out/rooms/none"
 
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and ``score.py``, which scores a drawing's JSON.
-Boundaries wider than a door may be drawn or not.
+Folders of drawings, by any program, are compared with a plain watershed: rooms are what is farther than 0.55 m from all
+that isn't free in the cleaned map, and what flows there. Intervals are those of resampled buildings.
 """
 
 import argparse
-import importlib
 import sys
-import time
+import tempfile
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
-from slamgym.drawing import load_floor_model, make_drawing, write_drawing
-from slamgym.interop import read_map
+from slamgym.core.intervals import mean_interval
+from slamgym.drawing.signs import PLAIN_WATERSHED
+from slamgym.metrics.cleaning import clean_map
+from slamgym.metrics.rooms import label_rooms
 
 sys.path.insert(0, str(Path(__file__).parents[1]))
+from annotated import WIDEST_DOOR, AnnotatedMap, read_annotated, scorer
 from report import print_and_save
 
 MODULES = ("gan/translation", "slamgym/drawing")
 """What is measured."""
-
-WIDEST_DOOR = 1.6
-"""[m]."""
-COUNTS = (
-    "usable",
-    "merged",
-    "split",
-    "missing",
-    "doors_true",
-    "door_hits",
-    "door_false",
-    "closed",
-    "CPU s",
+WATERSHED = "watershed"
+BOUNDARIES = {"up to 1.6 m": WIDEST_DOOR, "all": None}
+"""Which ones a drawing must have."""
+SUMS = ("usable", "merged", "split", "missing", "closed")
+COLUMNS = (
+    "rooms by",
+    "boundaries",
+    "maps",
+    "number",
+    "room F1",
+    "[95 %]",
+    "more than the watershed",
+    "[95 %] of that",
+    *SUMS,
+    "door recall",
+    "door precision",
+    "lost [%]",
 )
-MEANS = ("f1", "lost_pct", "unseen_pct", "fan_pct")
-"""Of the maps for which there is one."""
+
+Score = dict[str, Any]
+"""What the scorer says of a drawing."""
 
 
 def main() -> None:
@@ -46,31 +57,97 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rooms", type=Path, help="folder of annotated maps and their score.py")
-    parser.add_argument("--model", default="slam2cad", help="as `slamgym cad --model`")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for the drawings")
-    arguments = parser.parse_args()
-    sys.path.insert(0, str(arguments.rooms))
-    scorer, model = importlib.import_module("score"), load_floor_model(arguments.model)
-    rows: list[dict[str, Any]] = []
-    for truth in sorted(path.parent for path in arguments.rooms.glob("*/*/rooms.json")):
-        begun = time.process_time()
-        drawing = make_drawing(read_map(truth / "map.yaml").grid, truth.name, model)
-        seconds = time.process_time() - begun
-        (path,) = write_drawing(drawing, arguments.output / truth.name, ["json"])
-        found = scorer.score(str(truth), str(path), WIDEST_DOOR)
-        rows.append(
-            {**found, "map": truth.name, "usable": int(found["usable"]), "CPU s": round(seconds, 2)}
-        )
-    total: dict[str, Any] = {"map": "all"}
-    total |= {count: sum(row[count] or 0 for row in rows) for count in COUNTS}
-    for mean in MEANS:
-        values = [row[mean] for row in rows if row[mean] is not None]
-        total[mean] = round(float(np.mean(values)), 3) if values else None
-    columns = ("map", *MEANS, *COUNTS)
-    table = [[row[column] for column in columns] for row in (*rows, total)]
-    print_and_save(
-        "drawing/rooms", "Drawn rooms of real maps", table, columns, MODULES, times=("CPU s",)
+    parser.add_argument(
+        "drawings",
+        nargs="*",
+        metavar="NAME=FOLDER",
+        help="folders with MAP.json, or MAP/drawing.json",
     )
+    arguments = parser.parse_args()
+    score = scorer(arguments.rooms).score
+    maps = read_annotated(arguments.rooms)
+    folders = dict(one.split("=", maxsplit=1) for one in arguments.drawings)
+    rows = []
+    for boundaries, widest in BOUNDARIES.items():
+        rival = [score(str(one.folder), watershed(one), widest) for one in maps]
+        rows += figures(WATERSHED, boundaries, maps, rival, rival)
+        for name, folder in folders.items():
+            found = [score(str(one.folder), drawing_of(one, Path(folder)), widest) for one in maps]
+            rows += figures(name, boundaries, maps, found, rival)
+    table = [[row[column] for column in COLUMNS] for row in rows]
+    print_and_save("drawing/rooms", "Drawn rooms of real maps", table, COLUMNS, MODULES)
+
+
+def drawing_of(one: AnnotatedMap, folder: Path) -> str:
+    """Path of a map's drawing."""
+    alone = folder / f"{one.name}.json"
+    return str(alone if alone.is_file() else next((folder / one.name).glob("*.json")))
+
+
+def watershed(one: AnnotatedMap) -> str:
+    """Path of a picture of the rooms that the watershed finds in a map."""
+    grid = one.grid
+    cell = grid.frame.resolution
+    rooms = label_rooms(clean_map(grid.cells, cell), cell, *PLAIN_WATERSHED)
+    path = Path(tempfile.gettempdir()) / "watershed.png"
+    cv2.imwrite(str(path), rooms.astype(np.uint16))
+    return str(path)
+
+
+PARTS: dict[str, Callable[[AnnotatedMap], bool]] = {
+    "all": lambda one: True,  # noqa: ARG005 - as the others
+    "dev": lambda one: one.set == "dev",
+    "dev2": lambda one: one.set == "dev2",
+    "robots": lambda one: not one.is_by_vacuum,
+    "vacuums": lambda one: one.is_by_vacuum,
+}
+"""Maps that are shown apart."""
+
+
+def figures(
+    name: str,
+    boundaries: str,
+    maps: Sequence[AnnotatedMap],
+    scores: Sequence[Score],
+    rival: Sequence[Score],
+) -> list[dict[str, Any]]:
+    """Rows of the table: all maps, and parts of them."""
+    rows = []
+    for part, belongs in PARTS.items():
+        chosen = [i for i, one in enumerate(maps) if belongs(one)]
+        if chosen:
+            some = [scores[i] for i in chosen]
+            f1 = np.array([one["f1"] for one in some])
+            more = f1 - np.array([rival[i]["f1"] for i in chosen])
+            buildings = [maps[i].building for i in chosen]
+            row = {"rooms by": name, "boundaries": boundaries, "maps": part, "number": len(some)}
+            row |= {"room F1": round(float(f1.mean()), 3), "[95 %]": interval(f1, buildings)}
+            row["more than the watershed"] = round(float(more.mean()), 3)
+            row["[95 %] of that"] = interval(more, buildings)
+            rows.append(row | totals(some))
+    return rows
+
+
+def interval(values: np.ndarray, buildings: Sequence[str]) -> str:
+    """The interval of a mean, if buildings are drawn again."""
+    found = mean_interval(values, groups=buildings)
+    return f"{found.low:.2f}, {found.high:.2f}"
+
+
+def totals(some: Sequence[Score]) -> dict[str, Any]:
+    """Counts over maps, and shares of all doors; None for those of a picture, which has no doors."""
+    row: dict[str, Any] = {}
+    has_doors = some[0]["closed"] is not None
+    for count in SUMS:
+        row[count] = sum(one[count] or 0 for one in some)
+    hits, true, false = (
+        sum(one.get(key) or 0 for one in some) for key in ("door_hits", "doors_true", "door_false")
+    )
+    row["closed"] = row["closed"] if has_doors else None
+    row["door recall"] = round(hits / max(true, 1), 3) if has_doors else None
+    row["door precision"] = round(hits / max(hits + false, 1), 3) if has_doors else None
+    row["lost [%]"] = round(float(np.mean([one["lost_pct"] for one in some])), 2)
+    return row
 
 
 if __name__ == "__main__":

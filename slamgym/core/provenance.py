@@ -17,6 +17,7 @@ _FOLDERS = (
     "gan/pretrained",
     "planning/pretrained",
     "dataset/curate/pretrained",
+    "drawing/pretrained",
 )
 _NOT_LISTED = (".md",)  # model cards are for people
 

@@ -1,24 +1,27 @@
-"""Candidates for the boundaries between rooms, and the probability of each.
+"""Candidates for the boundaries between rooms, and the odds of each.
 
 A boundary begins where a wall ends: at a corner that points into the free space. Each such corner gives the shortest
-lines to what stands opposite, as far as :data:`WIDEST` goes. The translator's layer of doors, and the shape of the
-space on both sides, then say how likely each line is.
+lines to what stands opposite, as far as :data:`WIDEST` goes. A logistic function of their
+:mod:`~slamgym.drawing.signs` then says how likely each is.
 """
 
+import functools
 import itertools
 import math
 from collections import defaultdict
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
-from shapely import MultiPolygon
 
-from slamgym.core.types import BoolArray, Float32Array, FloatArray, GridFrame, IntArray
-from slamgym.drawing.evidence import values_at
+from slamgym.core.config import from_dict
+from slamgym.core.documents import read_json
+from slamgym.core.provenance import check_origin
+from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.free_space import FreeSpace, cross
-from slamgym.metrics.layers import MapLayers
+from slamgym.drawing.signs import Signs
 
 WIDEST = 2.6
 """Candidates are narrower [m]."""
@@ -28,38 +31,40 @@ MOST_OPPOSITE = 4
 """Lines from a corner to what stands opposite."""
 APART = math.cos(math.radians(25.0))
 """Cosine of the least angle between two of them."""
-DOOR_REACH = 0.1
-"""The layer of doors is looked at so far around a line [m]."""
-JAMB_STEPS = 0.1 * np.arange(0.5, 13.0)
-"""Places beyond the ends of a boundary at which the wall is looked for [m]."""
-
-BOUNDARY_CONSTANT = 1.04
-"""Constant of a logistic function of :func:`boundary_signs`, by ``benchmarks/drawing/boundaries.py``.
-
-It is larger by 1 than the fitted one: a boundary that is missed spoils two rooms, one too many splits one."""
-BOUNDARY_WEIGHTS = np.array([1.12, 0.65, 0.76, 1.32, 1.01])
-"""Coefficients of the signs in the same function, one each."""
+PRETRAINED = Path(__file__).parent / "pretrained" / "boundaries.json"
+"""As ``benchmarks/drawing/boundaries.py`` fits them to annotated maps; beside it stands which."""
 
 
-def candidates(
-    floor: MultiPolygon, free: BoolArray, layers: MapLayers, frame: GridFrame
-) -> tuple[FloatArray, FloatArray]:
-    """Lines that may be boundaries, and their :func:`boundary_signs`.
+@dataclass(frozen=True)
+class BoundaryModel:
+    """Log odds of lines being boundaries between rooms: a constant, and a weight for each sign."""
 
-    What was seen free is free whatever the model says of it, so the probability of a door is that among free cells. The
-    layer alone has room F1 0.91 instead of 0.92 on 30 maps of real robots.
+    constant: float
+    weights: dict[str, float]
+    """By the names of the signs."""
 
-    Args:
-        floor: The free space with straight edges [m].
-        free: The same as cells.
-        layers: What the model says of them.
-        frame: Where they lie.
-    """
-    space = FreeSpace(floor)
-    lines = candidate_lines(space)
-    among_free = layers.door / np.maximum(layers.free, 0.1)
-    door = among_free.astype(np.float32)
-    return lines, boundary_signs(lines, space, free, door, frame)
+    def log_odds(self, signs: Signs) -> FloatArray:
+        """Log odds of N lines, (N,)."""
+        terms = [weight * signs[name] for name, weight in self.weights.items()]
+        return np.asarray(self.constant + np.sum(terms, axis=0))
+
+
+@dataclass(frozen=True)
+class BoundaryModels:
+    """Two of them, for maps in which a network looked for doors and for others."""
+
+    with_doors: BoundaryModel
+    without_doors: BoundaryModel
+    about: dict[str, Any]
+    """Which maps they were fitted to."""
+
+    @staticmethod
+    @functools.cache
+    def pretrained() -> "BoundaryModels":
+        """Those that come with the package."""
+        content = read_json(PRETRAINED)
+        check_origin(PRETRAINED)
+        return from_dict(BoundaryModels, content)
 
 
 def candidate_lines(space: FreeSpace) -> FloatArray:
@@ -154,79 +159,3 @@ def line_widths(lines: FloatArray) -> FloatArray:
     """Widths of lines (N, 2, 2), from end to end."""
     x, y = (lines[:, 1] - lines[:, 0]).T
     return np.asarray(np.hypot(x, y))
-
-
-def boundary_signs(
-    lines: FloatArray, space: FreeSpace, free: BoolArray, door: Float32Array, frame: GridFrame
-) -> FloatArray:
-    """The signs that tell boundaries from other lines, (N, 5).
-
-    They are the log odds of a door along the line (least and mean), the logarithm of its width, how deep the space is
-    on the side where it ends sooner, and how far the wall goes on beyond the end where it goes on farther. The average
-    precision on 30 maps of real robots, cross-validated over buildings, is 0.897, as with four more signs (how much
-    wider the space gets, and the other sides); without the last sign it is 0.892, without the last two 0.880.
-
-    Args:
-        lines: (N, 2, 2) [m].
-        space: The free space that they cross.
-        free: The same as cells.
-        door: Probability of these cells being a door.
-        frame: Where the cells lie.
-    """
-    width = line_widths(lines)
-    start = lines[:, 0]
-    end = lines[:, 1]
-    along = (end - start) / width[:, None]
-    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    on_line = _doors_along(lines, door, frame)
-    depth = _depth(lines, aside, space)
-    other_depth = _depth(lines, -aside, space)
-    wall_before = _wall_beyond(start, -along, free, frame)
-    wall_after = _wall_beyond(end, along, free, frame)
-    return np.column_stack(
-        [
-            _log_odds(on_line.min(axis=1)),
-            _log_odds(on_line.mean(axis=1)),
-            np.log(width),
-            np.log1p(np.minimum(depth, other_depth)),
-            np.maximum(wall_before, wall_after),
-        ]
-    )
-
-
-def _doors_along(lines: FloatArray, door: Float32Array, frame: GridFrame) -> FloatArray:
-    """Largest probabilities of a door around places along lines, (N, places)."""
-    size = 2 * round(DOOR_REACH / frame.resolution) + 1
-    around = cv2.dilate(door, np.ones((size, size), np.uint8))
-    start = lines[:, :1]
-    end = lines[:, 1:]
-    share = np.linspace(0.05, 0.95, 13)[None, :, None]
-    places = start + share * (end - start)
-    return values_at(around, frame, places, 0.0)
-
-
-def _depth(lines: FloatArray, aside: FloatArray, space: FreeSpace) -> FloatArray:
-    """How far the floor goes on from the middles of lines in directions (N, 2), (N,) [m]."""
-    middle = lines.mean(axis=1)
-    return space.reach(middle + 1e-3 * aside, aside, 5.0)
-
-
-def _wall_beyond(
-    end: FloatArray, away: FloatArray, free: BoolArray, frame: GridFrame
-) -> FloatArray:
-    """How far the wall goes on beyond ends (N, 2) of lines in directions (N, 2), (N,) [m]."""
-    places = end[:, None] + JAMB_STEPS[None, :, None] * away[:, None]
-    is_solid = values_at(free, frame, places, 0) == 0
-    steps = is_solid.cumprod(axis=1).sum(axis=1)
-    return np.asarray(0.1 * steps)
-
-
-def _log_odds(share: FloatArray) -> FloatArray:
-    """Log odds of shares in [0, 1], which stay finite."""
-    odds = (share + 0.01) / (1.01 - share)
-    return np.asarray(np.log(odds))
-
-
-def boundary_log_odds(signs: FloatArray) -> FloatArray:
-    """Log odds of lines being boundaries between rooms, from :func:`boundary_signs`."""
-    return BOUNDARY_CONSTANT + signs @ BOUNDARY_WEIGHTS

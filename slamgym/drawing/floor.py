@@ -16,7 +16,7 @@ from slamgym.drawing.evidence import SEEN_WITHIN
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.settings import SMALLEST_ROOM, THICKEST_WALL
 from slamgym.metrics.cleaning import clean_map, without_small
-from slamgym.metrics.layers import MapLayers, door_cells, without_rays
+from slamgym.metrics.layers import MapLayers, without_rays
 from slamgym.metrics.maps import distance_to
 
 NO_MODEL = "none"
@@ -68,14 +68,9 @@ def load_floor_model(name: str) -> FloorModel:
 
 
 def cleaned_floor(grid: OccupancyGrid, angle_deg: float) -> MapLayers:  # noqa: ARG001 - as any model
-    """The floor by classical cleaning, doors where the watershed of its distance to walls has them; needs no torch.
-
-    All that isn't floor is wall.
-    """
-    cell = grid.frame.resolution
-    clean = clean_map(grid.cells, cell)
-    doors = door_cells(clean, cell)
-    return MapLayers.of_floor(faces_within_cells(clean), doors)
+    """The floor by classical cleaning, without any doors; needs no torch. All that isn't floor is wall."""
+    clean = clean_map(grid.cells, grid.frame.resolution)
+    return MapLayers.of_floor(faces_within_cells(clean))
 
 
 def faces_within_cells(free: BoolArray) -> Float32Array:

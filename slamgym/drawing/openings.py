@@ -20,11 +20,10 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.floorplan import ring_segments
 from slamgym.cad.polygons import polygon_parts
-from slamgym.core.types import BoolArray, FloatArray, GridFrame, IntArray
-from slamgym.drawing.boundaries import WIDEST, boundary_log_odds, candidates, line_widths
+from slamgym.core.types import FloatArray, IntArray
+from slamgym.drawing.boundaries import WIDEST, line_widths
 from slamgym.drawing.drawing import Segment
 from slamgym.drawing.settings import DRAWN_DOORS, SMALLEST_ROOM
-from slamgym.metrics.layers import MapLayers
 
 INTO_WALLS = 0.02
 """Lines of doors are drawn so far into the walls, so that they cut; rooms lie so near beside them [m]."""
@@ -74,12 +73,13 @@ def lengthened(line: BaseGeometry, before: float, after: float) -> LineString:
     return LineString([start, end])
 
 
-def likely_gaps(
-    floor: MultiPolygon, seen: BoolArray, layers: MapLayers, frame: GridFrame
-) -> list[Gap]:
-    """The :func:`~slamgym.drawing.boundaries.candidates` that are likely and no likelier one crosses or repeats."""
-    lines, signs = candidates(floor, seen, layers, frame)
-    odds = boundary_log_odds(signs)
+def likely_gaps(lines: FloatArray, odds: FloatArray) -> list[Gap]:
+    """The lines that are likely and no likelier one crosses or repeats.
+
+    Args:
+        lines: Candidates for boundaries, (N, 2, 2) [m].
+        odds: Their log odds, (N,).
+    """
     order = np.argsort(-odds, kind="stable")
     order = order[odds[order] >= LEAST_LOG_ODDS]
     lines = lines[order]

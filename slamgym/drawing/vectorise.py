@@ -16,20 +16,15 @@ from slamgym.core.geometry import unit_vectors
 from slamgym.core.limits import RUNS
 from slamgym.core.text import printable
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, FloatArray, GridFrame, OccupancyGrid
+from slamgym.drawing.boundaries import BoundaryModels
+from slamgym.drawing.candidates import Candidates
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.edits import Corrections
-from slamgym.drawing.evidence import (
-    Evidence,
-    filled_patch,
-    share_known,
-    share_seen_open,
-    unseen_floor,
-)
-from slamgym.drawing.floor import FloorModel, floor_of_rooms, load_floor_model, seen_floor
-from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_faces
-from slamgym.drawing.polygons import straightened
+from slamgym.drawing.evidence import Evidence, share_known, share_seen_open, unseen_floor
+from slamgym.drawing.floor import FloorModel, load_floor_model
+from slamgym.drawing.openings import Division, Gap
 from slamgym.drawing.revise import revise
 from slamgym.drawing.settings import (
     DEFAULT_MODEL,
@@ -91,7 +86,8 @@ def make_drawing(
         raise no_floor  # cleaning would take long over its many cells in a decimetre
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
-    floor, gaps = _find_floor(grid, used, angle)
+    found = Candidates.of(grid, used, angle)
+    floor, gaps = found.floor(found.log_odds(BoundaryModels.pretrained()))
     floor, division, names, faults = revise(floor, gaps, corrections.on_map(grid))
     if floor.is_empty:
         raise no_floor
@@ -129,28 +125,6 @@ def _provenance(
     for key, value in given.items():
         kept[key] = printable(value) if isinstance(value, str) else value
     return kept
-
-
-def _find_floor(
-    grid: OccupancyGrid, model: FloorModel, angle_deg: float
-) -> tuple[MultiPolygon, list[Gap]]:
-    """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
-    layers = model(grid, angle_deg)
-    seen, space = seen_floor(grid, angle_deg)
-    if space.is_empty:
-        return space, []
-    gaps = likely_gaps(space, seen, layers, grid.frame)
-    division = divide(space, gaps)
-    rooms = np.zeros(seen.shape, np.int64)
-    for number, room in enumerate(division.rooms, 1):
-        patch = filled_patch(room, grid.frame)
-        rooms[patch.place][patch.inside] = number
-    echoes = grid.cells == OCCUPIED
-    picture = floor_of_rooms(layers.free, seen, echoes, rooms, grid.frame.resolution)
-    floor = straightened(picture, grid.frame, angle_deg)
-    if floor.is_empty:
-        return floor, []
-    return floor, onto_faces(division.doors, floor)
 
 
 def known_part(grid: OccupancyGrid) -> OccupancyGrid:

@@ -33,7 +33,7 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
         Free cells, shape (H, W), in the frame of ``slam``.
     """
     furniture_px = LARGEST_FURNITURE / metres_per_px
-    free = _fill_furniture(slam == FREE, furniture_px)
+    free = fill_furniture(slam == FREE, furniture_px)
     not_free = ~free
     walls = not_free.astype(np.uint8)
     gap = disc(WIDEST_WALL_GAP / metres_per_px)
@@ -44,7 +44,7 @@ def clean_map(slam: ByteArray, metres_per_px: float) -> BoolArray:
     return without_small(opened > 0, smallest_px)
 
 
-def _fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
+def fill_furniture(free: BoolArray, size_px: float) -> BoolArray:
     """Fill holes in the free space that fit into a square of this side [px]."""
     others = ~free
     image = others.astype(np.uint8)

@@ -40,6 +40,8 @@ class MapLayers:
     wall: Float32Array
     door: Float32Array
     unseen: Float32Array
+    has_doors: bool = True
+    """False if nobody looked for doors."""
 
     @property
     def free(self) -> Float32Array:
@@ -48,19 +50,20 @@ class MapLayers:
         return np.minimum(share, 1.0)
 
     @staticmethod
-    def of_floor(free: Float32Array, doors: BoolArray) -> "MapLayers":
+    def of_floor(free: Float32Array, doors: BoolArray | None = None) -> "MapLayers":
         """Layers of a floor that is known: what isn't free is wall.
 
         Args:
             free: Share of free space, (H, W).
-            doors: Cells that belong to doors.
+            doors: Cells that belong to doors; None if nobody looked for some.
         """
-        free_of_doors = np.where(doors, free, 0.0)
-        door = free_of_doors.astype(np.float32)
+        door = np.zeros_like(free)
+        if doors is not None:
+            door[doors] = free[doors]
         floor = free - door
         wall = 1.0 - free
         unseen = np.zeros_like(free)
-        return MapLayers(floor, wall, door, unseen)
+        return MapLayers(floor, wall, door, unseen, doors is not None)
 
 
 def layer_shares(

@@ -38,12 +38,22 @@ class RoomScore:
     """F1 of rooms that have a counterpart with an intersection over union above 0.5 (Structured3D's room F1)."""
 
 
-def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
+def label_rooms(
+    free: BoolArray,
+    metres_per_px: float,
+    widest_doorway: float = WIDEST_DOORWAY,
+    max_narrowing: float = MAX_NARROWING,
+    narrowest_room: float = NARROWEST_ROOM,
+) -> IntArray:
     """Number the rooms of a map.
 
     Args:
         free: Free cells, shape (rows, cols).
         metres_per_px: Scale [m].
+        widest_doorway: Wider openings join two parts to one room [m].
+        max_narrowing: A doorway is at most this share of the smaller room's width. With 1, and a doorway as wide as the
+            narrowest room, this is the plain watershed: rooms are what lies farther than half that width from walls.
+        narrowest_room: Narrower parts are no rooms [m].
 
     Returns:
         Shape (rows, cols): 0 where there is no room, else 1 to the number of rooms.
@@ -62,9 +72,9 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
     parts = _flood(
         radius,
         order.astype(np.int64),
-        WIDEST_DOORWAY / 2.0,
-        MAX_NARROWING,
-        NARROWEST_ROOM / 2.0,
+        widest_doorway / 2.0,
+        max_narrowing,
+        narrowest_room / 2.0,
         SMALLEST_ROOM_AREA / metres_per_px**2,
     )
     cells_by_root = np.bincount(parts.ravel(), minlength=1)
@@ -77,7 +87,7 @@ def label_rooms(free: BoolArray, metres_per_px: float) -> IntArray:
     widest = np.zeros(len(sizes))
     np.maximum.at(widest, label_of_cell, radius.ravel())
     is_large = sizes >= SMALLEST_ROOM_AREA
-    is_wide = widest >= NARROWEST_ROOM / 2.0
+    is_wide = widest >= narrowest_room / 2.0
     is_room = is_large & is_wide
     is_room[0] = False  # outside
     numbers = np.where(is_room, np.cumsum(is_room), 0)

@@ -1,0 +1,106 @@
+"""Annotated maps of real robots: their boundaries, buildings and scorer, and drawings in the scorer's form."""
+
+import importlib
+import json
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from shapely import Polygon
+
+from slamgym.core.types import FloatArray, GridFrame, OccupancyGrid
+from slamgym.drawing.boundaries import WIDEST
+from slamgym.drawing.openings import Division
+from slamgym.interop import read_map
+
+WIDEST_DOOR = 1.6
+"""Wider boundaries may be drawn or not, unless all are asked for [m]."""
+VACUUMS = ("Hypfer", "sca075", "konqi", "jaidenlabelle")
+"""Owners of the repositories whose maps were made by vacuums."""
+MAY_BE_USED = "ok-with-notice"
+
+
+@dataclass(frozen=True)
+class AnnotatedMap:
+    """One map, and what a person saw in it."""
+
+    folder: Path
+    about: dict[str, Any]
+    """Its rooms.json."""
+
+    @property
+    def name(self) -> str:
+        """Its folder's."""
+        return self.folder.name
+
+    @property
+    def set(self) -> str:
+        """Of maps annotated together."""
+        return self.folder.parent.name
+
+    @property
+    def building(self) -> str:
+        """Maps of one owner count as one building: several show the same."""
+        return str(self.about["source_repo"]).split("/", maxsplit=1)[0]
+
+    @property
+    def is_by_vacuum(self) -> bool:
+        """Whether a vacuum made it; their firmware thins walls."""
+        return self.building in VACUUMS
+
+    @property
+    def may_be_used(self) -> bool:
+        """Whether weights fitted to it may be published."""
+        return bool(self.about["redistribution"] == MAY_BE_USED)
+
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The map."""
+        return read_map(self.folder / "map.yaml").grid
+
+    def boundaries(self) -> tuple[FloatArray, FloatArray]:
+        """Those that a drawing must have, (N, 2, 2), and those that it may have, (M, 2, 2) [m]."""
+        frame = self.grid.frame
+        doors = self.about["doors"]
+        lines = [in_metres([door["a"], door["b"]], frame) for door in doors]
+        sure = [door["kind"] != "ambiguous" and door["width_m"] <= WIDEST for door in doors]
+        all_lines = np.array(lines).reshape(-1, 2, 2)
+        return all_lines[np.array(sure, bool)], all_lines[~np.array(sure, bool)]
+
+
+def read_annotated(folder: Path) -> list[AnnotatedMap]:
+    """All maps of a folder of sets, ``*/*/rooms.json``."""
+    paths = sorted(folder.glob("*/*/rooms.json"))
+    return [AnnotatedMap(path.parent, json.loads(path.read_text("utf-8"))) for path in paths]
+
+
+def in_metres(pixels: Sequence[Sequence[float]], frame: GridFrame) -> FloatArray:
+    """Columns and rows of the middles of pixels, from the top left, as places [m]."""
+    cols, rows = np.asarray(pixels, np.float64).T
+    x = frame.origin_x + (cols + 0.5) * frame.resolution
+    y = frame.origin_y + (frame.height_px - 0.5 - rows) * frame.resolution
+    return np.column_stack([x, y])
+
+
+def scorer(folder: Path) -> Any:
+    """The module ``score.py`` that comes with the maps."""
+    sys.path.insert(0, str(folder))
+    return importlib.import_module("score")
+
+
+def write_division(division: Division, path: Path) -> None:
+    """Rooms and doors alone, as the scorer reads them."""
+    document = {
+        "rooms": [{"polygon": rings(room)} for room in division.rooms],
+        "doors": [{"start": door.start, "end": door.end} for door in division.doors],
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(document), encoding="utf-8")
+
+
+def rings(polygon: Polygon) -> list[list[tuple[float, ...]]]:
+    """The outline and the holes."""
+    return [list(ring.coords) for ring in (polygon.exterior, *polygon.interiors)]
