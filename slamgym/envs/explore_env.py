@@ -135,8 +135,9 @@ class ExploreEnv(gym.Env[Any, Any]):
     ``coverage`` (share of the reachable floor truly seen, see :mod:`slamgym.envs.coverage`), ``path_length``
     [m], ``collisions`` (contacts begun), ``pose_error`` [m], ``heading_error`` [rad],
     ``doubtful_scans`` (where the map may be wrong), ``is_doubtful`` (the newest is one: the pose may be wrong),
-    ``true_pose`` (3,) in the world, ``reward_terms``; where a reward reads it, and at the end of the episode,
-    ``map_error`` [m]; at the end ``is_success`` (terminated). ``reset`` adds ``plan``, the id.
+    ``true_pose`` (3,) in the world, ``reward_terms``, ``is_success`` (terminated); where a reward reads it, and at the
+    end of the episode, ``map_error`` [m], which is measured too where ``info["map_error"]`` is read, as after
+    Gymnasium's own ``TimeLimit``. ``reset`` adds ``plan``, the id.
 
     ## Arguments
 

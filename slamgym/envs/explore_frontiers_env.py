@@ -11,7 +11,7 @@ from gymnasium import spaces
 from slamgym.core.errors import ActionError, ConfigError
 from slamgym.core.types import BoolArray, Observation
 from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
-from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv
+from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.envs.plan_cache import PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
@@ -155,8 +155,9 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
             is_due = bool(loop.candidates) and not is_chosen
             reward, self._truncated, info = self._drive(is_due, info)
         terminated = self._is_complete(info)
+        info["is_success"] = terminated
         if terminated or self._truncated:
-            info |= {"is_success": terminated, "map_error": self.inner.map_error()}
+            info["map_error"] = self.inner.map_error()
         observation, info = self._observe(info, loop.time - begin)
         return observation, reward, terminated, self._truncated and not terminated, info
 
@@ -215,7 +216,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
         observation = self._features.observe(self.loop)
-        self._info = {**info, "duration": duration, "time": self.loop.time}
+        figures = {**info, "duration": duration, "time": self.loop.time}
+        self._info = StepInfo(figures, self.inner.map_error)
         return observation, self._info
 
 

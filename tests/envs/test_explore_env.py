@@ -1,5 +1,6 @@
 """What Gymnasium asks of every environment, and what this one promises beyond it."""
 
+import math
 import pickle
 from pathlib import Path
 
@@ -411,3 +412,45 @@ def test_a_wrong_choice_of_frontier_is_one_clear_error(hall: FloorPlan) -> None:
     for wrong in (16, -1, [1, 2], "left"):
         with pytest.raises(ActionError, match="a whole number from 0 to 15, not"):
             env.step(wrong)
+
+
+@pytest.mark.parametrize("name", ["Explore", "ExploreFrontiers"])
+def test_success_and_map_error_come_under_gymnasiums_own_time_limit_too(name: str) -> None:
+    env = gym.make(f"slamgym/{name}-v2", max_episode_steps=3, localization="ground_truth")
+    env.reset(seed=1)
+    truncated = False
+    while not truncated:
+        *_, truncated, info = env.step(env.action_space.sample() * 0)
+        assert info["is_success"] is False
+    assert info["map_error"] == env.unwrapped.map_error() if name == "Explore" else True
+    assert 0.0 < info["map_error"] < 0.5
+    assert type(pickle.loads(pickle.dumps(info))) is dict, "no environment goes to other processes"
+    with pytest.raises(KeyError):
+        info["map_eror"]
+
+
+@pytest.mark.parametrize("env_id", [*IDS, "slamgym/ExploreFrontiers-v2"])
+@pytest.mark.parametrize("mode", [None, "sync"])
+def test_vectors_are_made_by_name_and_cut_off_by_gymnasiums_limit(env_id: str, mode) -> None:
+    envs = gym.make_vec(
+        env_id,
+        num_envs=2,
+        vectorization_mode=mode,
+        max_episode_steps=4,
+        localization="ground_truth",
+    )
+    envs.reset(seed=1)
+    for step in range(4):
+        observations, rewards, terminations, truncations, _ = envs.step(envs.action_space.sample())
+        assert truncations.all() == (step == 3) or terminations.any()
+    assert observations in envs.observation_space
+    assert rewards.shape == (2,)
+    envs.close()
+
+
+@pytest.mark.parametrize("action", [(math.nan, 0.0), (0.0, math.nan), (0.5,), "ahead", None])
+def test_an_action_that_is_none_is_refused(flat: FloorPlan, action) -> None:
+    env = ExploreEnv(flat, localization="ground_truth")
+    env.reset(seed=0)
+    with pytest.raises(ActionError, match="two numbers"):
+        env.step(action)

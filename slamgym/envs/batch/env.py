@@ -1,6 +1,7 @@
 """The environment for many robots at once, with Gymnasium's interface of vector environments."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import gymnasium as gym
@@ -46,6 +47,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         reward_terms: More terms of the reward: name to (weight, function of one robot's step).
         threads: So many work on the robots, with the same results; by default as many as the process may use, see
             :func:`~slamgym.envs.batch.threads.usable_threads`.
+        max_episode_steps: Where Gymnasium's ``TimeLimit`` would cut episodes off, as ``gym.make_vec`` passes it on.
         **settings: As for the single environment.
 
     Raises:
@@ -63,6 +65,7 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
         render_mode: str | None = None,
         reward_terms: RewardTerms | None = None,
         threads: int | None = None,
+        max_episode_steps: int | None = None,
         **settings: Any,
     ) -> None:
         if threads is None:
@@ -71,7 +74,11 @@ class BatchExploreEnv(VectorEnv[Any, Any, Any]):
             raise ConfigError(
                 f"num_envs and threads must be at least 1, not {num_envs} and {threads}"
             )
-        self.config = config = resolve_config(config, settings)
+        config = resolve_config(config, settings)
+        if max_episode_steps is not None:
+            most = min(max_episode_steps, config.max_steps or max_episode_steps)
+            config = replace(config, time_limit=most * config.control_step)
+        self.config = config
         _refuse_unsupported(config, render_mode)
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": _mode(autoreset_mode)}
