@@ -4,6 +4,7 @@ Convention: metres, in the frame of the MAP that it was drawn from (x right, y u
 ``angle_deg`` says how far its main walls are turned against the x axis, counter-clockwise.
 """
 
+import functools
 import math
 from dataclasses import dataclass, field
 from typing import Any, Literal
@@ -15,6 +16,7 @@ from slamgym.cad.floorplan import Door as PlanDoor
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.floorplan import Room as PlanRoom
 from slamgym.core.types import OccupancyGrid
+from slamgym.drawing.evidence import echo_outlines
 
 Layer = Literal["SEEN", "INFERRED"]
 """SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
@@ -136,6 +138,11 @@ class Drawing:
         shapes = [self.floor, *(wall.polygon for wall in self.walls), *lines]
         min_x, min_y, max_x, max_y = shapely.total_bounds(shapes).tolist()
         return min_x, min_y, max_x, max_y
+
+    @functools.cached_property
+    def echoes(self) -> list[Polygon]:
+        """Outlines of what the map has of walls and things; several formats show them."""
+        return echo_outlines(self.grid)
 
     @property
     def area(self) -> float:

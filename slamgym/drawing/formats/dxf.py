@@ -22,7 +22,6 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, Layer
-from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.chains import BESIDE, dimension_chains
 from slamgym.drawing.formats.dxf_sheet import MM, add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
@@ -131,7 +130,7 @@ def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
     _add_hatch(space, drawing.inferred_floor, "A-FLOR-INFR", "ANSI31")
     _add_hatch(space, polygon_parts(seen), "A-WALL-PATT", "SOLID")
-    _add_outlines(space, echo_outlines(drawing.grid), "V-SURV")
+    _add_outlines(space, drawing.echoes, "V-SURV")
     _add_outlines(space, [room.polygon for room in drawing.rooms], "A-AREA")
     _add_outlines(space, polygon_parts(inferred), "A-WALL-INFR")
     _add_outlines(space, polygon_parts(seen), "A-WALL")

@@ -1,5 +1,6 @@
 """The look of a drawing in pictures and pages: colours, what they mean, and where its words stand."""
 
+import cmath
 import itertools
 import math
 from collections import defaultdict
@@ -10,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 import shapely
-from shapely import LineString, MultiLineString, Polygon, affinity
+from shapely import LineString, MultiLineString, Polygon
 from shapely.geometry.base import BaseGeometry
 
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnPoint, DrawnRoom
@@ -124,11 +125,13 @@ class DrawnLabel(NamedTuple):
 
     def box(self, letters: float) -> BaseGeometry:
         """The rectangle that it takes, with letters of a height [m]."""
-        half_width = 0.5 * LETTER_WIDTH * letters * len(self.words)
-        half_height = 0.65 * letters
-        box = shapely.box(-half_width, -half_height, half_width, half_height)
-        turned = affinity.rotate(box, self.turn, (0, 0))
-        return affinity.translate(turned, *self.at)
+        half = complex(0.5 * LETTER_WIDTH * letters * len(self.words), 0.65 * letters)
+        turn = cmath.rect(1.0, math.radians(self.turn))
+        middle = complex(*self.at)
+        corners = [
+            middle + turn * corner for corner in (half, -half.conjugate(), -half, half.conjugate())
+        ]
+        return Polygon([(corner.real, corner.imag) for corner in corners])
 
 
 class Sheet(NamedTuple):
@@ -244,20 +247,28 @@ def place_labels(
     shapely.prepare(inside)
     shapely.prepare(floor)
 
-    def covers(place: tuple[DrawnLabel, BaseGeometry]) -> tuple[bool, bool]:
-        """At best it covers neither lines nor walls, at second best no walls."""
-        _, box = place
-        return not inside.covers(box), not floor.covers(box)
+    def best(one: _Wanted) -> tuple[DrawnLabel, BaseGeometry] | None:
+        """The first of its free places that covers neither lines nor walls, or no walls, or any."""
+        second = third = None
+        for label in _tries(one, letters, turned):
+            box = label.box(letters)
+            if not taken.leaves(box):
+                continue
+            if inside.covers(box):
+                return label, box
+            if second is None and floor.covers(box):
+                second = label, box
+            third = third or (label, box)
+        return second or third
 
     labels = list[DrawnLabel]()
     shown = list[Dimension]()
     taken = _TakenPlaces()
     for one in wanted:
-        places = [(label, label.box(letters)) for label in _tries(one, letters, turned)]
-        free = [place for place in places if taken.leaves(place[1])]
-        if not free:
+        place = best(one)
+        if place is None:
             continue
-        label, box = min(free, key=covers)
+        label, box = place
         labels.append(label)
         taken.add(box)
         if label.kind == "size":

@@ -10,7 +10,6 @@ from shapely import Polygon
 
 from slamgym.core.text import markup
 from slamgym.drawing.drawing import Drawing, DrawnPoint
-from slamgym.drawing.evidence import echo_outlines
 from slamgym.drawing.formats.look import (
     DRAWING_STYLE,
     DrawnLabel,
@@ -31,7 +30,7 @@ def format_svg(drawing: Drawing) -> str:
     sheet = Sheet.of(drawing.bounds, 1e-3 * LETTERS * PRINTED)
     words = f" · 1:{PRINTED} · {drawing.name} · {drawing.area:.1f} m²"
     shapes, labels = drawn_scene(drawing, sheet, words, drawing.doubts)
-    shapes += [DrawnShape("RAW", "echo", part) for part in echo_outlines(drawing.grid)]
+    shapes += [DrawnShape("RAW", "echo", part) for part in drawing.echoes]
     layers = drawn_layers(shapes, labels, sheet)
     groups = [f'<g id="{name}">{"".join(parts)}</g>' for name, parts in layers.items()]
     width = 1000 * sheet.width
