@@ -1,4 +1,4 @@
-"""A person's last word on a drawing: walls and boundaries added or taken away, and rooms named.
+"""A person's last word on a drawing: walls and boundaries added or taken away, rooms named or taken away.
 
 Corrections are a set, so their order says nothing; :mod:`slamgym.drawing.revise` carries them out. One that can't be
 is left out, with a sentence that says why; all others are carried out. Coordinates are metres in the frame of the map.
@@ -10,6 +10,7 @@ A file of corrections holds::
                      {"kind": "add_door", "line": [[4.0, 1.3], [4.0, 2.2]]},
                      {"kind": "add_wall", "line": [[0.0, 3.0], [2.0, 3.0]], "thickness": 0.1},
                      {"kind": "remove_wall", "line": [[6.0, 0.0], [6.0, 3.0]], "thickness": 0.12},
+                     {"kind": "remove_room", "at": [9.0, 2.0]},
                      {"kind": "name_room", "at": [2.0, 1.0], "name": "Kitchen"}]}
 """
 
@@ -34,6 +35,8 @@ THICKEST_ADDED_WALL = 2.0
 """Walls that a person adds or takes away are no thicker [m]."""
 BEYOND_MAP = 5.0
 """Corrections lie at most so far from the known part of the map [m]."""
+AT_PLACES = ("join", "name_room", "remove_room")
+"""Kinds of corrections at a place; the others have a line."""
 _Metres = Annotated[float, Within(ge=-1e5, le=1e5)]
 
 
@@ -41,22 +44,24 @@ _Metres = Annotated[float, Within(ge=-1e5, le=1e5)]
 class Correction:
     """A change of a drawing."""
 
-    kind: Literal["split", "join", "add_door", "add_wall", "remove_wall", "name_room"]
+    kind: Literal[
+        "split", "join", "add_door", "add_wall", "remove_wall", "name_room", "remove_room"
+    ]
     line: tuple[tuple[_Metres, _Metres], ...] = ()
-    """Two places, of all kinds but ``join`` and ``name_room`` [m]. A split goes on to the next walls; a door lies
+    """Two places, of all kinds but :data:`AT_PLACES` [m]. A split goes on to the next walls; a door lies
     between its places, and where it stands on open floor the rest of the way to the next walls becomes wall."""
     at: tuple[_Metres, ...] = ()
-    """A place on the boundary at which two rooms are joined, or in the room that is named [m]."""
+    """A place on the boundary at which two rooms are joined, or in the room that is named or taken away [m]."""
     thickness: Annotated[float, Within(gt=0.0, le=THICKEST_ADDED_WALL)] = OUTER_THICKNESS
     """Of a wall [m]."""
     name: Label = ""
 
     def __post_init__(self) -> None:
-        if self.kind == "join" and len(self.at) != 2:
-            raise ConfigError("join needs 'at': [x, y]")
         if self.kind == "name_room" and (len(self.at) != 2 or not self.name):
             raise ConfigError("name_room needs 'at': [x, y] and a name")
-        if self.kind not in ("join", "name_room") and len(self.line) != 2:
+        if self.kind in AT_PLACES and len(self.at) != 2:
+            raise ConfigError(f"{self.kind} needs 'at': [x, y]")
+        if self.kind not in AT_PLACES and len(self.line) != 2:
             raise ConfigError(f"{self.kind} needs 'line': [[x, y], [x, y]]")
         if self.line and LineString(self.line).length < NARROWEST_CUT:
             raise ConfigError(f"the line of {self.kind} must be at least {NARROWEST_CUT:g} m long")

@@ -47,6 +47,7 @@ def revise(floor: MultiPolygon, gaps: Sequence[Gap], corrections: Corrections) -
         revision = _Revision(corrections)
         changed = revision.floor(floor)
         division = revision.division(changed, gaps)
+        changed, division = revision.without_rooms(changed, division)
         names = revision.names(division.rooms)
         if not revision.refused:
             return Revised(changed, division, names, corrections.faults)
@@ -104,16 +105,48 @@ class _Revision:
             gone.update(nearest.tolist())
         return [gap for number, gap in enumerate(gaps) if number not in gone]
 
+    def without_rooms(
+        self, floor: MultiPolygon, division: Division
+    ) -> tuple[MultiPolygon, Division]:
+        """Floor and rooms without those that aren't there: a mirror shows some."""
+        gone = set[int]()
+        for entry in self._of("remove_room"):
+            here = _room_at(division.rooms, entry)
+            if here is None or len(gone | {here}) == len(division.rooms):
+                self.refused[entry] = "no room lies there, or no other"
+            else:
+                gone.add(here)
+        if not gone:
+            return floor, division
+        bodies = [division.rooms[number].buffer(1e-3, join_style="mitre") for number in gone]
+        rest = _without_slits(floor.difference(shapely.union_all(bodies)))
+        kept = [number for number in range(len(division.rooms)) if number not in gone]
+        number_of = {old: new for new, old in enumerate(kept)}
+        doors = []
+        joins = []
+        for door, (one, other) in zip(division.doors, division.joins, strict=True):
+            if one in number_of and other in number_of:
+                doors.append(door)
+                joins.append((number_of[one], number_of[other]))
+        rooms = tuple(division.rooms[number] for number in kept)
+        return rest, Division(rooms, tuple(doors), tuple(joins))
+
     def names(self, rooms: Sequence[Polygon]) -> dict[int, str]:
         """The names that the person gave to rooms, by the rooms' numbers."""
         names = {}
         for entry in self._of("name_room"):
-            here = [number for number, room in enumerate(rooms) if room.intersects(entry.shape)]
-            if here:
-                names[here[0]] = entry.name
-            else:
+            here = _room_at(rooms, entry)
+            if here is None:
                 self.refused[entry] = "no room lies there"
+            else:
+                names[here] = entry.name
         return names
+
+
+def _room_at(rooms: Sequence[Polygon], entry: Correction) -> int | None:
+    """The number of the room in which a place lies."""
+    here = [number for number, room in enumerate(rooms) if room.intersects(entry.shape)]
+    return here[0] if here else None
 
 
 def _with_door(floor: BaseGeometry, entry: Correction) -> BaseGeometry:

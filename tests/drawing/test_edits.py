@@ -100,6 +100,18 @@ def test_a_wall_that_is_taken_away_leaves_floor():
     assert drawing.area == pytest.approx(PLAIN.area + 1.3 * 0.1, abs=0.03)
 
 
+def test_a_room_that_is_taken_away_goes_with_its_floor_and_its_doors():
+    drawing = corrected({"kind": "remove_room", "at": (5.0, 1.0)}, NAME)
+    assert rooms(drawing) == [rooms(PLAIN)[1]]
+    assert drawing.doors == ()
+    assert drawing.area == pytest.approx(drawing.rooms[0].area, abs=0.02)
+    assert drawing.rooms[0].name == "Küche"
+    none_left = corrected(
+        {"kind": "remove_room", "at": (5.0, 1.0)}, {"kind": "remove_room", "at": (1.0, 1.0)}
+    )
+    assert len(none_left.rooms) == len(none_left.doubts) == 1
+
+
 def test_a_room_gets_its_name_in_every_format(tmp_path):
     drawing = corrected(NAME)
     assert [room.name for room in drawing.rooms] == ["Küche", "R02"]
@@ -417,6 +429,22 @@ def test_the_page_shows_the_corrected_plan(tmp_path):
               layer.querySelectorAll(".door").length, layer.querySelectorAll("text").length];
     """
     assert driven(tmp_path, clicks) == ["none", 1, 2, 3]
+
+
+@needs_browser
+def test_a_room_is_taken_away_by_a_click(tmp_path):
+    clicks = """
+      press("remove_room"); click(5.0, 1.0);
+      const one = text("sizes");
+      click(1.0, 1.0);
+      return [one, text("said"), JSON.parse(document.getElementById("json").value).corrections];
+    """
+    sizes, said, entries = driven(tmp_path, clicks)
+    assert sizes.startswith("1 rooms: R01 1")
+    assert "no other" in said
+    (entry,) = entries
+    assert entry["kind"] == "remove_room"
+    assert entry["at"] == pytest.approx([5.0, 1.0], abs=0.05)  # clicks are whole pixels
 
 
 @needs_browser

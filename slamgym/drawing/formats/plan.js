@@ -215,13 +215,22 @@ function revised(plan, entries) {
   }
   const middles = board.middles(labels, areas.length);
   const rooms = areas.map((area, number) => ({ number, area, at: middles[number] })).filter((room) => isRoom(room.number));
+  for (const entry of of("remove_room")) {
+    const found = rooms.findIndex((one) => one.number === labels[board.index(entry.at)]);
+    if (found < 0 || rooms.length === 1) refused.set(entry, "no room lies there, or no other");
+    else {
+      const [{ number }] = rooms.splice(found, 1);
+      labels.forEach((own, k) => { if (own === number) { labels[k] = 0; board.cells[k] = WALL; } });
+    }
+  }
   for (const room of rooms) room.label = (plan.rooms.find((one) => isIn(one.rings, room.at)) || { label: "" }).label;
   for (const entry of of("name_room")) {
     const room = rooms.find((one) => one.number === labels[board.index(entry.at)]);
     if (room) room.label = entry.name;
     else refused.set(entry, "no room lies there");
   }
-  return { board, labels, rooms, refused, rests, doors: kept };
+  const isOpen = ({ line }) => board.shareOfFloor(line) > 0.3;
+  return { board, labels, rooms, refused, rests, doors: kept.filter(isOpen) };
 }
 
 /** A picture of the rooms in light colours, as a data address. */

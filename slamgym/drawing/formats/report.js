@@ -14,6 +14,7 @@
     add_door: ["Add a door", "Click both jambs: in a wall, in a passage, or on the floor, where the wall around it is drawn too."],
     add_wall: ["Add a wall", "Click both ends."],
     remove_wall: ["Remove a wall", "Click the wall, or the thing that was drawn as walls."],
+    remove_room: ["Take away a room", "Click a room that isn't there: one in a mirror, or behind glass."],
     name_room: ["Name a room", "Click the room, then type its name."],
   };
   const names = Object.keys(tools);
@@ -56,7 +57,7 @@
 
   /** Take back an own correction at a place rather than correct it; true if there was one. */
   function takenBack(kinds, p) {
-    const own = pick(state.entries.filter((entry) => kinds.includes(entry.kind)), p, AT_LINE);
+    const own = pick(state.entries.filter((entry) => kinds.includes(entry.kind)), p, AT_LINE, (entry) => entry.line || [entry.at, entry.at]);
     if (own) change(state.entries.filter((entry) => entry !== own), "Your own correction is taken back.");
     return own !== null;
   }
@@ -64,13 +65,14 @@
   function click(p) {
     const tool = state.tool;
     if (!tool) return say("Choose a tool first.");
-    if (tool !== "name_room" && 1 / metresPerPx() < CLEAR_PX) {
+    if (!tool.endsWith("_room") && 1 / metresPerPx() < CLEAR_PX) {
       look(p, CLEAR_PX * 2);
       return say("Enlarged: click again, more exactly. 0 shows the whole.");
     }
     if (["split", "add_door", "add_wall"].includes(tool)) return clickLine(tool, p);
     if (tool === "join") return clickJoin(p);
     if (tool === "name_room") return clickRoom(p);
+    if (tool === "remove_room") return takenBack(["remove_room"], p) || add({ kind: tool, at: rounded(p) });
     if (takenBack(["add_wall"], p)) return undefined;
     const wall = pick(walls, p, AT_LINE), body = wall && bodyOf(wall);
     if (!wall) return say("Click nearer to a wall.");
@@ -211,7 +213,7 @@
       const place = isLine(entry) ? middle(entry.line) : entry.at;
       if (isLine(entry)) drawLine("edit " + entry.kind, entry.line, entry.kind.endsWith("wall") ? entry.thickness || OUTER_THICKNESS : 0);
       const [cx, cy] = onSheet(place);
-      if (entry.kind === "join") draw("circle", { class: "edit join", cx, cy, r: 9000 * px, "stroke-width": 3000 * px });
+      if (["join", "remove_room"].includes(entry.kind)) draw("circle", { class: "edit " + entry.kind, cx, cy, r: 9000 * px, "stroke-width": 3000 * px });
       drawLabel([place[0] + 16 * px, place[1] + 12 * px], `${index + 1}${entry.name ? " " + entry.name : ""}`);
     });
     for (const rest of state.plan.rests) drawLine("edit add_wall", rest, OUTER_THICKNESS);
@@ -309,7 +311,7 @@
       const box = svg.viewBox.baseVal, scale = 1000 * metresPerPx();
       if (Math.hypot(event.movementX, event.movementY) > 2) state.dragged = true;
       view(box.x - event.movementX * scale, box.y - event.movementY * scale, box.width);
-    } else if (state.first && !["join", "name_room"].includes(state.tool)) {
+    } else if (state.first && ["split", "add_door", "add_wall"].includes(state.tool)) {
       show(meant(state.tool, [state.first, onMap(event)], state.entries));
     }
   });
