@@ -18,6 +18,8 @@ MUCH_UNSEEN = 0.15
 """Share of the floor."""
 MUCH_INFERRED = 0.5
 """Share of the walls' length."""
+MOST_LEFT_OUT = 5
+"""Patches of seen floor that are named."""
 
 
 def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[str]:
@@ -40,6 +42,14 @@ def find_doubts(drawing: Drawing, direction: WallDirection | None) -> Iterator[s
     unseen = sum(float(part.area) for part in drawing.inferred_floor)
     if unseen > MUCH_UNSEEN * drawing.area:
         yield f"{unseen / drawing.area:.0%} of the floor was never observed; it is in the layer INFERRED"
+    if drawing.is_half:
+        yield "less than half of the seen floor is drawn; compare the drawing with its map"
+    for part in drawing.left_out[:MOST_LEFT_OUT]:
+        place = part.representative_point()
+        yield (
+            f"{part.area:.1f} m2 of seen floor around ({place.x:.1f}, {place.y:.1f}) aren't drawn: walls close in too "
+            "little of them"
+        )
     yield from missing_walls(drawing)
     length = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")

@@ -125,6 +125,10 @@ class Drawing:
     rooms: tuple[DrawnRoom, ...] = ()
     inferred_floor: tuple[Polygon, ...] = ()
     """Floor that the robot never observed."""
+    left_out: tuple[Polygon, ...] = ()
+    """Floor that the robot saw and the map doesn't bear out, the largest part first."""
+    seen_area: float = 0.0
+    """All that the robot saw free [m2]."""
     dimensions: tuple[Dimension, ...] = ()
     doubts: tuple[str, ...] = ()
     """Points that a person should check, one sentence each."""
@@ -148,6 +152,16 @@ class Drawing:
     def area(self) -> float:
         """Area of the floor [m2]."""
         return float(self.floor.area)
+
+    @property
+    def left_out_area(self) -> float:
+        """Area of the seen floor that isn't drawn [m2]."""
+        return float(sum(part.area for part in self.left_out))
+
+    @property
+    def is_half(self) -> bool:
+        """True if less than half of the seen floor is drawn."""
+        return self.left_out_area > 0.5 * self.seen_area
 
     def as_plan(self) -> FloorPlan:
         """The largest part of the floor as a plan that can be explored; rooms without a name are called ``Room``."""

@@ -25,6 +25,7 @@ from slamgym.core.types import (
 )
 from slamgym.drawing.contours import trace_outlines
 from slamgym.drawing.polygons import SMALLEST_HOLE
+from slamgym.drawing.settings import SMALLEST_ROOM
 from slamgym.drawing.walls import WallPiece
 from slamgym.metrics.maps import distance_to
 
@@ -32,6 +33,8 @@ SEEN_WITHIN = 0.15
 """A piece of wall was seen if the map has an occupied cell within this [m]."""
 STEP = 0.05
 """Between two places that are looked at [m]."""
+NARROWEST_LEFT_OUT = 0.5
+"""Seen floor is left out where a disc of this diameter fits in [m]."""
 HIDDEN_DEPTHS = (0.1, 0.2, 0.35)
 """Distances from a wall's other face at which the space behind it is looked at [m]."""
 
@@ -118,6 +121,21 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     two = np.ones((2, 2), np.uint8)
     wide = cv2.morphologyEx(closed, cv2.MORPH_OPEN, two) > 0
     return cell_polygons(wide, grid.frame, SMALLEST_HOLE)
+
+
+def left_out_floor(floor: MultiPolygon, seen: BoolArray, frame: GridFrame) -> list[Polygon]:
+    """Patches of seen floor that aren't drawn, the largest first; narrower ones are rays, or edges of what is drawn.
+
+    Args:
+        floor: What is drawn [m].
+        seen: The free space that the robot saw, (H, W).
+        frame: Where its cells lie.
+    """
+    half = 0.5 * NARROWEST_LEFT_OUT / frame.resolution
+    lost = seen & (distance_to(filled(floor, frame)) > SEEN_WITHIN / frame.resolution)
+    wide = distance_to(distance_to(~np.pad(lost, 1)) > half) <= half
+    patches = cell_polygons(wide[1:-1, 1:-1] & lost, frame, SMALLEST_ROOM)
+    return sorted(patches, key=lambda patch: -patch.area)
 
 
 def cell_polygons(cells: BoolArray, frame: GridFrame, smallest: float) -> list[Polygon]:

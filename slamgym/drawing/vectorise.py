@@ -22,7 +22,13 @@ from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
 from slamgym.drawing.edits import Corrections
-from slamgym.drawing.evidence import Evidence, share_known, share_seen_open, unseen_floor
+from slamgym.drawing.evidence import (
+    Evidence,
+    left_out_floor,
+    share_known,
+    share_seen_open,
+    unseen_floor,
+)
 from slamgym.drawing.floor import FloorModel, load_floor_model
 from slamgym.drawing.openings import Division, Gap
 from slamgym.drawing.revise import revise
@@ -87,8 +93,8 @@ def make_drawing(
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     found = Candidates.of(grid, used, angle)
-    floor, gaps = found.floor(found.log_odds(BoundaryModels.pretrained()))
-    floor, division, names, faults = revise(floor, gaps, corrections.on_map(grid))
+    drawn_floor, gaps = found.floor(found.log_odds(BoundaryModels.pretrained()))
+    floor, division, names, faults = revise(drawn_floor, gaps, corrections.on_map(grid))
     if floor.is_empty:
         raise no_floor
     evidence = Evidence(grid)
@@ -104,6 +110,8 @@ def make_drawing(
         doors=doors,
         rooms=rooms,
         inferred_floor=tuple(unseen_floor(floor, grid)),
+        left_out=tuple(left_out_floor(drawn_floor, found.seen, grid.frame)),
+        seen_area=float(found.seen.sum()) * grid.frame.resolution**2,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
         provenance=_provenance(model, corrections, provenance),
     )

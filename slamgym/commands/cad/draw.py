@@ -65,7 +65,7 @@ def main(arguments: CadArguments, typed: str) -> int:
     """Run the command.
 
     Returns:
-        The exit code: 1 if some maps of a folder couldn't be drawn, else 0.
+        The exit code: 1 if some maps of a folder couldn't be drawn, or less than half of a map's seen floor, else 0.
 
     Raises:
         SlamgymError: If an argument or the map can't be used.
@@ -94,8 +94,7 @@ def main(arguments: CadArguments, typed: str) -> int:
     job = _Job(arguments, formats, load_floor_model(arguments.model), typed)
     if len(arguments.maps) > 1 or arguments.maps[0].is_dir():
         return _draw_all(named, job)
-    _draw(maps[0].stem, maps[0], job)
-    return 0
+    return int(_draw(maps[0].stem, maps[0], job).is_half)
 
 
 class _Job(NamedTuple):
@@ -115,11 +114,14 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
     with_index = "html" in job.formats
     reports = []
     failures = []
+    are_half = 0
     for name, path in maps.items():
         try:
             if with_index and name == INDEX.stem:
                 raise InputFileError(path, f"is called like the index, {INDEX}; rename it")
-            reports.append((name, checks(_draw(name, path, job))))
+            drawing = _draw(name, path, job)
+            reports.append((name, checks(drawing)))
+            are_half += drawing.is_half
         except SlamgymError as error:
             failures.append(str(error))
             say(f"skipped {error}")
@@ -130,7 +132,7 @@ def _draw_all(maps: dict[str, Path], job: _Job) -> int:
         title = arguments.maps[0].resolve().name if len(arguments.maps) == 1 else given
         write_text(arguments.out / INDEX, format_index(title, reports, failures, job.command))
     tell(f"{len(reports)} of {counted(len(maps), 'map')} drawn in {arguments.out}")
-    return 1 if failures else 0
+    return 1 if failures or are_half else 0
 
 
 def _formats(text: str) -> list[str]:
@@ -180,8 +182,12 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     files = write_drawing(drawing, stem, job.formats)
     total = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
+    left_out = ""
+    if drawing.left_out:
+        left_out = f", left out {drawing.left_out_area:.0f} m2 of seen floor"
+        left_out += " (more than half)" * drawing.is_half
     tell(
-        f"{drawing.name}: {drawing.area:.1f} m2, {counted(len(drawing.rooms), 'room')}, "
+        f"{drawing.name}: {drawing.area:.1f} m2{left_out}, {counted(len(drawing.rooms), 'room')}, "
         f"{counted(len(drawing.doors), 'door')}, {total:.0f} m of wall ({inferred / max(total, 1e-9):.0%} inferred), "
         f"{time.process_time() - begun:.1f} CPU s: {files[0].parent}"
     )
