@@ -55,7 +55,7 @@ def the_finding(name, findings):
 @pytest.mark.parametrize("name", LASER_FAULTS)
 def test_doctor_names_the_laser_and_the_stretch(drive, name):
     begin, end = stretch(drive)
-    checked = check_odometry(put_in(name, drive))
+    checked = check_odometry(put_in(name, drive), estimate_scan_time=False)
     finding = the_finding(name, checked.findings)
     assert LASER_FAULTS[name] in finding.sentence
     first = {"frozen": begin + 1, "gap": begin - 1}.get(name, begin)
@@ -74,7 +74,7 @@ def test_doctor_names_late_odometry_and_a_laser_that_is_mirrored_or_scaled_throu
         (mirrored, "odometry", "one upside down needs its mount"),
         (scaled, "scale", "of the laser's distances"),
     ):
-        (finding,) = check_odometry(fault(drive, 0, count)).findings
+        (finding,) = check_odometry(fault(drive, 0, count), estimate_scan_time=False).findings
         assert finding.kind == kind
         assert words in finding.sentence
 
@@ -108,7 +108,7 @@ def test_a_single_odd_stamp_costs_one_scan_and_is_said(drive, tmp_path, ahead):
 @pytest.mark.parametrize("name", LASER_FAULTS)
 def test_slam_doubts_the_path_where_the_laser_was_wrong_and_not_before(drive, name):
     begin, end = stretch(drive)
-    broken = check_odometry(put_in(name, drive))
+    broken = check_odometry(put_in(name, drive), estimate_scan_time=False)
     config = SlamConfig.for_log(drive.geometry.range_max, drive.geometry.num_beams)
     config = dataclasses.replace(config, mode="dead_reckoning")  # the log's checks alone
     result = replay(broken, config, np.random.default_rng(0))
