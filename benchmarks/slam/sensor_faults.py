@@ -270,8 +270,6 @@ def rows_of(logs: Mapping[str, Log]) -> Iterator[dict[str, Any]]:
 
 
 def main() -> None:
-    from drives import Conditions, drive, generated_homes  # tests take the faults alone
-
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -280,6 +278,8 @@ def main() -> None:
     parser.add_argument("--homes", type=int, default=4, help="drives through generated homes")
     parser.add_argument("--cache", type=Path, default=Path("build/drives"))
     arguments = parser.parse_args()
+    from drives import Conditions, drive, generated_homes  # tests take the faults alone
+
     logs = {}
     for plan, seed in itertools.islice(generated_homes(20), arguments.homes):
         logs[plan.id] = drive(plan, seed, Conditions(), arguments.cache).log
