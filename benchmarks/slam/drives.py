@@ -35,12 +35,14 @@ LARGE_AREA = (1_000.0, 5_000.0)
 
 
 class Conditions(NamedTuple):
-    """Errors of wheels and laser by their names, the laser's range [m] and the longest time [min]."""
+    """Errors of wheels and laser by their names, and what else the drives have in common."""
 
     odometry: str = "medium"
     laser: str = "default"
-    range_max: float = 3.5
-    minutes: float = 7.0
+    range_max: float = 3.5  # [m]
+    minutes: float = 7.0  # the longest drive
+    view_deg: int = 180  # a beam a degree
+    sweep: float = 0.0  # [s]
 
     @property
     def usable_range(self) -> float:
@@ -50,14 +52,21 @@ class Conditions(NamedTuple):
     def episode(self) -> EpisodeConfig:
         """Settings of an exploration with a known pose."""
         env = ExploreConfig()
-        lidar = env.lidar if self.laser == "default" else lidar_level(self.laser)
+        level = env.lidar if self.laser == "default" else lidar_level(self.laser)
+        lidar = dataclasses.replace(
+            level,
+            range_max=self.range_max,
+            num_beams=self.view_deg,
+            field_of_view_deg=float(self.view_deg),
+            sweep=self.sweep,
+        )
         return EpisodeConfig(
             "nearest",
             self.minutes,
             env=dataclasses.replace(
                 env,
                 odometry=odometry_level(self.odometry),
-                lidar=dataclasses.replace(lidar, range_max=self.range_max),
+                lidar=lidar,
                 slam=SlamConfig(mode="ground_truth", max_usable_range=self.usable_range),
             ),
         )

@@ -6,7 +6,8 @@ Parts: ``exact``: exact laser, true odometry. ``medium``: the default laser and 
 and a laser of 12 m. ``large``: offices of 1,400 to 4,400 m2, which take hours to simulate, so this part must be asked
 for. The other buildings are generated homes and the bundled plans of ``make demo``; every mode is fed the same drives,
 which are simulated once and kept in a cache. ``demo``: the maps of ``make demo`` themselves. ``logs``: recorded logs,
-as ``slamgym slam`` maps them. ``faults``: good drives and logs with faults put in (``faults.py``).
+as ``slamgym slam`` maps them. ``faults``: good drives and logs with faults put in (``faults.py``). ``laser_only``:
+drives without odometry (``laser_only.py``).
 
 *RMSE*: position of the final path against the truth, without alignment, with a 95 % bootstrap interval of the mean.
 *walls*: mean distance of the map's occupied cells from the true walls; cells alone cost a quarter of their size.
@@ -50,6 +51,8 @@ import recorded_logs
 from drives import Conditions, Drive, demo_plans, drive, generated_homes, large_offices
 from faults import COLUMNS as FAULT_COLUMNS
 from faults import doubtful_spans, fault_rows
+from laser_only import COLUMNS as LASER_COLUMNS
+from laser_only import laser_rows
 from recorded_logs import end_points
 from report import print_and_save
 
@@ -171,6 +174,11 @@ def faults(arguments: argparse.Namespace) -> Rows:
     return fault_rows(good, modes)
 
 
+def laser_only(arguments: argparse.Namespace) -> Rows:
+    """Drives without odometry."""
+    return laser_rows(arguments.cache)
+
+
 def drive_rows(
     arguments: argparse.Namespace,
     case: Conditions,
@@ -274,6 +282,7 @@ PARTS = {
     "logs": (logs, (*recorded_logs.COLUMNS, RATIO)),
     "demo": (demo, demo_maps.COLUMNS),
     "faults": (faults, FAULT_COLUMNS),
+    "laser_only": (laser_only, LASER_COLUMNS),
     "large": (large, DRIVE_COLUMNS),
 }
 """Tables and their columns."""

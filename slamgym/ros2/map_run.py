@@ -179,7 +179,7 @@ class MapRun:
         if self._tracker is None:
             self._tracker = LaserTracker(scan)
             return scan
-        step = self._tracker.move(scan).step
+        step = self._tracker.move(scan)
         x, y, theta = moved_by(np.array(self.odometry), step).tolist()
         self.odometry = Pose2D(x, y, theta)
         share = scan.geometry.scan_time / (scan.stamp - self.stamp)

@@ -19,7 +19,7 @@ from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
 from slamgym.slam.laser_changes import noting_changes
 from slamgym.slam.laser_check import noting_gaps, without_repeats
-from slamgym.slam.laser_odometry import LaserTracker, with_steps
+from slamgym.slam.laser_odometry import motion_between, with_steps
 from slamgym.slam.scan_time_check import with_estimated_scan_time
 
 MOST_PAIRS = 2000
@@ -122,8 +122,7 @@ def measure_pairs(log: Log) -> PairMotions:
     motions = []
     is_seen = []
     for (first, second), expected in zip(scans.T.tolist(), odometry, strict=True):
-        tracker = LaserTracker(log.records[first].scan, trusts_odometry=True)
-        motion = tracker.move(log.records[second].scan, expected)
+        motion = motion_between(log.records[first].scan, log.records[second].scan, expected)
         is_seen.append(motion.fit >= LEAST_FIT)
         if motion.fit >= LEAST_FIT:
             motions.append(motion)

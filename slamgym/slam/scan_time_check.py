@@ -13,7 +13,7 @@ from slamgym.core.types import FloatArray, IntArray
 from slamgym.interop.records import Log
 from slamgym.interop.scan_times import BEAM_TIMES, stamped_earlier, usual_gap, with_scan_time
 from slamgym.metrics.trajectory import relative_poses
-from slamgym.slam.laser_odometry import LaserTracker
+from slamgym.slam.laser_odometry import motion_between
 
 LONGEST_SCAN_TIME = 0.25
 """No usual laser takes longer for a scan [s]."""
@@ -142,8 +142,7 @@ def _try(log: Log, pairs: IntArray, seconds: float, is_last: bool = False) -> Sc
     fits = []
     turns = []
     for (first, second), step in zip(pairs.T.tolist(), expected, strict=True):
-        tracker = LaserTracker(log.records[first].scan, trusts_odometry=True)
-        motion = tracker.move(log.records[second].scan, step)
+        motion = motion_between(log.records[first].scan, log.records[second].scan, step)
         fits.append(motion.fit)
         turns.append(motion.step[2])
     odometry = expected[:, 2]

@@ -104,5 +104,5 @@ def test_a_tracker_knows_the_speed_at_its_first_scan_from_the_second():
     first, second = told.records[fast], told.records[fast + 1]
     truth = between(Pose2D(*true_poses(TIMES)[fast]), Pose2D(*true_poses(TIMES)[fast + 1]))
     assert abs(truth.theta) > 0.7 * PERIOD  # it turns by 0.7 rad/s at least
-    alone = LaserTracker(first.scan).move(second.scan).step
+    alone = LaserTracker(first.scan).move(second.scan)
     assert alone == pytest.approx(truth, abs=0.015)
