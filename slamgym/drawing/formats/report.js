@@ -196,7 +196,7 @@
   /** The plan with all corrections, in place of the drawing over its map. */
   function drawPlan() {
     const { board, rooms: found, refused, rests, doors: kept } = state.plan, [x, y] = onSheet([board.left, board.top]);
-    for (const wall of svg.querySelectorAll(".over .wall, .over .inferred")) layer.append(wall.cloneNode(true));
+    for (const wall of svg.querySelectorAll(".over .wall, .over .inferred")) if (wall.querySelector("title")) layer.append(wall.cloneNode(true));
     const [width, height] = [board.width, board.height].map((count) => 1000 * count * board.cell);
     draw("image", { x, y, width, height, href: state.picture ||= roomPicture(state.plan) });
     const own = state.entries.filter((entry) => isLine(entry) && !refused.has(entry));
