@@ -153,6 +153,18 @@ def test_a_missing_wall_and_an_extra_one():
     assert extra.length == pytest.approx(2.0, abs=0.35)
     assert 0.5 * (extra.line[0] + extra.line[2]) == pytest.approx(1.55, abs=0.06)
     assert not of_kind(found, "wall_moved")
+    assert found.changes == (missing, extra)  # the larger first
+
+
+def test_large_changes_come_before_small_ones():
+    walls = moved_walls(left=(0.0, 0.12), stub=(0.4, 0.0))
+    doors = {**DOORS, "b": (1.5, 3.62, 2.4, 3.62 + T)}
+    found = compare_with_plan(
+        PLAN, robot_map(building(walls, doors), seen=shapely.box(0, 0, 10, 7))
+    )
+    moved = [change.length * abs(change.offset) for change in of_kind(found, "wall_moved")]
+    assert len(moved) > 1
+    assert moved == sorted(moved, reverse=True)
 
 
 def test_furniture_is_no_wall():

@@ -10,7 +10,7 @@ from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanComparison, PlanFinding
-from slamgym.drawing.comparison.registration import register
+from slamgym.drawing.comparison.registration import MISSED, register
 from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import ComparisonConfig
@@ -50,7 +50,7 @@ def compare_with_plan(
         doubts: What is already doubtful about plan and map, for the report.
 
     Returns:
-        The changes; none where plan and map are of different buildings.
+        The changes, the largest first; none where plan and map are of different buildings.
     """
     config = config or ComparisonConfig()
     walls = plan_walls(plan)
@@ -66,15 +66,22 @@ def compare_with_plan(
     long_walls = [wall for wall in judged if wall.length >= SHORTEST_CHANGED]
     changed_walls = [wall for wall in long_walls if wall.kind in CHANGED]
     changes = [
-        *sorted(changed_walls, key=lambda wall: -wall.length),
+        *changed_walls,
         *_new_openings(plan, measured, judged),
         *_extra_walls(plan, evidence, measured, judged),
         *_door_changes(plan, measured, evidence),
         *(room for room in rooms if room.kind in CHANGED),
     ]
+    changes.sort(key=_size, reverse=True)
     return PlanComparison(
         plan.where, map_name, found, tuple(changes), tuple(judged), tuple(rooms), doubts
     )
+
+
+def _size(change: PlanFinding) -> float:
+    """The area between what was planned and what was built [m2]; rooms that are unexplored have none."""
+    away = MISSED if change.offset is None else abs(change.offset)
+    return change.length * away
 
 
 def _straight(kind: FindingKind, noun: str, line: shapely.LineString) -> PlanFinding:
