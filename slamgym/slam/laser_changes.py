@@ -48,7 +48,7 @@ def noting_changes(log: Log) -> Log:
         f"from one scan to the next {first}, {places[0] - start:.0f} s after the start (in {len(places)} places, the "
         f"last at {places[-1] - start:.0f} s): the map is wrong before or behind; cut the log there"
     )
-    doubted = _shorter_side(places, log.records[0].stamp, log.records[-1].stamp)
+    doubted = _unlike_part(places, log.records[0].stamp, log.records[-1].stamp)
     return replace(log.noting("laser changed", sentence), doubted=(*log.doubted, *doubted))
 
 
@@ -100,8 +100,14 @@ def seen_after(scan: LaserScan, step: Pose2D) -> Float32Array:
     return expected
 
 
-def _shorter_side(places: Sequence[float], begin: float, end: float) -> list[tuple[float, float]]:
-    """Of a log's time, cut at the places at which its laser changed [s], each second part: those that last shorter."""
-    parts = list(pairwise([begin, *places, end]))
-    sides = (parts[0::2], parts[1::2])
-    return min(sides, key=lambda side: sum(last - first for first, last in side))
+def _unlike_part(places: Sequence[float], begin: float, end: float) -> list[tuple[float, float]]:
+    """The part of a log's time in which its laser is unlike the rest, by the places at which it changed [s].
+
+    What lies between the first and the last place, if that lasts shorter than the rest; behind a single one all.
+    """
+    first, last = places[0], places[-1]
+    if len(places) == 1:
+        return [(first, end)]
+    if last - first <= 0.5 * (end - begin):
+        return [(first, last)]
+    return [(begin, first), (last, end)]
