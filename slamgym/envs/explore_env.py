@@ -11,7 +11,7 @@ from slamgym.core.config import suggest
 from slamgym.core.errors import ConfigError
 from slamgym.core.jit import announce_compilation
 from slamgym.core.types import ByteArray, Pose2D
-from slamgym.envs.batch.exploration import Explorations, Outcome
+from slamgym.envs.batch.exploration import Explorations, StepOutcome
 from slamgym.envs.batch.robot import before
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
@@ -214,7 +214,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         announce_compilation(cast_sweep)
         explorations = self._explorations
         config = self.config
-        self._latest: Outcome | None = None
+        self._latest: StepOutcome | None = None
         explorations.begin(_ONE, [self.np_random], ResetOptions.read(options))
         self._robot = Simulation(explorations.beliefs)
         self.log = EpisodeLog(config.lidar.num_beams) if config.record or self.render_mode else None

@@ -75,7 +75,6 @@ class World:
         velocity: True velocity of the body.
         surfaces: The materials of the first of :meth:`segments`; people are plain.
         discs: People, who can be touched, shape (P, 3) as x, y, radius [m].
-        num_obstacles: So many of :meth:`segments`, the first ones, can be touched.
     """
 
     def __init__(
@@ -98,7 +97,6 @@ class World:
         self.surfaces = no_surfaces() if surfaces is None else surfaces
         legs = self._crowd.legs() if self._crowd else np.empty((0, 4))
         segments = np.vstack([standing, legs])
-        self.num_obstacles = len(standing)
         self._legs = segments[len(standing) :]
         self._changes = Changes(clutter, segments[len(walls) : len(standing)])
         self._visible = segments.view()
@@ -206,6 +204,11 @@ class World:
         moved = between(before, pose)
         aside = 0.5 * self.robot.wheel_separation * moved.theta
         return Motion(pose, moved, (moved.x - aside, moved.x + aside), False, abs(moved.x))
+
+    @property
+    def num_obstacles(self) -> int:
+        """So many of :meth:`segments`, the first ones, can be touched."""
+        return len(self._obstacles)
 
     @property
     def is_lively(self) -> bool:

@@ -19,14 +19,14 @@ _MOST_PARTS = 16
 """So many poses of the scanner there are in a scan at most."""
 
 _compose: Any = kernel(geometry.compose)
-Place = tuple[float, float, float]
+KernelPose = tuple[float, float, float]
 """A pose as kernels take it [m, m, rad]."""
 
 
 @kernel
 def look_along(
-    base: Place,
-    mount: Place,
+    base: KernelPose,
+    mount: KernelPose,
     way: tuple[float, float],
     angle_min: float,
     angle_increment: float,
@@ -78,7 +78,9 @@ def look_along(
 
 
 @kernel
-def _sensor(base: Place, mount: Place, way: tuple[float, float], left: float) -> Place:
+def _sensor(
+    base: KernelPose, mount: KernelPose, way: tuple[float, float], left: float
+) -> KernelPose:
     """Pose of the sensor when a share of the sweep is left."""
     x, y, theta = base
     if left > 0.0:
@@ -92,7 +94,7 @@ def _sensor(base: Place, mount: Place, way: tuple[float, float], left: float) ->
 
 
 @kernel
-def _put(rows: FloatArray, index: int, pose: Place) -> None:
+def _put(rows: FloatArray, index: int, pose: KernelPose) -> None:
     rows[index, 0] = pose[0]
     rows[index, 1] = pose[1]
     rows[index, 2] = pose[2]

@@ -22,8 +22,8 @@ from slamgym.core.types import (
 )
 from slamgym.envs.batch.arrays import MapModel, Maps, bare, put
 from slamgym.envs.batch.fleet import Fleet
+from slamgym.envs.batch.mapping import sense_all
 from slamgym.envs.batch.robot import SimulatedRobot, before
-from slamgym.envs.batch.stepping import sense_all
 from slamgym.envs.batch.threads import divide_work
 from slamgym.envs.compact import MapTiles
 from slamgym.envs.config import ExploreConfig

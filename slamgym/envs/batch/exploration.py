@@ -20,7 +20,7 @@ from slamgym.envs.records import StepRecord
 from slamgym.envs.rewards import Reward
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """What a step has led to, a row for each robot."""
 
     record: StepRecord
@@ -105,7 +105,7 @@ class Explorations:
         commands: FloatArray,
         begins: BoolArray | None = None,
         generators: Sequence[np.random.Generator] = (),
-    ) -> Outcome:
+    ) -> StepOutcome:
         """Drive for one control step and scan; some begin an episode instead.
 
         Args:
@@ -131,7 +131,7 @@ class Explorations:
             truncations &= ~begins
         record = self.assessment.record(targets, terminations)
         rewards, terms = self._reward(record)
-        return Outcome(record, rewards, terms, terminations, truncations)
+        return StepOutcome(record, rewards, terms, terminations, truncations)
 
     @property
     def is_published(self) -> BoolArray:
