@@ -23,10 +23,14 @@ from source_tree import NO_ROOM, ROOT, modules, room_of, tree_of
 MAX_LINES = 400
 MAX_PARAMETERS = 8
 MAX_ATTRIBUTES = 15
-MAX_WORDS = 36_000
-"""Words of the documentation in all: README, CONTRIBUTING and docs/, without comments; the changelog is not counted."""
-COMMENTS = re.compile(r"<!--.*?-->|\(measured before \w+\)|\*Measured before [^*]*\*", re.DOTALL)
-"""Also what ``benchmarks/figures.py`` adds by git's history."""
+MAX_WORDS = 33_600
+"""Words of the documentation in all: README, CONTRIBUTING and docs/, without comments and tables of results; the
+changelog is not counted."""
+COMMENTS = re.compile(
+    r"<!-- table.*?<!-- end -->|<!--.*?-->|\(measured before \w+\)|\*Measured before [^*]*\*",
+    re.DOTALL,
+)
+"""Also what ``benchmarks/figures.py`` fills in, and adds by git's history."""
 SLACK = 0.05
 """So much more than it had a package may have."""
 
@@ -34,18 +38,18 @@ TOKENS: dict[str, int] = {
     "agents": 27649,
     "cad": 26490,
     "commands": 27183,
-    "core": 17503,
+    "core": 19333,
     "dataset": 29248,
-    "drawing": 35539,
-    "envs": 29895,
+    "drawing": 41430,
+    "envs": 33219,
     "gan": 28346,
-    "interop": 15200,
+    "interop": 18879,
     "metrics": 15192,
     "parametric": 13765,
     "planning": 25349,
     "ros2": 18685,
     "sim": 26864,
-    "slam": 40564,
+    "slam": 47500,
     "slamgym": 121,
     "viz": 10638,
 }
@@ -55,7 +59,7 @@ SETTINGS: dict[str, int] = {
     "cad": 3,
     "dataset": 19,
     "drawing": 2,
-    "envs": 33,
+    "envs": 39,
     "gan": 36,
     "parametric": 18,
     "planning": 19,
@@ -70,8 +74,10 @@ MORE_ATTRIBUTES: dict[str, int] = {
     "slamgym.commands.deforming.arguments.DeformArguments": 19,
     "slamgym.commands.generate.GenerateArguments": 18,
     "slamgym.dataset.record.PairRecord": 28,
-    "slamgym.envs.explore_env.ExploreEnv": 18,
-    "slamgym.envs.simulation.SimulatedRobot": 17,
+    "slamgym.envs.batch.arrays.Robots": 18,
+    "slamgym.envs.batch.arrays.Scenes": 20,
+    "slamgym.envs.records.StepRecord": 28,
+    "slamgym.ros2.mapping.MapNode": 16,
     "slamgym.sim.lidar.LidarConfig": 16,
     "slamgym.slam.config.SlamConfig": 22,
 }
