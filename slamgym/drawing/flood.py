@@ -47,7 +47,9 @@ def limited_flood(
         steps,
         SEAL / cell,
     )
-    return Flood(count * cell**2, widest, shared * cell**2)
+    area = count.astype(np.float64) * cell**2
+    both = shared.astype(np.float64) * cell**2
+    return Flood(area, widest, both)
 
 
 @kernel

@@ -20,7 +20,7 @@ SAME_DOOR = 0.3
 """Boundaries whose ends are so near to each other are one [m]."""
 AROUND = 1.0
 """A floor is looked at so far around a new boundary [m]."""
-AT_JAMB = 0.2
+JAMB_REACH = 0.2
 """The jambs of a person's door are at corners or faces so near to its ends [m]: narrower floor isn't drawn."""
 
 
@@ -190,7 +190,7 @@ def _at_jambs(entry: Correction, floor: BaseGeometry) -> Segment:
     """A door on the floor with its ends at corners, or else faces, where some are near."""
     faces = floor.boundary
     corners = shapely.MultiPoint(shapely.get_coordinates(faces))
-    jambs = [(shape, most) for most in (INTO_WALLS, AT_JAMB) for shape in (corners, faces)]
+    jambs = [(shape, most) for most in (INTO_WALLS, JAMB_REACH) for shape in (corners, faces)]
     ends = []
     for point in map(Point, entry.line):
         near = [shape for shape, most in jambs if point.distance(shape) <= most]

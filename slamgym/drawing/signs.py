@@ -41,7 +41,7 @@ BASINS_AT = (0.3, 0.6)
 """The same at which two basins of a watershed are two rooms [m]."""
 BEYOND = ((0.0, 0.3), (0.3, 0.8), (0.8, 1.5))
 """Stretches behind a line's ends in which its wall is looked for [m]."""
-ASIDE = 0.05 * np.arange(-5, 6)
+ASIDE = (0.05 * np.arange(-5, 6)).astype(np.float64)
 """A wall may lie so far beside the line that it continues [m]."""
 ON_ECHO = 0.05
 """Places so near to an occupied cell are on it [m]."""

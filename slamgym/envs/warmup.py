@@ -48,6 +48,7 @@ from slamgym.sim.passages import next_clear
 from slamgym.slam import SlamConfig, make_mapper
 from slamgym.slam.branch_and_bound import search_blocks
 from slamgym.slam.config import PoseGraphConfig
+from slamgym.slam.laser_changes import seen_after
 from slamgym.slam.tiles import copy_maps
 
 BATCHED = "batch"
@@ -136,8 +137,10 @@ def _match(mode: Any) -> None:
         turn = 0.6 * step
         pose = Pose2D(0.8 * math.sin(turn), 0.8 - 0.8 * math.cos(turn), turn)
         ranges = _seen_from(pose, 1.5 if step < 23 else 1.1)
-        mapper.update(pose, LaserScan(2.0 * step, ranges, _LASER))
+        scan = LaserScan(2.0 * step, ranges, _LASER)
+        mapper.update(pose, scan)
     mapper.finish()
+    seen_after(scan, Pose2D(0.1, 0.0, 0.0))
     mapper.render(GridFrame(0.1, -4.0, -4.0, 80, 80))
 
 

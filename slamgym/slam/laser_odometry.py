@@ -45,7 +45,7 @@ BETTER_FIT = 0.1
 """What a search of a pair finds must fit better by this share of the points."""
 FASTEST = (2.0, 3.0)
 """Speeds that a robot doesn't exceed [m/s], [rad/s]: the search of a pair is so wide for each second between scans."""
-WINDOW_DEVIATIONS = 3.0
+SEARCHED_DEVIATIONS = 3.0
 """A search reaches so many standard deviations from where the robot should be."""
 LEAST_WIDTH = 0.15
 """Least width of a search [m or rad]."""
@@ -234,7 +234,7 @@ class LaserTracker:
         if placed.fit >= SURE_FIT or len(points) < FEW_POINTS:
             return placed
         deviations = np.array(pose_spreads(covariance))
-        widths = np.clip(WINDOW_DEVIATIONS * deviations, LEAST_WIDTH, MOST_WIDTH)
+        widths = np.clip(SEARCHED_DEVIATIONS * deviations, LEAST_WIDTH, MOST_WIDTH)
         place = self._recent.search(points, guess, *widths.tolist())
         found = self._recent.align(points, place, guess, known)
 

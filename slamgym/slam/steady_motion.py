@@ -18,7 +18,7 @@ TURN_CHANGE = 1.5
 """Standard deviation of what the speed of a turn changes by within a second [rad/s]."""
 FIRST_SPEED = 0.5
 """Standard deviation of the speed at the first scan [m/s]."""
-FIRST_TURN = 1.0
+FIRST_TURNING = 1.0
 """Standard deviation of the speed of a turn at the first scan [rad/s]."""
 
 
@@ -35,7 +35,7 @@ class SteadyMotion:
         self.pose = np.zeros(3)
         self.speed = np.zeros(3)
         self.covariance = np.zeros((6, 6))
-        self.covariance[3:, 3:] = np.diag(np.square([FIRST_SPEED, FIRST_SPEED, FIRST_TURN]))
+        self.covariance[3:, 3:] = np.diag(np.square([FIRST_SPEED, FIRST_SPEED, FIRST_TURNING]))
 
     @property
     def pose_covariance(self) -> FloatArray:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -94,10 +95,11 @@ def many_splits(count):
     return Corrections(tuple(entries), {"sha256": map_digest(PLAIN.grid)}, "flat.corrections.json")
 
 
-def test_thousands_of_splits_are_refused_soon():
+def test_thousands_of_splits_are_left_out_soon():
     def draw(count):
-        with pytest.raises(InputFileError, match="doesn't part two rooms"):
-            make_drawing(GRID, "flat", MODEL, corrections=many_splits(count))
+        drawing = make_drawing(GRID, "flat", MODEL, corrections=many_splits(count))
+        left_out = [doubt for doubt in drawing.doubts if "doesn't part two rooms" in doubt]
+        assert len(left_out) > 0.9 * count
 
     assert growth(draw, 100) < MOST
 
@@ -110,7 +112,7 @@ def test_thousands_of_splits_are_refused_soon():
         ({"line": [[-1e3, 1], [1e3, 1]], "thickness": 1.5}, "it doesn't lie on the map"),
     ],
 )
-def test_corrections_far_beyond_the_map_are_refused(tmp_path, entry, message):
+def test_corrections_far_beyond_the_map_are_left_out(tmp_path, entry, message):
     from slamgym.drawing.edits import read_corrections
 
     path = tmp_path / "flat.corrections.json"
@@ -119,5 +121,5 @@ def test_corrections_far_beyond_the_map_are_refused(tmp_path, entry, message):
         "corrections": [{"kind": "remove_wall", **entry}],
     }
     path.write_text(json.dumps(document))
-    with pytest.raises(InputFileError, match=message):
-        make_drawing(GRID, "flat", MODEL, corrections=read_corrections(path))
+    drawing = make_drawing(GRID, "flat", MODEL, corrections=read_corrections(path))
+    assert any(re.search(message, doubt) for doubt in drawing.doubts)

@@ -15,7 +15,7 @@ PARALLEL = 0.1
 """A face along a door's wall rises by at most this over its length [1]."""
 ONE_FACE = 0.06
 """Faces and jambs so near to each other along a wall continue each other [m]."""
-BESIDE = 0.4
+CHAIN_OFFSET = 0.4
 """A chain lies so far before its wall, in the room [m]."""
 
 
@@ -97,5 +97,5 @@ class _Wall:
                 kept.append(place)
         face = float(np.median(y[is_face])) if is_face.any() else 0.0
         places = self._origin + np.column_stack([kept, np.full(len(kept), face)]) @ self._axes
-        chain = Chain([(px, py) for px, py in places.tolist()], self._inside * BESIDE)
+        chain = Chain([(px, py) for px, py in places.tolist()], self._inside * CHAIN_OFFSET)
         return chain, [span[2] for span in along]

@@ -22,7 +22,7 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import FloatArray
 from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, Layer
-from slamgym.drawing.formats.chains import BESIDE, dimension_chains
+from slamgym.drawing.formats.chains import CHAIN_OFFSET, dimension_chains
 from slamgym.drawing.formats.dxf_sheet import MM, add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
 from slamgym.drawing.polygons import CORNER_GRID
@@ -54,7 +54,7 @@ def format_dxf(drawing: Drawing) -> str:
     document = ezdxf.new("R2018", units=units.MM)
     low, high = MM * np.reshape(drawing.bounds, (2, 2))
     middle, width, height = _upright(drawing)
-    paper = fitting_paper(width + 2.0 * BESIDE, height + 2.0 * BESIDE)
+    paper = fitting_paper(width + 2.0 * CHAIN_OFFSET, height + 2.0 * CHAIN_OFFSET)
     document.header["$PSLTSCALE"] = 0  # dashes are as long on paper as in the building
     _add_tables(document, MM * paper.letters)
     space = document.modelspace()
