@@ -75,7 +75,9 @@ class _Wall:
         spans = [(low, high, -1) for low, high in np.sort(x[is_face]).tolist()]
         for number, door in doors:
             ends = self._local(np.array([door.start, door.end]))
-            if np.abs(ends[:, 1]).max() < ONE_FACE:
+            # A door lies on either face of its wall.
+            is_in_wall = np.abs(ends[:, 1]).max() <= THICKEST_WALL
+            if is_in_wall and np.ptp(ends[:, 1]) < ONE_FACE:
                 low, high = np.sort(ends[:, 0]).tolist()
                 spans.append((low, high, number))
         low, high = 0.0, self._width
