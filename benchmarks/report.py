@@ -161,10 +161,13 @@ def environment(modules: Sequence[str]) -> dict[str, Any]:
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "machine": {"cpu": _cpu_name(), "cores": os.cpu_count(), "system": platform.platform()},
         "versions": {"python": platform.python_version()} | _package_versions(),
-        "command": " ".join(
-            ["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *sys.argv[1:]]
-        ),
+        "command": " ".join(["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *_told()]),
     }
+
+
+def _told() -> list[str]:
+    """The arguments of this run, without the folders of this machine in which their files lie."""
+    return [re.sub(r"(?:^|(?<==))/\S*/", "", argument) for argument in sys.argv[1:]]
 
 
 def commit_of(modules: Sequence[str]) -> str | None:
