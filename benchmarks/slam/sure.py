@@ -24,7 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import between, compose
-from slamgym.core.types import Pose2D, Trajectory
+from slamgym.core.types import AT_REST, Pose2D, Trajectory
 from slamgym.interop import Log
 from slamgym.metrics import absolute_trajectory_error
 from slamgym.slam import SlamConfig
@@ -69,24 +69,22 @@ def carried(drive: Drive, span: Span) -> Drive:
     gap = log.records[first + 1].stamp - log.records[first].stamp
     before, after = log.records[first].odometry, log.records[then].odometry
     records = list(log.records[: first + 1])
-    stamps = drive.truth.stamps.tolist()[: first + 1]
     for record in log.records[then:]:
         stamp = record.stamp - pause + gap
         odometry = compose(before, between(after, record.odometry))
         scan = replace(record.scan, stamp=stamp)
         records.append(record._replace(stamp=stamp, odometry=odometry, scan=scan))
-        stamps.append(stamp)
+    stamps = np.array([record.stamp for record in records])
     poses = np.concatenate([drive.truth.poses[: first + 1], drive.truth.poses[then:]])
     shorter = replace(log, records=records, recorded_track=None)
-    return replace(drive, log=shorter, truth=Trajectory(np.array(stamps), poses))
+    return replace(drive, log=shorter, truth=Trajectory(stamps, poses))
 
 
 def without_times(log: Log) -> Log:
     """A log whose beams have no times: each scan is taken for that of a moment."""
     geometry = log.geometry._replace(time_increment=0.0)
     still = with_scans(log, [record.scan.ranges for record in log], geometry)
-    here = Pose2D(0.0, 0.0, 0.0)
-    records = [record._replace(scan=replace(record.scan, motion=here)) for record in still]
+    records = [record._replace(scan=replace(record.scan, motion=AT_REST)) for record in still]
     return replace(still, records=records)
 
 

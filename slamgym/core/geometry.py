@@ -1,4 +1,4 @@
-"""SE(2) arithmetic, angles, and one grid laid onto another.
+"""SE(2) arithmetic, angles, runs of masks, and one grid laid onto another.
 
 Convention: ``compose(a, b)`` is the pose of frame b's child seen from a's parent, i.e. the matrix product
 ``T_a @ T_b``; ``between(a, b)`` is ``inverse(a) * b``, the pose of b seen from a.
@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from slamgym.core.types import FloatArray, Pose2D
+from slamgym.core.types import BoolArray, FloatArray, IntArray, Pose2D
 
 _TURN = 2.0 * math.pi
 
@@ -88,6 +88,12 @@ def transform_poses(pose: Pose2D, poses: FloatArray) -> FloatArray:
     moved[:, :2] = transform_points(pose, poses[:, :2])
     moved[:, 2] = wrap_angle(poses[:, 2] + pose[2])
     return moved
+
+
+def runs_of(mask: BoolArray) -> IntArray:
+    """Where each run of a mask (N,) begins, and where the next place behind it is, (R, 2)."""
+    changes = np.diff(mask, prepend=False, append=False)
+    return np.flatnonzero(changes).reshape(-1, 2)
 
 
 def paste(canvas: np.ndarray, picture: np.ndarray, top: int, left: int) -> None:

@@ -20,6 +20,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.files import open_regular
 from slamgym.core.limits import FILE_BYTES
 from slamgym.interop.bag_expansion import CHUNK_HEAD, CHUNK_OPCODE
+from slamgym.interop.bag_topics import BAG_SUFFIXES
 
 Expand = Callable[[str, bytes], bytes]
 """Expands data by the name of a compression, within the limits."""
@@ -59,7 +60,7 @@ def whole_part(bag: Path, folder: Path, expand: Expand) -> Remains | None:
         InputFileError: If it expands beyond the limits.
     """
     files = sorted(bag.iterdir()) if bag.is_dir() else [bag]
-    storages = [file for file in files if file.suffix in {".bag", ".mcap", ".db3"}]
+    storages = [file for file in files if file.suffix in BAG_SUFFIXES]
     if len(storages) != 1:
         return None
     (storage,) = storages

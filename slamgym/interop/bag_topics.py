@@ -16,6 +16,8 @@ ODOMETRY_TYPE = "nav_msgs/msg/Odometry"
 USUAL_SCAN_TOPICS = ("/scan", "/base_scan", "/front/scan", "/laser_scan")
 USUAL_ODOMETRY_TOPICS = ("/odom", "/odometry", "/wheel/odometry")
 
+BAG_SUFFIXES = (".bag", ".mcap", ".db3")
+"""Endings of the files in which bags are stored."""
 NO_ODOMETRY = "none"
 """Given as the odometry's topic: only the scans are read."""
 

@@ -9,7 +9,7 @@ import numpy as np
 from slamgym.core.errors import InputFileError
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.types import FloatArray, Trajectory
-from slamgym.interop.bag_topics import NO_ODOMETRY, BagChoices
+from slamgym.interop.bag_topics import BAG_SUFFIXES, NO_ODOMETRY, BagChoices
 from slamgym.interop.carmen import read_carmen
 from slamgym.interop.odometry import retimed, without_odometry
 from slamgym.interop.records import Log
@@ -18,7 +18,6 @@ from slamgym.interop.scan_times import BEAM_TIMES, with_scan_time
 from slamgym.interop.tum import read_tum, rows_of_eight
 
 EPISODE_LOGS = ("scans.log", "scans.log.gz")
-BAG_SUFFIXES = (".bag", ".mcap", ".db3")
 
 
 def open_log(path: Path | str, choices: BagChoices = BagChoices()) -> Log:  # noqa: B008 - it can't change

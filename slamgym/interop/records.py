@@ -9,7 +9,15 @@ from typing import NamedTuple
 import numpy as np
 
 from slamgym.core.geometry import wrap_angle
-from slamgym.core.types import FloatArray, IntArray, LaserGeometry, LaserScan, Pose2D, Trajectory
+from slamgym.core.types import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    LaserGeometry,
+    LaserScan,
+    Pose2D,
+    Trajectory,
+)
 
 MAX_ABS_COORDINATE = 1e6
 """A pose or a range further away is a broken number [m]."""
@@ -127,6 +135,14 @@ class Log:
         """The log with another finding."""
         finding = LogFinding(kind, sentence)
         return replace(self, findings=(*self.findings, finding))
+
+    def within(self, spans: Sequence[tuple[float, float]]) -> BoolArray:
+        """Which of the scans (N,) were taken in stretches of time [s]."""
+        stamps = np.array([record.stamp for record in self.records])
+        inside = np.zeros(len(stamps), dtype=np.bool_)
+        for begin, end in spans:
+            inside |= (stamps >= begin) & (stamps <= end)
+        return inside
 
     def __iter__(self) -> Iterator[LogRecord]:
         return iter(self.records)

@@ -20,6 +20,7 @@ from slamgym.interop.bag_expansion import Expansion
 from slamgym.interop.bag_remains import whole_part
 from slamgym.interop.bag_repair import bag_fault
 from slamgym.interop.bag_topics import (
+    BAG_SUFFIXES,
     NO_ODOMETRY,
     BagChoices,
     BagContents,
@@ -206,7 +207,7 @@ def _bag_path(path: Path) -> Path:
     """The path as the library wants it: a folder without metadata stands for the one storage file in it."""
     if not path.is_dir() or (path / "metadata.yaml").exists():
         return path
-    storage = [file for file in path.iterdir() if file.suffix in (".mcap", ".db3", ".bag")]
+    storage = [file for file in path.iterdir() if file.suffix in BAG_SUFFIXES]
     if len(storage) != 1:
         raise InputFileError(
             path,

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
+from slamgym.core.geometry import runs_of
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -173,10 +174,8 @@ def _runs(points: np.ndarray, kept: BoolArray) -> list[np.ndarray]:
     first = int(np.argmin(kept))
     points = np.roll(points, -first, axis=0)
     kept = np.roll(kept, -first)
-    changes = np.diff(kept, prepend=False, append=False)
-    places = np.flatnonzero(changes)
     runs = []
-    for start, end in places.reshape(-1, 2):
+    for start, end in runs_of(kept):
         if end - start >= SHORTEST_PX:
             runs.append(points[start:end])
     return runs

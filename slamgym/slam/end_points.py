@@ -17,6 +17,18 @@ NORMAL_THICKNESS = 0.03
 
 
 @kernel
+def beam_at(angle: float, step: float) -> int:
+    """The beam that looks nearest to a direction, if the laser's beams go on all round: it may lie behind the last one.
+
+    Args:
+        angle: From the first beam to the direction [rad].
+        step: From each beam to the next [rad].
+    """
+    turns = angle * math.copysign(1.0, step) / (2.0 * math.pi)
+    return round((turns - math.floor(turns)) * 2.0 * math.pi / abs(step))
+
+
+@kernel
 def usable_end_points(ranges: Float32Array, beams: BeamTable, longest: float) -> FloatArray:
     """End points (n, 2) of the beams that can be matched, in the robot frame [m].
 

@@ -16,6 +16,7 @@ from slamgym.core.jit import kernel
 from slamgym.core.types import Float32Array, FloatArray, LaserScan, Pose2D
 from slamgym.interop.records import Log, LogRecord
 from slamgym.slam.deskew import placed_returns
+from slamgym.slam.end_points import beam_at
 from slamgym.slam.laser_check import FEWEST_READINGS, median_change
 
 CHANGED_METRES = 0.1
@@ -112,10 +113,7 @@ def nearest_by_beam(places: FloatArray, angle_min: float, step: float, out: Floa
     for i in range(len(places)):
         x = places[i, 0]
         y = places[i, 1]
-        turns = (math.atan2(y, x) - angle_min) / (2.0 * math.pi)
-        if step < 0.0:
-            turns = -turns
-        beam = round((turns - math.floor(turns)) * 2.0 * math.pi / abs(step))
+        beam = beam_at(math.atan2(y, x) - angle_min, step)
         if beam < len(out):
             out[beam] = min(out[beam], math.hypot(x, y))
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from slamgym.core.geometry import between
+from slamgym.core.geometry import between, runs_of
 from slamgym.core.types import BoolArray, Float32Array, Pose2D
 from slamgym.interop.records import Log
 from slamgym.metrics.trajectory import relative_poses
@@ -142,8 +142,7 @@ def blind_scans(log: Log) -> BoolArray:
     Nothing tells where the robot went there but its odometry; without odometry each longer stretch counts.
     """
     blind = np.array([np.isnan(record.scan.ranges).all() for record in log])
-    edges = np.flatnonzero(np.diff(np.pad(blind, 1).astype(np.int64))).reshape(-1, 2)
-    for begin, end in edges.tolist():
+    for begin, end in runs_of(blind).tolist():
         before = log.records[max(begin - 1, 0)]
         last = log.records[end - 1]
         step = between(before.odometry, last.odometry)

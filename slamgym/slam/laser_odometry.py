@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from slamgym.core.geometry import unit_vectors, wrap_angle
+from slamgym.core.geometry import runs_of, unit_vectors, wrap_angle
 from slamgym.core.jit import plain
 from slamgym.core.portable import inverted, product
 from slamgym.core.types import AT_REST, FloatArray, LaserGeometry, LaserScan, Pose2D
@@ -265,10 +265,10 @@ def with_laser_odometry(log: Log) -> Log:
     _, poses, scans = log.track
     steps = relative_poses(poses[:-1], poses[1:])
     tracker: LaserTracker | None = None
+    is_distrusted = log.within(spans)
     moments = itertools.pairwise([0, *scans.tolist()])
     for index, (record, (begin, end)) in enumerate(zip(log, moments, strict=True)):
-        is_distrusted = any(first <= record.stamp <= last for first, last in spans)
-        if not is_distrusted:
+        if not is_distrusted[index]:
             tracker = None
         elif tracker is None:
             tracker = LaserTracker(record.scan)
@@ -277,8 +277,9 @@ def with_laser_odometry(log: Log) -> Log:
             doubtful[index] = tracker.is_doubtful
             if end > begin:  # it is spread over the moments between the scans
                 steps[begin:end] = motion / (end - begin)
-    edges = np.flatnonzero(np.diff(np.pad(doubtful, 1).astype(np.int64))).reshape(-1, 2)
-    stretches = [(log.records[begin].stamp, log.records[end - 1].stamp) for begin, end in edges]
+    stretches = [
+        (log.records[begin].stamp, log.records[end - 1].stamp) for begin, end in runs_of(doubtful)
+    ]
     moved = with_steps(log, steps)
     return replace(moved, doubted=(*log.doubted, *stretches)) if stretches else moved
 

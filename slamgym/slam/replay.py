@@ -1,6 +1,6 @@
 """Replaying a recorded log through a mapper."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -85,7 +85,7 @@ def replay(
         if on_scan is not None:
             on_scan(index, mapper, is_processed)
     mapper.finish()
-    unsure = blind_scans(log) | _within(log.track.stamps[log.track.scans], log.doubted)
+    unsure = blind_scans(log) | log.within(log.doubted)
     unseen = [log.records[index].stamp for index in processed if unsure[index]]
     mapper.stats.doubtful = sorted({*mapper.stats.doubtful, *unseen})
     mapper.stats.doubted = log.doubted
@@ -107,14 +107,6 @@ def replay(
         stats=mapper.stats,
         extra=mapper.report(),
     )
-
-
-def _within(stamps: FloatArray, spans: Sequence[tuple[float, float]]) -> BoolArray:
-    """Which of some moments (N,) lie in stretches of time [s]."""
-    inside = np.zeros(len(stamps), dtype=np.bool_)
-    for begin, end in spans:
-        inside |= (stamps >= begin) & (stamps <= end)
-    return inside
 
 
 def _common_frame(a: GridFrame, b: GridFrame) -> GridFrame:

@@ -6,12 +6,13 @@ import numpy as np
 import shapely
 
 from slamgym.cad.floorplan import Door, FloorPlan, Room
+from slamgym.core.geometry import runs_of
 from slamgym.core.types import FREE, FloatArray, IntArray, OccupancyGrid
 from slamgym.drawing.comparison.extra_walls import extra_walls
 from slamgym.drawing.comparison.faces import MapEvidence, map_evidence, plan_walls
 from slamgym.drawing.comparison.records import FindingKind, Line, PlanComparison, PlanFinding
 from slamgym.drawing.comparison.registration import MISSED, register
-from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs, runs_of
+from slamgym.drawing.comparison.walls import Survey, judge_wall, measure_walls, open_runs
 from slamgym.drawing.evidence import filled
 from slamgym.drawing.settings import ComparisonConfig
 

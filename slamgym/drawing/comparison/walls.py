@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.spatial import KDTree
 
+from slamgym.core.geometry import runs_of
 from slamgym.core.types import BoolArray, FloatArray, IntArray
 from slamgym.drawing.comparison.distortion import Drift
 from slamgym.drawing.comparison.faces import FACE_STEP, MapEvidence, PlanWalls
@@ -130,12 +131,6 @@ def open_runs(found: Survey, wall: int, shortest: float) -> list[tuple[float, fl
     step = plan.lengths[wall] / len(is_open)
     runs = step * runs_of(is_open)
     return [(start, stop) for start, stop in runs.tolist() if stop - start >= shortest]
-
-
-def runs_of(mask: BoolArray) -> IntArray:
-    """Where each run of a mask (N,) begins, and where the next place behind it is, (R, 2)."""
-    changes = np.diff(mask, prepend=False, append=False)
-    return np.flatnonzero(changes).reshape(-1, 2)
 
 
 def _pairs(plan: PlanWalls, evidence: MapEvidence) -> tuple[IntArray, FloatArray]:

@@ -17,6 +17,7 @@ from slamgym.core.geometry import compose
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, Float32Array, FloatArray, LaserGeometry, Pose2D
 from slamgym.metrics.trajectory import relative_poses
+from slamgym.slam.end_points import beam_at
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap
 
@@ -195,9 +196,7 @@ def look_through(
             if distance < SUBMAP_CELL or distance > SIGHT:
                 continue
             cosine = -(dx * sides[i, 0] + dy * sides[i, 1]) / distance
-            angle = math.atan2(dy, dx) - laser[2] - angle_min
-            turns = angle * math.copysign(1.0, step) / (2.0 * math.pi)
-            beam = round((turns - math.floor(turns)) * 2.0 * math.pi / abs(step))
+            beam = beam_at(math.atan2(dy, dx) - laser[2] - angle_min, step)
             if cosine < LEAST_COSINE or beam < 1 or beam > len(scan) - 2:
                 continue
             around = scan[beam - 1 : beam + 2]
