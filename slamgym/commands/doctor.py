@@ -8,7 +8,6 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Literal, NamedTuple
@@ -67,15 +66,14 @@ class WarmupArguments(Arguments):
 
 def warmup(arguments: WarmupArguments) -> None:
     """Run ``slamgym warmup``."""
-    from slamgym.core.jit import kernel_cache
+    from slamgym.core.jit import cache_folder
     from slamgym.core.parallel.backlog import available_cores
     from slamgym.envs.warmup import BATCHED, KERNEL_PARTS, compile_kernels
-    from slamgym.sim.raycast import cast_sweep
 
     compile_kernels(
         KERNEL_PARTS.keys() - (set() if arguments.batched else {BATCHED}), available_cores()
     )
-    tell(f"the kernels are compiled: {kernel_cache(cast_sweep)} and the folders beside it")
+    tell(f"the kernels are compiled and kept in {cache_folder()}")
 
 
 def main(arguments: DoctorArguments) -> int:
@@ -166,15 +164,11 @@ def _pretrained() -> str:
 
 
 def _kernels() -> str:
-    from slamgym.core.jit import is_compiled, kernel_cache
+    from slamgym.core.jit import cache_folder, is_compiled
     from slamgym.sim.raycast import cast_sweep
 
-    folder = kernel_cache(cast_sweep)
-    folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.NamedTemporaryFile(dir=folder):
-        pass
     state = "compiled" if is_compiled(cast_sweep) else "not compiled yet (slamgym warmup does it)"
-    return f"{state}, kept in {folder}"
+    return f"{state}, kept in {cache_folder()}"
 
 
 def _films() -> str:

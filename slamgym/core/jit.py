@@ -1,29 +1,31 @@
 """One place that decides how the numeric kernels are compiled, and where they are kept.
 
-Kernels are compiled on first use and cached next to the source (or in the user's cache folder where the package
-is read-only), so only the very first use after an installation waits for the compiler. numba itself is imported
-when the first kernel is called: help pages, and programs that call none, don't wait for it.
+Kernels are compiled on first use and kept in the user's cache folder, so only the very first use after an installation
+waits for the compiler, and the package's own folder holds nothing that ``pip uninstall`` would leave. numba itself is
+imported when the first kernel is called: help pages, and programs that call none, don't wait for it.
 """
 
+import contextlib
 import functools
 import os
 import stat
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from slamgym.core.progress import LINE_INTERVAL, counted, say
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 _T = TypeVar("_T", bound=tuple[Any, ...])
 
-_ADDITIONS = 1_000_000
-"""Additions of the loop that measures how fast this machine is."""
-_EXPLORATION = 900.0
-"""The kernels of an exploration take as long to compile as so many of these loops."""
+_CHOOSING = threading.Lock()
+"""Held while numba looks for a folder: its setting is the whole process's."""
 
 
 def kernel(function: _F) -> _F:
@@ -63,19 +65,27 @@ class Kernel:
 
         # No kernel is a callback of C, which would be a separate entry.
         jit = numba.njit(cache=True, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
-        try:
-            return _prepared(jit(self._function))
-        except RuntimeError as error:
-            # Neither the package nor the user's cache folder is writable.
-            if "no locator available" not in str(error):
-                raise
-            numba.config.CACHE_DIR = use_temporary_cache()
+        with _kept_in(cache_folder()):
             return _prepared(jit(self._function))
 
     @property
     def _numba_type_(self) -> Any:
         """The type by which another kernel knows it: numba asks objects that it doesn't know for their type."""
         return self.dispatcher._numba_type_
+
+
+@contextlib.contextmanager
+def _kept_in(folder: Path) -> Iterator[None]:
+    """Let numba keep what is declared in the block below a folder; other packages' kernels stay where they are."""
+    import numba
+
+    with _CHOOSING:
+        before = numba.config.CACHE_DIR
+        numba.config.CACHE_DIR = str(folder)
+        try:
+            yield
+        finally:
+            numba.config.CACHE_DIR = before
 
 
 def _prepared(dispatcher: Any) -> Any:
@@ -121,6 +131,36 @@ def assign(values: np.ndarray, out: np.ndarray) -> None:
         out.flat[i] = values.flat[i]
 
 
+def cache_folder() -> Path:
+    """The folder of the compiled kernels: ``NUMBA_CACHE_DIR``, else the user's cache folder, else a temporary one.
+
+    The user's has the version in its name: numba compiles a kernel anew when its file changes, but not when a file
+    changes whose kernels it calls.
+    """
+    try:
+        given = os.environ.get("NUMBA_CACHE_DIR")
+        folder = Path(given) if given else _user_caches() / "slamgym" / f"kernels-{_version()}"
+        folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=folder).close()
+    except (OSError, RuntimeError):  # not writable, or no home
+        return Path(use_temporary_cache())
+    return folder
+
+
+def _version() -> str:
+    """The package's, without an import of the package, whose stub names everything, for the type checker."""
+    return str(sys.modules["slamgym"].__dict__["__version__"])
+
+
+def _user_caches() -> Path:
+    """Where a user's programs keep what can be made anew, by the habit of the system."""
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or Path.home() / "AppData" / "Local")
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches"
+    return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
+
+
 def use_temporary_cache() -> str:
     """Choose a temporary folder for compiled kernels, say so on stderr, and return its path.
 
@@ -158,21 +198,41 @@ def is_compiled(function: Callable[..., Any]) -> bool:
     return any(kernel_cache(function).glob(f"{name}-*.nbi"))
 
 
+def count_compiled() -> int:
+    """How many kernels are kept by now."""
+    return sum(1 for _ in cache_folder().glob("*/*.nbi"))
+
+
 @functools.cache
 def announce_compilation(function: Callable[..., Any]) -> None:
-    """Say on stderr that the first steps will take a while, if they will; at most once in a process.
+    """Say on stderr that the first steps will take a while, if they will, and now and then how far they are.
+
+    At most once in a process.
 
     Args:
         function: A kernel that stands for those that will be called.
     """
-    if not is_compiled(function):
-        began = time.perf_counter()
-        total = 0
-        for number in range(_ADDITIONS):
-            total += number
-        seconds = _EXPLORATION * (time.perf_counter() - began)
-        sys.stderr.write(
-            f"slamgym: compiling the numeric kernels, once after installation: about {seconds:.0f} s in all; "
-            "slamgym warmup does it beforehand, in processes beside each other\n"
-        )
-        sys.stderr.flush()
+    if is_compiled(function):
+        return
+    from numba.core import event
+
+    say(
+        "slamgym: compiling the numeric kernels, once after installation; slamgym warmup does it beforehand, in "
+        "processes beside each other"
+    )
+
+    class Teller(event.Listener):
+        began = last = time.monotonic()
+        count = 0
+
+        def on_start(self, _event: Any) -> None:
+            pass
+
+        def on_end(self, _event: Any) -> None:
+            self.count += 1
+            now = time.monotonic()
+            if now - self.last >= LINE_INTERVAL:
+                self.last = now
+                say(f"{counted(self.count, 'kernel')} compiled, {now - self.began:.0f} s")
+
+    event.register("numba:compile", Teller())

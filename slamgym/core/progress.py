@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -61,6 +62,35 @@ def show_progress(label: str, done: int, total: int) -> Iterator[Advance]:
             show(now, f"{3600.0 / seconds_each:,.0f} an hour, {left} left")
 
         yield advance
+
+
+@contextmanager
+def show_count(label: str, count: Callable[[], int]) -> Iterator[None]:
+    """Say on standard error how many there are and since when, now and then while the block runs and at its end.
+
+    Args:
+        label: What others make while the block runs, in the plural.
+        count: How many there are by now.
+    """
+    began = time.monotonic()
+    before = count()
+    ended = threading.Event()
+
+    def show() -> None:
+        say(f"{count() - before} {label}, {time.monotonic() - began:.0f} s")
+
+    def watch() -> None:
+        while not ended.wait(LINE_INTERVAL):
+            show()
+
+    watcher = threading.Thread(target=watch, daemon=True)
+    watcher.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        watcher.join()
+    show()
 
 
 _Show = Callable[[int, str], None]

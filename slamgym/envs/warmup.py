@@ -16,11 +16,11 @@ import numpy as np
 import shapely
 
 from slamgym.cad import FloorPlan
-from slamgym.core.jit import is_compiled
+from slamgym.core.jit import count_compiled, is_compiled
 from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.parallel.engine import Execution
 from slamgym.core.portable import product
-from slamgym.core.progress import say, show_progress
+from slamgym.core.progress import say, show_count
 from slamgym.core.types import (
     FREE,
     OCCUPIED,
@@ -99,9 +99,9 @@ def compile_kernels(names: Collection[str], workers: int) -> None:
         return
     say("slamgym: compiling the numeric kernels, once after installation")
     execution = Execution(min(workers, _MOST_WORKERS, len(fresh)), task_timeout=None)
-    with show_progress("groups of kernels", 0, len(fresh)) as advance, execution.open() as engine:
+    with show_count("kernels compiled", count_compiled), execution.open() as engine:
         for _ in engine.run(_compile, fresh):
-            advance()
+            pass
 
 
 def _compile(name: str) -> str:

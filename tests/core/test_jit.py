@@ -10,7 +10,9 @@ from pathlib import Path
 import numba
 import pytest
 
-from slamgym.core.jit import is_compiled, use_temporary_cache
+import slamgym
+from slamgym.core import jit
+from slamgym.core.jit import cache_folder, is_compiled, use_temporary_cache
 
 SOURCE = """
 from slamgym.core.jit import kernel
@@ -27,8 +29,9 @@ def scaled_by_five(value):
 
 @pytest.fixture
 def load(tmp_path, monkeypatch):
-    """A function that imports the source anew; its kernels are kept next to it."""
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
+    """A function that imports the source anew; its kernels are kept below the same folder."""
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(jit, "_user_caches", lambda: tmp_path)
     path = tmp_path / "scaling.py"
     path.write_text(SOURCE)
 
@@ -49,11 +52,38 @@ def test_an_index_that_names_what_is_gone_counts_as_none(load, tmp_path, gone):
     first = load().scaled
     assert first(2, 3) == 6
     assert is_compiled(first)
-    (index,) = (tmp_path / "__pycache__").glob("*.nbi")
+    (index,) = cache_folder().glob("*/*.nbi")
     good = index.read_bytes()
     index.write_bytes(pickle.dumps(numba.__version__) + gone)
     assert load().scaled(2, 3) == 6
     assert index.read_bytes() == good
+
+
+def test_other_packages_kernels_are_kept_where_they_were(load):
+    assert load().scaled(2, 3) == 6
+    own = numba.njit(cache=True)(load)
+    assert not Path(own.stats.cache_path).is_relative_to(cache_folder())
+
+
+def test_each_version_of_the_package_keeps_its_own(monkeypatch, tmp_path):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(jit, "_user_caches", lambda: tmp_path)
+    folders = set()
+    for version in ("1.0", "1.1"):
+        monkeypatch.setattr(slamgym, "__version__", version)
+        folders.add(cache_folder())
+    assert len(folders) == 2
+    assert all(folder.is_relative_to(tmp_path) for folder in folders)
+
+
+@pytest.mark.parametrize(
+    ("platform", "variable"), [("linux", "XDG_CACHE_HOME"), ("win32", "LOCALAPPDATA")]
+)
+def test_the_users_cache_folder_is_that_of_the_system(monkeypatch, tmp_path, platform, variable):
+    monkeypatch.delenv("NUMBA_CACHE_DIR", raising=False)
+    monkeypatch.setattr(sys, "platform", platform)
+    monkeypatch.setenv(variable, str(tmp_path))
+    assert cache_folder().parent == tmp_path / "slamgym"
 
 
 def test_calls_with_different_literals_share_a_compilation(load):
