@@ -98,8 +98,8 @@ def measure(case: Case) -> dict[str, object]:
     step = cpu_microseconds(lambda: world.step(case.command, DT))
     scan = cpu_microseconds(lambda: lidar.scan(world.pose, world.segments(), rng, 0.0))
     integrate = cpu_microseconds(lambda: odometry.update(motion, rng))
-    build = cpu_microseconds(lambda: World(world.plan, world.robot).reset(case.start))
-    choose = cpu_microseconds(lambda: sample_start(world.plan, world.robot, rng))
+    build = cpu_microseconds(lambda: World(world.building.plan, world.robot).reset(case.start))
+    choose = cpu_microseconds(lambda: sample_start(world.building.plan, world.robot, rng))
     return {
         "world": case.name,
         "segments": len(world.segments()),

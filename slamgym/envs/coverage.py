@@ -22,7 +22,7 @@ from slamgym.cad.polygons import polygon_parts
 from slamgym.core.jit import kernel
 from slamgym.core.types import BoolArray, FloatArray, GridFrame
 from slamgym.sim.passages import Passages
-from slamgym.sim.space import fitting_area
+from slamgym.sim.start import fitting_area
 
 CELL = 0.1
 """Cell size of the floor [m]: the beams of one scan are at most 5 cm apart within the usable range."""

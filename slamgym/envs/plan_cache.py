@@ -1,6 +1,7 @@
 """Floor plans made ready for exploration, and where the next one comes from (``reset(options=...)`` may name it)."""
 
 import logging
+import math
 from collections import OrderedDict
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -17,7 +18,8 @@ from slamgym.core.errors import ConfigError, PlanError
 from slamgym.core.types import Pose2D
 from slamgym.envs.coverage import ReachableFloor
 from slamgym.sim import Clutter, ClutterConfig, RobotConfig, SurfaceConfig, make_clutter
-from slamgym.sim.space import sample_pose, sample_start, start_area
+from slamgym.sim.contact import SKIN
+from slamgym.sim.start import sample_pose, sample_start, start_area
 from slamgym.sim.surfaces import Surfaces, furnished_surfaces, wall_surfaces
 
 _logger = logging.getLogger(__name__)
@@ -162,19 +164,20 @@ class PlanCache:
         )
 
     def choose_site(
-        self, wanted: "ResetOptions", streams: Streams, clutter: ClutterConfig
-    ) -> tuple[PreparedPlan, Pose2D]:
-        """A building, furnished and populated where the settings want it, and where the robot starts.
+        self, wanted: "ResetOptions", team: Sequence[Streams], clutter: ClutterConfig
+    ) -> tuple[PreparedPlan, list[Pose2D]]:
+        """A building, furnished and populated where the settings want it, and where its robots start.
 
         Args:
-            wanted: The plan or its id, and the start; what is None is drawn.
-            streams: Sources of randomness.
+            wanted: The plan or its id, and the starts; what is left out is drawn.
+            team: Sources of randomness of each robot; the first one's choose the building.
             clutter: Furniture and people.
 
         Raises:
-            ConfigError: If the source has no such plan.
-            PlanError: If it can't be explored.
+            ConfigError: If the source has no such plan, or the starts aren't one for each robot, apart from each other.
+            PlanError: If it can't be explored, or has no room for so many robots.
         """
+        streams = team[0]
         plan = wanted.plan
         if plan is None:
             prepared = self.draw(streams.plan)
@@ -185,8 +188,42 @@ class PlanCache:
         if not clutter.is_empty:
             drawn = make_clutter(prepared.plan, streams.clutter, clutter, self._robot)
             prepared = prepared.furnished(drawn)
-        start = wanted.start or prepared.sample_start(streams.start)
-        return prepared, start
+        if wanted.starts:
+            return prepared, self._given_starts(wanted.starts, len(team))
+        starts: list[Pose2D] = []
+        for own in team:
+            starts.append(self._start_apart(prepared, starts, own.start))
+        return prepared, starts
+
+    def _given_starts(self, starts: Sequence[Pose2D], count: int) -> list[Pose2D]:
+        """Starts that the caller has chosen.
+
+        Raises:
+            ConfigError: If they aren't one for each robot, or are so near to each other that robots would touch.
+        """
+        if len(starts) != count:
+            raise ConfigError(
+                f"the reset option 'start' must give {count} poses, one for each robot, not {len(starts)}"
+            )
+        for k, start in enumerate(starts):
+            if self._nearest(start, starts[:k]) < 2.0 * self._robot.radius:
+                raise ConfigError(f"the start {tuple(start)} is on another robot; choose another")
+        return list(starts)
+
+    def _start_apart(
+        self, prepared: PreparedPlan, others: Sequence[Pose2D], rng: np.random.Generator
+    ) -> Pose2D:
+        """Draw a start that isn't on another robot's."""
+        for _ in range(_TRIES):
+            start = prepared.sample_start(rng)
+            if self._nearest(start, others) >= 2.0 * (self._robot.radius + SKIN):
+                return start
+        raise PlanError(prepared.plan.where, f"there is no room for {len(others) + 1} robots in it")
+
+    @staticmethod
+    def _nearest(start: Pose2D, others: Sequence[Pose2D]) -> float:
+        """Distance of a start from the nearest of others [m]."""
+        return min((math.dist(start[:2], other[:2]) for other in others), default=math.inf)
 
     def named(self, plan_id: str) -> PreparedPlan:
         """A plan by its id.
@@ -252,11 +289,15 @@ def _open(plans: PlansArgument) -> PlanSource:
     )
 
 
+RESET_OPTIONS = ("plan", "start")
+"""What ``reset(options=...)`` may name."""
+
+
 class ResetOptions(NamedTuple):
-    """Options of an episode; what is None is drawn."""
+    """Options of an episode; what is left out is drawn."""
 
     plan: str | FloorPlan | None = None
-    start: Pose2D | None = None
+    starts: tuple[Pose2D, ...] = ()  # of each robot in the building
 
     @classmethod
     def read(cls, options: Mapping[str, Any] | None) -> "ResetOptions":
@@ -267,8 +308,8 @@ class ResetOptions(NamedTuple):
         """
         options = options or {}
         for name in options:
-            if name not in cls._fields:
-                raise ConfigError(f"unknown reset option {name!r}; {suggest(name, cls._fields)}")
+            if name not in RESET_OPTIONS:
+                raise ConfigError(f"unknown reset option {name!r}; {suggest(name, RESET_OPTIONS)}")
         plan = options.get("plan")
         if plan is not None and not isinstance(plan, str | FloorPlan):
             raise ConfigError(f"the reset option 'plan' must be an id or a FloorPlan, not {plan!r}")
@@ -276,9 +317,11 @@ class ResetOptions(NamedTuple):
         if start is None:
             return cls(plan)
         try:
-            x, y, theta = (float(value) for value in start)
+            one = np.ndim(start) == 1
+            poses = [start] if one else start
+            starts = tuple(Pose2D(*map(float, pose)) for pose in poses)
         except (TypeError, ValueError):
-            raise ConfigError(
-                f"the reset option 'start' must be (x, y, theta), not {start!r}"
-            ) from None
-        return cls(plan, Pose2D(x, y, theta))
+            starts = ()
+        if not starts:
+            raise ConfigError(f"the reset option 'start' must be (x, y, theta), not {start!r}")
+        return cls(plan, starts)

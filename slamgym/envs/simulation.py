@@ -119,7 +119,7 @@ class Simulation(SimulatedRobot):
         coverage = self.coverage
         return Scene(
             plan=prepared.plan,
-            furniture=world.furniture(),
+            furniture=world.building.furniture(),
             moving=world.segments()[num_fixed:],
             robot_radius=self.radius,
             true_pose=truth,

@@ -51,16 +51,16 @@ def begin_robot(
         ConfigError: If there is no such plan, or the start leaves no room for the robot.
         PlanError: If the plan can't be explored.
     """
-    start = None
+    starts: tuple[Pose2D, ...] = ()
     if len(parameters.start) == 3:
         x, y, theta = parameters.start
-        start = Pose2D(x, y, theta)
+        starts = (Pose2D(x, y, theta),)
     elif parameters.start:
         raise ConfigError(f"start must be x, y, theta or nothing, not {parameters.start}")
-    wanted = ResetOptions(parameters.plan or None, start)
+    wanted = ResetOptions(parameters.plan or None, starts)
     rng, _ = seeding.np_random(parameters.seed)
     streams = Streams.spawn(rng)
-    prepared, pose = plans.choose_site(wanted, streams, config.clutter)
+    prepared, (pose,) = plans.choose_site(wanted, [streams], config.clutter)
     fleet = Fleet(config, 1)
     fleet.begin(0, prepared, pose, streams)
     fleet.look(np.array([0]))

@@ -3,7 +3,8 @@ from .lidar import Lidar, LidarConfig, LidarLevel, Sighting, lidar_level
 from .people import Crowd, Person
 from .raycast import cast_rays
 from .robot import RobotConfig
-from .space import Motion, World, sample_start
+from .space import Motion, World
+from .start import sample_start
 from .surfaces import SurfaceConfig, Surfaces, make_surfaces
 from .wheel_odometry import (
     OdometryConfig,

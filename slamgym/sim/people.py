@@ -1,4 +1,4 @@
-"""People who walk from place to place, keep off walls and furniture, and stop for the robot."""
+"""People who walk from place to place, keep off walls and furniture, and stop for robots."""
 
 import math
 from dataclasses import dataclass
@@ -95,13 +95,13 @@ class Crowd:
         self._walked = [0.0] * number
         self._waited = [0.0] * number
 
-    def advance(self, span: float, robot_x: float, robot_y: float, robot_radius: float) -> None:
-        """Let everybody walk for a time while the robot stands at a place."""
+    def advance(self, span: float, robots: FloatArray) -> None:
+        """Let everybody walk for a time while robots stand, shape (R, 3) as x, y, radius [m]."""
         pieces = max(1, math.ceil(span / _STEP_TIME))
-        robot = (robot_x, robot_y, robot_radius)
+        standing = robots.tolist()
         for _ in range(pieces):
             for index in range(len(self._people)):
-                self._walk(index, span / pieces, robot)
+                self._walk(index, span / pieces, standing)
 
     def legs(self) -> FloatArray:
         """Segments that the LIDAR sees, shape (P * 2 * _LEG_CORNERS, 4) as x0, y0, x1, y1 [m]."""
@@ -121,8 +121,8 @@ class Crowd:
                 outlines.append(np.hstack([corners[:-1], corners[1:]]))
         return np.vstack(outlines) if outlines else np.empty((0, 4))
 
-    def _walk(self, index: int, span: float, robot: tuple[float, float, float]) -> None:
-        """Move one person, unless that would come too near to the robot or to somebody else."""
+    def _walk(self, index: int, span: float, robots: list[list[float]]) -> None:
+        """Move one person, unless that would come too near to a robot or to somebody else."""
         x, y = self.discs[index, :2].tolist()
         dx, dy = (self._targets[index] - (x, y)).tolist()
         left = math.hypot(dx, dy)
@@ -133,7 +133,7 @@ class Crowd:
         share = min(1.0, distance / left)
         there = x + share * dx, y + share * dy
         self._headings[index] = math.atan2(dy, dx)
-        if self._is_free(index, (x, y), there, robot):
+        if self._is_free(index, (x, y), there, robots):
             self.discs[index, :2] = there
             self._walked[index] += share * left
             self._waited[index] = 0.0
@@ -145,12 +145,12 @@ class Crowd:
         index: int,
         here: tuple[float, float],
         there: tuple[float, float],
-        robot: tuple[float, float, float],
+        robots: list[list[float]],
     ) -> bool:
         """True if no one is too near to a place; stepping back from someone near is always free."""
         discs = self.discs.tolist()
         del discs[index]
-        for x, y, radius in (robot, *discs):
+        for x, y, radius in (*robots, *discs):
             distance = math.hypot(x - there[0], y - there[1])
             polite = radius + PERSON_RADIUS + _POLITE_DISTANCE
             if distance < polite and distance < math.hypot(x - here[0], y - here[1]):

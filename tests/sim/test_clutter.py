@@ -24,6 +24,7 @@ from slamgym.sim.furniture import pieces_for
 from slamgym.sim.passages import PASSAGE_CELL, Passages
 from slamgym.sim.people import PERSON_RADIUS
 
+NOBODY = np.empty((0, 3))
 FURNISHED = ClutterConfig(furniture=1.0)
 EVERYTHING = {"furniture": 1.0, "doors": 1.0, "changes": 6.0}
 
@@ -278,7 +279,7 @@ class TestDoors:
         assert not np.array_equal(*runs[0])
         assert np.array_equal(runs[0][0], runs[1][0])
         assert np.array_equal(runs[0][1], runs[1][1])
-        assert len(world.furniture()) == len(clutter.solids())
+        assert len(world.building.furniture()) == len(clutter.solids())
 
 
 class TestPassages:
@@ -309,7 +310,7 @@ class TestPeople:
         obstacles = shapely.union_all(polygons(clutter))
         track = []
         for _ in range(600):
-            crowd.advance(0.2, -100.0, -100.0, 0.22)
+            crowd.advance(0.2, NOBODY)
             track.append(crowd.discs[:, :2].copy())
         track = np.array(track)
         bodies = shapely.points(track.reshape(-1, 2))
@@ -322,7 +323,7 @@ class TestPeople:
         crowd = Crowd(clutter.people, clutter.walkable)
         for _ in range(300):
             before = crowd.discs[:, :2].copy()
-            crowd.advance(0.1, -100.0, -100.0, 0.22)
+            crowd.advance(0.1, NOBODY)
             moved = np.hypot(*(crowd.discs[:, :2] - before).T)
             assert (moved <= [person.speed * 0.1 + 1e-9 for person in clutter.people]).all()
 
@@ -343,7 +344,7 @@ class TestPeople:
         clutter = furnish(flat, 0, furniture=0.0, people=2)
         crowd = Crowd(clutter.people, clutter.walkable)
         for _ in range(100):
-            crowd.advance(0.1, -100.0, -100.0, 0.22)
+            crowd.advance(0.1, NOBODY)
             ends = crowd.legs().reshape(2, -1, 2)
             assert (
                 np.hypot(*np.moveaxis(ends - crowd.discs[:, None, :2], -1, 0)).max()
@@ -357,7 +358,7 @@ class TestPeople:
         for _ in range(2):
             crowd.reset()
             for _ in range(200):
-                crowd.advance(0.2, 1.0, 1.0, 0.22)
+                crowd.advance(0.2, np.array([[1.0, 1.0, 0.22]]))
             walks.append(crowd.discs.copy())
         assert np.array_equal(*walks)
 

@@ -8,7 +8,7 @@ import pytest
 from slamgym.cad import FloorPlan
 from slamgym.core.types import Pose2D, Twist2D
 from slamgym.sim import RobotConfig, World, sample_start
-from slamgym.sim import space as space_module
+from slamgym.sim import building as building_module
 from slamgym.sim.contact import SKIN, ContactSolver
 
 WALL = np.array([[1.0, -5.0, 1.0, 5.0]])
@@ -21,7 +21,7 @@ def test_a_wish_is_left_as_it_is_where_nothing_is_touched(gap):
     solver = ContactSolver(WALL, NOBODY, robot)
     pose = Pose2D(1.0 - robot.radius - SKIN - gap - 1e-9, 0.3, 0.4)
     wish = (0.2, -0.1, 1.5)
-    left, push = solver.solve(pose, wish)
+    ((left, push),) = solver.solve([pose], [wish])
     assert left == pytest.approx(wish, abs=1e-12)
     assert push == pytest.approx((0.0, 0.0, 0.0), abs=1e-12)
 
@@ -30,10 +30,10 @@ def test_a_wall_takes_the_part_of_a_velocity_that_goes_into_it():
     robot = RobotConfig()
     solver = ContactSolver(WALL, NOBODY, robot)
     pose = Pose2D(1.0 - robot.radius - 0.5 * SKIN, 0.3, 0.4)
-    left, push = solver.solve(pose, (0.2, -0.1, 1.5))
+    ((left, push),) = solver.solve([pose], [(0.2, -0.1, 1.5)])
     assert left == pytest.approx((0.0, -0.1, 1.5), abs=1e-6)
     assert push[0] < 0.0, "the overlap of the skin ends"
-    away, _ = solver.solve(pose, (-0.2, 0.1, 0.0))
+    ((away, _),) = solver.solve([pose], [(-0.2, 0.1, 0.0)])
     assert away == pytest.approx((-0.2, 0.1, 0.0), abs=1e-6)
 
 
@@ -41,10 +41,10 @@ def test_the_push_of_an_old_contact_is_not_felt_at_the_next_one():
     robot = RobotConfig()
     walls = np.vstack([WALL, WALL - [2.0, 0.0, 2.0, 0.0]])
     used, fresh = (ContactSolver(walls, NOBODY, robot) for _ in range(2))
-    used.solve(Pose2D(1.0 - robot.radius - 0.1 * SKIN, 0.0, 0.0), (0.2, 0.0, 0.0))
+    used.solve([Pose2D(1.0 - robot.radius - 0.1 * SKIN, 0.0, 0.0)], [(0.2, 0.0, 0.0)])
     used.release()
-    there = Pose2D(-1.0 + robot.radius + 0.9 * SKIN, 0.0, 0.0), (-0.2, 0.0, 0.0)
-    for one, other in zip(used.solve(*there), fresh.solve(*there), strict=True):
+    there = [Pose2D(-1.0 + robot.radius + 0.9 * SKIN, 0.0, 0.0)], [(-0.2, 0.0, 0.0)]
+    for one, other in zip(used.solve(*there)[0], fresh.solve(*there)[0], strict=True):
         # The overlap is looked for where that push of 0.05 m/s led for a hundredth of a second.
         assert one == pytest.approx(other, abs=5e-3)
 
@@ -53,7 +53,7 @@ def test_a_disc_that_moves_up_is_a_wall_too():
     robot = RobotConfig()
     solver = ContactSolver(np.empty((0, 4)), np.array([[9.0, 9.0, 0.25]]), robot)
     solver.place_discs(np.array([[robot.radius + 0.25, 0.0, 0.25]]))
-    left, _ = solver.solve(Pose2D(0.0, 0.0, 0.0), (0.2, 0.1, 0.0))
+    ((left, _),) = solver.solve([Pose2D(0.0, 0.0, 0.0)], [(0.2, 0.1, 0.0)])
     assert left == pytest.approx((0.0, 0.1, 0.0), abs=1e-6)
 
 
@@ -61,7 +61,7 @@ def test_a_robot_that_touches_nothing_never_enters_the_solver(hall: FloorPlan, m
     def refuse(*_):
         raise AssertionError("a solver was made")
 
-    monkeypatch.setattr(space_module, "ContactSolver", refuse)
+    monkeypatch.setattr(building_module, "ContactSolver", refuse)
     world = World(hall, RobotConfig())
     world.reset(Pose2D(2.0, 0.22 + SKIN + 1e-6, 0.0))
     for _ in range(50):  # along a wall, a micrometre off

@@ -105,7 +105,7 @@ class TestDrawing:
             )
         )
         assert np.array_equal(plain.segments(), glass.segments())
-        assert len(plain.surfaces.patches) == 0 < len(glass.surfaces.patches)
+        assert len(plain.building.surfaces.patches) == 0 < len(glass.building.surfaces.patches)
 
 
 class TestMeasuring:

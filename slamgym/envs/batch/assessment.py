@@ -114,7 +114,7 @@ class Assessment:
         self._action = np.zeros((count, 2))
         self._path = np.zeros(count)
         self._coverage = np.zeros(count)
-        self._duration = np.full(count, self._fleet.config.control_step)
+        self._steps = np.zeros(count, dtype=np.int64)
         self._step = 0  # of all that was ever assessed
 
     def begin(self, ids: IntArray) -> None:
@@ -135,6 +135,7 @@ class Assessment:
         self._action[ids] = 0.0
         self._coverage[ids] = self._fleet.shares[ids]
         self._path[ids] = 0.0
+        self._steps[ids] = 0
 
     def is_explored(self, index: int) -> bool:
         """True if one robot's map shows no frontier that it could reach."""
@@ -162,7 +163,7 @@ class Assessment:
         coverage = self._fleet.shares
         record = StepRecord(
             partial(self._read, self._step),
-            duration=self._duration,
+            duration=(robots.steps - self._steps) * self._fleet.config.control_step,
             time=self._fleet.times,
             action=targets,
             previous_action=self._action,
@@ -174,6 +175,7 @@ class Assessment:
         )
         self._action = targets
         self._path = path
+        self._steps = robots.steps.copy()
         self._coverage = coverage
         return record
 
@@ -219,8 +221,7 @@ class Assessment:
     def _clearance(self, index: int) -> float:
         world = self._fleet.each[index].world
         x, y, _ = self._fleet.robots.pose[index].tolist()
-        obstacles = world.segments()[: world.num_obstacles]
-        return float(clearance(x, y, obstacles, world.discs) - world.robot.radius)
+        return float(clearance(x, y, world.building.obstacles, world.discs) - world.robot.radius)
 
     def _scan(self, index: int) -> Any:
         return self._beliefs.ranges[index].copy()

@@ -40,6 +40,7 @@ class Explorations:
         reward: What a step is worth.
         threads: So many work on the robots.
         prefers_kernels: See :class:`slamgym.envs.batch.beliefs.Beliefs`.
+        team_size: So many robots explore each building, each with its own sensors and map.
 
     Attributes:
         fleet: Bodies and scanners.
@@ -57,11 +58,12 @@ class Explorations:
         *,
         threads: int = 1,
         prefers_kernels: bool = False,
+        team_size: int = 1,
     ) -> None:
         self._config = config
         self._plans = plans
         self._reward = reward
-        self.fleet = Fleet(config, count, threads)
+        self.fleet = Fleet(config, count, threads, team_size)
         self.beliefs = Beliefs(self.fleet, prefers_kernels)
         self.assessment = Assessment(self.beliefs, reward)
         self.observer = BatchObserver(self.beliefs)
@@ -74,7 +76,7 @@ class Explorations:
         """Begin episodes, up to their first scans.
 
         Args:
-            begins: Who begins, shape (N,).
+            begins: Who begins, shape (N,); robots of one building do together.
             generators: Of all robots; an episode's streams are derived from its robot's.
             wanted: Plan and start, if they aren't drawn.
 
@@ -91,12 +93,18 @@ class Explorations:
     ) -> IntArray:
         """Draw buildings and starts and put robots down, who don't scan yet; returns which."""
         ids = np.flatnonzero(begins)
-        for i in ids.tolist():
-            streams = Streams.spawn(generators[i])
-            prepared, start = self._plans.choose_site(wanted, streams, self._config.clutter)
-            _refuse_too_large(self._config.observation, prepared.plan, start)
-            self.fleet.begin(i, prepared, start, streams)
-            self.beliefs.begin(i, start)
+        size = self.fleet.team_size
+        teams = begins.reshape(-1, size)
+        if (teams.any(axis=1) != teams.all(axis=1)).any():
+            raise ValueError("robots of one building begin together")
+        for first in ids[::size].tolist():
+            team = range(first, first + size)
+            streams = [Streams.spawn(generators[i]) for i in team]
+            prepared, starts = self._plans.choose_site(wanted, streams, self._config.clutter)
+            for i, own, start in zip(team, streams, starts, strict=True):
+                _refuse_too_large(self._config.observation, prepared.plan, start)
+                self.fleet.begin(i, prepared, start, own)
+                self.beliefs.begin(i, start)
         self.observer.begin(ids)
         return ids
 
@@ -119,11 +127,20 @@ class Explorations:
             fleet.drive(self._everyone, targets)
         else:
             fleet.drive(np.flatnonzero(~begins), targets)
-            ids = self._put_down(begins, generators, ResetOptions())
+            self._put_down(begins, generators, ResetOptions())
+        return self._look(targets, begins)
+
+    def place(self, pose: Pose2D, length: float, steps: int) -> StepOutcome:
+        """Put the only robot where so many control steps have brought it, and scan; see :meth:`Fleet.place`."""
+        self.fleet.place(0, pose, length, steps)
+        return self._look(np.zeros((1, 2)), None)
+
+    def _look(self, targets: FloatArray, begins: BoolArray | None) -> StepOutcome:
+        """Scan and measure after all have been driven, or were put down."""
         is_published = self.is_published
         self.beliefs.sense(self._everyone, is_published)
         if begins is not None:
-            self.assessment.begin(ids)
+            self.assessment.begin(np.flatnonzero(begins))
         terminations = self._are_complete(is_published)
         truncations = self._are_cut_off()
         if begins is not None:

@@ -1,6 +1,7 @@
 """Robots in their buildings, driven and sensing together: bodies, wheels, scanners, and the floor that was seen."""
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,8 @@ from slamgym.envs.config import ExploreConfig
 from slamgym.envs.coverage import CELL, Coverage, ReachableFloor
 from slamgym.envs.plan_cache import PreparedPlan, Streams
 from slamgym.sim import Lidar, OdometryConfig, WheelOdometry, World
+from slamgym.sim.building import Building
+from slamgym.sim.encounter import Encounter
 from slamgym.sim.lidar import LONGEST_BURST
 from slamgym.sim.robot import WHEEL_RADIUS
 from slamgym.sim.surfaces import Surfaces
@@ -39,16 +42,21 @@ class Robot(NamedTuple):
 
 
 class Fleet:
-    """So many robots, each in its building; one of them is all that a single environment needs.
+    """So many robots, each in its building or several in each; one of them is all that a single environment needs.
+
+    Robots of one building see and touch each other. They have numbers in a row.
 
     Args:
         config: The settings.
         count: How many.
         threads: So many work on them.
+        team_size: So many in each building.
 
     Attributes:
         config: As given.
         threads: As given.
+        team_size: As given.
+        building_of_robot: In which building each robot is, shape (N,).
         robots: Bodies and wheels.
         scenes: What they touch and see.
         scans: The newest scans.
@@ -57,9 +65,14 @@ class Fleet:
         scanner: The same for kernels, without names.
     """
 
-    def __init__(self, config: ExploreConfig, count: int, threads: int = 1) -> None:
+    def __init__(
+        self, config: ExploreConfig, count: int, threads: int = 1, team_size: int = 1
+    ) -> None:
         self.config = config
         self.threads = threads
+        self.team_size = team_size
+        self.building_of_robot = np.arange(count) // team_size
+        self._encounters: list[Encounter] = []
         self.robots = Robots.rest(count)
         self.scenes = Scenes.empty(count)
         self.scans = Scans.blank(count, config.lidar.num_beams, LONGEST_BURST)
@@ -98,25 +111,51 @@ class Fleet:
         return bare(self.scenes._replace(segments=segments))
 
     def begin(self, index: int, prepared: PreparedPlan, start: Pose2D, streams: Streams) -> None:
-        """Put one robot down in a building; it hasn't scanned yet.
+        """Put one robot down in a building, those of a building one after the other; it hasn't scanned yet.
 
         Raises:
             ConfigError: If the start leaves no room for the robot.
         """
         config = self.config
+        place = index % self.team_size
+        if place:
+            building = self.each[index - 1].world.building
+        else:
+            building = Building(prepared.plan, prepared.clutter, prepared.surfaces)
         world = World(
-            prepared.plan,
-            config.robot,
-            clutter=prepared.clutter,
-            surfaces=prepared.surfaces,
-            state=self.robots.drive[index],
+            building, config.robot, state=self.robots.drive[index], others=self.team_size - 1
         )
         world.reset(start)
         wheels = WheelOdometry(config.odometry, config.robot, streams.odometry)
         self._put_at_rest(index, start, world.pose, wheels)
-        self._put_walls(index, world, world.surfaces)
+        self._put_walls(index, world, building.surfaces)
         self._put_floor(index, prepared.floor, start)
         self.each[index : index + 1] = [Robot(prepared, world, streams)]
+        if 0 < place == self.team_size - 1:
+            self._assemble(self.building_of_robot[index])
+
+    def _assemble(self, building: int) -> None:
+        """Let the robots of a building, all put down, meet each other."""
+        team = self._team(building)
+        self._encounters[building : building + 1] = [Encounter([self.each[i].world for i in team])]
+        self._introduce(building)
+
+    def _team(self, building: int) -> range:
+        """Numbers of the robots in a building."""
+        return range(building * self.team_size, (building + 1) * self.team_size)
+
+    def _introduce(self, building: int) -> None:
+        """Let the robots of a building see where the others are now, and people and furniture."""
+        self._encounters[building].introduce()
+        for i in self._team(building):
+            self._put_moving(i)
+
+    def _put_moving(self, index: int) -> None:
+        """Note what has moved about one robot."""
+        world = self.each[index].world
+        segments = world.segments()
+        self.scenes.segments[index, : len(segments)] = segments
+        self.scenes.discs[index, : len(world.discs)] = world.discs
 
     def _put_at_rest(self, index: int, start: Pose2D, pose: Pose2D, wheels: WheelOdometry) -> None:
         """Let one robot rest at its start."""
@@ -138,7 +177,7 @@ class Fleet:
         walls = world.segments()
         scenes.materials[index] = surfaces.num_walls, surfaces.seed
         scenes.roughness[index] = surfaces.roughness
-        scenes.num_obstacles[index] = world.num_obstacles
+        scenes.num_obstacles[index] = world.building.num_obstacles
         scenes.num_segments[index] = len(walls)
         scenes.num_discs[index] = len(world.discs)
         scenes.num_first[index] = len(surfaces.first)
@@ -181,28 +220,76 @@ class Fleet:
 
     def drive(self, ids: IntArray, targets: FloatArray) -> None:
         """Drive for one control step towards velocities within the limits, shape (N, 2) [m/s, rad/s]."""
-        divide_work(lambda part: self._drive(part, targets), ids, self.threads)
+        alone = ids
+        together: list[int] = []
+        if self.team_size > 1:
+            buildings = self.building_of_robot[ids[:: self.team_size]].tolist()
+            self._let_time_pass(buildings)
+            together = [one for one in buildings if self._is_crowded(one, targets)]
+            alone = ids[~np.isin(self.building_of_robot[ids], together)]
+        divide_work(lambda part: self._drive(part, targets), alone, self.threads)
+        for building in together:
+            self._drive_together(building, targets)
+        if self.team_size > 1:
+            for building in buildings:
+                self._introduce(building)
         self.robots.steps[ids] += 1
+
+    def _let_time_pass(self, buildings: Sequence[int]) -> None:
+        """People walk and things are moved in buildings of several robots."""
+        dt = self._drive_model.dt
+        for one in buildings:
+            building = self.each[one * self.team_size].world.building
+            if building.is_lively:
+                building.let_time_pass(dt, self._encounters[one].bodies())
+                self._introduce(one)
+
+    def _targets(self, building: int, targets: FloatArray) -> list[Twist2D]:
+        return [Twist2D(*targets[i].tolist()) for i in self._team(building)]
+
+    def _is_crowded(self, building: int, targets: FloatArray) -> bool:
+        """True if robots of a building could touch each other in this step."""
+        wanted = self._targets(building, targets)
+        return self._encounters[building].is_near(wanted, self._drive_model.dt)
+
+    def _drive_together(self, building: int, targets: FloatArray) -> None:
+        """Drive the robots of a building where they could touch each other."""
+        robots = self.robots
+        ids = np.array(self._team(building))
+        self._draw_slips(ids)
+        wanted = self._targets(building, targets)
+        contacts = np.array(self._encounters[building].drive(wanted, self._drive_model.dt))
+        robots.collisions[ids] += contacts & ~robots.contact[ids]
+        robots.contact[ids] = contacts
+        self._arrive(ids)
+
+    def _draw_slips(self, ids: IntArray) -> None:
+        """Draw what errs in a step of the wheels, each robot from its own stream."""
+        if not self._wheel_model.is_ideal:
+            for i in ids.tolist():
+                self.each[i].streams.odometry.standard_normal(out=self.robots.slips[i])
+
+    def _arrive(self, ids: IntArray) -> None:
+        """Note the poses of robots that didn't drive freely."""
+        drive = bare(self._drive_model)
+        arrive_all(bare(self.robots), self.kernel_scenes(), drive, bare(self._wheel_model), ids)
 
     def _drive(self, ids: IntArray, targets: FloatArray) -> None:
         robots = self.robots
-        dt = self._drive_model.dt
-        for i in ids.tolist():
-            _, world, streams = self.each[i]
-            if not self._wheel_model.is_ideal:
-                streams.odometry.standard_normal(out=robots.slips[i])
-            if world.is_lively:
-                world.let_time_pass(dt)
-                self.scenes.segments[i, : len(world.segments())] = world.segments()
-                self.scenes.discs[i, : len(world.discs)] = world.discs
-        scenes = self.kernel_scenes()
+        self._draw_slips(ids)
+        if self.team_size == 1:
+            for i in ids.tolist():
+                world = self.each[i].world
+                if world.building.is_lively:
+                    world.let_time_pass(self._drive_model.dt)
+                    self._put_moving(i)
         drive = bare(self._drive_model)
         wheels = bare(self._wheel_model)
-        if drive_all(bare(robots), scenes, drive, wheels, ids, targets):
+        if drive_all(bare(robots), self.kernel_scenes(), drive, wheels, ids, targets):
             touching = ids[robots.left[ids] > 0.0]
             for i in touching.tolist():
                 self._touch(i, Twist2D(*targets[i].tolist()))
-            arrive_all(bare(robots), scenes, drive, wheels, touching)
+            self._arrive(touching)
 
     def _touch(self, index: int, target: Twist2D) -> None:
         """Let one robot drive on from where it touches something."""
