@@ -35,7 +35,8 @@ class SlamArguments(LogReading, LogAndOut):
     """Make a map from a recorded log."""
 
     out: Out
-    """Folder for map.pgm, map.yaml, map.png, trajectory.tum, trajectory_doubt.csv and summary.json."""
+    """Folder for map.pgm, map.yaml, map.png, trajectory.tum, trajectory_doubt.csv, graph.g2o, scans.npz and
+    summary.json."""
 
     mode: Mode | None = None
     """pose_graph, the default: one path, whose loops are closed; rbpf: GMapping's particle filter; dead_reckoning: what
@@ -272,6 +273,7 @@ def _errors_of_truth(result: ReplayResult, truth: Trajectory | None) -> dict[str
 def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     from slamgym.interop.ros_map import write_ros_map
     from slamgym.interop.tum import write_doubt, write_tum
+    from slamgym.slam.graph.graph_files import GRAPH, SCANS, write_graph
     from slamgym.viz.canvas import write_picture
     from slamgym.viz.map_pictures import draw_map
 
@@ -279,6 +281,10 @@ def _write(arguments: SlamArguments, result: ReplayResult, mode: str) -> None:
     path = result.trajectory
     begin_results(folder)
     write_ros_map(folder, result.grid)
+    for name in (GRAPH, SCANS):
+        (folder / name).unlink(missing_ok=True)  # those of an earlier run
+    if result.graph is not None:
+        write_graph(folder, result.graph)
     write_tum(folder / "trajectory.tum", path)
     write_doubt(folder / "trajectory_doubt.csv", path.stamps, result.doubtful, result.covariances)
     caption = f"{arguments.log.name}   {mode}   {path.length:.0f} m"

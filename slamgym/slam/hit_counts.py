@@ -64,6 +64,10 @@ class HitCountMap:
         """Memory of the grid."""
         return self._counts.nbytes + self._cells.nbytes
 
+    def see_with(self, beams: BeamTable) -> None:
+        """Draw scans of another laser from here on."""
+        self._beams = plain(beams)
+
     def draw(self, poses: FloatArray, ranges: Float32Array, sign: int = 1) -> None:
         """Draw scans, or with ``sign`` -1 take out scans drawn before at exactly these poses.
 

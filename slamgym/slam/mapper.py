@@ -23,6 +23,7 @@ from slamgym.core.types import (
 from slamgym.slam.columns import Columns
 from slamgym.slam.config import SlamConfig
 from slamgym.slam.deskew import deskewed
+from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.hit_count_kernels import BeamTable
 from slamgym.slam.hit_counts import HitCountMap
 from slamgym.slam.motion_model import OdometryGate, update_thresholds
@@ -180,6 +181,10 @@ class Mapper(ABC):
 
     def finish(self) -> None:  # noqa: B027 - most modes have nothing to do
         """Improve map and path once the log is complete; to be called after the last scan."""
+
+    def graph(self) -> MapGraph | None:
+        """What was measured, with the scans; None in a mode without a graph."""
+        return None
 
     def report(self) -> Mapping[str, Any]:
         """Entries that this mode adds to a summary, e.g. its loop closures."""

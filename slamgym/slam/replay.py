@@ -9,6 +9,7 @@ import numpy as np
 from slamgym.core.types import BoolArray, FloatArray, GridFrame, OccupancyGrid, Pose2D, Trajectory
 from slamgym.interop.records import Log
 from slamgym.slam.config import SlamConfig
+from slamgym.slam.graph.map_graph import MapGraph
 from slamgym.slam.laser_check import blind_scans
 from slamgym.slam.laser_odometry import with_laser_odometry
 from slamgym.slam.mapper import Mapper, SlamStats
@@ -35,6 +36,8 @@ class ReplayResult:
     covariances: FloatArray
     """Covariances of the scans' poses by the mapper at the time, shape (N, 3, 3); zero where it doesn't know."""
     stats: SlamStats
+    graph: MapGraph | None = None
+    """What was measured, with the scans; None in a mode without a graph."""
     extra: Mapping[str, Any] = field(default_factory=dict)
     """Other entries that the mapper reports, e.g. its loop closures."""
 
@@ -105,6 +108,7 @@ def replay(
         doubtful=unsure | np.isin(last, mapper.stats.doubtful),
         covariances=covariances,
         stats=mapper.stats,
+        graph=mapper.graph(),
         extra=mapper.report(),
     )
 

@@ -70,9 +70,10 @@ def test_a_log_becomes_a_map_a_path_a_picture_and_a_summary(tmp_path, episode, m
         True,
         [],
     )
-    assert sorted(path.name for path in out.iterdir()) == [
-        "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum", "trajectory_doubt.csv",
-    ]  # fmt: skip
+    graph = ["graph.g2o", "scans.npz"] if mode == "pose_graph" else []
+    assert sorted(path.name for path in out.iterdir()) == sorted([
+        "map.pgm", "map.png", "map.yaml", "summary.json", "trajectory.tum", "trajectory_doubt.csv", *graph,
+    ])  # fmt: skip
     assert mode in capsys.readouterr().out
 
 

@@ -24,6 +24,7 @@ from slamgym.slam.graph.alignment import MOST_SUBMAPS, Alignment, AlignmentTarge
 from slamgym.slam.graph.closures import LoopCloser
 from slamgym.slam.graph.compass import Compass
 from slamgym.slam.graph.consistency import Consistency
+from slamgym.slam.graph.map_graph import DriveScans, MapGraph, on_lattice
 from slamgym.slam.graph.pose_graph import PoseGraph
 from slamgym.slam.graph.recovery import Recovery
 from slamgym.slam.graph.relative import (
@@ -77,8 +78,6 @@ STEPS_AT_THE_END = 15
 """Steps of least squares once the log is complete."""
 STALE_METRES = 0.004
 """A submap is drawn again once one of its scans has moved so far [m], half a radian counting as a metre."""
-DRAWN_LATTICE = np.array([0.004, 0.004, 0.002])
-"""Steps in which poses are drawn into the map [m, m, rad]: what moves less isn't drawn again."""
 
 
 class PoseGraphMapper(Mapper):
@@ -135,6 +134,26 @@ class PoseGraphMapper(Mapper):
     def trajectory(self) -> Trajectory:
         """The path, as corrected until now."""
         return Trajectory(self._scans["stamps"].copy(), self._graph.poses.copy())
+
+    def graph(self) -> MapGraph | None:
+        """What was measured, with the scans; None before the first scan."""
+        if self._last_scan is None:
+            return None
+        submaps = [submap for submap in self._submaps if not submap.is_older_map]
+        first = np.array([submap.first for submap in submaps])
+        drive = DriveScans(
+            first=0,
+            stamps=self._scans["stamps"].copy(),
+            ranges=self._scans["ranges"].copy(),
+            geometry=self._last_scan.geometry,
+            config=self._config,
+        )
+        return MapGraph(
+            poses=self._graph.poses.copy(),
+            edges=self._graph.corrected_edges(),
+            submaps=np.column_stack([first, np.append(first[1:], len(self._graph))]),
+            drives=(drive,),
+        )
 
     def report(self) -> dict[str, Any]:
         """Entries that this mode adds to a summary."""
@@ -371,8 +390,7 @@ class PoseGraphMapper(Mapper):
 
     def _draw_path(self) -> None:
         """Draw the scans that are new, and again those that have moved."""
-        # On a lattice, so that the map follows from the path, however often it was drawn before.
-        poses = np.round(self._graph.poses / DRAWN_LATTICE) * DRAWN_LATTICE
+        poses = on_lattice(self._graph.poses)
         ranges = self._scans["ranges"]
         before = self._drawn_poses
         drawn = len(before)

@@ -213,6 +213,12 @@ class PoseGraph:
         mixed = self._factor.covariance(old, new)
         return relative_covariance(self.poses[old], self.poses[new], of_old, of_new, mixed)
 
+    def corrected_edges(self) -> Edges:
+        """The edges without the wheels' systematic errors."""
+        edges = self._edges()
+        measured = edges.measured + edges.design @ self.wheels.systematic
+        return edges._replace(measured=measured, design=np.zeros_like(edges.design))
+
     def _edges(self) -> Edges:
         """The odometry's edges, in the order of the path, and the laser's."""
         nodes = self._nodes
