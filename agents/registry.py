@@ -9,6 +9,7 @@ from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
     TOUR_LOOP,
+    WIDE_TOUR_LOOP,
     CostUtility,
     ExploreLite,
     FrontierTour,
@@ -46,6 +47,7 @@ CLASSICAL: dict[str, Make] = {
     "cost_utility": by_rule(CostUtility()),
     "next_best_view": by_rule(NextBestView()),
     "tour": by_rule(FrontierTour(), TOUR_LOOP),
+    "tour_wide": by_rule(FrontierTour(), WIDE_TOUR_LOOP),
 }
 """Hand-written rules: neither learned, nor the oracle, nor the random walk."""
 

@@ -7,7 +7,6 @@ that a choice is due, :meth:`ExplorationLoop.choose` is given one of the :attr:`
 :meth:`ExplorationLoop.command` drives.
 """
 
-import math
 from dataclasses import field
 from typing import Annotated
 
@@ -18,7 +17,7 @@ from slamgym.core.types import ByteArray, Observation, OccupancyGrid, Pose2D, Tw
 from slamgym.planning.blacklist import SAME_CENTROID, Blacklist
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.costmap import NO_INFORMATION, Costmap
-from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress
+from slamgym.planning.exploration_progress import LastChoice, MapGrowth, TargetProgress, Trail
 from slamgym.planning.frontier_candidates import (
     LARGEST_HOME,
     FrontierCandidate,
@@ -53,7 +52,7 @@ class ExplorationLoopConfig(Settings, section="loop"):
     split_extent: Annotated[float, Within(gt=0.0, infinite=True)] = 3.0
     """A frontier that extends farther than this is offered in parts [m]."""
     progress_timeout: Positive = 30.0
-    """A frontier that the robot doesn't come nearer to for so long is given up [s]."""
+    """A frontier is given up to which the robot comes no nearer, straight or along its path, for so long [s]."""
     last_frontier_size: float = 0.25
     """Once nothing larger is left, frontiers down to this size are offered too [m]."""
     promise: Promise | None = None
@@ -86,6 +85,7 @@ class ExplorationLoop:
         self.num_frontiers = 0
         self._belief = LoopBelief(context.frame)
         self._growth = MapGrowth()
+        self._trail = Trail()
         self._searched_round = 0  # the round of the last search of candidates
         self._recovery = RecoveryBehaviours()
         self._begin(LastChoice())
@@ -240,14 +240,15 @@ class ExplorationLoop:
     def ways_on(self) -> list[Frontier] | None:
         """Frontiers that the robot fits through and that the exploration means to visit, now or in a later round.
 
-        None where the robot finds no place on the map, before open space that it doesn't show, and while nothing is
-        offered but the next search, with another footprint or a newer map, may find something.
+        None where the robot finds no place on the map, or no way back on it to where it has been, before open space
+        that it doesn't show, and while nothing is offered but the next search, with another footprint or a newer map,
+        may find something.
         """
         costmap = self.navigator.costmap
-        if costmap is None or self.navigator.reachable is None:
+        space = self.navigator.reachable
+        if costmap is None or space is None or self._trail.is_cut_off(costmap, space):
             return None
-        was_last_search = self._searched_round == len(RELAXED_FOOTPRINTS)
-        if not self.candidates and not was_last_search:
+        if not self.candidates and self._searched_round < len(RELAXED_FOOTPRINTS):
             return None
         if self._recovery.has_open_space(self.known_map()):
             return None
@@ -260,6 +261,7 @@ class ExplorationLoop:
         """Take over all but the map; on a corrected map begin anew, with the next one that is published."""
         last_time = self.time
         moved = self._belief.take_pose(observation)
+        self._trail.note(self.pose)
         passed = max(self.time - last_time, self.context.control_step)
         is_corrected = moved > self.context.max_linear * passed + SAME_CENTROID
         if is_corrected and self._belief.has_map and not self.finished:
@@ -310,8 +312,7 @@ class ExplorationLoop:
 
     def _reconsiders(self, target: FrontierCandidate) -> bool:
         """True if there may be a better choice on a newer map; gives up a target without progress towards it."""
-        distance = math.dist(target.target, self.pose[:2])
-        waited = self._progress.waited(target.target, distance, self.time)
+        waited = self._progress.waited(target.target, self.navigator, self.pose, self.time)
         if self.context.drives and waited > self.config.progress_timeout:
             self.navigator.block_ahead(self.pose, self.time)
             self._drop_target(target)

@@ -1,11 +1,23 @@
 """Progress of an exploration: its last choice, its map, and the robot on the way to its target."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from slamgym.core.types import Pose2D
 from slamgym.planning.costmap import Costmap
 from slamgym.planning.frontier_candidates import FrontierCandidate
-from slamgym.planning.frontiers import Point
+from slamgym.planning.frontiers import Point, Reachable
+from slamgym.planning.grid_path import place_near
+from slamgym.planning.navigator import Navigator
+
+_JITTER = 0.5
+"""A target that moves less with the map is the same [m]."""
+_NEARER = 0.05
+"""Less is no progress [m]: a cell of the map."""
+_TRAIL_STEP = 0.5
+"""Places of a trail are so far apart, and a way back need lead no nearer to them [m]: maps are corrected by less."""
+_TRAIL_MISSING = 4
+"""So many places in a row without a way back are no place that a corrected map shows inside a wall."""
 
 LEAST_GROWTH = 0.5
 """Less than this is no growth of the map [m2]: noise opens pinholes for ever."""
@@ -41,17 +53,46 @@ class TargetProgress:
     """Progress of the robot towards its target."""
 
     target: Point = (math.inf, math.inf)
-    distance: float = math.inf  # the shortest so far [m]
-    at: float = 0.0  # when it was reached [s]
+    distance: float = math.inf  # the shortest so far, straight [m]
+    path: float = math.inf  # the shortest so far, along the path [m]
+    at: float = 0.0  # when the robot last came nearer [s]
 
-    def waited(self, target: Point, distance: float, time: float) -> float:
-        """For how long the robot hasn't come nearer [s]."""
-        # A target that only jitters with the map is not a new one.
-        if math.dist(target, self.target) > 0.5 or distance < self.distance - 0.05:
+    def waited(self, target: Point, navigator: Navigator, pose: Pose2D, time: float) -> float:
+        """For how long the robot hasn't come nearer, neither straight nor along its path [s]."""
+        if math.dist(target, self.target) > _JITTER:
             self.target = target
-            self.distance = distance
+            self.distance = math.inf
+            self.path = math.inf
+        distance = math.dist(target, pose[:2])
+        path = navigator.follower.remaining(pose)
+        if distance < self.distance - _NEARER or path < self.path - _NEARER:
+            self.distance = min(self.distance, distance)
+            self.path = min(self.path, path)
             self.at = time
         return time - self.at
+
+
+@dataclass
+class Trail:
+    """Places where the robot has been, as it believed then."""
+
+    places: list[Point] = field(default_factory=list)  # [m]
+
+    def note(self, pose: Pose2D) -> None:
+        """Note where the robot is, if that is some way from the last place."""
+        place = pose.x, pose.y
+        if not self.places or math.dist(place, self.places[-1]) > _TRAIL_STEP:
+            self.places.append(place)
+
+    def is_cut_off(self, costmap: Costmap, reachable: Reachable) -> bool:
+        """True if the map shows no way back to a part of the trail: a door on it is drawn shut."""
+        missing = 0
+        for place in self.places:
+            is_there = place_near(costmap, place, _TRAIL_STEP, reachable) is not None
+            missing = 0 if is_there else missing + 1
+            if missing >= _TRAIL_MISSING:
+                return True
+        return False
 
 
 @dataclass
