@@ -204,6 +204,7 @@ COMMANDS = {
     ),
     "deform": Command("deform:main", "SLAM maps that a robot might have drawn of a floor plan"),
     "slam": Command("slam:main", "make a map from a recorded log (CARMEN, ROS bag, episode)"),
+    "merge": Command("merge:main", "make one map of several of one building"),
     "localize": Command("localize:main", "find the robot of a log on a finished map"),
     "export-log": Command("export_log:main", "write an episode or a log as CARMEN log or rosbag2"),
     "ros2 sim": Command("ros2:sim_command", "a TurtleBot3 in a floor plan, without Gazebo", ROS2),

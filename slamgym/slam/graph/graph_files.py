@@ -135,9 +135,15 @@ def _is_whole(
 
 def _drive(entry: Any, number: int, held: Any) -> DriveScans:
     beams, first, step, nearest, farthest, mount, each = entry["laser"]
-    numbers = [float(value) for value in (first, step, nearest, farthest)]
-    pose = Pose2D(*map(float, mount))
-    geometry = LaserGeometry(int(beams), *numbers, mount=pose, time_increment=float(each))
+    geometry = LaserGeometry(
+        num_beams=int(beams),
+        angle_min=float(first),
+        angle_increment=float(step),
+        range_min=float(nearest),
+        range_max=float(farthest),
+        mount=Pose2D(*map(float, mount)),
+        time_increment=float(each),
+    )
     return DriveScans(
         first=int(entry["first"]),
         stamps=held[f"stamps_{number}"].astype(np.float64),

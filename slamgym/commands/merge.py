@@ -1,0 +1,199 @@
+"""``slamgym merge``: several maps of one building in, one map out, if it is sure that they belong together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+import tyro
+
+from slamgym.commands.frame import Out, begin_results, end_results, require_folder, require_input
+from slamgym.commands.log_input import LogReading, checked_log
+from slamgym.core.config import Arguments
+from slamgym.core.documents import YAML_SUFFIXES
+from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.pictures import PICTURE_SUFFIXES
+from slamgym.core.progress import say
+
+if TYPE_CHECKING:
+    from slamgym.slam.merge.merged import Merged, Placed, Refusal
+    from slamgym.slam.merge.merging import Part
+
+
+class _Inputs(Arguments):
+    inputs: Annotated[tuple[Path, ...], tyro.conf.Positional]
+    """Two or more: folders of `slamgym slam` or `ros2 map`, episodes of `generate`, recorded logs, or bare maps, of
+    which the picture alone is laid on the others."""
+
+    out: Out
+    """Folder for map.pgm, map.yaml, map.png, graph.g2o, scans.npz, trajectory_1.tum and so on, and summary.json."""
+
+
+class MergeArguments(LogReading, _Inputs):
+    """Merge maps of one building whose starts aren't known; other lasers, cells and directions are no hindrance."""
+
+    guess: bool = False
+    """Merge at the best place even if it isn't sure that the maps belong together; summary.json says so."""
+
+
+MAPS = (*YAML_SUFFIXES, *PICTURE_SUFFIXES, ".json")
+"""Names of bare maps end so."""
+
+
+def main(arguments: MergeArguments) -> int:
+    """Run the command.
+
+    Returns:
+        The exit code: 1 if the maps aren't merged, as it isn't sure that they belong together.
+    """
+    from slamgym.slam.merge.merged import Refusal, merge_parts
+
+    _check(arguments)
+    parts = [_read(path, arguments) for path in arguments.inputs]
+    merged = merge_parts(parts, arguments.guess)
+    if isinstance(merged, Refusal):
+        say(f"slamgym: not merged: {_why(merged)}")
+        return 1
+    placed = [_entry(one) for one in merged.placed]
+    is_sure = all(one["doubt"] == "" for one in placed)
+    _write(arguments.out, merged)
+    summary = {"sure": is_sure, "inputs": placed}
+    end_results(arguments.out, summary, _report(arguments.out, summary))
+    return 0
+
+
+def _check(arguments: MergeArguments) -> None:
+    """Refuse what can't be merged before any work is done."""
+    inputs = arguments.inputs
+    if len(inputs) < 2:
+        raise ConfigError(f"merge needs two maps or more, and is given {len(inputs)}")
+    require_folder(arguments.out)
+    seen: dict[Path, Path] = {}
+    for path in inputs:
+        require_input(path, "the folder of a map, a log or a bare map")
+        twin = seen.setdefault(path.resolve(), path)
+        if twin is not path:
+            raise InputFileError(path, f"is {twin} once more; name each map once")
+    if arguments.out.resolve() in seen:
+        raise InputFileError(
+            arguments.out, "is an input and would be written over; name another --out"
+        )
+
+
+def _read(path: Path, reading: LogReading) -> Part:
+    """One input, whatever it is."""
+    from slamgym.interop.logs import episode_log
+    from slamgym.slam.graph.graph_files import GRAPH, read_graph
+    from slamgym.slam.merge.merging import Part
+
+    if (path / GRAPH).exists():
+        return Part.of_graph(str(path), read_graph(path))
+    log = _log_in(path)
+    is_map = path.suffix.lower() in MAPS
+    if log is None and path.is_dir() and not episode_log(path):
+        is_map = any(path.glob("*.y*ml")) and not (path / "metadata.yaml").exists()
+    if is_map:
+        return _read_picture(path)
+    return _map_log(log or path, str(path), reading)
+
+
+def _log_in(path: Path) -> Path | None:
+    """The log in the folder of `ros2 map`."""
+    log = path / "log.carmen.gz"
+    return log if log.is_file() else None
+
+
+def _read_picture(path: Path) -> Part:
+    from slamgym.interop.map_files import read_map
+    from slamgym.slam.merge.merging import Part
+
+    known = read_map(path)
+    if known.placement.theta != 0.0:
+        raise InputFileError(
+            path, "is turned in the map frame, and maps are drawn upright; set its yaw to 0"
+        )
+    say(f"slamgym: {path}: a bare map: its picture alone is laid on the others")
+    return Part.of_picture(str(path), known.grid)
+
+
+def _map_log(path: Path, name: str, reading: LogReading) -> Part:
+    """A log, mapped."""
+    from slamgym.slam import SlamConfig
+    from slamgym.slam.merge.merging import Part
+    from slamgym.slam.replay import replay
+
+    log = checked_log(path, reading)
+    config = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    graph = replay(log, config, np.random.default_rng(0)).graph
+    assert graph is not None, "this mode has one"
+    return Part.of_graph(name, graph)
+
+
+def _why(refusal: Refusal) -> str:
+    """Why maps aren't merged, in a sentence."""
+    names = ", ".join(one.part.name for one in refusal.merged.placed)
+    return f"{refusal.part.name} isn't sure to belong to {names}: {refusal.verdict.doubt}"
+
+
+def _entry(placed: Placed) -> dict[str, Any]:
+    """What the summary says of an input."""
+    from slamgym.slam.merge.verdict import evidence_of
+
+    entry: dict[str, Any] = {
+        "name": placed.part.name,
+        "is_picture": placed.part.graph is None,
+        "pose": list(placed.pose),
+        "covariance": placed.covariance.tolist(),
+        "doubt": "",
+    }
+    if placed.verdict is None or placed.verdict.best is None:
+        return entry
+    best = placed.verdict.best
+    entry |= {
+        "doubt": placed.verdict.doubt,
+        "evidence_nats": evidence_of(best.agreement),
+        "evidence_of_next_place_nats": max(placed.verdict.rival, -1e9),
+        "walls_m": best.agreement._asdict(),
+        "submaps_tied": 0 if best.joint is None else best.joint.ties,
+    }
+    return entry
+
+
+def _write(folder: Path, merged: Merged) -> None:
+    from slamgym.core.types import Trajectory
+    from slamgym.interop.ros_map import write_ros_map
+    from slamgym.interop.tum import write_tum
+    from slamgym.slam.graph.graph_files import write_graph
+    from slamgym.viz.canvas import write_picture
+    from slamgym.viz.map_pictures import draw_map
+
+    begin_results(folder)
+    grid = merged.grid()
+    write_ros_map(folder, grid)
+    paths = [np.zeros((0, 3))]
+    if merged.graph is not None:
+        write_graph(folder, merged.graph)
+        for number, drive in enumerate(merged.graph.drives, 1):
+            poses = merged.graph.poses[drive.nodes]
+            write_tum(folder / f"trajectory_{number}.tum", Trajectory(drive.stamps, poses))
+            paths.append(poses)
+    caption = ", ".join(Path(one.part.name).name for one in merged.placed)
+    write_picture(folder / "map.png", draw_map(grid, np.concatenate(paths), caption))
+
+
+def _report(folder: Path, summary: dict[str, Any]) -> Iterator[str]:
+    first, *others = summary["inputs"]
+    yield f"{first['name']}: its frame is that of the merged map"
+    for entry in others:
+        x, y, turn = entry["pose"]
+        walls = entry["walls_m"]
+        against = walls["beside"] + walls["contradicted"]
+        said = f"a GUESS: {entry['doubt']}" if entry["doubt"] else "sure"
+        yield (
+            f"{entry['name']}: at {x:.2f}, {y:.2f} m, turned by {np.degrees(turn):.1f} degrees: {said}\n"
+            f"  {walls['agreed']:.0f} m of wall agree, {against:.1f} m don't; evidence {entry['evidence_nats']:.1f} "
+            f"nats, at the next place {entry['evidence_of_next_place_nats']:.1f}"
+        )
+    yield f"  {folder / 'map.png'}"

@@ -1,0 +1,165 @@
+"""A finished map as others are laid on it: its surfaces with their sides, what is free, and views to search for.
+
+Maps of graphs and bare pictures become the same record, so that one search and one judgement serve both.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from slamgym.core.geometry import transform_points
+from slamgym.core.jit import plain
+from slamgym.core.types import FREE, OCCUPIED, FloatArray, OccupancyGrid, Pose2D
+from slamgym.slam.end_points import usable_end_points
+from slamgym.slam.graph.map_graph import MapGraph
+from slamgym.slam.graph.relative import seen_from
+from slamgym.slam.graph.submaps import SUBMAP_CELL, Submap, known_surfaces, sides_of
+
+VIEW_REACH = 8.0
+"""Surfaces further than this from the middle of a view aren't part of it [m]."""
+VIEW_SUBMAPS = 1
+"""A view holds a submap and so many before and behind it: 6 m of driving."""
+VIEW_SPACING = 1.5
+"""Views lie so far apart [m]: nearer ones show the same."""
+SMOOTHED = 2.0
+"""Standard deviation over which a picture is smoothed to find its walls' normals [cells]."""
+LEAST_SLOPE = 0.4
+"""A smoothed picture that is flatter than this shows no normal."""
+FEW_SURFACES = 30
+"""A view of fewer surfaces is not searched for."""
+MATCH_RANGE = 25.0
+"""Longer returns are not matched [m]."""
+
+
+class Surfaces(NamedTuple):
+    """Pieces of wall, at most one a cell and side."""
+
+    points: FloatArray  # (n, 2) [m]
+    sides: FloatArray  # (n, 3) unit vectors to the side that they were seen from, and 1
+
+    def placed(self, pose: FloatArray) -> "Surfaces":
+        """The same, given in the frame of a pose (3,), in the frame that the pose is given in."""
+        frame = Pose2D(*pose.tolist())
+        turned = transform_points(Pose2D(0.0, 0.0, frame.theta), self.sides[:, :2])
+        sides = np.column_stack([turned, self.sides[:, 2]])
+        return Surfaces(transform_points(frame, self.points), sides)
+
+
+class View(NamedTuple):
+    """What was seen near a place."""
+
+    pose: FloatArray  # (3,) of the place on its map
+    surfaces: Surfaces  # in the frame of the place
+
+
+@dataclass(frozen=True)
+class Floor:
+    """A finished map."""
+
+    grid: OccupancyGrid
+    surfaces: Surfaces
+    """Of the whole map, in its frame."""
+    views: tuple[View, ...]
+    """What is sought of it on other maps."""
+
+
+def graph_floor(graph: MapGraph, submaps: list[Submap]) -> Floor:
+    """The floor of a graph with its submaps."""
+    frames = graph.poses[graph.submaps[:, 0]]
+    seen = [Surfaces(*submap.lines()) for submap in submaps]
+    placed = [surfaces.placed(frame) for surfaces, frame in zip(seen, frames, strict=True)]
+    views: list[View] = []
+    for number, frame in enumerate(frames):
+        if any(np.hypot(*(view.pose - frame)[:2]) < VIEW_SPACING for view in views):
+            continue
+        first = max(0, number - VIEW_SUBMAPS)
+        around = _joined(placed[first : number + VIEW_SUBMAPS + 1])
+        views.append(_view(frame, around))
+    return _floor(graph.grid(), _joined(placed), views)
+
+
+def picture_floor(grid: OccupancyGrid) -> Floor:
+    """The floor of a bare map."""
+    surfaces = _thinned(picture_surfaces(grid))
+    rows, cols = np.nonzero(grid.cells == FREE)
+    x, y = grid.frame.to_point(rows, cols)
+    tiles = np.floor(np.column_stack([x, y]) / VIEW_SPACING)
+    views = []
+    for tile in np.unique(tiles, axis=0):
+        is_inside = (tiles == tile).all(axis=1)
+        middle = np.array([x[is_inside].mean(), y[is_inside].mean(), 0.0])
+        views.append(_view(middle, surfaces))
+    return _floor(grid, surfaces, views)
+
+
+def _floor(grid: OccupancyGrid, surfaces: Surfaces, views: list[View]) -> Floor:
+    rich = [view for view in views if len(view.surfaces.points) >= FEW_SURFACES]
+    return Floor(grid, surfaces, tuple(rich))
+
+
+def _joined(parts: list[Surfaces]) -> Surfaces:
+    points = np.concatenate([part.points for part in parts])
+    sides = np.concatenate([part.sides for part in parts])
+    return _thinned(Surfaces(points, sides))
+
+
+def _thinned(surfaces: Surfaces) -> Surfaces:
+    """One piece a cell and direction of its side."""
+    points, sides = surfaces
+    cells = np.floor(points / SUBMAP_CELL)
+    octants = np.round(np.arctan2(sides[:, 1], sides[:, 0]) / (0.5 * np.pi)) % 4
+    keys = np.column_stack([cells, octants])
+    _, kept = np.unique(keys, axis=0, return_index=True)
+    return Surfaces(points[kept], sides[kept])
+
+
+def _view(pose: FloatArray, surfaces: Surfaces) -> View:
+    """What of some surfaces lies near a pose (3,)."""
+    away = np.hypot(*(surfaces.points - pose[:2]).T)
+    near = Surfaces(*(part[away < VIEW_REACH] for part in surfaces))
+    return View(pose, near.placed(seen_from(pose, np.zeros(3))))
+
+
+def picture_surfaces(grid: OccupancyGrid) -> Surfaces:
+    """Occupied cells next to free ones, once for each side that is free, and the walls' normals to that side."""
+    import cv2
+
+    points, sides = known_surfaces(grid)
+    cells = grid.cells[::-1]
+    free = (cells == FREE).astype(np.float32)
+    occupied = (cells == OCCUPIED).astype(np.float32)
+    smooth = cv2.GaussianBlur(free - occupied, (0, 0), SMOOTHED)
+    frame = grid.frame
+    places = np.floor((points - (frame.origin_x, frame.origin_y)) / frame.resolution)
+    cols, rows = places.astype(np.int64).T
+    slopes = [cv2.Sobel(smooth, cv2.CV_32F, *along)[rows, cols] for along in ((1, 0), (0, 1))]
+    normals = np.column_stack(slopes).astype(np.float64)
+    steepness = np.hypot(normals[:, 0], normals[:, 1])
+    # A thin wall with floor on both sides has no slope: its sides are those of its cells.
+    is_clear = (normals * sides[:, :2]).sum(axis=1) > 0.5 * np.maximum(steepness, LEAST_SLOPE)
+    sides[is_clear, :2] = normals[is_clear] / steepness[is_clear, None]
+    return Surfaces(points, sides)
+
+
+def draw_submaps(graph: MapGraph) -> list[Submap]:
+    """The submaps of a graph, from its scans."""
+    submaps = []
+    for drive in graph.drives:
+        beams = plain(drive.beams)
+        mount = np.array(drive.geometry.mount[:2])
+        nodes = drive.nodes
+        clouds = [usable_end_points(ranges, beams, MATCH_RANGE) for ranges in drive.ranges]
+        reach = min(drive.config.max_usable_range, MATCH_RANGE) + 3.0
+        own = graph.submaps[
+            (graph.submaps[:, 0] >= nodes.start) & (graph.submaps[:, 0] < nodes.stop)
+        ]
+        for first, end in own.tolist():
+            submap = Submap(first, reach)
+            for node in range(first, end):
+                points = clouds[node - nodes.start]
+                pose = seen_from(graph.poses[first], graph.poses[node])
+                submap.add(pose, points, sides_of(points, mount))
+            submap.close()
+            submaps.append(submap)
+    return submaps

@@ -1,0 +1,136 @@
+"""Small drives whose true transforms are known."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from drawn_drives import FLAT, OTHER, draw, drive
+
+from slamgym.core.geometry import wrap_angle
+from slamgym.core.types import OCCUPIED, UNKNOWN, OccupancyGrid
+from slamgym.metrics.trajectory import align_se2
+from slamgym.slam import SlamConfig
+from slamgym.slam.graph.relative import seen_from
+from slamgym.slam.merge.drawing import Picture, paint
+from slamgym.slam.merge.merged import Merged, Refusal, merge_parts
+from slamgym.slam.merge.merging import Part
+from slamgym.slam.replay import replay
+
+HERE = [(1, 1), (2.2, 2.3), (3.8, 2.3), (4.7, 2.4), (4.7, 3.6), (7, 3.8), (4.7, 3.6), (6.5, 1.2)]
+THERE = [
+    (7.2, 0.8),
+    (3.8, 0.8),
+    (4.7, 2.4),
+    (4.7, 3.8),
+    (6.8, 3.6),
+    (4.7, 3.6),
+    (3.6, 2.3),
+    (1, 4.3),
+]
+ROUND = [(1.5, 1.6), (5.5, 1.6), (5.6, 3), (4.5, 5), (1.8, 4.6), (1.5, 2)]
+MIRRORED = FLAT * [-1.0, 1.0, -1.0, 1.0]
+DRIVES = {
+    "here": (FLAT, HERE),
+    "there": (FLAT, THERE),
+    "other": (OTHER, ROUND),
+    "mirrored": (MIRRORED, (np.array(THERE) * [-1.0, 1.0]).tolist()),
+    "a corner": (FLAT, [(1, 1), (1.2, 1.2)]),
+}
+
+
+@functools.cache
+def mapped(name):
+    """A mapped drive, and the true pose of its frame in the building's."""
+    walls, way = DRIVES[name]
+    log, truth = drive(walls, way, seed=len(name))
+    config = SlamConfig.for_log(log.geometry.range_max, log.geometry.num_beams)
+    result = replay(log, config, np.random.default_rng(0))
+    processed = np.searchsorted(result.trajectory.stamps, result.processed.stamps)
+    frame = align_se2(result.graph.poses[:, :2], truth[processed, :2])
+    return result.graph, np.array(frame)
+
+
+def part(name):
+    return Part.of_graph(name, mapped(name)[0])
+
+
+def picture(name):
+    """The map of a drive without its graph."""
+    return Part.of_picture(name, mapped(name)[0].grid())
+
+
+def off(first, second, found):
+    """How far a transform is from the true one [m], [rad]."""
+    true = seen_from(mapped(first)[1], mapped(second)[1])
+    x, y, turn = seen_from(true, np.array(found))
+    return math.hypot(x, y), abs(wrap_angle(turn))
+
+
+@pytest.mark.parametrize(("first", "second"), [("here", "there"), ("there", "here")])
+def test_the_transform_between_two_drives_is_recovered_and_one_graph_made(first, second):
+    merged = merge_parts([part(first), part(second)])
+    assert isinstance(merged, Merged), merged.verdict.doubt
+    metres, radians = off(first, second, merged.placed[1].pose)
+    # Each map bends by some centimetres over eight metres, which no transform undoes.
+    assert metres < 0.1
+    assert radians < math.radians(1.0)
+    assert len(merged.graph.poses) == len(mapped(first)[0].poses) + len(mapped(second)[0].poses)
+    ties = (merged.graph.edges.first < len(mapped(first)[0].poses)) & (
+        merged.graph.edges.second >= len(mapped(first)[0].poses)
+    )
+    assert ties.sum() > 10
+    assert np.linalg.eigvalsh(merged.placed[1].covariance).min() > 0.0
+
+
+@pytest.mark.parametrize("second", ["other", "mirrored", "a corner"])
+def test_what_does_not_belong_together_or_shows_too_little_is_refused(second):
+    refusal = merge_parts([part("here"), part(second)])
+    assert isinstance(refusal, Refusal)
+    assert refusal.verdict.doubt
+    assert refusal.part.name == second
+
+
+def test_a_guess_is_made_where_it_is_asked_for_and_stays_in_doubt():
+    merged = merge_parts([part("here"), part("a corner")], guess=True)
+    assert isinstance(merged, Merged)
+    assert merged.placed[1].verdict.doubt
+
+
+def test_a_third_drive_joins_those_that_are_one_already():
+    merged = merge_parts([part("here"), part("there"), part("here")])
+    assert isinstance(merged, Merged), merged.verdict.doubt
+    assert len(merged.graph.drives) == 3
+    # The same drive lies where it lay.
+    assert np.abs(merged.placed[2].pose).max() < 0.03
+
+
+@pytest.mark.parametrize("kinds", [(picture, picture), (part, picture), (picture, part)])
+def test_bare_pictures_are_laid_where_they_belong(kinds):
+    merged = merge_parts([kinds[0]("here"), kinds[1]("there")])
+    assert isinstance(merged, Merged), merged.verdict.doubt
+    metres, radians = off("here", "there", merged.placed[1].pose)
+    assert metres < 0.1
+    assert radians < math.radians(1.0)
+    known = merged.grid().cells != UNKNOWN
+    own = mapped("here")[0].grid().cells != UNKNOWN
+    assert known.sum() > own.sum()
+
+
+@pytest.mark.parametrize("second", ["other", "mirrored"])
+def test_pictures_of_different_buildings_are_refused(second):
+    assert isinstance(merge_parts([picture("here"), picture(second)]), Refusal)
+
+
+def test_what_the_first_picture_knows_stands_cell_by_cell():
+    grid = draw(FLAT, (1, 1))
+    half = grid.cells.copy()
+    half[:, 80:] = UNKNOWN
+    turned = np.array([0.3, -0.2, 0.5])
+    painted = paint([Picture(OccupancyGrid(half, grid.frame), np.zeros(3)), Picture(grid, turned)])
+    row, col = painted.frame.to_cell(grid.frame.origin_x + 1e-6, grid.frame.origin_y + 1e-6)
+    rows, cols = half.shape
+    there = painted.cells[row - rows + 1 : row + 1, col : col + cols]
+    assert np.array_equal(there[half != UNKNOWN], half[half != UNKNOWN])
+    # Walls stay whole however they are turned.
+    assert (painted.cells == OCCUPIED).sum() > 1.3 * (half == OCCUPIED).sum()
