@@ -17,7 +17,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime
+from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -158,7 +158,7 @@ def environment(modules: Sequence[str]) -> dict[str, Any]:
     return {
         "commit": commit_of(modules),
         "modules": list(modules),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        "date": datetime.now(timezone.utc).isoformat(timespec="seconds"),
         "machine": {"cpu": _cpu_name(), "cores": os.cpu_count(), "system": platform.platform()},
         "versions": {"python": platform.python_version()} | _package_versions(),
         "command": " ".join(["python", os.path.relpath(sys.argv[0], RESULTS.parents[1]), *_told()]),

@@ -59,7 +59,7 @@ def _blend_tiles(
         if first == 0:
             total = np.repeat(total, images.shape[1], axis=0)
         for place, image in zip(some, images, strict=True):
-            total[:, *place] += image * window
+            total[(slice(None), *place)] += image * window
             weight[place] += window
     return np.asarray(total / weight, dtype=np.float32)
 

@@ -11,6 +11,8 @@ import typing
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, TypeVar
 
+from typing_extensions import dataclass_transform
+
 from slamgym.core.bounds import ValueFault, ValueTest, Within, value_test
 from slamgym.core.errors import ConfigError
 from slamgym.core.limits import MAX_SHOWN, shown
@@ -40,7 +42,7 @@ Counted = Annotated[int, Within(ge=0, le=10**9)]
 """A number of things in a record."""
 
 
-@typing.dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 class Settings:
     """Base of the classes of settings: each subclass is a frozen dataclass that refuses wrong values.
 

@@ -36,6 +36,7 @@ _FIXES = {
 }
 _SYNC_THREADS = 16
 _MAX_PATH = 1000
+_PART_BYTES = 1 << 20
 
 
 class StorageError(InputFileError):
@@ -227,7 +228,10 @@ def sha256_of(path: Path | str) -> str:
         InputFileError: If it can't be read or is no regular file.
     """
     with open_regular(path) as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        digest = hashlib.sha256()
+        while part := file.read(_PART_BYTES):
+            digest.update(part)
+        return digest.hexdigest()
 
 
 def write_bytes(path: Path | str, content: bytes) -> None:

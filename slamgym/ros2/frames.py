@@ -120,7 +120,7 @@ class RobotFrames:
     def _move(self, message: Any, pose: Pose2D) -> None:
         """Take a pose by odometry; on a clock that has jumped back the map's place isn't known any more."""
         usable = self._gate.take(stamp_of(message.header, 0.0), pose)
-        jumps = [self.odometry.add(stamp, moved) for stamp, moved in usable]
+        jumps = [self.odometry.add(one.stamp, one.item) for one in usable]
         if any(jumps) and self.map_stamp < math.inf:
             self.map_from_odom = None
             self.pose_stamp = -math.inf

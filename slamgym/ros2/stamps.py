@@ -1,7 +1,8 @@
 """Stamps that don't fit those before: a single odd one is left out, several that agree are those of another clock."""
 
 from collections.abc import Callable
-from typing import Generic, NamedTuple, TypeVar
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 CLOCK_JUMP = 1.0
 """A stamp that is so much older than the last one belongs to another run [s]; less is disorder."""
@@ -14,7 +15,8 @@ Warn = Callable[[str, str], None]
 _Item = TypeVar("_Item")
 
 
-class Stamped(NamedTuple, Generic[_Item]):
+@dataclass(frozen=True)
+class Stamped(Generic[_Item]):
     """A message, or what it says, and when."""
 
     stamp: float

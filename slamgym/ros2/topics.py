@@ -49,8 +49,8 @@ def listen_to_scans(node: RosNode, callback: Callable[[Any], None]) -> None:
         if stamp <= 0.0:
             node.once("stamp", "scans without a stamp are left out: have the driver set it")
             return
-        for _, usable in gate.take(stamp, message):
-            callback(usable)
+        for usable in gate.take(stamp, message):
+            callback(usable.item)
 
     node.listen(LaserScan, "scan", take, SENSOR)
 
