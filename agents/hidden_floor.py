@@ -6,7 +6,7 @@ there: lost without return, passed beyond it, or met something there, and from h
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,106 +16,16 @@ from slamgym.agents.pretrained_policy import linear_shapes, read_weights
 from slamgym.core.errors import InputFileError
 from slamgym.core.portable import exp, product
 from slamgym.core.types import Float32Array, FloatArray
-from slamgym.envs.frontier_features import (
-    AREA_SCALE,
-    DISTANCE_SCALE,
-    TIME_SCALE,
-    FrontierMeasures,
-    expected_unseen_share,
-    scaled_figures,
-)
-from slamgym.planning.costmap import FARTHEST_WALL, LETHAL_COST, NO_INFORMATION, Costmap
-from slamgym.planning.exploration_loop import ExplorationLoop
-from slamgym.planning.frontier_candidates import unknown_regions
-from slamgym.planning.frontiers import Frontier, expected_gain
-from slamgym.planning.view_history import ViewHistory
+from slamgym.envs.frontier_table import FRONTIER_FIGURES
 
 HIDDEN_FLOOR = Path(__file__).parent / "pretrained" / "hidden_floor.safetensors"
 """The network that comes with the package."""
 AREAS = (0.1, 0.3, 1.0, 3.0, 10.0, 30.0)
 """The network says how probable it is that a frontier hides at least so much floor [m2]."""
-FRONTIER_FIGURES = (
-    "size", "extent", "room", "known_area", "time", "round", "unknown_near", "unknown_far", "unknown_outside",
-    "unknown_enclosed", "unknown_free_border", "unknown_wall_border", "unknown_frontiers", "gain", "clearance",
-    "distance", "looks", "nearest_look", "lost", "nearest_lost", "lost_near_by", "passed", "passed_by", "met",
-    "nearest_met", "unseen_share", "lost_square",
-)  # fmt: skip
-"""Figures of a frontier, in the order in which the network takes them in. A look is a beam towards it: lost without
-return, passed beyond it, or met something there."""
-
 FLOOR_LAYERS = {"first": (len(FRONTIER_FIGURES), 64), "second": (64, 32), "out": (32, len(AREAS))}
 """Layers of the network: inputs and outputs."""
 DESCRIPTION = ({"env": "hidden floor", "figures": list(FRONTIER_FIGURES)}, {"areas": list(AREAS)})
 """What the weights take in, and what they say."""
-
-_LOOKS = (
-    "looks", "nearest_look", "lost", "nearest_lost", "lost_near_by", "passed", "passed_by", "met",
-    "nearest_met", "lost_square",
-)  # fmt: skip
-"""Columns of what became of the beams towards a frontier."""
-_LARGEST_AREA = 1000.0
-"""A larger known floor counts as this [m2]."""
-_LONGEST_TIME = 3600.0
-"""A longer exploration counts as this [s]."""
-_FARTHEST = 10.0
-"""A farther frontier counts as so far [m]."""
-_RING = np.array([(-3, 0), (-2, 2), (0, 3), (2, 2), (3, 0), (2, -2), (0, -3), (-2, -2)])
-"""Rows and columns of a ring about a cell, by which the side of the unknown is found [cells]."""
-
-
-def describe_frontiers(
-    loop: ExplorationLoop, views: ViewHistory, frontiers: Sequence[Frontier]
-) -> Float32Array:
-    """The :data:`FRONTIER_FIGURES` of some frontiers of an exploration with a map, shape (N, figures)."""
-    costmap = loop.navigator.costmap
-    assert costmap is not None
-    _, cell, regions = unknown_regions(costmap, [one.cells for one in frontiers])
-    places = [costmap.frame.to_points(one.cells[:, 0], one.cells[:, 1]) for one in frontiers]
-    outward = np.array([outward_of(costmap, one) for one in frontiers])
-    beams = views.figures(places, outward).tolist()
-    max_range = loop.context.geometry.range_max
-    shared = {
-        "known_area": min(loop.known_area, _LARGEST_AREA) / AREA_SCALE,
-        "time": min(loop.time, _LONGEST_TIME) / TIME_SCALE,
-        "round": loop.round,
-        "unseen_share": expected_unseen_share(loop),
-    }
-    rows = []
-    for index, frontier in enumerate(frontiers):
-        clearance = float(costmap.distance[tuple(frontier.cells.T)].max())  # [cells]
-        resolution = costmap.frame.resolution
-        measures = FrontierMeasures(
-            size=frontier.size * resolution,
-            extent=float(np.hypot(*np.ptp(places[index], axis=0))),
-            gain=expected_gain(costmap, frontier.middle, max_range),
-            clearance=min(clearance * resolution, FARTHEST_WALL),
-            unknown=regions[index],
-            cell=cell,
-        )
-        figures = shared | scaled_figures(measures)
-        figures["room"] = min(0.5 * frontier.size, clearance) * resolution
-        figures["distance"] = min(frontier.min_distance, _FARTHEST) / DISTANCE_SCALE
-        figures |= zip(_LOOKS, beams[index], strict=True)
-        rows.append([figures[name] for name in FRONTIER_FIGURES])
-    return np.array(rows, np.float32)
-
-
-def outward_of(costmap: Costmap, frontier: Frontier) -> FloatArray:
-    """Unit vector from the known to the unknown at a frontier, shape (2,)."""
-    height, width = costmap.costs.shape
-    around = frontier.cells[:, None] + _RING
-    row = np.clip(around[..., 0], 0, height - 1)
-    col = np.clip(around[..., 1], 0, width - 1)
-    costs = costmap.costs[row, col]
-    unknown = (costs == NO_INFORMATION).sum(axis=0)
-    passable = (costs < LETHAL_COST).sum(axis=0)
-    weights = unknown - 1.0 * passable
-    x = float((weights * _RING[:, 1]).sum())
-    y = -float((weights * _RING[:, 0]).sum())
-    length = math.hypot(x, y)
-    if length == 0.0:
-        return np.array([1.0, 0.0])
-    return np.array([x / length, y / length])
 
 
 @dataclass(frozen=True)

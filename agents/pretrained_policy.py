@@ -14,35 +14,41 @@ import numpy as np
 from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
-from slamgym.agents.explorer import BatchedExplorer, FrontierPilot, Pilot
-from slamgym.agents.scoring import CROP_UNITS, HEADS, WIDTH, FrontierScorer
+from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
+from slamgym.agents.scoring import BLOCKS, HEADS, LAYERS, NORMS, WIDTH, FrontierScorer
 from slamgym.core.config import config_hash
 from slamgym.core.documents import load_json
 from slamgym.core.errors import InputFileError
 from slamgym.core.files import require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
-from slamgym.core.types import Float32Array
+from slamgym.core.types import Float32Array, Observation, Pose2D, Twist2D
+from slamgym.envs.explore_frontiers_env import MOST_FRONTIERS
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
-    CROP_PX,
     FEATURE_VERSION,
     GLOBAL_FEATURES,
     FrontierFeatures,
 )
 from slamgym.planning.context import ExplorerContext
-from slamgym.planning.exploration_loop import ExplorationLoopConfig
+from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
+from slamgym.planning.view_history import ViewHistory
 
 _SPACE = {
     "env": "slamgym/ExploreFrontiers",
     "feature_version": FEATURE_VERSION,
     "candidate_features": list(CANDIDATE_FEATURES),
     "global_features": list(GLOBAL_FEATURES),
-    "crop_px": CROP_PX,
 }
 """Observations that the weights take in."""
-_NETWORK = {"width": WIDTH, "crop": CROP_UNITS, "heads": HEADS, "foresight": False}
+_NETWORK = {"width": WIDTH, "heads": HEADS, "blocks": BLOCKS}
 """Description of the network in files."""
+
+
+def policy_loop(promise: Promise | None) -> ExplorationLoopConfig:
+    """How frontiers are offered to a policy."""
+    return ExplorationLoopConfig(max_candidates=MOST_FRONTIERS, promise=promise)
 
 
 class LearnedExplorer(BatchedExplorer):
@@ -63,15 +69,44 @@ class LearnedExplorer(BatchedExplorer):
         policy: Path | str,
         config: ExplorationLoopConfig | None = None,
     ) -> None:
-        self.config = loop = config or ExplorationLoopConfig()
+        self.config = loop = config or policy_loop(None)
         weights, _ = read_policy(policy)
         scorer = FrontierScorer(weights)
+        fingerprint = f"{fingerprint_of(weights)}-{config_hash(loop)}"
+        super().__init__(context, fingerprint, lambda _: LearnedPilot(context, loop, scorer))
 
-        def begin(_: int) -> Pilot:
-            features = FrontierFeatures(loop.max_candidates)
-            return FrontierPilot(context, loop, lambda now: scorer.scores(features.observe(now)))
 
-        super().__init__(context, f"{fingerprint_of(weights)}-{config_hash(loop)}", begin)
+class LearnedPilot(FrontierPilot):
+    """Drives one robot.
+
+    Args:
+        context: What the environment says about the robot and its map.
+        config: How frontiers are offered and driven to. *Done* is listened to where it was learned: at the promise
+            98%:95%.
+        scorer: The network.
+    """
+
+    def __init__(
+        self, context: ExplorerContext, config: ExplorationLoopConfig, scorer: FrontierScorer
+    ) -> None:
+        super().__init__(context, config, self._scores)
+        self._scorer = scorer
+        self._views = ViewHistory(context)
+        self._features = FrontierFeatures(config.max_candidates)
+        self._may_stop = config.promise == Promise()
+
+    def act(self, observation: Observation) -> Twist2D:
+        """Velocity for the next control step; see :meth:`Pilot.act`."""
+        self._views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
+        return super().act(observation)
+
+    def _scores(self, loop: ExplorationLoop) -> Float32Array:
+        """Scores of the candidates, shape (N,); all -inf at the end."""
+        decision = self._scorer.decide(self._features.observe(loop, self._views))
+        is_enough = loop.known_area >= SMALLEST_CALIBRATED
+        if self._may_stop and is_enough and decision.done > 0.0:
+            return np.full(len(loop.candidates), -np.inf, np.float32)
+        return decision.scores
 
 
 def fingerprint_of(weights: Mapping[str, Float32Array]) -> str:
@@ -205,24 +240,8 @@ def _refuse_other_space(path: Path, theirs: Any, ours: Mapping[str, Any]) -> Non
 
 def weight_shapes() -> dict[str, tuple[int, ...]]:
     """Names and shapes of the weights of a frontier policy."""
-    features = len(CANDIDATE_FEATURES)
-    overall = len(GLOBAL_FEATURES)
-    width = WIDTH
-    linear = {
-        "crop": (2 * CROP_PX * CROP_PX, CROP_UNITS),
-        "embed_in": (features + CROP_UNITS + overall, width),
-        "embed_out": (width, width),
-        "query_key_value": (width, 3 * width),
-        "attended": (width, width),
-        "score_in": (3 * width, width),
-        "score_out": (width, 1),
-    }
-    return {
-        "prior.weight": (1, features),
-        "norm.weight": (width,),
-        "norm.bias": (width,),
-        **linear_shapes(linear),
-    }
+    norms = {f"{name}.{part}": (WIDTH,) for name in NORMS for part in ("weight", "bias")}
+    return {**linear_shapes(LAYERS), **norms}
 
 
 def linear_shapes(layers: Mapping[str, tuple[int, int]]) -> dict[str, tuple[int, ...]]:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
-from slamgym.agents.pretrained_policy import LearnedExplorer
+from slamgym.agents.pretrained_policy import LearnedExplorer, policy_loop
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
@@ -94,7 +94,7 @@ def make_explorer(
         promise = None
     kind, _, path = base.partition(":")
     if path and kind == "rl":
-        return LearnedExplorer(context, path, ExplorationLoopConfig(promise=promise))
+        return LearnedExplorer(context, path, policy_loop(promise))
     if path and kind == "wheels":
         return WheelsExplorer(context, path)
     if is_own_explorer(base):

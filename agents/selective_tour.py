@@ -13,18 +13,12 @@ from pathlib import Path
 import numpy as np
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierPilot
-from slamgym.agents.hidden_floor import (
-    AREAS,
-    FRONTIER_FIGURES,
-    HIDDEN_FLOOR,
-    HiddenFloor,
-    describe_frontiers,
-    moments,
-)
+from slamgym.agents.hidden_floor import AREAS, HIDDEN_FLOOR, HiddenFloor, moments
 from slamgym.agents.pretrained_policy import fingerprint_of
 from slamgym.agents.rules import TOUR_LOOP, tour_scores
 from slamgym.core.config import config_hash
 from slamgym.core.types import BoolArray, FloatArray, Observation, Pose2D, Twist2D
+from slamgym.envs.frontier_table import FRONTIER_FIGURES, describe_frontiers
 from slamgym.planning.context import ExplorerContext
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import Promise, is_kept

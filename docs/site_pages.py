@@ -32,8 +32,8 @@ FACES = (
 )  # fmt: skip
 """Packages whose public names are the API."""
 ENVIRONMENTS = {
-    "slamgym/Explore-v2": "ExploreEnv",
-    "slamgym/ExploreFrontiers-v2": "ExploreFrontiersEnv",
+    "slamgym/Explore-v3": "ExploreEnv",
+    "slamgym/ExploreFrontiers-v3": "ExploreFrontiersEnv",
 }
 _PICTURE = re.compile(r"!\[([^\]]+)\]\((?:\.\./)*(images/[\w.]+)\)")
 _SNIPPET = re.compile(r"```py\n--8<-- \"(examples/(\w+)\.py)\"\n```")

@@ -21,7 +21,7 @@ def keep_moving(step: StepRecord) -> float:
 def make_env(plans: str) -> gym.Env:
     """Three actions (ahead, left, right), a vector as observation, and the reward above beside the usual ones."""
     return gym.make(
-        "slamgym/ExploreDiscrete-v2",
+        "slamgym/ExploreDiscrete-v3",
         plans=plans,
         localization="ground_truth",
         observation={"preset": "compact"},

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from slamgym.agents.evaluation.summary import succeeded
 from slamgym.agents.evaluation.trial import Task, Trial, TrialConfig, run_trial
 from slamgym.agents.plan_splits import longest_side
-from slamgym.agents.pretrained_policy import LearnedExplorer
+from slamgym.agents.pretrained_policy import LearnedExplorer, policy_loop
 from slamgym.agents.rl.train_config import (
     CROP_SIDE,
     TRAINING_PARTICLES,
@@ -23,6 +24,7 @@ from slamgym.envs.batch.env import BatchExploreEnv
 from slamgym.envs.config import ExploreConfig, ObservationConfig, resolve_config
 from slamgym.envs.explore_frontiers_env import ExploreFrontiersEnv
 from slamgym.envs.rewards import RewardTerms
+from slamgym.planning.promise import Promise
 from slamgym.sim import ClutterConfig
 
 _CONTACT_SECONDS = 300.0
@@ -42,8 +44,10 @@ def make_env(config: TrainConfig, plans: Any, clutter: ClutterConfig) -> Explore
     return ExploreFrontiersEnv(
         plans,
         _simulation(config, clutter),
+        loop={"max_candidates": config.most_frontiers, "promise": Promise()},
+        discount=float(config.learner.hyperparameters.get("gamma", 1.0)),
+        drive=config.drive,
         reward=config.reward,
-        coverage_goal=config.coverage_goal,
         time_limit=config.time_limit,
     )
 
@@ -110,8 +114,8 @@ def explore_plan(
         )
     return run_trial(
         Task("rl", plan, seed),
-        TrialConfig(config.time_limit / 60.0, None, _simulation(config, clutter)),
-        lambda context: LearnedExplorer(context, policy),
+        TrialConfig("auto", Promise(), _simulation(config, clutter)),
+        lambda context: LearnedExplorer(context, policy, policy_loop(Promise())),
     )
 
 
@@ -127,6 +131,7 @@ def figures_of(trial: Trial) -> dict[str, float]:
         "time_99": to("0.99", trial.time_to, trial.time),
         "path_95": to("0.95", trial.path_to, trial.path),
         "path_99": to("0.99", trial.path_to, trial.path),
+        "time_done": float(trial.time if succeeded(trial) else trial.time_limit),
         "time": float(trial.time),
         "path": float(trial.path),
         "coverage": float(trial.coverage),

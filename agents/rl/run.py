@@ -16,14 +16,15 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 import torch
-from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import configure
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 
 from slamgym import __version__
 from slamgym.agents.plan_splits import draw_plans
 from slamgym.agents.rl.checkpoint import CHECKPOINT, load_checkpoint, save_checkpoint
-from slamgym.agents.rl.train_config import BEST, FIXED_PPO, POLICY, RunConfig
+from slamgym.agents.rl.learner import algorithm_class, arguments_of
+from slamgym.agents.rl.train_config import BEST, POLICY, RunConfig
 from slamgym.cad import FloorPlan
 from slamgym.core.config import from_dict, to_dict
 from slamgym.core.documents import read_json
@@ -59,7 +60,7 @@ class PolicyLearner(ABC, Generic[ConfigT]):
         self.config = config
 
     @abstractmethod
-    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+    def make(self, plans: Sequence[FloorPlan]) -> OnPolicyAlgorithm:
         """The learner on its environments."""
 
     @abstractmethod
@@ -67,38 +68,35 @@ class PolicyLearner(ABC, Generic[ConfigT]):
         """Figures of a file of weights on plans that it doesn't learn on, with ``score``, of which less is better."""
 
     @abstractmethod
-    def export(self, model: PPO, path: Path) -> None:
+    def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the policy's weights without value and optimiser, as explorers read them."""
 
-    def ppo(
-        self, policy: Any, envs: Any, discount: float, layers: dict[str, Any] | None = None
-    ) -> PPO:
-        """Proximal policy optimisation with the settings of the run.
+    def learner(
+        self, policy: Any, envs: Any, mixin: Any = None, **arguments: Any
+    ) -> OnPolicyAlgorithm:
+        """The algorithm with the hyper-parameters of the run.
 
         Args:
             policy: The network's class, or its name.
             envs: Environments.
-            discount: Of the return, per step.
-            layers: Settings of the network.
+            mixin: Changes how rollouts are collected.
+            **arguments: Further arguments of the algorithm's class.
+
+        Raises:
+            ConfigError: If it is unknown or takes no such hyper-parameter.
         """
-        settings = self.config.ppo
-        return PPO(
-            policy,
-            envs,
-            n_steps=settings.n_steps,
-            batch_size=settings.batch_size,
-            n_epochs=settings.n_epochs,
-            learning_rate=lambda left: settings.learning_rate * max(0.1, left),
-            ent_coef=settings.ent_coef,
-            gamma=discount,
-            policy_kwargs=layers,
-            seed=self.config.seed,
-            device="cpu",
-            **FIXED_PPO,
+        config = self.config
+        kind = algorithm_class(config.learner.algorithm)
+        if mixin is not None:
+            kind = type(kind.__name__, (mixin, kind), {})
+        hyperparameters = arguments_of(config.learner)
+        model: OnPolicyAlgorithm = kind(
+            policy, envs, seed=config.seed, device="cpu", **hyperparameters, **arguments
         )
+        return model
 
 
-def learn_policy(learner: PolicyLearner[Any], out: Path) -> PPO:
+def learn_policy(learner: PolicyLearner[Any], out: Path) -> OnPolicyAlgorithm:
     """Train a policy; the same command again continues where the run was interrupted, with more steps beyond its end.
 
     Args:
@@ -193,6 +191,7 @@ class _Keep(BaseCallback):
         self._learner = learner
         self._out = out
         self._advance = advance
+        self._shown = 0
         config = learner.config
         self._every = config.evaluate_every
         self._plans: list[FloorPlan] = []
@@ -207,14 +206,23 @@ class _Keep(BaseCallback):
         self._clock = time.process_time()
         self._save_at = 0.0
 
+    def _on_training_start(self) -> None:
+        self._shown = self.model.num_timesteps
+
     def _on_step(self) -> bool:
-        for _ in range(self.training_env.num_envs):
-            self._advance()
         return True
 
     def _on_rollout_start(self) -> None:
-        if self.model.num_timesteps >= self._save_at:
-            self._save_at = self.model.num_timesteps + self._learner.config.steps / _CHECKPOINTS
+        # After an update; during a rollout, steps of who waits would be counted, too.
+        steps = self.model.num_timesteps
+        for _ in range(steps - self._shown):
+            self._advance()
+        self._shown = steps
+        if self._every and steps >= self._validate_at:
+            self._validate_at += self._every
+            self._validate()
+        if steps >= self._save_at:
+            self._save_at = steps + self._learner.config.steps / _CHECKPOINTS
             save_checkpoint(self._out, self.model)
 
     def _on_rollout_end(self) -> None:
@@ -223,9 +231,6 @@ class _Keep(BaseCallback):
             if episodes:
                 self.logger.record(name, sum(episode[key] for episode in episodes) / len(episodes))
         self.logger.record("time/cpu_seconds", time.process_time())
-        if self._every and self.model.num_timesteps >= self._validate_at:
-            self._validate_at += self._every
-            self._validate()
 
     def _on_training_end(self) -> None:
         save_checkpoint(self._out, self.model)

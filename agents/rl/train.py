@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import gymnasium as gym
-from stable_baselines3 import PPO
 from stable_baselines3.common.monitor import Monitor
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv
 
 from slamgym import __version__
@@ -15,15 +15,18 @@ from slamgym.agents.rl.environments import explore_plan, make_env, mean_figures
 from slamgym.agents.rl.policy import FrontierPolicy
 from slamgym.agents.rl.run import PolicyLearner, learn_policy
 from slamgym.agents.rl.train_config import FURNISHED, TrainConfig
+from slamgym.agents.rl.whole_episodes import WholeEpisodeBuffer, WholeEpisodeRollouts, WholeEpisodes
 from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
+from slamgym.envs.config import ExploreConfig
+from slamgym.envs.plan_cache import PlanCache
 from slamgym.sim import ClutterConfig
 
 _EPISODE = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """Further columns of the log of episodes."""
 
 
-def train(config: TrainConfig, out: Path) -> PPO:
+def train(config: TrainConfig, out: Path) -> OnPolicyAlgorithm:
     """Train a policy that chooses frontiers; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
     return learn_policy(FrontierLearner(config), out)
 
@@ -31,25 +34,34 @@ def train(config: TrainConfig, out: Path) -> PPO:
 class FrontierLearner(PolicyLearner[TrainConfig]):
     """Chooses frontiers."""
 
-    unit = "step"
+    unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {
         "rollout/episode_seconds": "time",
         "rollout/episode_metres": "path_length",
         "rollout/episode_coverage": "coverage",
     }
 
-    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+    def make(self, plans: Sequence[FloorPlan]) -> OnPolicyAlgorithm:
         """The learner on its environments."""
         config = self.config
+        hyperparameters = config.learner.hyperparameters
+        most_decisions = int(hyperparameters.get("n_steps", 250))
+
+        # In one process they share what is computed of a building.
+        sites: Any = list(plans)
+        if config.workers == 1:
+            simulation = ExploreConfig()
+            sites = PlanCache(plans, simulation.robot, simulation.lidar.surfaces)
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
             def make() -> gym.Env[Any, Any]:
-                env = make_env(config, list(plans), clutter=clutter)
+                env = WholeEpisodes(make_env(config, sites, clutter), most_decisions)
                 return Monitor(env, info_keywords=_EPISODE)
 
             return make
 
-        furnished = round(config.furnished * config.num_envs)
+        groups = config.num_envs // config.copies
+        furnished = config.copies * round(config.furnished * groups)
         makers = [maker(FURNISHED)] * furnished
         makers += [maker(ClutterConfig())] * (config.num_envs - furnished)
         envs = (
@@ -58,13 +70,22 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
             else SubprocVecEnv(makers, start_method="fork")
         )
         envs.seed(config.seed)
-        # Decisions last unlike long: without discount their returns are exact, and the reward charges for time.
-        return self.ppo(FrontierPolicy, envs, discount=1.0)
+        discount = float(hyperparameters.get("gamma", 1.0))
+        model = self.learner(
+            FrontierPolicy,
+            envs,
+            WholeEpisodeRollouts,
+            rollout_buffer_class=WholeEpisodeBuffer,
+            rollout_buffer_kwargs={"copies": config.copies, "discount": discount},
+        )
+        if config.start == "tour":
+            model.policy.features_extractor.network.follow_the_tour()
+        return model
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
         """Means over validation plans, empty and furnished ones in turns where the run has both.
 
-        The score is the time to 95 and 99 % of the floor.
+        The score is the time until *done*, where a failure counts as the time limit.
         """
         config = self.config
         clutters = [ClutterConfig(), FURNISHED] if config.furnished else [ClutterConfig()]
@@ -73,17 +94,17 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
             for i, plan in enumerate(plans)
         ]
         means = mean_figures(trials)
-        return {**means, "score": means["time_95"] + means["time_99"]}
+        return {**means, "score": means["time_done"]}
 
-    def export(self, model: PPO, path: Path) -> None:
-        """Write the weights as ``slamgym generate --explorer rl`` reads them."""
-        network: Any = model.policy.features_extractor.network
+    def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
+        """Write the weights as ``slamgym generate --explorer rl:FILE`` reads them."""
+        network: Any = model.policy.features_extractor.network  # type: ignore[union-attr]
         weights = {
             name: value.detach().cpu().numpy() for name, value in network.state_dict().items()
         }
         about = {
             "version": __version__,
-            "steps": model.num_timesteps,
+            "decisions": model.num_timesteps,
             "training": to_dict(self.config),
         }
         write_policy(path, weights, about)

@@ -1,19 +1,12 @@
 """Everything that decides a training run, saved next to it as JSON: of frontier decisions, and of the wheels."""
 
-from dataclasses import field
-from typing import Any, Literal
+from dataclasses import field, replace
+from typing import Literal
 
+from slamgym.agents.rl.learner import LearnerConfig
 from slamgym.cad.plan_filter import AREA
-from slamgym.core.config import (
-    Count,
-    CountOrZero,
-    NonNegative,
-    Positive,
-    PositiveShare,
-    Seed,
-    Settings,
-    Share,
-)
+from slamgym.core.config import Count, CountOrZero, Positive, Seed, Settings, Share
+from slamgym.core.errors import ConfigError
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardConfig
 from slamgym.sim import ClutterConfig
 
@@ -25,14 +18,6 @@ BEST = "best.safetensors"
 FURNISHED = ClutterConfig(furniture=1.0, untidiness=0.3, doors=0.5)
 """Furniture of furnished buildings: as on the track ``furnished`` of the benchmark."""
 
-FIXED_PPO: dict[str, Any] = {
-    "gae_lambda": 0.95,
-    "clip_range": 0.2,
-    "vf_coef": 0.5,
-    "target_kl": 0.03,
-}
-"""Settings of PPO that no run changes: lambda of the advantages, the largest change of an action's probability in an
-update, the weight of the value's error, and the divergence at which an update ends; the literature's usual values."""
 TRAINING_PARTICLES = 10
 """Particles while training, where there is a filter: fewer than an exploration has, for speed."""
 TRAINING_RESOLUTION = 0.1
@@ -55,23 +40,40 @@ WHEELS_NETWORK = {
 """Description of the network in files."""
 WHEELS_GOAL = 0.98
 """An episode of driving the wheels ends at this true coverage; privileged, never observed."""
+FRONTIER_LEARNING_REWARD = replace(FRONTIER_REWARD, collision=0.0, shaping=0.0, missing=3.0)
+"""A fiftieth off per second until *done*, and as much as 150 s for each hundredth of the floor missing below 98 % then.
+A failure counts as the time limit, some 600 s more than a success: four hundredths."""
 WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.2, collision=2.0, completion=0.0)
 """A point for each new hundredth of the floor, a fifth off per second and two for each control step in contact."""
 
 
-class PPOConfig(Settings, section="ppo"):
-    """Proximal policy optimisation (Schulman et al. 2017)."""
-
-    n_steps: Count = 128
-    """Decisions of each environment between two updates."""
-    batch_size: Count = 256
-    """Decisions in a minibatch."""
-    n_epochs: Count = 6
-    """Passes over a rollout."""
-    learning_rate: Positive = 3e-4
-    """Learning rate of Adam; falls linearly to a tenth."""
-    ent_coef: NonNegative = 0.003
-    """Weight of the entropy."""
+_FRONTIER_PPO = {
+    "n_steps": 250,
+    "batch_size": 512,
+    "n_epochs": 5,
+    "learning_rate": "lin_1e-3",
+    "gamma": 1.0,
+    "gae_lambda": 0.95,
+    "clip_range": 0.2,
+    "ent_coef": 0.003,
+    "vf_coef": 0.05,
+    "max_grad_norm": 5.0,
+    "target_kl": 0.05,
+}
+"""Of PPO on frontiers. An exploration ends after ``n_steps`` decisions at the latest; ``gamma`` is per second."""
+_WHEELS_PPO = {
+    "n_steps": 256,
+    "batch_size": 1024,
+    "n_epochs": 5,
+    "learning_rate": "lin_5e-4",
+    "gamma": DISCOUNT,
+    "gae_lambda": 0.95,
+    "clip_range": 0.2,
+    "ent_coef": 0.001,
+    "vf_coef": 0.5,
+    "target_kl": 0.03,
+}
+"""Of PPO on the wheels."""
 
 
 class RunConfig(Settings):
@@ -92,8 +94,8 @@ class RunConfig(Settings):
     """Environments."""
     reward: RewardConfig = FRONTIER_REWARD
     """Weights of the reward terms."""
-    ppo: PPOConfig = field(default_factory=PPOConfig)
-    """The learner."""
+    learner: LearnerConfig = field(default_factory=LearnerConfig)
+    """Algorithm and hyper-parameters."""
     evaluate_every: CountOrZero = 12_000
     """Decisions between two evaluations on validation plans; 0 for none."""
     evaluate_plans: Count = 16
@@ -101,22 +103,48 @@ class RunConfig(Settings):
 
 
 class TrainConfig(RunConfig):
-    """A training run on ``slamgym/ExploreFrontiers-v2``."""
+    """A training run on ``slamgym/ExploreFrontiers``."""
 
+    plans: tuple[str, ...] = ("procedural:home",)
+    """Floor plans, as for every run."""
+    largest_area: Positive = 80.0
+    """Larger plans are not learned on [m2]: an exploration of a home of 58 m2, the mean of these, costs a third of one
+    of 114 m2, and what is learned serves both."""
+    steps: CountOrZero = 400_000
+    """Decisions of all environments together."""
+    start: Literal["scratch", "tour"] = "scratch"
+    """``scratch``: weights at random, which choose at random; ``tour``: weights that choose as the rule ``tour``."""
+    num_envs: Count = 64
+    """Explorations of a rollout."""
+    copies: Count = 4
+    """So many of them, neighbours, are of the same building, start and noise: a baseline for one another."""
+    reward: RewardConfig = FRONTIER_LEARNING_REWARD
+    """Weights of the reward terms."""
+    learner: LearnerConfig = LearnerConfig(hyperparameters=_FRONTIER_PPO)
+    """Algorithm and hyper-parameters."""
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
+    drive: Literal["path", "physics"] = "path"
+    """``path``: along the planned path, a scan a second; ``physics``: with wheels and contacts, at a third of the
+    speed (:class:`~slamgym.envs.ExploreFrontiersEnv`)."""
+    localization: Literal["ground_truth", "rbpf", "pose_graph", "dead_reckoning"] = "ground_truth"
+    """SLAM while training; needs ``physics`` but for the true pose."""
     workers: Count = 1
     """1 runs them in this process; more gives each environment its own process."""
-    localization: Literal["ground_truth", "rbpf", "pose_graph", "dead_reckoning"] = "ground_truth"
-    """SLAM while training; the true pose is several times faster than the particle filter."""
-    coverage_goal: PositiveShare | None = 0.995
-    """An episode of training ends at this true coverage; privileged, never observed."""
+    most_frontiers: Count = 20
+    """So many are offered while training; explorers see up to 32."""
     time_limit: Positive = 1000.0
-    """Robot time of an episode of training [s]."""
+    """Robot time of an exploration of training [s]."""
+
+    def _check(self) -> None:
+        if self.num_envs % self.copies:
+            raise ConfigError(
+                f"num_envs ({self.num_envs}) must be a multiple of copies ({self.copies})"
+            )
 
 
 class WheelsConfig(RunConfig):
-    """A training run on ``slamgym/Explore-v2`` with the observations ``compact_far``, at true poses."""
+    """A training run on ``slamgym/Explore-v3`` with the observations ``compact_far``, at true poses."""
 
     steps: Count = 6_000_000
     """Decisions of all environments together."""
@@ -124,10 +152,10 @@ class WheelsConfig(RunConfig):
     """Environments, all in one batch."""
     reward: RewardConfig = WHEELS_REWARD
     """Weights of the reward terms."""
-    ppo: PPOConfig = PPOConfig(
-        n_steps=256, batch_size=1024, n_epochs=5, learning_rate=5e-4, ent_coef=0.001
-    )
-    """The learner."""
+    learner: LearnerConfig = LearnerConfig(hyperparameters=_WHEELS_PPO)
+    """Algorithm and hyper-parameters."""
+    start: Literal["scratch", "way"] = "way"
+    """``scratch``: weights at random; ``way``: weights that drive to the nearest frontier."""
     evaluate_every: CountOrZero = 250_000
     """Decisions between two evaluations on validation plans; 0 for none."""
     evaluate_plans: Count = 64

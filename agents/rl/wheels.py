@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 import torch
-from stable_baselines3 import PPO
+from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from stable_baselines3.common.vec_env import VecNormalize
 from torch import Tensor, nn
@@ -48,7 +48,7 @@ class FirstLayer(BaseFeaturesExtractor):
 
 def train_wheels(
     config: WheelsConfig, out: Path, reward_terms: RewardTerms | None = None, avoids: bool = True
-) -> PPO:
+) -> OnPolicyAlgorithm:
     """Train a policy that drives the wheels; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
     return learn_policy(WheelsLearner(config, reward_terms, avoids), out)
 
@@ -75,20 +75,22 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
         self._terms = reward_terms
         self._avoids = avoids
 
-    def make(self, plans: Sequence[FloorPlan]) -> PPO:
+    def make(self, plans: Sequence[FloorPlan]) -> OnPolicyAlgorithm:
         """The learner on its environments."""
         config = self.config
         batch = make_batch(config, plans, self._terms)
         envs = BatchVecEnv(batch, HOLD, EPISODE_SECONDS, config.seed, self._avoids)
-        normalised = VecNormalize(envs, clip_obs=CLIP, clip_reward=CLIP, gamma=DISCOUNT)
+        discount = float(config.learner.hyperparameters.get("gamma", DISCOUNT))
+        normalised = VecNormalize(envs, clip_obs=CLIP, clip_reward=CLIP, gamma=discount)
         layers = {
             "features_extractor_class": FirstLayer,
             "net_arch": {"pi": [LAYER_UNITS[1]], "vf": [LAYER_UNITS[1]]},
             "activation_fn": nn.ReLU,
             "log_std_init": math.log(0.5),
         }
-        model = self.ppo("MlpPolicy", normalised, DISCOUNT, layers)
-        _follow_the_way(model)
+        model = self.learner("MlpPolicy", normalised, policy_kwargs=layers)
+        if config.start == "way":
+            _follow_the_way(model)
         return model
 
     def validate(self, policy: Path, plans: Sequence[FloorPlan]) -> dict[str, float]:
@@ -100,7 +102,7 @@ class WheelsLearner(PolicyLearner[WheelsConfig]):
         means = mean_figures(trials)
         return {**means, "score": _CONTACT_PRICE * means["contacts"] + means["time_99"]}
 
-    def export(self, model: PPO, path: Path) -> None:
+    def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the weights as the explorer ``wheels`` reads them, with the normalisation of the observations."""
         first, second, action = _layers(model.policy)
         statistics: Any = model.get_vec_normalize_env().obs_rms
@@ -127,7 +129,7 @@ def _layers(policy: Any) -> tuple[Any, Any, Any]:
     return policy.features_extractor.layer, policy.mlp_extractor.policy_net[0], policy.action_net
 
 
-def _follow_the_way(model: PPO) -> None:
+def _follow_the_way(model: OnPolicyAlgorithm) -> None:
     """Let the untrained network drive ahead and turn to the first leg of the shortest way, its last input.
 
     Two units of each layer carry what lies left and what lies right to the turning rate.

@@ -16,6 +16,7 @@ from slamgym.envs.batch.robot import before
 from slamgym.envs.config import MAP_UPDATE_INTERVAL, ExploreConfig, resolve_config
 from slamgym.envs.coverage import Coverage
 from slamgym.envs.observations import observation_space
+from slamgym.envs.path_drive import put
 from slamgym.envs.plan_cache import PlanCache, PlansArgument, ResetOptions
 from slamgym.envs.rewards import Reward, RewardTerms
 from slamgym.envs.simulation import Actions, EpisodeLog, Simulation
@@ -77,7 +78,7 @@ class ExploreEnv(gym.Env[Any, Any]):
     | 1   | turning rate, clockwise to counter-clockwise | -1  | 1   | 1.82 rad/s |
 
     With ``actions="physical"`` the same in m/s and rad/s. What exceeds the limits is cut off; acceleration is
-    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v2``,
+    limited too (2.5 m/s2, 3.2 rad/s2). With ``actions="discrete"``, as in ``slamgym/ExploreDiscrete-v3``,
     ``Discrete(3)``: 0 ahead at full speed, 1 turn left on the spot, 2 turn right, both at 1.82 rad/s.
 
     ## Observation Space
@@ -163,9 +164,9 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     ## Version History
 
+    * v3: one step for one robot and many; contacts are pymunk's.
     * v2: the default localisation is ``pose_graph``.
     * v1: the laser's errors belong to places, and furniture is what a laser near the floor sees.
-    * v0: first version.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(RENDER_MODES), "render_fps": 5}  # noqa: RUF012 - Gymnasium declares it so
@@ -190,7 +191,9 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._actions = Actions(self.config)
         self.action_space = self._actions.space
         self._reward = Reward(self.config.reward, reward_terms)
-        sites = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
+        sites = plans
+        if not isinstance(plans, PlanCache):
+            sites = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
         self._explorations = Explorations(self.config, 1, sites, self._reward)
         self._robot: Simulation | None = None
         self.log: EpisodeLog | None = None
@@ -221,7 +224,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._record()
         observation = explorations.observer.observe_one(0, is_published=True)
         self._show()
-        info = self._info()
+        info = self.info()
         info["plan"] = self.plan.id
         return observation, info
 
@@ -233,7 +236,19 @@ class ExploreEnv(gym.Env[Any, Any]):
         """
         explorations = self._explorations
         _ = self.simulation  # raises before the first reset
-        outcome = explorations.step(self._actions.to_command(action))
+        return self._after(explorations.step(self._actions.to_command(action)))
+
+    def place(self, pose: Pose2D, length: float, steps: int) -> tuple[Any, StepOutcome]:
+        """Step to where so many control steps have brought the robot, without physics; see :func:`path_drive.put`."""
+        _ = self.simulation  # raises before the first reset
+        put(self._explorations.fleet, pose, length, steps)
+        self._latest = outcome = self._explorations.look(np.zeros((1, 2)))
+        is_published = bool(self._explorations.is_published[0])
+        return self._explorations.observer.observe_one(0, is_published), outcome
+
+    def _after(self, outcome: StepOutcome) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """What a step returns."""
+        explorations = self._explorations
         self._latest = outcome
         self._record()
         is_published = bool(explorations.is_published[0])
@@ -241,7 +256,7 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._show()
         terminated = bool(outcome.terminations[0])
         truncated = bool(outcome.truncations[0])
-        info = self._info()
+        info = self.info()
         info["reward_terms"] = _first(outcome.terms)
         info["is_success"] = terminated
         if terminated or truncated:
@@ -340,7 +355,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     # The parts of reset and step.
 
-    def _info(self) -> dict[str, Any]:
+    def info(self) -> dict[str, Any]:
         """The newest figures; the map's error is measured where somebody asks for it."""
         info = StepInfo(_first(self._explorations.figures()), self.map_error)
         if self._explorations.assessment.errors_read()[0]:

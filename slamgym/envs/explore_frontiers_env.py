@@ -2,21 +2,30 @@
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium as gym
 import numpy as np
 from gymnasium import spaces
 
+from slamgym.core.config import suggest
 from slamgym.core.errors import ActionError, ConfigError
-from slamgym.core.types import BoolArray, Observation
+from slamgym.core.geometry import compose
+from slamgym.core.types import BoolArray, Observation, Pose2D
 from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo
 from slamgym.envs.frontier_features import FrontierFeatures
+from slamgym.envs.path_drive import STRIDE, stride
 from slamgym.envs.plan_cache import PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
+from slamgym.planning.promise import SMALLEST_CALIBRATED
+from slamgym.planning.view_history import ViewHistory
 
+DRIVES = ("physics", "path")
+"""How the robot gets to the frontier that is chosen."""
+MOST_FRONTIERS = 32
+"""So many frontiers are offered by default; homes of up to 260 m2 hardly ever have more."""
 DEFAULT_TIME_LIMIT = 1200.0
 """Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
 
@@ -27,34 +36,36 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
     ## Description
 
     The exploration of :class:`~slamgym.envs.explore_env.ExploreEnv` as a semi-Markov decision process (Sutton,
-    Precup and Singh 1999). At each step up to K frontiers of the robot's map are offered, the shortest path
-    first. The chosen one is driven to by the same navigation stack that the classical explorers use. The step
-    ends when the frontier has gone or was reached or given up, or after ``horizon`` seconds; then the map has
-    grown and the next choice is due. What comes when no frontier is left (a look around, relaxed footprints, rooms
-    that the map has closed) happens by itself.
+    Precup and Singh 1999). At each step up to K frontiers of the robot's map are offered, those with the shortest
+    paths, in rows of an order drawn at random: a row's number says nothing. The chosen one is driven to by the same
+    navigation stack that the classical explorers use. The step ends when the frontier has gone or was reached or given
+    up, or after ``horizon`` seconds; then the map has grown and the next choice is due. What comes when no frontier is
+    left (a look around, relaxed footprints, rooms that the map has closed) happens by itself.
 
     ## Action Space
 
-    ``Discrete(K)``, K = 16 by default: the candidate of that row. The observation's ``"mask"`` says which rows hold
-    one, and :meth:`action_masks`; the action of any other row chooses the first candidate.
+    ``Discrete(K)``, K = 32 by default: the frontier of that row. With a promise (``loop={"promise": {}}`` for
+    98%:95%) ``Discrete(K + 1)``: the last action says *done*, which ends the exploration, whatever is left; whoever
+    never chooses a frontier has passed it over. The observation's ``"mask"`` says which rows hold a frontier,
+    :meth:`action_masks` which actions there are; any other chooses the nearest frontier.
 
     ## Observation Space
 
     ``Dict`` of float32 arrays, all from the robot's belief:
 
-    | Key          | Shape          | Meaning |
-    |--------------|----------------|---------|
-    | "candidates" | (K, 31)        | features of each candidate (:mod:`slamgym.envs.frontier_features`) |
-    | "crops"      | (K, 2, 13, 13) | free and occupied shares of the map about each, ahead up, 0.35 m a cell |
-    | "globals"    | (13,)          | features of the whole exploration |
-    | "mask"       | (K,)           | 1 for rows that hold a candidate |
+    | Key         | Shape          | Meaning |
+    |-------------|----------------|---------|
+    | "frontiers" | (K, 32)        | features of each, beams sent there included (:mod:`.frontier_features`) |
+    | "lengths"   | (K + 1, K + 1) | path lengths between the robot, first, and the frontiers [10 m] |
+    | "globals"   | (12,)          | features of the whole exploration |
+    | "mask"      | (K,)           | 1 for rows that hold a frontier |
 
     ## Rewards
 
     The sum of the rewards of the control steps within the option, each discounted by
     ``discount ** seconds since the decision``. The terms are those of
     :class:`~slamgym.envs.rewards.RewardConfig`; by default -0.02 per second, -0.01 per step in contact and 2
-    of potential-based coverage.
+    of potential-based coverage, which is charged at the end.
 
     ## Discounting
 
@@ -76,9 +87,15 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         config: As in ExploreEnv.
         loop: How frontiers are offered and driven to, or a mapping of the fields that differ.
         discount: Per second.
+        drive: ``"physics"``, or ``"path"`` for training at known poses: the robot is put a second farther along its
+            path and scans there (:mod:`slamgym.envs.path_drive`), without contacts, three times as fast.
         render_mode: As in ExploreEnv.
         reward_terms: As in ExploreEnv.
         **settings: As in ExploreEnv. ``localization="ground_truth"`` is the fast mode for training.
+
+    Attributes:
+        order: Which of the loop's candidates each row holds.
+        views: Scans of this exploration.
 
     Raises:
         ConfigError: If a setting is unknown or makes no sense.
@@ -93,6 +110,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         *,
         loop: ExplorationLoopConfig | Mapping[str, Any] | None = None,
         discount: float = 1.0,
+        drive: Literal["physics", "path"] = "physics",
         render_mode: str | None = None,
         reward_terms: RewardTerms | None = None,
         **settings: Any,
@@ -102,8 +120,10 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         config = config or ExploreConfig(reward=FRONTIER_REWARD, time_limit=DEFAULT_TIME_LIMIT)
         asked = resolve_config(config, settings)
         self.loop_config: ExplorationLoopConfig = resolve_part(
-            "loop", ExplorationLoopConfig(), loop or {}
+            "loop", ExplorationLoopConfig(max_candidates=MOST_FRONTIERS), loop or {}
         )
+        if drive not in DRIVES:
+            raise ConfigError(f"no drive {drive!r}; {suggest(str(drive), DRIVES)}")
         self.discount = discount
         self.config = dataclasses.replace(
             asked.for_explorer(),
@@ -113,10 +133,14 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.inner = ExploreEnv(
             plans, self.config, render_mode=render_mode, reward_terms=reward_terms
         )
+        self._is_sketched = drive == "path"
+        if self._is_sketched and self.config.slam.mode != "ground_truth":
+            raise ConfigError('drive="path" needs localization="ground_truth"')
+        self._stride = max(1, round(STRIDE / self.config.control_step))  # [control steps]
         self.render_mode = render_mode
         num_rows = self.loop_config.max_candidates
         self.observation_space = FrontierFeatures(num_rows).space
-        self.action_space = spaces.Discrete(num_rows)
+        self.action_space = spaces.Discrete(num_rows + (self.loop_config.promise is not None))
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
 
@@ -139,7 +163,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         observation, info = self.inner.reset(seed=seed, options=options)
         self._loop = ExplorationLoop(self._context, self.loop_config)
         self._features = FrontierFeatures(self.loop_config.max_candidates)
-        is_due = self._loop.observe(observation)
+        self.views = ViewHistory(self._context)
+        is_due = self._take(observation)
         _, self._truncated, info = self._drive(is_due, info)
         return self._observe(info, duration=0.0)
 
@@ -150,9 +175,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         reward = 0.0
         info = {**self._info, "reward_terms": {}}
         if loop.candidates and not (self._truncated or self._is_complete(info)):
-            index = self._row(action)
-            is_chosen = loop.choose(index if index < len(loop.candidates) else 0)
-            is_due = bool(loop.candidates) and not is_chosen
+            is_due = self._choose(self._row(action))
             reward, self._truncated, info = self._drive(is_due, info)
         terminated = self._is_complete(info)
         info["is_success"] = terminated
@@ -162,8 +185,20 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         return observation, reward, terminated, self._truncated and not terminated, info
 
     def action_masks(self) -> BoolArray:
-        """Mask of the actions that choose a candidate, shape (K,), as ``MaskablePPO`` of sb3-contrib asks for it."""
-        return np.arange(self.loop_config.max_candidates) < len(self.loop.candidates)
+        """Mask of the actions there are, shape (K,) or (K + 1,), as ``MaskablePPO`` of sb3-contrib asks for it."""
+        mask = np.arange(self.action_space.n) < len(self.loop.candidates)
+        if self.loop_config.promise is not None:
+            mask[-1] = self.loop.known_area >= SMALLEST_CALIBRATED
+        return mask
+
+    def _choose(self, row: int) -> bool:
+        """Choose a frontier, or say *done*; returns whether the next decision is due at once."""
+        loop = self.loop
+        if row == self.loop_config.max_candidates and self.action_masks()[-1]:
+            loop.finish()
+            return False
+        index = self.order[row] if row < len(self.order) else 0
+        return not loop.choose(index) and bool(loop.candidates)
 
     def _is_complete(self, info: Mapping[str, Any]) -> bool:
         """True if the robot has tried all that it can reach, or has seen enough."""
@@ -175,7 +210,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         Raises:
             ActionError: If there is no such row.
         """
-        rows = self.loop_config.max_candidates
+        rows = int(self.action_space.n)
         try:
             index = int(action)
         except (TypeError, ValueError):
@@ -203,19 +238,39 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         truncated = False
         while not (is_due or loop.finished or terminated or truncated):
             weight = self.discount ** (loop.time - begin)
-            action = self._context.to_action(loop.command())
-            observation, reward, terminated, truncated, info = self.inner.step(action)
+            observation, reward, terminated, truncated, info = self._advance(loop)
             total += weight * reward
             _add(terms, info["reward_terms"], weight)
-            is_due = loop.observe(observation)
+            is_due = self._take(observation)
+        if self._is_sketched:  # whose info is made once
+            info = {**self.inner.info(), "is_success": terminated}
         if loop.finished and not terminated:
             reward, last_terms = self.inner.conclude()
             total += weight * reward
             _add(terms, last_terms, weight)
         return total, truncated and not terminated, {**info, "reward_terms": terms}
 
+    def _advance(self, loop: ExplorationLoop) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Let the environment below go on for a control step, or for a stride along the path."""
+        if not self._is_sketched:
+            return self.inner.step(self._context.to_action(loop.command()))
+        seconds = self._stride * self.config.control_step
+        pose, length = stride(loop, seconds)
+        start = self.inner.start
+        true_pose = compose(Pose2D(start.x, start.y, 0.0), pose)
+        observation, outcome = self.inner.place(true_pose, length, self._stride)
+        terms = {name: float(value[0]) for name, value in outcome.terms.items()}
+        ends = bool(outcome.terminations[0]), bool(outcome.truncations[0])
+        return observation, float(outcome.rewards[0]), *ends, {"reward_terms": terms}
+
+    def _take(self, observation: Observation) -> bool:
+        """Hand an observation on; returns whether a decision is due."""
+        self.views.note(Pose2D(*observation["pose"].tolist()), observation["scan"])
+        return self.loop.observe(observation)
+
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
-        observation = self._features.observe(self.loop)
+        self.order = self.np_random.permutation(len(self.loop.candidates))
+        observation = self._features.observe(self.loop, self.views, self.order)
         figures = {**info, "duration": duration, "time": self.loop.time}
         self._info = StepInfo(figures, self.inner.map_error)
         return observation, self._info

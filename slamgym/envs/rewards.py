@@ -23,6 +23,9 @@ RewardTerms = Mapping[str, tuple[float, RewardFunction]]
 """Terms of the user's own: name to (weight, function)."""
 
 
+MOST_MISSING = 5.0
+"""Hundredths of the floor; :func:`missing_cost` counts no more. A home with a room missing is not explored, with two
+neither."""
 WISHED_CLEARANCE = 0.2
 """Room that :func:`clearance_cost` wants [m]: what an 0.8 m door leaves on either side of a TurtleBot3."""
 
@@ -102,6 +105,17 @@ def potential_shaping(step: StepRecord, discount: float) -> float:
     return discount * after - (step.previous_coverage - 1.0)
 
 
+def missing_cost(step: StepRecord, promised: float) -> float:
+    """Minus the hundredths of the floor that are missing below a promised share when the exploration ends.
+
+    Args:
+        step: The transition.
+        promised: The share.
+    """
+    missing = 100.0 * (promised - step.coverage)
+    return 0.0 - np.clip(missing, 0.0, MOST_MISSING) * step.terminated
+
+
 def weight_of(term: RewardFunction, default: float) -> Any:
     """The field of a term's weight."""
     return field(default=default, metadata={"term": term})
@@ -146,6 +160,12 @@ class RewardConfig(Settings, section="reward"):
     completion: float = weight_of(completion_bonus, 1.0)
     """Once, at the end (:func:`completion_bonus`)."""
 
+    missing: float = 0.0
+    """Per hundredth of the floor missing below :attr:`promised` at the end (:func:`missing_cost`)."""
+
+    promised: Share = 0.98
+    """Share of the floor that is to be seen."""
+
     shaping: float = 0.0
     """Weight of the potential (:func:`potential_shaping`)."""
 
@@ -185,6 +205,7 @@ class Reward:
     def __init__(self, config: RewardConfig, extra: RewardTerms | None = None) -> None:
         functions = dict(FUNCTIONS)
         functions["shaping"] = partial(potential_shaping, discount=config.discount)
+        functions["missing"] = partial(missing_cost, promised=config.promised)
         self.terms: dict[str, tuple[float, RewardFunction]] = {}
         for name, function in functions.items():
             weight = getattr(config, name)

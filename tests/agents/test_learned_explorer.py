@@ -9,6 +9,7 @@ import shapely
 
 from slamgym.agents.pretrained_policy import (
     LearnedExplorer,
+    policy_loop,
     read_policy,
     weight_shapes,
     write_policy,
@@ -18,6 +19,7 @@ from slamgym.agents.scoring import FrontierScorer
 from slamgym.cad import FloorPlan
 from slamgym.core.errors import InputFileError
 from slamgym.envs import ExploreConfig, ExploreEnv, ExploreFrontiersEnv
+from slamgym.planning.promise import Promise
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 
@@ -61,20 +63,23 @@ def test_it_explores_the_building_and_knows_when_it_is_done(plan):
     assert explorer.decisions > 3
 
 
-def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy):
+@pytest.mark.parametrize("promise", [None, Promise()])
+def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy, promise):
     """The same network over the same driver: the robot ends at the same place after the same time."""
-    decisions = ExploreFrontiersEnv(plan, **SMALL)
+    loop = {"promise": promise} if promise else {}
+    decisions = ExploreFrontiersEnv(plan, loop=loop, **SMALL)
     scorer = FrontierScorer(read_policy(policy)[0])
     observation, _ = decisions.reset(seed=4)
     over = False
     while not over:
         assert decisions.observation_space.contains(observation)
-        observation, _, terminated, truncated, info = decisions.step(
-            int(scorer.scores(observation).argmax())
-        )
+        decision = scorer.decide(observation)
+        says_done = promise and decision.done > 0.0 and decisions.action_masks()[-1]
+        action = decisions.action_space.n - 1 if says_done else int(decision.scores.argmax())
+        observation, _, terminated, truncated, info = decisions.step(action)
         over = terminated or truncated
     env = explorer_env(plan)
-    explorer = LearnedExplorer(env.explorer_context(), policy)
+    explorer = LearnedExplorer(env.explorer_context(), policy, policy_loop(promise))
     observation, _ = env.reset(seed=4)
     while True:
         action, _ = explorer.predict(observation)
@@ -83,6 +88,26 @@ def test_it_does_what_the_policy_does_in_the_decision_environment(plan, policy):
         observation, *_ = env.step(action)
     assert float(observation["time"][0]) == pytest.approx(info["time"], abs=1e-3)
     np.testing.assert_allclose(env.simulation.true_pose, info["true_pose"], atol=1e-6)
+
+
+def test_done_is_said_at_the_promise_that_it_was_learned_with_alone(plan, tmp_path):
+    weights = {name: np.zeros(shape, np.float32) for name, shape in weight_shapes().items()}
+    weights["done.bias"][:] = 1.0  # says so whatever it sees
+    path = tmp_path / "done.safetensors"
+    write_policy(path, weights, {})
+    shares = {}
+    for promise in (Promise(), Promise(seen=0.9), None):
+        env = explorer_env(plan)
+        explorer = LearnedExplorer(env.explorer_context(), path, policy_loop(promise))
+        observation, info = env.reset(seed=4)
+        while True:
+            action, _ = explorer.predict(observation)
+            if explorer.finished:
+                break
+            observation, _, _, _, info = env.step(action)
+        shares[str(promise)] = info["coverage"]
+    assert shares["98%:95%"] < 0.9
+    assert min(shares["90%:95%"], shares["None"]) > 0.97
 
 
 def test_weights_of_ones_own_are_named_by_their_file(plan, policy, tmp_path):

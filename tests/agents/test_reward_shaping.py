@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import slamgym.agents.rl.shaping as shaping_module
+from slamgym.agents.rl.learner import LearnerConfig
 from slamgym.agents.rl.reward_presets import OWN, REWARD_PRESETS, ShapingConfig, reward_preset
 from slamgym.agents.rl.shaping import (
     Experiment,
@@ -15,7 +16,7 @@ from slamgym.agents.rl.shaping import (
     table,
     write_shaping_report,
 )
-from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
+from slamgym.agents.rl.train_config import WheelsConfig
 from slamgym.agents.wheels import read_wheels, write_wheels
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
@@ -153,7 +154,7 @@ def test_a_term_of_ones_own_is_learned_from(tmp_path):
         steps=24,
         plan_count=2,
         num_envs=3,
-        ppo=PPOConfig(n_steps=8, batch_size=8, n_epochs=1),
+        learner=LearnerConfig("ppo", {"n_steps": 8, "batch_size": 8, "n_epochs": 1}),
     )
     config = ShapingConfig(presets=("coverage", OWN), seeds=1, test_plans=1, train=tiny)
     run_shaping(Experiment(config, train_wheels, ("fear", 9.0, fear)), tmp_path)

@@ -9,10 +9,8 @@ from slamgym.agents.hidden_floor import (
     AREAS,
     DESCRIPTION,
     FLOOR_LAYERS,
-    FRONTIER_FIGURES,
     HIDDEN_FLOOR,
     HiddenFloor,
-    describe_frontiers,
     moments,
 )
 from slamgym.agents.pretrained_policy import write_weights
@@ -23,6 +21,7 @@ from slamgym.core.errors import InputFileError
 from slamgym.core.types import Pose2D
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps
+from slamgym.envs.frontier_table import FRONTIER_FIGURES, describe_frontiers
 from slamgym.planning.exploration_loop import ExplorationLoopConfig
 from slamgym.planning.promise import Promise
 from slamgym.planning.view_history import ViewHistory

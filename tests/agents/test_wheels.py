@@ -10,7 +10,8 @@ import pytest
 from source_tree import ROOT
 
 from slamgym.agents import make_explorer
-from slamgym.agents.rl.train_config import PPOConfig, WheelsConfig
+from slamgym.agents.rl.learner import LearnerConfig
+from slamgym.agents.rl.train_config import WheelsConfig
 from slamgym.agents.wheels import (
     WheelsExplorer,
     WheelsPolicy,
@@ -33,7 +34,7 @@ TINY = WheelsConfig(
     plan_count=2,
     steps=48,
     num_envs=3,
-    ppo=PPOConfig(n_steps=8, batch_size=8, n_epochs=1),
+    learner=LearnerConfig("ppo", {"n_steps": 8, "batch_size": 8, "n_epochs": 1}),
     evaluate_every=24,
     evaluate_plans=2,
     evaluate_seconds=3.0,

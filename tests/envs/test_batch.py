@@ -231,7 +231,7 @@ def test_an_explored_room_ends_the_episode(hall):
 def test_gymnasium_makes_it_by_name():
     assert slamgym.__version__
     envs = gym.make_vec(
-        "slamgym/ExploreDiscrete-v2",
+        "slamgym/ExploreDiscrete-v3",
         num_envs=2,
         vectorization_mode="vector_entry_point",
         localization="ground_truth",

@@ -10,7 +10,7 @@ from gymnasium.utils.env_checker import check_env
 from slamgym.core.errors import ConfigError
 from slamgym.envs import ExploreFrontiersEnv
 from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES
-from slamgym.envs.rewards import FRONTIER_REWARD
+from slamgym.envs.rewards import FRONTIER_REWARD, MOST_MISSING
 
 SMALL = {"observation": {"map_size": 24.0}, "localization": "ground_truth"}
 
@@ -32,7 +32,13 @@ def two_room_plan():
     return FloorPlan("two-rooms", shapely.union_all([left, right, door]))
 
 
-def play(env, choose=lambda observation, env: 0, seed=0, options=None):
+def nearest(observation, env):
+    """The row with the shortest path."""
+    there = observation["mask"] > 0.5
+    return int(np.where(there, observation["lengths"][0, 1:], np.inf).argmin())
+
+
+def play(env, choose=nearest, seed=0, options=None):
     observation, info = env.reset(seed=seed, options=options)
     steps = [(observation, 0.0, info)]
     over = False
@@ -44,7 +50,7 @@ def play(env, choose=lambda observation, env: 0, seed=0, options=None):
 
 
 def test_gymnasium_accepts_the_environment(two_room_plan):
-    env = gym.make("slamgym/ExploreFrontiers-v2", plans=two_room_plan, **SMALL)
+    env = gym.make("slamgym/ExploreFrontiers-v3", plans=two_room_plan, **SMALL)
     check_env(env.unwrapped, skip_render_check=True)
 
 
@@ -73,8 +79,9 @@ def test_masked_rows_are_empty(env):
     for observation, _, _ in steps[:-1]:
         count = int(observation["mask"].sum())
         assert count >= 1
-        assert not observation["candidates"][count:].any()
-        assert not observation["crops"][count:].any()
+        assert not observation["frontiers"][count:].any()
+        assert not observation["lengths"][count + 1 :].any()
+        assert not observation["lengths"][:, count + 1 :].any()
 
 
 def test_the_mask_of_actions_is_that_of_the_observation(env):
@@ -82,17 +89,58 @@ def test_the_mask_of_actions_is_that_of_the_observation(env):
 
     def choose(observation, env):
         seen.append((observation["mask"], env.action_masks()))
-        return 0
+        return nearest(observation, env)
 
     play(env, choose)
     assert all(observed.shape == mask.shape and (observed == mask).all() for observed, mask in seen)
 
 
-def test_candidates_come_with_the_shortest_path_first(env):
-    column = CANDIDATE_FEATURES.index("path_cost")
-    for observation, _, _ in play(env)[0]:
-        there = observation["candidates"][observation["mask"] > 0.5, column]
-        assert (np.diff(there) >= -1e-6).all()
+def test_a_row_s_number_says_nothing_and_those_offered_are_the_nearest(two_room_plan):
+    """Each row holds the shortest path as often as any other, within four standard deviations."""
+    env = ExploreFrontiersEnv(two_room_plan, loop={"max_candidates": 2}, **SMALL)
+    column = CANDIDATE_FEATURES.index("path_length")
+    firsts = []
+    for seed in range(12):
+        for observation, _, _ in play(env, seed=seed)[0]:
+            if observation["mask"].sum() == 2:
+                firsts.append(int(observation["frontiers"][:2, column].argmin()))
+    spread = 4.0 * 0.5 / len(firsts) ** 0.5
+    assert len(firsts) > 40
+    assert 0.5 - spread < np.mean(firsts) < 0.5 + spread
+
+
+def test_done_ends_the_episode_and_is_charged_for_what_is_missing(two_room_plan):
+    env = ExploreFrontiersEnv(
+        two_room_plan, reward={"missing": 3.0, "shaping": 0.0}, loop={"promise": {}}, **SMALL
+    )
+    observation, info = env.reset(seed=0)
+    done = env.action_space.n - 1
+    assert done == env.loop_config.max_candidates
+    while not env.action_masks()[done]:  # a map of less than a small home promises nothing
+        observation, *_ = env.step(nearest(observation, env))
+    _, reward, terminated, truncated, info = env.step(done)
+    assert terminated
+    assert not truncated
+    missing = 98.0 - 100.0 * info["coverage"]
+    assert missing > MOST_MISSING  # more isn't charged for
+    assert info["reward_terms"]["missing"] == pytest.approx(-3.0 * MOST_MISSING)
+    assert reward == pytest.approx(sum(info["reward_terms"].values()))
+
+
+def test_without_a_promise_there_is_no_done(env):
+    env.reset(seed=0)
+    assert env.action_space.n == env.loop_config.max_candidates
+
+
+def test_the_drive_along_paths_explores_as_the_physics_do(two_room_plan):
+    """Each in 8 episodes: times agree within a tenth, and everything is seen."""
+    times = {}
+    for drive in ("physics", "path"):
+        env = ExploreFrontiersEnv(two_room_plan, drive=drive, **SMALL)
+        ends = [play(env, seed=seed)[0][-1][2] for seed in range(8)]
+        times[drive] = np.mean([info["time"] for info in ends])
+        assert min(info["coverage"] for info in ends) > 0.98
+    assert times["path"] == pytest.approx(times["physics"], rel=0.1)
 
 
 def test_durations_add_up_to_the_time(env):
@@ -128,16 +176,16 @@ def test_saying_done_ends_the_episode_with_the_bonus_and_no_potential(two_room_p
         discount=discount,
         loop={"promise": {"seen": 0.5, "confidence": 0.1}},
     )
-    _, first = env.reset(seed=0)
+    observation, first = env.reset(seed=0)
     sums = {"completion": 0.0, "shaping": 0.0}
     over = False
     while not over:
-        _, total, over, _, info = env.step(0)
+        observation, total, over, _, info = env.step(nearest(observation, env))
         terms = info["reward_terms"]
         assert total == pytest.approx(sum(terms.values()))
         for name in sums:
             sums[name] += terms.get(name, 0.0)
-    last = discount ** (info["duration"] - env.config.control_step)
+    last = discount ** max(0.0, info["duration"] - env.config.control_step)
     assert info["coverage"] > 0.5
     assert sums["completion"] == pytest.approx(last)
     if discount == 1.0:  # the potential is 0 in the end, whatever was seen
@@ -158,9 +206,9 @@ def test_a_masked_action_chooses_the_first_candidate(env):
     first, _ = env.reset(seed=1)
     nothing = int(first["mask"].sum())
     masked = env.step(nothing)
-    env.reset(seed=1)
-    plain = env.step(0)
-    np.testing.assert_array_equal(masked[0]["candidates"], plain[0]["candidates"])
+    first, _ = env.reset(seed=1)
+    plain = env.step(nearest(first, env))
+    np.testing.assert_array_equal(masked[0]["frontiers"], plain[0]["frontiers"])
     assert masked[1] == plain[1]
 
 
@@ -201,13 +249,20 @@ def test_fewer_candidates_can_be_asked_for(two_room_plan):
     env = ExploreFrontiersEnv(two_room_plan, loop={"max_candidates": 3}, **SMALL)
     observation, _ = env.reset(seed=0)
     assert env.action_space.n == 3
-    assert observation["candidates"].shape == (3, len(CANDIDATE_FEATURES))
+    assert observation["frontiers"].shape == (3, len(CANDIDATE_FEATURES))
     assert observation["globals"].shape == (len(GLOBAL_FEATURES),)
     assert env.observation_space.contains(observation)
 
 
 @pytest.mark.parametrize(
-    "settings", [{"loop": {"horizn": 3.0}}, {"discount": 0.0}, {"timelimit": 4.0}]
+    "settings",
+    [
+        {"loop": {"horizn": 3.0}},
+        {"discount": 0.0},
+        {"timelimit": 4.0},
+        {"drive": "paths"},
+        {"drive": "path", "localization": "pose_graph"},
+    ],
 )
 def test_unknown_and_senseless_settings_are_refused(two_room_plan, settings):
     with pytest.raises(ConfigError):

@@ -5,12 +5,15 @@ from hypothesis import strategies as st
 
 from slamgym.agents.rules import FrontierTour
 from slamgym.envs import ExploreFrontiersEnv
-from slamgym.envs.frontier_features import (
-    CANDIDATE_FEATURES,
-    GLOBAL_FEATURES,
+from slamgym.envs.frontier_features import CANDIDATE_FEATURES, GLOBAL_FEATURES, TURN_WEIGHT
+from slamgym.envs.frontier_table import (
+    FRONTIER_FIGURES,
+    SHARED_FIGURES,
+    describe_frontiers,
     expected_unseen_share,
 )
 from slamgym.planning.frontier_feature_kernels import coarse_cells
+from slamgym.planning.grid_path import straight_turns
 from slamgym.planning.open_tour import EXACT_PLACES
 
 
@@ -23,35 +26,82 @@ def test_coarse_cells_hold_each_cell_once_and_stay_on_the_map(seed, count):
     assert (coarse_cells(cells, 2, shape) == expected).all()
 
 
-def test_the_first_of_the_tour_is_what_the_rule_chooses_and_a_room_is_expected_behind_each_door():
-    env = ExploreFrontiersEnv("procedural:home:loops", localization="ground_truth")
+def column(rows, name):
+    return rows[:, CANDIDATE_FEATURES.index(name)]
+
+
+@pytest.fixture(scope="module")
+def decisions():
+    """Observations of an exploration by the shortest tour, and what the loop and the table said then."""
+    env = ExploreFrontiersEnv(
+        "procedural:home:loops", localization="ground_truth", drive="path", loop={"promise": {}}
+    )
     observation, _ = env.reset(seed=4)
-    expected = CANDIDATE_FEATURES.index("expected")
-    tour = CANDIDATE_FEATURES.index("tour")
-    detour = CANDIDATE_FEATURES.index("tour_detour")
-    several = 0
-    for _ in range(25):
-        candidates = env.loop.candidates
-        rows = observation["candidates"][: len(candidates)]
-        choice = int(rows[:, tour].argmax()) if len(candidates) else 0
-        if len(candidates) > 1:
-            several += 1
-            assert choice == FrontierTour()(env.loop).argmax()
+    found = []
+    over = False
+    while not over and len(found) < 25:
+        loop = env.loop
+        order = env.order
+        count = len(order)
+        table = describe_frontiers(loop, env.views, [loop.candidates[i].frontier for i in order])
+        found.append(
+            {
+                "observation": observation,
+                "rows": observation["frontiers"][:count],
+                "table": table,
+                "tour": int(np.argmax(FrontierTour()(loop)[order])),
+                "straight": [loop.candidates[i].frontier.min_distance for i in order],
+                "unseen": expected_unseen_share(loop),
+                "turns": straight_turns(
+                    loop.pose, np.array([loop.candidates[i].frontier.middle for i in order])
+                ),
+            }
+        )
+        observation, _, over, *_ = env.step(found[-1]["tour"])
+    return found
+
+
+def test_the_table_that_the_explorer_reads_is_what_a_policy_observes(decisions):
+    for one in decisions:
+        for name in set(FRONTIER_FIGURES) - set(SHARED_FIGURES):
+            expected = one["table"][:, FRONTIER_FIGURES.index(name)]
             np.testing.assert_allclose(
-                np.sort(1.0 / rows[:, tour]), np.arange(1, len(rows) + 1), rtol=1e-6
+                column(one["rows"], name), np.clip(expected, -10.0, 10.0), atol=1e-6
             )
-            assert (rows[:, detour] >= 0.0).all()
-            if len(candidates) <= EXACT_PLACES:
-                assert rows[choice, detour] == pytest.approx(0.0, abs=1e-6)
-            ways_on = [one.cells for one in env.loop.ways_on()]
-            areas = (10.0 ** (2.0 * rows[:, expected]) - 1.0) / 10.0
-            for area, one in zip(areas, candidates, strict=True):
-                is_wide = any(np.array_equal(one.frontier.cells, cells) for cells in ways_on)
-                extent = np.hypot(*np.ptp(one.points, axis=0))
-                assert area == pytest.approx(is_wide * extent**2, rel=1e-3, abs=1e-5)
-            measured = observation["globals"][GLOBAL_FEATURES.index("unseen_share")]
-            assert measured == pytest.approx(
-                1.0 + 0.25 * np.log10(expected_unseen_share(env.loop)), abs=1e-5
-            )
-        observation, *_ = env.step(choice)
-    assert several > 5
+
+
+def test_the_first_of_the_tour_is_what_the_rule_chooses(decisions):
+    several = [one for one in decisions if len(one["rows"]) > 1]
+    assert len(several) > 5
+    for one in several:
+        rows = one["rows"]
+        assert int(column(rows, "tour").argmax()) == one["tour"]
+        np.testing.assert_allclose(
+            np.sort(1.0 / column(rows, "tour")), np.arange(1, len(rows) + 1), rtol=1e-6
+        )
+        assert (column(rows, "tour_detour") >= 0.0).all()
+        if len(rows) <= EXACT_PLACES:
+            assert column(rows, "tour_detour")[one["tour"]] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_lengths_are_a_metric_no_shorter_than_a_straight_line(decisions):
+    """But for the robot's first turn, which counts in its own row alone, and cells of 0.15 m."""
+    for one in decisions:
+        count = len(one["rows"])
+        lengths = 10.0 * one["observation"]["lengths"][: count + 1, : count + 1].astype(np.float64)
+        between = lengths[1:, 1:]
+        np.testing.assert_allclose(between, between.T, atol=1e-5)
+        assert (np.diag(between) == 0.0).all()
+        by_way = between[:, :, None] + between[None]
+        assert (between[:, None] <= by_way.transpose(0, 2, 1) + 1e-4).all()
+        # A frontier is looked at from up to 0.6 m away.
+        slack = 0.6 + 0.3 + np.pi * TURN_WEIGHT
+        assert (lengths[0, 1:] >= np.array(one["straight"]) - slack).all()
+        assert not one["observation"]["lengths"][count + 1 :].any()
+
+
+def test_the_unseen_share_of_the_whole_is_that_of_the_table(decisions):
+    for one in decisions:
+        measured = one["observation"]["globals"][GLOBAL_FEATURES.index("unseen_share")]
+        expected = 1.0 + 0.25 * np.log10(max(one["unseen"], 1e-4))
+        assert measured == pytest.approx(expected, abs=1e-5)

@@ -14,7 +14,7 @@ from slamgym.cad import FloorPlan
 from slamgym.core.errors import ConfigError
 from slamgym.envs import BatchExploreEnv, ExploreEnv, RewardConfig, StepRecord
 from slamgym.envs.records import FIGURES
-from slamgym.envs.rewards import FUNCTIONS, Reward, potential_shaping
+from slamgym.envs.rewards import FUNCTIONS, MOST_MISSING, Reward, missing_cost, potential_shaping
 from slamgym.metrics.map_error import ObstacleDistance
 
 number = st.floats(-100.0, 100.0)
@@ -41,8 +41,11 @@ records = st.builds(
 )
 configs = st.builds(
     RewardConfig,
-    **{entry.name: number for entry in fields(RewardConfig) if entry.name != "discount"},
+    **dict.fromkeys(
+        {entry.name for entry in fields(RewardConfig)} - {"discount", "promised"}, number
+    ),
     discount=share,
+    promised=share,
 )
 AT_REST = StepRecord(
     duration=0.2,
@@ -125,7 +128,16 @@ def test_costs_are_negative_and_gains_positive():
 
 def test_every_weight_has_its_function():
     weights = {entry.name for entry in fields(RewardConfig)}
-    assert weights - FUNCTIONS.keys() == {"shaping", "discount"}
+    assert weights - FUNCTIONS.keys() == {"shaping", "discount", "missing", "promised"}
+
+
+@pytest.mark.parametrize(
+    ("coverage", "missing"), [(0.99, 0.0), (0.975, 0.5), (0.95, 3.0), (0.4, MOST_MISSING)]
+)
+def test_missing_floor_is_charged_at_the_end_alone_and_up_to_a_limit(coverage, missing):
+    step = StepRecord(coverage=coverage, terminated=True)
+    assert missing_cost(step, 0.98) == pytest.approx(-missing)
+    assert missing_cost(step.but(terminated=False), 0.98) == 0.0
 
 
 def test_a_record_of_arrays_gives_the_rewards_of_each():

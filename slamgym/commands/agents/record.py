@@ -18,13 +18,13 @@ if TYPE_CHECKING:
     from minari.data_collector import EpisodeBuffer
 
 OFFLINE = Extra("offline", ("minari", "pyarrow"))
-ENVIRONMENT = "slamgym/ExploreFrontiers-v2"
+ENVIRONMENT = "slamgym/ExploreFrontiers-v3"
 _ID = re.compile(r"(\w[\w-]*/)*\w[\w-]*-v\d+")
 LOCALIZATION = {"slam": "pose_graph", "ground_truth": "ground_truth"}
 
 
 class RecordArguments(Arguments):
-    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v2.
+    """Record explorations as a Minari dataset: observations, choices and rewards of slamgym/ExploreFrontiers-v3.
 
     `minari.load_dataset(ID)` reads it, and so do the libraries for offline reinforcement learning. The same seed gives
     the same episodes.
@@ -113,7 +113,8 @@ def _record_episode(
     while not steps or not any(steps[-1][2:]):
         at_random = rng.random() < arguments.random_share
         offered = (observation["mask"] > 0.5).nonzero()[0]
-        best = int(np.argmax(rule(env.unwrapped.loop))) if len(offered) else 0
+        scores = rule(env.unwrapped.loop)[env.unwrapped.order] if len(offered) else [0.0]
+        best = int(np.argmax(scores))  # of the rows
         action = int(rng.choice(offered)) if at_random and len(offered) else best
         observation, reward, terminated, truncated, _ = env.step(action)
         observations.append(observation)

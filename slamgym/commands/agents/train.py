@@ -2,10 +2,12 @@
 
 import dataclasses
 import sys
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal, TypeVar
 
+from slamgym.agents.rl.learner import arguments_of, parse_hyperparameters, read_hyperparameters
 from slamgym.agents.rl.reward_presets import ShapingConfig
-from slamgym.agents.rl.train_config import POLICY, TrainConfig, WheelsConfig
+from slamgym.agents.rl.train_config import POLICY, RunConfig, TrainConfig, WheelsConfig
 from slamgym.commands.frame import LEARNING, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Seed
@@ -14,6 +16,8 @@ from slamgym.core.progress import say
 
 if TYPE_CHECKING:
     from slamgym.agents.rl.shaping import Experiment
+
+_Run = TypeVar("_Run", bound=RunConfig)
 
 
 class TrainArguments(Arguments):
@@ -26,7 +30,7 @@ class TrainArguments(Arguments):
     out: Out
     """Folder of the run."""
     plans: tuple[str, ...] | None = None
-    """Floor plans: ``procedural``, the default, a HouseExpo archive, ...; as many are drawn from each."""
+    """Floor plans: ``procedural``, ``procedural:home``, a HouseExpo archive, ...; as many are drawn from each."""
     plan_count: Count | None = None
     """Number of plans to learn on; by default 1,500."""
     steps: CountOrZero | None = None
@@ -35,37 +39,77 @@ class TrainArguments(Arguments):
     """Number of environments."""
     seed: Seed | None = None
     """Seed of everything random, by default 0."""
+    algo: str | None = None
+    """``ppo``, the default, ``a2c``, or ``trpo`` of sb3-contrib."""
+    hyperparams: tuple[str, ...] = ()
+    """Hyper-parameters of the algorithm, as rl-zoo takes them: ``learning_rate:lin_1e-3 gae_lambda:0.9``."""
+    conf_file: Path | None = None
+    """A YAML file of them, in rl-zoo's form."""
     settings: AllSettings = SettingsOptions()
-    """Localisation, reward, network, learner, evaluation and all else."""
+    """Localisation, reward, network, evaluation and all else."""
 
 
-def frontiers(arguments: TrainArguments) -> None:
+class FrontierArguments(TrainArguments):
+    """Train a policy that chooses among frontiers, and says *done*; see ``slamgym agents train wheels`` for wheels.
+
+    Plans as for all trainings: ``procedural:home`` needs no files. Run the command again to resume.
+    """
+
+    start: Literal["scratch", "tour"] | None = None
+    """``scratch``, the default: weights at random; ``tour``: weights that choose as the rule ``tour``."""
+
+
+class WheelsArguments(TrainArguments):
+    """Train a policy that drives the wheels, on a batch of environments.
+
+    ``--plans procedural`` needs no files; only plans of the training split are used. Run the command again to resume.
+    """
+
+    start: Literal["scratch", "way"] | None = None
+    """``scratch``: weights at random; ``way``, the default: weights that drive to the nearest frontier."""
+
+
+def frontiers(arguments: FrontierArguments) -> None:
     """Train a policy that chooses among frontiers."""
     from slamgym.agents.rl.train import train
 
-    config = arguments.settings.configured(TrainConfig(), _options(arguments))
+    config = _configured(TrainConfig(), arguments, arguments.start, "slamgym/ExploreFrontiers")
     train(config, arguments.out)
     say(f"policy: {arguments.out / POLICY}")
 
 
-def wheels(arguments: TrainArguments) -> None:
+def wheels(arguments: WheelsArguments) -> None:
     """Train a policy that drives the wheels, on a batch of environments."""
     from slamgym.agents.rl.wheels import train_wheels
 
-    config = arguments.settings.configured(WheelsConfig(), _options(arguments))
+    config = _configured(WheelsConfig(), arguments, arguments.start, "slamgym/Explore-")
     train_wheels(config, arguments.out)
     say(f"policy: {arguments.out / POLICY}")
 
 
-def _options(arguments: TrainArguments) -> dict[str, Any]:
-    """Options of a training, by the names of their settings."""
-    return {
-        "plans": arguments.plans,
-        "plan_count": arguments.plan_count,
-        "steps": arguments.steps,
-        "num_envs": arguments.num_envs,
-        "seed": arguments.seed,
-    }
+def _configured(default: _Run, arguments: TrainArguments, start: str | None, env: str) -> _Run:
+    """The settings of a training.
+
+    Raises:
+        ConfigError: If a setting makes no sense, or the algorithm is unknown or takes no such hyper-parameter.
+        InputFileError: If the file of hyper-parameters can't be used.
+    """
+    config = arguments.settings.configured(
+        default,
+        {
+            "plans": arguments.plans,
+            "plan_count": arguments.plan_count,
+            "steps": arguments.steps,
+            "num_envs": arguments.num_envs,
+            "seed": arguments.seed,
+            "start": start,
+        },
+    )
+    values = {} if arguments.conf_file is None else read_hyperparameters(arguments.conf_file, env)
+    values |= parse_hyperparameters(arguments.hyperparams)
+    learner = config.learner.changed(arguments.algo, values)
+    arguments_of(learner)
+    return dataclasses.replace(config, learner=learner)
 
 
 class ShapeArguments(Arguments):

@@ -128,15 +128,10 @@ class Explorations:
         else:
             fleet.drive(np.flatnonzero(~begins), targets)
             self._put_down(begins, generators, ResetOptions())
-        return self._look(targets, begins)
+        return self.look(targets, begins)
 
-    def place(self, pose: Pose2D, length: float, steps: int) -> StepOutcome:
-        """Put the only robot where so many control steps have brought it, and scan; see :meth:`Fleet.place`."""
-        self.fleet.place(0, pose, length, steps)
-        return self._look(np.zeros((1, 2)), None)
-
-    def _look(self, targets: FloatArray, begins: BoolArray | None) -> StepOutcome:
-        """Scan and measure after all have been driven, or were put down."""
+    def look(self, targets: FloatArray, begins: BoolArray | None = None) -> StepOutcome:
+        """Scan and measure, after all have been driven or put down; arguments as for :meth:`step`."""
         is_published = self.is_published
         self.beliefs.sense(self._everyone, is_published)
         if begins is not None:
