@@ -3,8 +3,10 @@
 import math
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from slamgym.core.types import Pose2D
-from slamgym.planning.costmap import Costmap
+from slamgym.planning.costmap import INSCRIBED_COST, Costmap, cells_inside
 from slamgym.planning.frontier_candidates import FrontierCandidate
 from slamgym.planning.frontiers import Point, Reachable
 from slamgym.planning.grid_path import place_near
@@ -87,8 +89,15 @@ class Trail:
     def is_cut_off(self, costmap: Costmap, reachable: Reachable) -> bool:
         """True if the map shows no way back to a part of the trail: a door on it is drawn shut."""
         missing = 0
-        for place in self.places:
-            is_there = place_near(costmap, place, _TRAIL_STEP, reachable) is not None
+        if not self.places:
+            return False
+        row, col, inside = cells_inside(costmap.frame, np.array(self.places))
+        is_open = costmap.costs[row, col] < INSCRIBED_COST
+        is_reached = np.zeros(len(self.places), np.bool_)
+        is_reached[inside] = is_open & reachable.mask[row * costmap.frame.width_px + col]
+        for place, was_reached in zip(self.places, is_reached.tolist(), strict=True):
+            # Most places need no search for an open cell near by.
+            is_there = was_reached or place_near(costmap, place, _TRAIL_STEP, reachable) is not None
             missing = 0 if is_there else missing + 1
             if missing >= _TRAIL_MISSING:
                 return True
