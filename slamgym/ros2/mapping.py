@@ -79,9 +79,11 @@ class MapNode(RosNode):
         self.create_timer(TRANSFORM_INTERVAL, self._send_transform)
         if self._known is not None:
             self._grids(grid_fields(self._header(0.0), self._known.grid))
-        self.serve("save", self.save)
+        # Users of slam_toolbox know the other names; its serialized graph is our log, from which one maps again.
+        self.serve("save", self.save, "save_map", "serialize_map")
         self.serve("draw", self._draw)
         self.serve("reset", self._reset)
+        self.serve("pause_new_measurements", self._turn_pause, at_once=True)
         self.serve_switch("pause", self._pause)
         self.create_timer(1.0, self._look, clock=self.wall_clock)
 
@@ -214,6 +216,10 @@ class MapNode(RosNode):
         self._is_paused = is_paused
         self._run.leave_out()
         return "paused: the robot must stay where it is" if is_paused else "mapping"
+
+    def _turn_pause(self) -> str:
+        """Pause, or go on, as slam_toolbox's service of that name does."""
+        return self._pause(not self._is_paused)
 
     def _begin_at(self, message: Any) -> None:
         """Localise from a pose that somebody has given."""

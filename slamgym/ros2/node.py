@@ -21,7 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from std_srvs.srv import SetBool, Trigger
 
-from slamgym.core.config import Arguments
+from slamgym.core.config import Arguments, suggest
 from slamgym.core.errors import ConfigError, SlamgymError
 from slamgym.core.interruption import deferred_interrupt
 from slamgym.interop.ros_messages import Fields, header_fields
@@ -93,6 +93,7 @@ class RosNode(Node):
             if isinstance(value, bool | int | float | str | Path | tuple):
                 value = str(value) if isinstance(value, Path) else value
                 self.declare_parameter(_ros_name(field.name), value, any_type)
+        self._name_unknown_parameters()
         self.worker = Worker(self._wake)
         self._heard: dict[str, float] = {}
         self._missing: set[str] = set()
@@ -102,6 +103,13 @@ class RosNode(Node):
         self._answering = ReentrantCallbackGroup()  # what waits for an answer holds nothing up
         self.wall_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(1.0, self._watch, clock=self.wall_clock)
+
+    def _name_unknown_parameters(self) -> None:
+        """Say which ROS parameters were given that the node doesn't have, as ROS itself does not."""
+        for name in self._parameter_overrides:
+            if not self.has_parameter(name) and not name.startswith("qos_overrides."):
+                known = suggest(name, self._parameters)
+                self.get_logger().warning(f"there is no parameter {name!r}; {known}")
 
     def read_parameters(self, parameters: _Parameters) -> _Parameters:
         """The parameters as they are now.
@@ -188,12 +196,14 @@ class RosNode(Node):
         publisher = self.create_publisher(kind, topic, qos)
         return lambda fields: publisher.publish(fill(kind(), fields))
 
-    def offer_transforms(self, topic: str, qos: QoSProfile = RELIABLE) -> Callable[[Fields], None]:
-        """Offer transforms; returns what publishes one by its fields, where ROS is installed."""
+    def offer_transforms(self, topic: str, qos: QoSProfile = RELIABLE) -> Callable[..., None]:
+        """Offer transforms; returns what publishes some by their fields, where ROS is installed."""
         if TFMessage is None:
-            return lambda _fields: None
+            return lambda *_fields: None
         send = self.offer(TFMessage, topic, qos)
-        return lambda fields: send({"transforms": [fill(TransformStamped(), fields)]})
+        return lambda *fields: send(
+            {"transforms": [fill(TransformStamped(), one) for one in fields]}
+        )
 
     def listen(
         self, kind: Any, topic: str, callback: Callable[[Any], None], qos: QoSProfile = RELIABLE
@@ -208,12 +218,15 @@ class RosNode(Node):
 
         self.create_subscription(kind, topic, take, qos)
 
-    def serve(self, name: str, action: Callable[[], str], *, at_once: bool = False) -> None:
+    def serve(
+        self, name: str, action: Callable[[], str], *others: str, at_once: bool = False
+    ) -> None:
         """Offer a service without arguments that answers with a sentence; an error of the user's is a failure.
 
         Args:
             name: Of the service.
             action: Done by the worker, which may be busy.
+            others: More names of the same service.
             at_once: True if it is done here and now instead.
         """
 
@@ -227,7 +240,8 @@ class RosNode(Node):
             self.get_logger().info(response.message)
             return response
 
-        self.create_service(Trigger, f"~/{name}", answer, callback_group=self._answering)
+        for offered in (name, *others):
+            self.create_service(Trigger, f"~/{offered}", answer, callback_group=self._answering)
 
     def serve_switch(self, name: str, switch: Callable[[bool], str]) -> None:
         """Offer a service that turns something on and off (SetBool) at once."""

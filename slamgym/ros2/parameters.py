@@ -34,7 +34,7 @@ class FrameNames(Arguments):
         return Pose2D(x, y, yaw)
 
 
-class SimParameters(Arguments):
+class WorldParameters(Arguments):
     """A simulated TurtleBot3 in a floor plan, without Gazebo."""
 
     plans: str = "bundled"
@@ -47,6 +47,19 @@ class SimParameters(Arguments):
     """Seed of everything random: with the same commands the scans are the environment's."""
     speed: Annotated[float, Within(ge=0.0)] = 1.0
     """Times real time; 0: as fast as commands come, a step for each (with none for 0.2 s it goes on)."""
+
+
+class SimParameters(WorldParameters):
+    """The simulated robot, with the frames of its transforms: odom -> base_footprint -> base_link -> base_scan."""
+
+    odom_frame: str = "odom"
+    """Frame of the odometry."""
+    base_frame: str = "base_footprint"
+    """Frame of the robot on the floor."""
+    body_frame: str = "base_link"
+    """Frame of the robot's body, which Nav2's own parameters name; may be the base frame."""
+    laser_frame: str = "base_scan"
+    """Frame of the laser."""
 
 
 class MapParameters(FrameNames):
@@ -112,7 +125,7 @@ class ExploreParameters(FrameNames):
         return tuple(zip(self.area[::2], self.area[1::2], strict=True))
 
 
-class DemoParameters(SimParameters):
+class DemoParameters(WorldParameters):
     """All three nodes at once: a simulated robot explores a floor plan over topics, and saves map and drawing."""
 
     speed: Annotated[float, Within(ge=0.0)] = 0.0

@@ -14,7 +14,8 @@ from std_msgs.msg import Float32
 
 from slamgym.cad.floorplan import FloorPlan
 from slamgym.core.errors import ConfigError
-from slamgym.core.types import Pose2D, Twist2D
+from slamgym.core.geometry import between, compose, part_of
+from slamgym.core.types import AT_REST, Pose2D, Twist2D
 from slamgym.envs.batch.fleet import Fleet
 from slamgym.envs.batch.robot import SimulatedRobot
 from slamgym.envs.config import ExploreConfig
@@ -29,7 +30,7 @@ from slamgym.interop.ros_messages import (
 )
 from slamgym.ros2.frames import POSES_END
 from slamgym.ros2.node import LATCHED, SENSOR, RosNode
-from slamgym.ros2.parameters import SimParameters
+from slamgym.ros2.parameters import SimParameters, WorldParameters
 from slamgym.ros2.sim_clock import BEGIN, SimClock
 from slamgym.ros2.topics import VelocityTopic
 from slamgym.sim import Lidar
@@ -38,12 +39,12 @@ COMMAND_TIMEOUT = 0.5
 """Without a command for so long the robot stops [s]."""
 LONGEST_WAIT = 0.2
 """As fast as commands come, the simulation waits for one so long [s]."""
-TICKS = 10
-"""Clock messages in a step."""
+TICKS = 6
+"""Messages of clock, odometry and transform in a step of 0.2 s: 30 a second, as TurtleBot3's bringup sends them."""
 
 
 def begin_robot(
-    plans: PlanCache, parameters: SimParameters, config: ExploreConfig
+    plans: PlanCache, parameters: WorldParameters, config: ExploreConfig
 ) -> tuple[SimulatedRobot, FloorPlan]:
     """The robot that an environment with the same settings and seed has after its reset, and its building.
 
@@ -113,10 +114,17 @@ class SimNode(RosNode):
         start = self.robot.start
         grid = plan.raster(self._config.slam.resolution, offset=(start.x, start.y))
         self._send["map"](grid_fields(self.header(BEGIN, "map"), grid))
-        on_robot = self.header(BEGIN, "base_footprint")
-        mount = self._lidar.geometry.mount
-        self._send["tf_static"](transform_fields(on_robot, "base_scan", mount))
+        self._send_fixed_frames(parameters)
         self.get_logger().info(f"plan {plan.id}, seed {self._options.seed}, start {start}")
+
+    def _send_fixed_frames(self, names: SimParameters) -> None:
+        """Publish where the body is on the robot, and the laser on the body, in one message: only the last is kept."""
+        on_body = self.header(BEGIN, names.body_frame)
+        fixed = [transform_fields(on_body, names.laser_frame, self._lidar.geometry.mount)]
+        if names.body_frame != names.base_frame:
+            on_floor = self.header(BEGIN, names.base_frame)
+            fixed.insert(0, transform_fields(on_floor, names.body_frame, AT_REST))
+        self._send["tf_static"](*fixed)
 
     def _reset(self) -> str:
         self._begin()
@@ -132,9 +140,12 @@ class SimNode(RosNode):
 
     def step(self) -> None:
         """Drive for one step, and publish what is sensed then."""
+        self._drive()
+        self.publish()
+
+    def _drive(self) -> None:
         is_late = self.robot.time - self._commanded_at >= COMMAND_TIMEOUT
         self.robot.step(Twist2D(0.0, 0.0) if is_late else self._command)
-        self.publish()
 
     def _take_pose(self, message: Any) -> None:
         self._placed_at = stamp_of(message.header, 0.0)
@@ -164,18 +175,23 @@ class SimNode(RosNode):
         robot = self.robot
         stamp = self._time.began + robot.time
         self._time.tick(robot.time)
-        header = self.header(stamp, "odom")
-        pose = robot.odometry_pose
-        twist = np.array(robot.velocity)
-        self._send["tf"](transform_fields(header, "base_footprint", pose))
-        self._send["odom"](odometry_fields(header, "base_footprint", pose, twist))
+        self._send_odometry(robot.time, robot.odometry_pose)
         true_pose = pose_fields(robot.true_map_pose)
         self._send["pose"]({"header": self.header(stamp, "map"), "pose": true_pose})
         self._send["coverage"]({"data": robot.coverage.share})
-        at_laser = self.header(self._time.began + robot.scan.stamp, "base_scan")
+        names = self._options
+        at_laser = self.header(self._time.began + robot.scan.stamp, names.laser_frame)
         ranges = robot.scan.ranges
         laser = self._lidar.geometry
         self._send["scan"](scan_fields(at_laser, ranges, laser, self._config.control_step))
+
+    def _send_odometry(self, time: float, pose: Pose2D) -> None:
+        """Publish the odometry at a time of the robot's [s]."""
+        names = self._options
+        header = self.header(self._time.began + time, names.odom_frame)
+        self._send["tf"](transform_fields(header, names.base_frame, pose))
+        twist = np.array(self.robot.velocity)
+        self._send["odom"](odometry_fields(header, names.base_frame, pose, twist))
 
     def _run(self) -> None:
         """Step at the speed that is wanted, until the program ends."""
@@ -189,7 +205,8 @@ class SimNode(RosNode):
                     continue
             elif speed > 0.0:
                 due = max(due, time.monotonic() - LONGEST_WAIT)  # what can't be caught up is left
-                due = self._sleep_through_step(due, speed)
+                due = self._step_in_time(due, self._config.control_step / speed)
+                continue
             else:
                 self._wait_for_answers()
             with self.worker.lock:
@@ -202,13 +219,46 @@ class SimNode(RosNode):
         self._time.follow_back(now)
         return self._time.wait_for(now + self._config.control_step)
 
-    def _sleep_through_step(self, due: float, speed: float) -> float:
-        """Wait as long as a step takes that was due at a time, while the clock ticks; returns when the next is due."""
-        now = self.robot.time
-        tick = self._config.control_step / TICKS
+    def _step_in_time(self, due: float, length: float) -> float:
+        """Drive a step while its time passes: clock and odometry go on meanwhile, the scan comes at its end.
+
+        The command that answers the last scan is waited for at most half the step: the odometry on the way needs it.
+
+        Args:
+            due: When the step begins [s].
+            length: How long it takes here [s].
+
+        Returns:
+            When the next step begins.
+        """
+        robot = self.robot
+        began = robot.time
+        before = robot.odometry_pose
+        sent = 0
+        self._answered.clear()
         for number in range(1, TICKS + 1):
-            due += tick / speed
+            due += length / TICKS
+            if robot.time == began:
+                self._answered.wait(max(0.0, due - time.monotonic()))
+                if self._answered.is_set() or number >= TICKS // 2:
+                    with self.worker.lock:
+                        self._drive()
             time.sleep(max(0.0, due - time.monotonic()))
-            if number < TICKS:
-                self._time.tick(now + number * tick)
+            with self.worker.lock:
+                if self.worker.is_over or self.robot is not robot:  # reset meanwhile
+                    return due
+                if number < TICKS:
+                    self._time.tick(began + number / TICKS * self._config.control_step)
+                while robot.time > began and sent < min(number, TICKS - 1):
+                    sent += 1
+                    self._send_on_the_way(began, before, sent / TICKS)
+        with self.worker.lock:
+            if self.robot is robot:
+                self.publish()
         return due
+
+    def _send_on_the_way(self, began: float, before: Pose2D, share: float) -> None:
+        """Publish the odometry after a share of a step that began at a time [s] and a pose."""
+        moved = part_of(between(before, self.robot.odometry_pose), share)
+        stamp = began + share * self._config.control_step
+        self._send_odometry(stamp, compose(before, moved))

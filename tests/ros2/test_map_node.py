@@ -271,6 +271,17 @@ def test_a_pause_leaves_scans_out(desk, drive):
     assert len(desk.sent["/pose"]) == 10
 
 
+def test_services_go_by_the_names_of_slam_toolbox_too(desk, drive):
+    node = begin(desk)
+    feed(desk, node, drive, steps=5)
+    for name in ("save_map", "serialize_map"):
+        assert "mapped/map.yaml" in desk.call(node, name).message
+    assert "paused" in desk.call(node, "pause_new_measurements").message
+    feed(desk, node, drive, since=2.0, steps=5)
+    assert len(desk.sent["/pose"]) == 5
+    assert desk.call(node, "pause_new_measurements").message == "mapping"
+
+
 def test_a_reset_puts_the_map_aside(desk, drive):
     node = begin(desk)
     assert "no map yet" in desk.call(node, "reset").message

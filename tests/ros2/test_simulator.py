@@ -5,6 +5,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+import rclpy
 from geometry_msgs.msg import Twist, TwistStamped
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -186,9 +187,55 @@ def test_transforms_say_the_same_as_the_odometry(desk):
         assert moved.header.stamp == odom.header.stamp
         assert moved.transform.translation.x == odom.pose.pose.position.x
         assert moved.transform.rotation.z == odom.pose.pose.orientation.z
-    (fixed,) = desk.sent["/tf_static"][0].transforms
-    assert (fixed.header.frame_id, fixed.child_frame_id) == ("base_footprint", "base_scan")
-    assert fixed.transform.translation.x == CONFIG.lidar.mount[0]
+
+
+def frames(message):
+    return [(one.header.frame_id, one.child_frame_id) for one in message.transforms]
+
+
+def test_one_message_says_all_fixed_frames_as_only_the_last_is_kept(desk):
+    desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    (fixed,) = desk.sent["/tf_static"]
+    assert frames(fixed) == [("base_footprint", "base_link"), ("base_link", "base_scan")]
+    assert fixed.transforms[1].transform.translation.x == CONFIG.lidar.mount[0]
+
+
+def test_frames_are_parameters_and_a_robot_may_have_one_less(desk):
+    names = {"odom_frame": "o", "base_frame": "b", "body_frame": "b", "laser_frame": "l"}
+    node = desk.make(Still, SimParameters(seed=2, **names, **FAST), CONFIG)
+    node.step()
+    assert frames(desk.sent["/tf_static"][0]) == [("b", "l")]
+    assert frames(desk.sent["/tf"][0]) == [("o", "b")]
+    odom = desk.sent["/odom"][0]
+    assert (odom.header.frame_id, odom.child_frame_id) == ("o", "b")
+    assert desk.sent["/scan"][0].header.frame_id == "l"
+
+
+def test_in_real_time_odometry_comes_30_times_a_second_and_leads_from_scan_to_scan(desk):
+    node = desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    node.publish()
+    due = 0.0
+    for _ in range(3):
+        desk.hand(node, "/cmd_vel", command(0.2))
+        due = node._step_in_time(due, 0.0)
+    stamps = np.array([seconds_of(odom) for odom in desk.sent["/odom"]])
+    np.testing.assert_allclose(np.diff(stamps), STEP / 6, atol=1e-6)
+    assert len(desk.sent["/tf"]) == len(stamps) == 19
+    assert len(desk.sent["/scan"]) == 4
+    places = [odom.pose.pose.position for odom in desk.sent["/odom"]]
+    driven = np.hypot(*np.diff([(place.x, place.y) for place in places], axis=0).T)
+    assert driven.sum() > 0.08
+    # In the last step the robot has its speed: it goes on evenly, up to the scan.
+    assert driven[12:] == pytest.approx(driven[12:].mean(), rel=1e-6)
+    shown = [one.clock.sec + 1e-9 * one.clock.nanosec for one in desk.sent["/clock"]]
+    assert (np.diff(shown) > 0.0).all()
+
+
+def test_a_parameter_that_the_node_does_not_have_is_named(desk, capfd):
+    rclpy.try_shutdown()
+    rclpy.init(args=["--ros-args", "-p", "laser_fram:=l"])
+    desk.make(Still, SimParameters(seed=2, **FAST), CONFIG)
+    assert "no parameter 'laser_fram'; did you mean 'laser_frame'?" in capfd.readouterr().err
 
 
 def seconds_of(message):
