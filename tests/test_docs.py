@@ -54,6 +54,14 @@ def exists(name):
     )
 
 
+@pytest.mark.parametrize(
+    "page", [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")], ids=lambda page: page.name
+)
+def test_pages_install_from_the_checkout_as_no_index_has_the_package(page):
+    text = page.read_text().replace("install it with: pip install", "")  # an error that is quoted
+    assert re.findall(r"pip install '?slamgym.*", text) == []
+
+
 def test_the_twelve_files_to_read_first_are_short():
     listed = re.findall(
         r"^\| `([\w/]+\.py)`", (ROOT / "docs" / "reading.md").read_text(), re.MULTILINE

@@ -78,7 +78,7 @@ PLAN_FORMATS = (
         suffixes=(".ifc",),
         opener="slamgym.cad.ifc:open_ifc",
         name="an .ifc model",
-        content="each storey is a plan: walls, columns, openings, spaces (`pip install 'slamgym[ifc]'`)",
+        content="each storey is a plan: walls, columns, openings, spaces (`pip install '.[ifc]'`)",
     ),
     PlanFormat(
         suffixes=(".geojson",),
