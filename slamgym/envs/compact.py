@@ -138,7 +138,10 @@ class MapTiles(NamedTuple):
         left = col % BLOCK_SIDE
         above = -(below + height) % BLOCK_SIDE
         right = -(left + width) % BLOCK_SIDE
-        whole = np.pad(cells, ((below, above), (left, right)), constant_values=UNKNOWN)
+        # np.pad takes three times as long, a tenth of a step.
+        shape = (below + height + above, left + width + right)
+        whole: ByteArray = np.full(shape, UNKNOWN, dtype=np.uint8)
+        whole[below : below + height, left : left + width] = cells
         return MapTiles(whole, (row - below, col - left), resolution, (0, 0, *whole.shape))
 
     @staticmethod

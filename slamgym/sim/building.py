@@ -30,6 +30,7 @@ class Building:
         surfaces: The materials of the first of :meth:`segments`; people are plain.
         discs: People, who can be touched, shape (P, 3) as x, y, radius [m]; they follow them.
         num_obstacles: So many of :meth:`segments`, the first ones, can be touched.
+        obstacles: These, shape (num_obstacles, 4) [m]; they follow what is moved.
         moves: How often obstacles have been moved.
     """
 
@@ -52,6 +53,7 @@ class Building:
         self._changes = Changes(clutter, segments[len(walls) : len(standing)])
         self._visible = segments.view()
         self._visible.flags.writeable = False
+        self.obstacles = self._visible[: self.num_obstacles]
 
     def segments(self) -> FloatArray:
         """All that a laser sees now, shape (S, 4) as x0, y0, x1, y1 [m], world frame.
@@ -59,11 +61,6 @@ class Building:
         The array is read-only for the caller, and its last rows follow what is moved and the people as they walk.
         """
         return self._visible
-
-    @property
-    def obstacles(self) -> FloatArray:
-        """What can be touched of it."""
-        return self._visible[: self.num_obstacles]
 
     def furniture(self) -> tuple[FloatArray, ...]:
         """Solids that stand on the floor now, chairs and doors' leaves too: corners of each, shape (K, 2) [m]."""
@@ -130,5 +127,6 @@ class Contacts:
             self._solver = ContactSolver(
                 building.obstacles, building.discs, self._robot, self._count
             )
-        self._solver.place_discs(building.discs)
+        if len(building.discs):
+            self._solver.place_discs(building.discs)
         return self._solver.solve(poses, wishes)

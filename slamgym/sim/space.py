@@ -14,7 +14,6 @@ import numpy as np
 
 from slamgym.core.errors import ConfigError
 from slamgym.core.geometry import between, unit_vectors, wrap_angle
-from slamgym.core.jit import plain
 from slamgym.core.types import FloatArray, Pose2D, Twist2D
 from slamgym.sim import motion
 from slamgym.sim.building import Building, Contacts
@@ -262,7 +261,7 @@ class World:
         contact, linear, angular = motion.settle(
             self.state,
             wish.drive,
-            plain(solved),
+            (solved.left, solved.push),
             self._limits,
             span,
             float(self.robot.radius),
