@@ -33,13 +33,16 @@ _EMPTY = ClutterConfig()
 """Buildings in which nothing stands and nobody walks."""
 
 
-def make_env(config: TrainConfig, plans: Any, clutter: ClutterConfig) -> ExploreFrontiersEnv:
+def make_env(
+    config: TrainConfig, plans: Any, clutter: ClutterConfig, reward_terms: RewardTerms | None = None
+) -> ExploreFrontiersEnv:
     """The environment in which a run chooses frontiers, without wrappers.
 
     Args:
         config: The run.
         plans: Floor plans, a sequence or a source.
         clutter: What stands and walks in them.
+        reward_terms: Terms of the user's own.
     """
     return ExploreFrontiersEnv(
         plans,
@@ -48,6 +51,7 @@ def make_env(config: TrainConfig, plans: Any, clutter: ClutterConfig) -> Explore
         discount=float(config.learner.hyperparameters.get("gamma", 1.0)),
         drive=config.drive,
         reward=config.reward,
+        reward_terms=reward_terms,
         time_limit=config.time_limit,
     )
 

@@ -1,12 +1,13 @@
-"""Rewards for driving the wheels that ``slamgym agents shape`` compares, and the settings of such experiments.
+"""Rewards that ``slamgym agents shape`` compares, and the settings of such experiments.
 
 Every preset is a :class:`~slamgym.envs.rewards.RewardConfig`.
 Your own term needs no preset: ``slamgym agents shape --term my_module:my_function`` adds it to one.
 """
 
 from dataclasses import field, replace
+from typing import Literal
 
-from slamgym.agents.rl.train_config import DISCOUNT, HOLD, WheelsConfig
+from slamgym.agents.rl.train_config import DISCOUNT, HOLD, TrainConfig, WheelsConfig
 from slamgym.core.config import Count, Settings, suggest
 from slamgym.core.errors import ConfigError
 from slamgym.envs import RewardConfig
@@ -55,6 +56,8 @@ def reward_preset(name: str) -> RewardConfig:
 class ShapingConfig(Settings):
     """An experiment."""
 
+    level: Literal["wheels", "frontiers"] = "wheels"
+    """What is learned: driving the wheels, or choosing frontiers."""
     presets: tuple[str, ...] = tuple(REWARD_PRESETS)
     """Names of :data:`REWARD_PRESETS`, or ``own``."""
     seeds: Count = 3
@@ -62,9 +65,15 @@ class ShapingConfig(Settings):
     test_plans: Count = 40
     """Held-out plans that every policy explores at the end."""
     train: WheelsConfig = field(
-        default_factory=lambda: WheelsConfig(steps=150_000, evaluate_every=0, evaluate_seconds=90.0)
+        default_factory=lambda: WheelsConfig(
+            steps=150_000, start="scratch", evaluate_every=0, evaluate_seconds=90.0
+        )
     )
-    """Each run, but for its reward and seed."""
+    """Each run that drives the wheels, but for its reward and seed."""
+    frontiers: TrainConfig = field(
+        default_factory=lambda: TrainConfig(steps=40_000, num_envs=32, evaluate_every=0)
+    )
+    """Each run that chooses frontiers, but for its reward and seed."""
 
     def _check(self) -> None:
         if not self.presets or len(set(self.presets)) < len(self.presets):
@@ -73,8 +82,7 @@ class ShapingConfig(Settings):
             if name != OWN:
                 reward_preset(name)
 
-    def settings(self, preset: str, seed: int) -> WheelsConfig:
+    def settings(self, preset: str, seed: int) -> WheelsConfig | TrainConfig:
         """The training run of a preset and a seed."""
-        return replace(
-            self.train, seed=seed, reward=reward_preset(BASE if preset == OWN else preset)
-        )
+        run = self.train if self.level == "wheels" else self.frontiers
+        return replace(run, seed=seed, reward=reward_preset(BASE if preset == OWN else preset))

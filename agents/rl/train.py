@@ -20,19 +20,27 @@ from slamgym.cad import FloorPlan
 from slamgym.core.config import to_dict
 from slamgym.envs.config import ExploreConfig
 from slamgym.envs.plan_cache import PlanCache
+from slamgym.envs.rewards import RewardTerms
 from slamgym.sim import ClutterConfig
 
 _EPISODE = ("time", "path_length", "coverage", "collisions", "map_error", "pose_error")
 """Further columns of the log of episodes."""
 
 
-def train(config: TrainConfig, out: Path) -> OnPolicyAlgorithm:
+def train(
+    config: TrainConfig, out: Path, reward_terms: RewardTerms | None = None
+) -> OnPolicyAlgorithm:
     """Train a policy that chooses frontiers; :func:`~slamgym.agents.rl.run.learn_policy` says the rest."""
-    return learn_policy(FrontierLearner(config), out)
+    return learn_policy(FrontierLearner(config, reward_terms), out)
 
 
 class FrontierLearner(PolicyLearner[TrainConfig]):
-    """Chooses frontiers."""
+    """Chooses frontiers.
+
+    Args:
+        config: The run.
+        reward_terms: Terms of the user's own.
+    """
 
     unit = "decision"
     logged: ClassVar[Mapping[str, str]] = {
@@ -40,6 +48,10 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
         "rollout/episode_metres": "path_length",
         "rollout/episode_coverage": "coverage",
     }
+
+    def __init__(self, config: TrainConfig, reward_terms: RewardTerms | None = None) -> None:
+        super().__init__(config)
+        self._terms = reward_terms
 
     def make(self, plans: Sequence[FloorPlan]) -> OnPolicyAlgorithm:
         """The learner on its environments."""
@@ -55,7 +67,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
 
         def maker(clutter: ClutterConfig) -> Callable[[], gym.Env[Any, Any]]:
             def make() -> gym.Env[Any, Any]:
-                env = WholeEpisodes(make_env(config, sites, clutter), most_decisions)
+                env = WholeEpisodes(make_env(config, sites, clutter, self._terms), most_decisions)
                 return Monitor(env, info_keywords=_EPISODE)
 
             return make

@@ -14,17 +14,20 @@ from slamgym.agents.rl.shaping import (
     own_term,
     run_shaping,
     table,
+    verdicts,
     write_shaping_report,
 )
-from slamgym.agents.rl.train_config import WheelsConfig
+from slamgym.agents.rl.train_config import TrainConfig, WheelsConfig
 from slamgym.agents.wheels import read_wheels, write_wheels
 from slamgym.commands.cli import TABLE
 from slamgym.core.errors import ConfigError, InputFileError
+from slamgym.core.files import StorageError, exclusive_lock
 from slamgym.envs import StepRecord
 from slamgym.envs.rewards import Reward
 
 pytest.importorskip("stable_baselines3")
 
+from slamgym.agents.rl.train import train
 from slamgym.agents.rl.wheels import train_wheels
 
 
@@ -192,6 +195,56 @@ def test_one_seed_has_no_interval_and_the_report_says_so():
     alone = table([run for run in runs if run.seed == 0])
     assert "[" not in alone.replace("[m]", "")
     assert "No interval" in alone
+
+
+def test_a_pair_is_told_apart_where_the_interval_lies_on_one_side_of_1():
+    runs = runs_of("coverage", [0.5, 0.8, 0.6], [2.0, 4.0, 3.0])
+    runs += runs_of("careful", [0.45, 0.72, 0.54], [1.0, 1.0, 1.0])
+    runs += runs_of("floor", [0.4, 0.9, 0.6], [4.0, 2.0, 3.0])
+    lines = verdicts(runs).splitlines()
+    careful = next(line for line in lines if line.startswith("| coverage / careful"))
+    assert "better: 1.11" in careful  # it sees more
+    assert "worse: 3.00" in careful  # and touches more
+    floor = next(line for line in lines if line.startswith("| coverage / floor"))
+    assert floor.count("can't be told") == 2
+    alone = [run for run in runs if run.seed == 0]
+    assert "better" not in verdicts(alone)
+
+
+def test_two_processes_on_one_folder_are_refused(tmp_path):
+    config = ShapingConfig(presets=("careful",), seeds=1, test_plans=1, train=SHORT)
+    with (
+        exclusive_lock(tmp_path / "running.lock"),
+        pytest.raises(StorageError, match="another run is writing"),
+    ):
+        run_shaping(Experiment(config, learn_nothing([])), tmp_path)
+
+
+def learn_alike(settings, folder, reward_terms, avoids):
+    write_wheels(folder / "policy.safetensors", read_wheels())
+
+
+def test_runs_in_processes_give_the_same(tmp_path):
+    config = ShapingConfig(presets=("careful", "floor"), seeds=1, test_plans=1, train=SHORT)
+    experiment = Experiment(config, learn_alike)
+    assert run_shaping(experiment, tmp_path / "two", 2) == run_shaping(experiment, tmp_path / "one")
+
+
+def test_policies_that_choose_frontiers_are_compared_too(tmp_path):
+    tiny = TrainConfig(
+        steps=4,
+        plan_count=2,
+        num_envs=2,
+        copies=2,
+        time_limit=20.0,
+        evaluate_every=0,
+        learner=LearnerConfig("ppo", {"n_steps": 2, "batch_size": 4, "n_epochs": 1}),
+    )
+    config = ShapingConfig("frontiers", ("coverage", OWN), seeds=1, test_plans=1, frontiers=tiny)
+    runs = run_shaping(Experiment(config, train, ("fear", 9.0, fear)), tmp_path)
+    text = write_shaping_report(runs, tmp_path, "frontiers")
+    assert "time until done [s]" in text
+    assert "| coverage / own" in text
 
 
 @pytest.mark.parametrize("spec", ["nothing_here:f", "math:squareroot", "math"])

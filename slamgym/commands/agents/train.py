@@ -12,6 +12,7 @@ from slamgym.commands.frame import LEARNING, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Seed
 from slamgym.core.errors import ConfigError
+from slamgym.core.parallel.backlog import available_cores
 from slamgym.core.progress import say
 
 if TYPE_CHECKING:
@@ -113,13 +114,17 @@ def _configured(default: _Run, arguments: TrainArguments, start: str | None, env
 
 
 class ShapeArguments(Arguments):
-    """Train a driver of the wheels with different rewards over several seeds and compare the results.
+    """Train by different rewards over several seeds, from scratch, and say for each pair which is better.
 
     Run the command again to resume; finished runs are kept, and more presets or seeds add to them.
     """
 
     out: Out
     """Folder of the experiment."""
+    level: Literal["wheels", "frontiers"] | None = None
+    """``wheels``, the default: drivers of the wheels; ``frontiers``: policies that choose frontiers."""
+    workers: CountOrZero = 0
+    """So many runs at a time; 0 takes one per core."""
     presets: tuple[str, ...] | None = None
     """Rewards: coverage, collision, careful, floor, path_cost, completion, potential; by default all."""
     seeds: Count | None = None
@@ -132,7 +137,7 @@ class ShapeArguments(Arguments):
     term_weight: float = 1.0
     """Its weight."""
     settings: AllSettings = SettingsOptions()
-    """Each training, as ``train.steps``, and all else."""
+    """Each training, as ``train.steps`` or ``frontiers.steps``, and all else."""
 
 
 def shape(arguments: ShapeArguments) -> None:
@@ -146,17 +151,19 @@ def shape(arguments: ShapeArguments) -> None:
         say(
             f"with {seeds} of at least {FEW_SEEDS} seeds, the intervals say nothing of other trainings"
         )
-    runs = run_shaping(experiment, arguments.out)
-    sys.stdout.write(write_shaping_report(runs, arguments.out))
+    runs = run_shaping(experiment, arguments.out, arguments.workers or available_cores())
+    sys.stdout.write(write_shaping_report(runs, arguments.out, experiment.config.level))
     say(f"table: {arguments.out}")
 
 
 def _experiment(arguments: ShapeArguments) -> "Experiment":
     from slamgym.agents.rl.reward_presets import OWN
     from slamgym.agents.rl.shaping import Experiment, own_term
+    from slamgym.agents.rl.train import train
     from slamgym.agents.rl.wheels import train_wheels
 
     options = {
+        "level": arguments.level,
         "presets": arguments.presets,
         "seeds": arguments.seeds,
         "test_plans": arguments.test_plans,
@@ -170,4 +177,4 @@ def _experiment(arguments: ShapeArguments) -> "Experiment":
             config = dataclasses.replace(config, presets=(OWN, *config.presets))
     elif OWN in config.presets:
         raise ConfigError(f"the preset {OWN!r} needs --term module:function")
-    return Experiment(config, train_wheels, term)
+    return Experiment(config, train_wheels if config.level == "wheels" else train, term)
