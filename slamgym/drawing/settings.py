@@ -2,7 +2,9 @@
 
 from slamgym.core.config import Positive, Settings
 
-DRAWING_FORMATS = ("dxf", "svg", "ifc", "geojson", "json", "png", "html", "yaml")
+ROBOT_FORMATS = ("keepout.yaml", "route.geojson", "sdf")
+"""What a drawing gives to a robot: a mask for Nav2's keep-out filter, a graph for its route server, a Gazebo world."""
+DRAWING_FORMATS = ("dxf", "svg", "ifc", "geojson", "json", "png", "html", "yaml", *ROBOT_FORMATS)
 DEFAULT_MODEL = "slam2cad"
 DRAWN_DOORS = (0.55, 1.6)
 """Narrowest and widest gap in a wall that is a door [m]. Doors of homes end at 1.35 m and open passages begin at

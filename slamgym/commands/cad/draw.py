@@ -50,7 +50,8 @@ class CadArguments(Arguments):
     out: Out
     """Folder of the drawings; made if it is missing."""
     formats: str = "dxf,svg,geojson,json,png,html"
-    """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing)."""
+    """Any of dxf, svg, ifc, geojson, json, png, html (the report), yaml (a ROS map of the drawing); for robots
+    keepout.yaml (a mask for Nav2's filter), route.geojson (a graph for its route server), sdf (a Gazebo world)."""
     model: str = DEFAULT_MODEL
     """Pretrained or other weights; ``none`` cleans the map without a network (needs no torch)."""
     angle: Annotated[float, Within(ge=-360.0, le=360.0)] | None = None
@@ -165,7 +166,8 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     begun = time.process_time()
     robot_map = read_map(path, arguments.resolution)
     stem = arguments.out / name
-    _spare_files(path, stem, [*job.formats, "pgm"] if "yaml" in job.formats else job.formats)
+    pictures = [name.replace("yaml", "pgm") for name in job.formats if name.endswith("yaml")]
+    _spare_files(path, stem, [*job.formats, *pictures])
     corrections = None
     if arguments.corrections is not None:
         corrections = read_corrections(arguments.corrections)

@@ -51,6 +51,11 @@ def write_drawing(drawing: Drawing, stem: Path | str, formats: Sequence[str]) ->
                     stem, "is a folder, into which the ROS map would be written; name another --out"
                 )
             write_ros_map(stem, drawing_map(drawing))
+        elif name == "keepout.yaml":
+            from slamgym.drawing.formats.keepout import keepout_mask
+            from slamgym.interop.ros_map import write_ros_map
+
+            write_ros_map(path.with_suffix(""), keepout_mask(drawing))
         else:
             write_text(path, _text(drawing, name))
         paths.append(path)
@@ -76,6 +81,14 @@ def _text(drawing: Drawing, name: str) -> str:
             from slamgym.drawing.formats.json import format_geojson
 
             return format_geojson(drawing)
+        case "route.geojson":
+            from slamgym.drawing.formats.route_graph import format_route_graph
+
+            return format_route_graph(drawing)
+        case "sdf":
+            from slamgym.drawing.formats.gazebo import format_world
+
+            return format_world(drawing)
         case "json":
             from slamgym.drawing.formats.json import format_json
 

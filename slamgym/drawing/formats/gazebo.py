@@ -1,0 +1,84 @@
+"""A drawing as a world of Gazebo (SDF): walls as high as a storey, doors open, a floor."""
+
+import xml.etree.ElementTree as ET
+
+import shapely
+from shapely import LineString, Polygon
+from shapely.ops import split
+
+from slamgym.cad.polygons import polygon_parts
+from slamgym.drawing.drawing import Drawing
+
+HEIGHT = 2.5
+"""Of the walls [m]; a map says nothing of it."""
+DEPTH = 0.2
+"""Round the floor all is wall so far [m]: the walls between two rooms are whole, those to the outside so thick."""
+SYSTEMS = {
+    "gz-sim-physics-system": "gz::sim::systems::Physics",
+    "gz-sim-user-commands-system": "gz::sim::systems::UserCommands",
+    "gz-sim-scene-broadcaster-system": "gz::sim::systems::SceneBroadcaster",
+    "gz-sim-sensors-system": "gz::sim::systems::Sensors",
+    "gz-sim-imu-system": "gz::sim::systems::Imu",
+}
+"""What a robot with a laser needs of Gazebo; a world that names some systems gets no others."""
+
+
+def format_world(drawing: Drawing) -> str:
+    """A drawing as the text of an SDF file.
+
+    Convention: metres, in the frame of the map that it was drawn from, z up, the floor at 0.
+    """
+    sdf = ET.Element("sdf", version="1.8")
+    world = ET.SubElement(sdf, "world", name=drawing.name)
+    for filename, name in SYSTEMS.items():
+        system = ET.SubElement(world, "plugin", filename=filename, name=name)
+        if name.endswith("Sensors"):
+            _add(system, "render_engine", "ogre2")
+    light = ET.SubElement(world, "light", name="sun", type="directional")
+    _add(light, "pose", "0 0 10 0 0 0")
+    _add(light, "direction", "-0.5 0.1 -0.9")
+    ground = _add_model(world, "ground")
+    for kind in ("collision", "visual"):
+        plane = ET.SubElement(
+            ET.SubElement(ET.SubElement(ground, kind, name=kind), "geometry"), "plane"
+        )
+        _add(plane, "normal", "0 0 1")
+        _add(plane, "size", "100 100")
+    walls = _add_model(world, "walls")
+    for number, body in enumerate(wall_bodies(drawing)):
+        for kind in ("collision", "visual"):
+            part = ET.SubElement(walls, kind, name=f"{kind}_{number}")
+            line = ET.SubElement(ET.SubElement(part, "geometry"), "polyline")
+            for x, y in body.exterior.coords[:-1]:
+                _add(line, "point", f"{x:.4f} {y:.4f}")
+            _add(line, "height", f"{HEIGHT}")
+    ET.indent(sdf)
+    return ET.tostring(sdf, encoding="unicode", xml_declaration=True) + "\n"
+
+
+def wall_bodies(drawing: Drawing) -> list[Polygon]:
+    """All that is wall round the floor, in pieces without holes: Gazebo's extrusions have outlines alone."""
+    around = drawing.floor.buffer(DEPTH, join_style="mitre")
+    bodies = []
+    pending = polygon_parts(around.difference(drawing.floor))
+    while pending:
+        body = pending.pop()
+        if not body.interiors:
+            bodies.append(body)
+            continue
+        hole = shapely.Polygon(body.interiors[0]).representative_point()
+        left, _, right, _ = body.bounds
+        cut = LineString([(left - 1.0, hole.y), (right + 1.0, hole.y)])
+        pending += polygon_parts(split(body, cut))
+    return bodies
+
+
+def _add_model(world: ET.Element, name: str) -> ET.Element:
+    """A model that stands still; returns its only link."""
+    model = ET.SubElement(world, "model", name=name)
+    _add(model, "static", "true")
+    return ET.SubElement(model, "link", name="link")
+
+
+def _add(parent: ET.Element, tag: str, text: str) -> None:
+    ET.SubElement(parent, tag).text = text
