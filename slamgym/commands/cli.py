@@ -101,7 +101,9 @@ class Group:
         Raises:
             SlamgymError: If there is no such command; the error suggests the nearest.
         """
-        if not argv or argv[0] in ("-h", "--help", "help"):
+        if argv[:1] == [QUIET]:  # it may stand before the command, too
+            argv = [*argv[1:], *argv[:1]]
+        if not argv or argv[0] in ("-h", "--help", "help", QUIET):
             sys.stdout.write(self.usage(name))
             if self.default is not None:
                 with contextlib.suppress(SystemExit):  # a help page ends the program

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import tyro
 
-from slamgym.commands.frame import Out, begin_results, end_results, require_folder
+from slamgym.commands.frame import Out, begin_results, end_results, require_folder, require_input
 from slamgym.commands.log_input import LogAndOut, LogReading, checked_log, faults_of
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Positive, to_dict
@@ -57,6 +57,7 @@ def main(arguments: LocalizeArguments) -> None:
     from slamgym.slam.localization.logs import localize_log
 
     require_folder(arguments.out)
+    require_input(arguments.map, "a map's yaml or image, or the folder of a run of slamgym slam")
     config = arguments.settings.configured(LocalizationConfig(), {})
     if arguments.initial_pose is not None and not all(map(math.isfinite, arguments.initial_pose)):
         raise ConfigError("--initial-pose must be three finite numbers: x, y, yaw")

@@ -123,15 +123,24 @@ def test_the_command_gets_the_rest_of_the_arguments_and_its_code_is_returned(com
     assert seen == [("a", "b")]
 
 
-def test_quiet_hides_notes_but_neither_results_nor_errors(command, capsys):
+@pytest.mark.parametrize("typed", ["probe --quiet", "--quiet probe"])
+def test_quiet_hides_notes_but_neither_results_nor_errors(command, capsys, typed):
     def run(words):
         say("a note")
         tell("a result")
         raise InputFileError("plan.json", "is empty")
 
     command(run)
-    assert cli.main(["probe", "--quiet"]) == 2
+    assert cli.main(typed.split()) == 2
     assert capsys.readouterr() == ("a result\n", "slamgym: error: plan.json: is empty\n")
+
+
+@pytest.mark.parametrize("words", ["cad nowhere.yaml -o out", "localize nowhere.yaml log -o out"])
+def test_a_map_that_is_missing_is_said_before_all_else(words, monkeypatch, tmp_path, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(frame, "is_installed", lambda package: package != "torch")
+    assert cli.main(words.split()) == 2
+    assert "nowhere.yaml: doesn't exist; give a map" in capsys.readouterr().err
 
 
 def test_an_error_of_the_users_is_one_line(command, capsys):
@@ -194,6 +203,7 @@ def test_a_missing_extra_is_named_before_the_command_works(command, capsys):
 )
 def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch, tmp_path, capsys):
     monkeypatch.chdir(tmp_path)
+    Path("map.yaml").touch()
     monkeypatch.setattr(frame, "is_installed", lambda package: package != missing)
     assert cli.main(typed.split()) == 2
     error = capsys.readouterr().err
@@ -202,7 +212,7 @@ def test_each_command_names_its_extra_at_once(typed, missing, extra, monkeypatch
     )
     assert error.count("\n") == 1
     assert ("--model none" in error) == typed.startswith("cad ")  # which can do without
-    assert not list(tmp_path.iterdir())
+    assert [path.name for path in tmp_path.iterdir()] == ["map.yaml"]
 
 
 STREAMS = {

@@ -71,14 +71,14 @@ def main(arguments: CadArguments, typed: str) -> int:
     Raises:
         SlamgymError: If an argument or the map can't be used.
     """
+    for path in arguments.maps:
+        require_input(path, "a map's yaml, a picture of a map or a folder")
     formats = _formats(arguments.formats)
     if arguments.model != "none":
         require(
             TRANSLATING, f"--model {arguments.model}", ", or draw without a network by --model none"
         )
     require_folder(arguments.out)
-    for path in arguments.maps:
-        require_input(path, "a map's yaml, a picture of a map or a folder")
     maps: list[Path] = []
     for path in arguments.maps:
         if path.is_dir():
