@@ -173,6 +173,8 @@ def _standings(board: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """The entries of a track of the leaderboard, each with its time over that of the others."""
     for place, standing in enumerate(board["standings"], start=1):
         ratios = {f"/ {other}": _interval(ratio) for other, ratio in standing["against"].items()}
+        for other, ratio in standing["where_both"].items():
+            ratios[f"both / {other}"] = _interval(ratio)
         yield {
             "track": board["track"],
             "explorations": board["explorations"],

@@ -13,6 +13,7 @@ from slamgym.core.documents import json_text
 from slamgym.core.intervals import (
     Interval,
     crossed_mean,
+    crossed_ratio,
     interquartile_mean,
     probability_of_improvement,
     ratio_where_both,
@@ -54,7 +55,9 @@ class Standing:
     quicker: Interval | None
     """Probability of being done sooner than the reference; None without it, and for itself."""
     against: dict[str, Interval]
-    """Time until done as a share of that of each other entry, where both succeed; without those never comparable."""
+    """Mean time until done as a share of that of each other entry, failures at the time limit."""
+    where_both: dict[str, Interval]
+    """The same where both succeed; without those never comparable."""
     versions: tuple[str, ...]
     """Versions of slamgym."""
 
@@ -96,24 +99,23 @@ def _standing(entry: str, entries: Mapping[str, Sequence[BenchResult]]) -> Stand
     rows = [row for result in runs for row in result.rows]
     successes = [row.success for row in rows]
     success = wilson_interval(sum(successes), len(successes))
-    against: dict[str, Interval] = {}
-    for name, others in entries.items():
-        ratio = None if name == entry else _done_ratio(runs, others)
-        if ratio is not None:
-            against[name] = ratio
+    others = {name: found for name, found in entries.items() if name != entry}
+    done = _table(runs, _done)
+    where_both = {name: _ratio_where_both(runs, found) for name, found in others.items()}
     return Standing(
         entry=entry,
         runs=len(runs),
         score=interquartile_mean(_table(runs, _pace)),
         success=success,
         passed=success.high >= PROMISED,
-        done=crossed_mean(_table(runs, lambda row: row.done)),
+        done=crossed_mean(done),
         path=crossed_mean(_table(runs, lambda row: row.path)),
         contacts=float(np.mean([row.contacts for row in rows])),
         map_error=float(np.mean([row.map_error for row in rows])),
         cpu=float(np.mean([row.cpu for row in rows])),
         quicker=None if entry == REFERENCE else _quicker(runs, entries.get(REFERENCE)),
-        against=against,
+        against={name: crossed_ratio(done, _table(found, _done)) for name, found in others.items()},
+        where_both={name: ratio for name, ratio in where_both.items() if ratio is not None},
         versions=tuple(sorted({result.versions.get("slamgym", "unknown") for result in runs})),
     )
 
@@ -127,7 +129,9 @@ def _quicker(
     return probability_of_improvement(_table(runs, _pace), _table(reference, _pace))
 
 
-def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> Interval | None:
+def _ratio_where_both(
+    runs: Sequence[BenchResult], others: Sequence[BenchResult]
+) -> Interval | None:
     """Mean time until done over that of another entry, on the plans where both succeed."""
     ours = _table(runs, _done_if_successful)
     theirs = _table(others, _done_if_successful)
@@ -137,6 +141,10 @@ def _done_ratio(runs: Sequence[BenchResult], others: Sequence[BenchResult]) -> I
 
 def _pace(row: BenchRow) -> float:
     return row.pace
+
+
+def _done(row: BenchRow) -> float:
+    return row.done
 
 
 def _done_if_successful(row: BenchRow) -> float:
@@ -159,7 +167,8 @@ def leaderboard_page(boards: Sequence[TrackBoard], manifest: Manifest) -> str:
         "a failure counts as the time limit; smaller is better. *Gate*: an entry is ranked if the interval of its "
         "success reaches 95 %. *Quicker*: probability of being done sooner than "
         f"`{REFERENCE}` on the same plan. The second table of a track compares entries: mean time until done over that "
-        "of another entry, on the plans where both succeed. Intervals are 95 %.\n",
+        "of another entry, failures at the time limit; the third only on the plans where both succeed. Intervals are "
+        "95 %.\n",
     ]
     return "\n".join(head) + "\n" + describe_boards(boards)
 
@@ -177,7 +186,12 @@ def describe_boards(boards: Sequence[TrackBoard]) -> str:
             _board_table(board),
         ]
         if len(board.standings) > 1:
-            parts.append(_ratio_table(board))
+            of_all = {one.entry: one.against for one in board.standings}
+            of_both = {one.entry: one.where_both for one in board.standings}
+            parts += [
+                _ratio_table("time until done", of_all),
+                _ratio_table("both succeed", of_both),
+            ]
     return "\n".join(parts)
 
 
@@ -206,13 +220,13 @@ def _board_table(board: TrackBoard) -> str:
     return markdown(header, rows)
 
 
-def _ratio_table(board: TrackBoard) -> str:
-    names = [one.entry for one in board.standings]
-    rows = []
-    for one in board.standings:
-        ratios = [with_bounds(one.against.get(name)) for name in names]
-        rows.append([f"`{one.entry}`", *ratios])
-    return markdown(["time until done", *(f"/ `{name}`" for name in names)], rows)
+def _ratio_table(head: str, ratios: Mapping[str, Mapping[str, Interval]]) -> str:
+    """Ratios of each entry to each."""
+    rows = [
+        [f"`{entry}`", *(with_bounds(own.get(name)) for name in ratios)]
+        for entry, own in ratios.items()
+    ]
+    return markdown([head, *(f"/ `{name}`" for name in ratios)], rows)
 
 
 def boards_as_json(boards: Sequence[TrackBoard], manifest: Manifest) -> str:

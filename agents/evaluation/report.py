@@ -36,7 +36,8 @@ _POINTS = 200
 def describe_evaluation(summary: Summary) -> str:
     """All tables of an evaluation, as Markdown."""
     parts = [
-        "Until the explorer is done with at least 98 % of the floor truly seen; a failure counts as the time limit:\n",
+        "Until the explorer is done with at least 98 % of the floor truly seen; a failure counts as the time limit, in "
+        "ratios too, but for those where both succeed:\n",
         _done_table(summary),
         "Time to a share of the floor [s] / path driven by then [m], means over explorations; in brackets how many "
         "reached it [%]:\n",
@@ -46,8 +47,8 @@ def describe_evaluation(summary: Summary) -> str:
     ]
     if summary.comparisons:
         parts += [
-            f"Time and path against `{summary.comparisons[0].reference}`; ratio of means where both reach the level, "
-            "with 95 % interval; below 1 is better:\n",
+            f"Time and path against `{summary.comparisons[0].reference}`, ratios of means with 95 % interval; below 1 "
+            "is better; n: both reach the level:\n",
             _ratio_table(summary.comparisons),
         ]
     return "\n".join(parts)
@@ -64,7 +65,8 @@ def _done_table(summary: Summary) -> str:
         "path until done [m]",
         "tail after 99 % [s]",
     ]
-    header += [f"time / `{reference}`", f"path / `{reference}`"] if reference else []
+    if reference:
+        header += [f"time / `{reference}`", f"path / `{reference}`", "time, both succeed"]
     rows = []
     for e in summary.explorers:
         cells = [
@@ -76,10 +78,11 @@ def _done_table(summary: Summary) -> str:
         ]
         if e.explorer in against:
             compared = against[e.explorer]
-            cells.append(with_bounds(compared.time_to[DONE].ratio_of_means))
-            cells.append(with_bounds(compared.path_to[DONE].ratio_of_means))
+            time = compared.time_to[DONE]
+            cells += [with_bounds(time.ratio), with_bounds(compared.path_to[DONE].ratio)]
+            cells.append(with_bounds(time.where_both))
         elif reference:
-            cells += ["-", "-"]
+            cells += ["-", "-", "-"]
         rows.append(cells)
     return markdown(header, rows)
 
@@ -139,9 +142,8 @@ def _ratio_table(comparisons: Sequence[Comparison]) -> str:
 
 
 def _ratio_cell(found: LevelComparison) -> str:
-    """A ratio, and over how many explorations it is."""
-    count = f" n={found.both}" if found.both else ""
-    return with_bounds(found.ratio_of_means) + count
+    """A ratio, and in how many explorations both reach the level; a dash where there are none."""
+    return f"{with_bounds(found.ratio)} n={found.both}" if found.both else "-"
 
 
 def with_bounds(interval: Interval | None, digits: int = 2, factor: float = 1.0) -> str:

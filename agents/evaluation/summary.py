@@ -1,9 +1,9 @@
 """The figures of an evaluation: every explorer on its own, and paired against a reference.
 
-Means of times and paths to a coverage level are *censored*: where it wasn't reached, the time is the plan's time limit,
-and the path what the robot would have driven until then at its mean speed, which punishes giving up. Ratios are over
-the explorations in which both explorers reached the level: they say how fast, not how surely, so with each stands how
-many these are.
+Times and paths to a coverage level are *censored*: where it wasn't reached, the time is the plan's time limit, and the
+path what the robot would have driven until then at its mean speed, which punishes giving up. So are they in ratios of
+means. Beside each stands the ratio over the explorations in which both explorers reached the level, which says how
+fast, not how surely, and how many these are.
 """
 
 from collections.abc import Callable, Sequence
@@ -74,10 +74,12 @@ class ExplorerSummary:
 class LevelComparison:
     """An explorer against the reference, time or path to one level."""
 
+    ratio: Interval | None
+    """Of the censored means; None if the reference had every level from the first scan on."""
     both: int
     """Pairs in which both reached the level."""
-    ratio_of_means: Interval | None
-    """Over the pairs in which both reached it; None if there are none."""
+    where_both: Interval | None
+    """Ratio of means over these; None if there are none."""
 
 
 @dataclass(frozen=True)
@@ -195,21 +197,31 @@ def _by_plan(trials: Sequence[Trial], figure: _Figure) -> FloatArray:
 def _compare_level(
     trials: Sequence[Trial], reference: Sequence[Trial], quantity: Quantity, level: str
 ) -> LevelComparison:
-    ours: list[Trial] = []
-    theirs: list[Trial] = []
-    for one, other in zip(trials, reference, strict=True):
-        reached = reached_at(other, quantity, level)
-        # A level that the very first scan shows takes no time, which has no ratio.
-        if reached_at(one, quantity, level) is not None and reached is not None and reached > 0.0:
-            ours.append(one)
-            theirs.append(other)
-    if not ours:
-        return LevelComparison(0, None)
-    ratio = ratio_of_means(
-        _by_plan(ours, lambda trial: censored(trial, quantity, level)),
-        _by_plan(theirs, lambda trial: censored(trial, quantity, level)),
+    # A level that the very first scan shows takes no time, which has no ratio.
+    pairs = [
+        (one, other)
+        for one, other in zip(trials, reference, strict=True)
+        if censored(other, quantity, level) > 0.0
+    ]
+    both = [
+        pair for pair in pairs if None not in [reached_at(one, quantity, level) for one in pair]
+    ]
+    return LevelComparison(
+        ratio=_ratio(pairs, quantity, level),
+        both=len(both),
+        where_both=_ratio(both, quantity, level),
     )
-    return LevelComparison(len(ours), ratio)
+
+
+def _ratio(pairs: Sequence[tuple[Trial, Trial]], quantity: Quantity, level: str) -> Interval | None:
+    """Ratio of the censored means of the first of pairs and the second; None without pairs."""
+    if not pairs:
+        return None
+    ours, theirs = (
+        _by_plan(trials, lambda trial: censored(trial, quantity, level))
+        for trials in zip(*pairs, strict=True)
+    )
+    return ratio_of_means(ours, theirs)
 
 
 def _summary(name: str, trials: Sequence[Trial]) -> ExplorerSummary:
