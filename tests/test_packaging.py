@@ -41,6 +41,7 @@ DATA = (
     "planning/pretrained/promises.safetensors",
     "pretrained.sha256",
     "ros2/launch/demo.launch.xml",
+    "ros2/views/slamgym.rviz",
 )
 BESIDE = (
     "setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md",

@@ -1,12 +1,20 @@
 """Who joins late gets the last of what changes seldom, who asks for more than is offered nothing: docs/ros2.md."""
 
+import json
 import re
 
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
-from rclpy.qos import QoSCompatibility, QoSDurabilityPolicy, QoSProfile, qos_check_compatible
+from rclpy.qos import (
+    QoSCompatibility,
+    QoSDurabilityPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+    qos_check_compatible,
+)
 from source_tree import ROOT
 from test_explore_node import begin as begin_explorer
 from test_map_node import begin as begin_mapper
@@ -60,6 +68,39 @@ def test_what_changes_seldom_is_kept_for_those_who_join_late_and_the_page_names_
     assert kept - {"/tf_static"} == {f"/{name}" for name in re.findall(r"`([\w/]+)`", named)[-5:]}
     assert all(is_served(offered, topic, LATCHED) for topic in kept)
     assert is_served(offered, "/explore/status", LATCHED)
+
+
+VIEWS = ROOT / "slamgym" / "ros2" / "views"
+POLICIES = {
+    "Reliable": ReliabilityPolicy.RELIABLE,
+    "Best Effort": ReliabilityPolicy.BEST_EFFORT,
+    "Transient Local": QoSDurabilityPolicy.TRANSIENT_LOCAL,
+    "Volatile": QoSDurabilityPolicy.VOLATILE,
+}
+
+
+def test_rviz_asks_for_each_topic_as_it_is_offered(offered):
+    shown = yaml.safe_load((VIEWS / "slamgym.rviz").read_text())["Visualization Manager"]
+    assert shown["Global Options"]["Fixed Frame"] == "map"
+    topics = [display["Topic"] for display in shown["Displays"] if "Topic" in display]
+    assert len(topics) >= 5
+    for topic in topics:
+        asked = QoSProfile(
+            depth=topic["Depth"],
+            reliability=POLICIES[topic["Reliability Policy"]],
+            durability=POLICIES[topic["Durability Policy"]],
+        )
+        assert is_served(offered, topic["Value"], asked), topic
+
+
+def test_foxglove_shows_topics_and_services_that_are_there(offered, desk):
+    panels = json.loads((VIEWS / "foxglove.json").read_text())["configById"]
+    assert panels["3D!slamgym"]["topics"].keys() <= offered.keys()
+    assert panels["RawMessages!status"]["topicPath"].removesuffix(".data") in offered
+    services = {one.service_name for node in desk.nodes for one in node.services}
+    asked = {panel["serviceName"] for panel in panels.values() if "serviceName" in panel}
+    assert len(asked) == 2
+    assert asked <= services
 
 
 def test_there_is_a_status_within_a_second_of_the_start(desk):
