@@ -162,3 +162,20 @@ class WheelsConfig(RunConfig):
     """Plans of an evaluation."""
     evaluate_seconds: Positive = 600.0
     """Time for which each plan of an evaluation is explored [s]."""
+
+
+class HiddenFloorConfig(Settings):
+    """A training of the network that says what frontiers hide."""
+
+    plans: str = "json.tar.gz"
+    """HouseExpo plans; a quarter of the explorations are of generated ones."""
+    explorations: Count = 1800
+    """Explorations of homes and small offices to learn from; some 4 s of CPU each."""
+    large: CountOrZero = 100
+    """And of large buildings; a minute each."""
+    epochs: Count = 20
+    """Passes over their frontiers."""
+    seed: Seed = 7
+    """Of plans, starts, and weights."""
+    calibrated_on: Count = 20
+    """Validation plans of each group on which the share of risk is tried."""

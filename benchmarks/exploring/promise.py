@@ -6,9 +6,7 @@ Plans of the split ``validation``, the default mapper and four explorers in turn
 what came before, so all promises are judged on the same explorations. Some 4 s of CPU each, 15 s in large buildings.
 """
 
-import dataclasses
 import sys
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -18,14 +16,12 @@ import numpy as np
 import tyro
 from safetensors.numpy import save_file
 
-from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.plan_groups import GROUPS, plans_of
+from slamgym.agents.plan_splits import PlanSplit
 from slamgym.agents.registry import make_explorer
-from slamgym.agents.rl.train_config import FURNISHED
-from slamgym.cad import FloorPlan, check_plan, open_plans
-from slamgym.cad.plan_filter import AREA, passes
-from slamgym.core.errors import PlanError
+from slamgym.cad import FloorPlan
 from slamgym.core.intervals import ratio_of_means, wilson_interval
-from slamgym.core.names import exploration_seed, shuffled
+from slamgym.core.names import exploration_seed
 from slamgym.core.types import FloatArray
 from slamgym.envs import ExploreConfig, ExploreEnv
 from slamgym.envs.episode import episode_steps, explored_env, fitted_env
@@ -40,29 +36,6 @@ MODULES = ("agents/rules.py", "slamgym/planning", "slamgym/slam")
 
 EXPLORERS = ("nearest", "rl", "tour", "next_best_view")
 PROMISES = ("95%", "98%", "99%", "2m2")
-
-
-class Group(NamedTuple):
-    """Buildings of one kind."""
-
-    plans: str
-    """Floor plans; HouseExpo's where empty."""
-    clutter: tuple[ClutterConfig, ...] = (ClutterConfig(),)
-    """What stands and walks in them, in turn."""
-    area: tuple[float, float] = AREA
-    """Floor [m2]."""
-
-
-GROUPS = {
-    "homes": Group(""),
-    "furnished": Group("", (FURNISHED,)),
-    "people": Group("", tuple(dataclasses.replace(FURNISHED, people=count) for count in (1, 2))),
-    "generated homes": Group("procedural:home:loops"),
-    "generated offices": Group("procedural:office:loops"),
-    "large homes": Group("", area=(AREA[1], 1500.0)),
-    "large offices": Group("procedural:office:loops", area=(AREA[1], 1500.0)),
-}
-"""No plan is in two groups: of HouseExpo's usual homes, each takes every third."""
 
 
 class Exploration(NamedTuple):
@@ -111,25 +84,6 @@ def explore_group(arguments: Arguments, name: str) -> list[Exploration]:
         explore(plan, clutter[number % len(clutter)], EXPLORERS[number % len(EXPLORERS)])
         for number, plan in zip(range(arguments.count), plans, strict=False)
     ]
-
-
-def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]:
-    """The plans of a group in a fixed order."""
-    group = GROUPS[name]
-    source = open_plans(group.plans or houseexpo)
-    order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
-    sharing = [
-        other for other, one in GROUPS.items() if (one.plans, one.area) == (group.plans, group.area)
-    ]
-    for plan_id in order[sharing.index(name) :: len(sharing)]:
-        try:
-            plan = source.load(plan_id)
-            check_plan(plan, ExploreConfig().robot.radius)
-        except PlanError:
-            continue
-        low, high = group.area
-        if low < plan.area <= high and (high > AREA[1] or passes(plan, "useful")):
-            yield plan
 
 
 def explore(plan: FloorPlan, clutter: ClutterConfig, name: str) -> Exploration:

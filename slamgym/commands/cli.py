@@ -191,6 +191,9 @@ COMMANDS = {
         "agents.train:frontiers", "one that chooses frontiers", LEARNING
     ),
     "agents train wheels": Command("agents.train:wheels", "one that drives the wheels", LEARNING),
+    "agents train hidden-floor": Command(
+        "agents.train:hidden_floor", "the network of the explorer rl", LEARNING
+    ),
     "agents evaluate": Command(
         "agents.evaluate:main", "compare explorers on the same plans and seeds"
     ),

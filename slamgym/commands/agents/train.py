@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Literal, TypeVar
 
 from slamgym.agents.rl.learner import arguments_of, parse_hyperparameters, read_hyperparameters
 from slamgym.agents.rl.reward_presets import ShapingConfig
-from slamgym.agents.rl.train_config import POLICY, RunConfig, TrainConfig, WheelsConfig
+from slamgym.agents.rl.train_config import (
+    POLICY,
+    HiddenFloorConfig,
+    RunConfig,
+    TrainConfig,
+    WheelsConfig,
+)
 from slamgym.commands.frame import LEARNING, Out, require
 from slamgym.commands.settings import AllSettings, SettingsOptions
 from slamgym.core.config import Arguments, Count, CountOrZero, Seed
@@ -111,6 +117,32 @@ def _configured(default: _Run, arguments: TrainArguments, start: str | None, env
     learner = config.learner.changed(arguments.algo, values)
     arguments_of(learner)
     return dataclasses.replace(config, learner=learner)
+
+
+class HiddenFloorArguments(Arguments):
+    """Train the network of the explorer ``rl``: how much floor frontiers hide, by hindsight and not by reward.
+
+    Two hours on two cores with HouseExpo's plans. Run the command again to resume.
+    """
+
+    out: Out
+    """Folder of the run: the explorations, and ``hidden_floor.safetensors``."""
+    plans: str | None = None
+    """HouseExpo plans, by default ``json.tar.gz``; `slamgym plans fetch` downloads them."""
+    seed: Seed | None = None
+    """Seed of everything random, by default 7."""
+    settings: AllSettings = SettingsOptions()
+    """Numbers of explorations, epochs and all else."""
+
+
+def hidden_floor(arguments: HiddenFloorArguments) -> None:
+    """Train the network that says what frontiers hide."""
+    from slamgym.agents.rl.hidden_floor import WEIGHTS, train_hidden_floor
+
+    options = {"plans": arguments.plans, "seed": arguments.seed}
+    config = arguments.settings.configured(HiddenFloorConfig(), options)
+    train_hidden_floor(config, arguments.out)
+    say(f"network: {arguments.out / WEIGHTS}")
 
 
 class ShapeArguments(Arguments):

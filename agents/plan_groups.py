@@ -1,0 +1,56 @@
+"""Groups of buildings on which promises are calibrated and explorers are checked, none of them learned on."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from slamgym.agents.plan_splits import PlanSplit, split_of
+from slamgym.agents.rl.train_config import FURNISHED
+from slamgym.cad import FloorPlan, check_plan, open_plans
+from slamgym.cad.plan_filter import AREA, passes
+from slamgym.core.errors import PlanError
+from slamgym.core.names import shuffled
+from slamgym.envs import ExploreConfig
+from slamgym.sim import ClutterConfig
+
+
+class Group(NamedTuple):
+    """Buildings of one kind."""
+
+    plans: str
+    """Floor plans; HouseExpo's where empty."""
+    clutter: tuple[ClutterConfig, ...] = (ClutterConfig(),)
+    """What stands and walks in them, in turn."""
+    area: tuple[float, float] = AREA
+    """Floor [m2]."""
+
+
+GROUPS = {
+    "homes": Group(""),
+    "furnished": Group("", (FURNISHED,)),
+    "people": Group("", tuple(dataclasses.replace(FURNISHED, people=count) for count in (1, 2))),
+    "generated homes": Group("procedural:home:loops"),
+    "generated offices": Group("procedural:office:loops"),
+    "large homes": Group("", area=(AREA[1], 1500.0)),
+    "large offices": Group("procedural:office:loops", area=(AREA[1], 1500.0)),
+}
+"""No plan is in two groups: of HouseExpo's usual homes, each takes every third."""
+
+
+def plans_of(houseexpo: str, name: str, split: PlanSplit) -> Iterator[FloorPlan]:
+    """The plans of a group in a fixed order."""
+    group = GROUPS[name]
+    source = open_plans(group.plans or houseexpo)
+    order = shuffled([plan for plan in source.ids if split_of(plan) == split], 77)
+    sharing = [
+        other for other, one in GROUPS.items() if (one.plans, one.area) == (group.plans, group.area)
+    ]
+    for plan_id in order[sharing.index(name) :: len(sharing)]:
+        try:
+            plan = source.load(plan_id)
+            check_plan(plan, ExploreConfig().robot.radius)
+        except PlanError:
+            continue
+        low, high = group.area
+        if low < plan.area <= high and (high > AREA[1] or passes(plan, "useful")):
+            yield plan
