@@ -49,8 +49,8 @@ WHEELS_REWARD = RewardConfig(coverage_gain=100.0, time=0.2, collision=2.0, compl
 
 _FRONTIER_PPO = {
     "n_steps": 250,
-    "batch_size": 512,
-    "n_epochs": 5,
+    "batch_size": 128,
+    "n_epochs": 6,
     "learning_rate": "lin_1e-3",
     "gamma": 1.0,
     "gae_lambda": 0.95,
@@ -110,18 +110,20 @@ class TrainConfig(RunConfig):
     largest_area: Positive = 80.0
     """Larger plans are not learned on [m2]: an exploration of a home of 58 m2, the mean of these, costs a third of one
     of 114 m2, and what is learned serves both."""
-    steps: CountOrZero = 400_000
+    steps: CountOrZero = 100_000
     """Decisions of all environments together."""
     start: Literal["scratch", "tour"] = "scratch"
     """``scratch``: weights at random, which choose at random; ``tour``: weights that choose as the rule ``tour``."""
-    num_envs: Count = 64
-    """Explorations of a rollout."""
+    num_envs: Count = 32
+    """Explorations of a rollout. 64 learned as much in each rollout, and so half as much in the same time."""
     copies: Count = 4
     """So many of them, neighbours, are of the same building, start and noise: a baseline for one another."""
     reward: RewardConfig = FRONTIER_LEARNING_REWARD
     """Weights of the reward terms."""
     learner: LearnerConfig = LearnerConfig(hyperparameters=_FRONTIER_PPO)
     """Algorithm and hyper-parameters."""
+    evaluate_every: CountOrZero = 0
+    """Decisions between two evaluations on validation plans, some two minutes each; 0 for none."""
     furnished: Share = 0.0
     """In this share of the environments the plans are furnished, and doors stand open in half of their doorways."""
     drive: Literal["path", "physics"] = "path"

@@ -1,0 +1,114 @@
+"""Policies that choose frontiers, against the rules, on fresh homes: time until done, failures counted as the limit.
+
+    python benchmarks/exploring/frontier_policy.py procedural:home:90711 --count 40 [--explorers a,b] [--out folder]
+
+It runs ``slamgym agents evaluate`` with its default promise and mapper; what the folder holds isn't done again. Nothing
+was trained or chosen on the homes of that seed.
+"""
+
+import csv
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tyro
+
+from slamgym.agents.evaluation.evaluate import EvaluationConfig, evaluate
+from slamgym.agents.evaluation.summary import DONE, censored, compare, succeeded
+from slamgym.agents.evaluation.trial import Trial
+from slamgym.cad import open_plans
+from slamgym.core.intervals import mean_interval
+from slamgym.core.parallel.engine import Execution
+
+sys.path.insert(0, str(Path(__file__).parents[1]))
+from report import print_and_save
+
+MODULES = ("agents", "slamgym/planning", "slamgym/slam")
+"""What is measured."""
+CURVE = Path(__file__).parents[2] / "docs" / "images" / "frontier_curve.png"
+RIVALS = ("explore_lite", "nearest", "tour")
+"""The policy's time is divided by theirs."""
+
+
+@dataclass(frozen=True)
+class Arguments:
+    """Evaluate policies that choose frontiers."""
+
+    plans: tyro.conf.Positional[str]
+    """Floor plans."""
+    count: int = 40
+    """Number of them."""
+    explorers: str = "explore_lite,nearest,tour,frontier_policy"
+    """Names, with commas between them."""
+    seed: int = 0
+    """Decides plans, starts and noise."""
+    out: Path = Path("out/frontier_policy")
+    """Folder of the explorations."""
+    run: Path | None = None
+    """Folder of a training, whose curve is drawn into the docs."""
+
+
+def main() -> None:
+    arguments = tyro.cli(Arguments)
+    if arguments.run is not None:
+        draw_curve(arguments.run)
+    names = tuple(arguments.explorers.split(","))
+    config = EvaluationConfig(explorers=names, count=arguments.count, seed=arguments.seed)
+    found = evaluate(open_plans(arguments.plans), config, arguments.out, Execution(1)).trials
+    by_name = {name: [trial for trial in found if trial.explorer == name] for name in names}
+    plans = set.intersection(*({trial.plan for trial in own} for own in by_name.values()))
+    aligned = {
+        name: sorted((one for one in own if one.plan in plans), key=lambda one: one.plan)
+        for name, own in by_name.items()
+    }
+    rows = [row_of(name, aligned) for name in names]
+    title = f"{len(plans)} homes of {arguments.plans}"
+    print_and_save("exploring/frontier_policy", title, rows, list(rows[0]), MODULES)
+
+
+def draw_curve(run: Path) -> None:
+    """Draw how explorations of a training became shorter, from its log."""
+    import matplotlib as mpl
+
+    mpl.use("agg")
+    from matplotlib import pyplot as plt
+
+    (log,) = run.glob("log/*/progress.csv")
+    with log.open() as file:
+        rows = list(csv.DictReader(file))
+    minutes = [float(row["time/time_elapsed"]) / 60.0 for row in rows]
+    _, (above, below) = plt.subplots(2, 1, sharex=True, figsize=(7.0, 4.0), layout="tight")
+    above.plot(minutes, [float(row["rollout/episode_seconds"]) for row in rows])
+    above.set_ylabel("robot time [s]")
+    above.set_ylim(bottom=0.0)
+    below.plot(minutes, [100.0 * float(row["rollout/episode_coverage"]) for row in rows])
+    below.set_ylabel("floor seen [%]")
+    below.set_xlabel("minutes of training; means over the last 100 explorations")
+    plt.savefig(CURVE, dpi=100)
+
+
+def row_of(name: str, trials: dict[str, list[Trial]]) -> dict[str, Any]:
+    """Figures of an explorer; trials are in the same order for all."""
+    own = trials[name]
+    times = mean_interval(np.array([censored(trial, "time", DONE) for trial in own]))
+    row: dict[str, Any] = {
+        "explorer": name,
+        "n": len(own),
+        "success [%]": round(100.0 * float(np.mean([succeeded(trial) for trial in own])), 1),
+        "time [s]": interval(times.value, times.low, times.high, 0),
+    }
+    for rival in RIVALS:
+        ratio = compare(own, trials[rival]).time_to[DONE].ratio
+        row[f"/ {rival}"] = "" if ratio is None else interval(ratio.value, ratio.low, ratio.high, 2)
+    return row
+
+
+def interval(value: float, low: float, high: float, digits: int) -> str:
+    """A figure with its 95 % interval."""
+    return f"{value:.{digits}f} [{low:.{digits}f}, {high:.{digits}f}]"
+
+
+if __name__ == "__main__":
+    main()
