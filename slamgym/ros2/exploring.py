@@ -25,8 +25,9 @@ from slamgym.ros2.exploration import Exploration, ExplorationState
 from slamgym.ros2.foreign_maps import ForeignMap
 from slamgym.ros2.frames import POSES_END, RobotFrames, ScanSync
 from slamgym.ros2.laser import LaserReader
+from slamgym.ros2.managed import ManagedNode
 from slamgym.ros2.mapping import draw_saved_map
-from slamgym.ros2.node import SENSOR, RosNode
+from slamgym.ros2.node import SENSOR
 from slamgym.ros2.parameters import ExploreParameters
 from slamgym.ros2.stamps import CLOCK_JUMP
 from slamgym.ros2.topics import KeptTopic, listen_to_odometry, listen_to_scans
@@ -60,7 +61,7 @@ class _Map(NamedTuple):
     stamp: float = 0.0
 
 
-class ExploreNode(RosNode):
+class ExploreNode(ManagedNode):
     """Explores, and saves the map and its drawing at the end.
 
     Args:
@@ -80,7 +81,7 @@ class ExploreNode(RosNode):
                 "not as a parameter, which a file may hold"
             )
         self._exploration = exploration = Exploration(names)
-        if names.wait:
+        if names.wait or not names.autostart:
             exploration.pause()
         self._frames = RobotFrames(names, self.once)
         self._sync = ScanSync(self._frames, self._hand_on, self.once)
@@ -99,6 +100,7 @@ class ExploreNode(RosNode):
         self.serve("stop", self._stop, at_once=True)
         self.serve("return_to_start", self._return_to_start, at_once=True)
         self.create_timer(0.1, self._look, clock=self.wall_clock)
+        self.begin_life()
 
     def _listen(self) -> None:
         self.need("odom")
@@ -175,6 +177,15 @@ class ExploreNode(RosNode):
         self._driver.release()
         self.worker.order(self._exploration.return_to_start)
         return "returning to the start"
+
+    def wake(self) -> None:
+        """Explore, unless the service `start` is waited for."""
+        if not self._options.wait:
+            self._start()
+
+    def sleep(self) -> None:
+        """Have the robot stand."""
+        self._stop()
 
     def halt(self) -> None:
         """Stop the robot at once; what is being computed now doesn't drive it any more."""

@@ -28,8 +28,9 @@ from slamgym.interop.ros_messages import (
     transform_fields,
 )
 from slamgym.ros2.frames import RobotFrames, ScanSync
+from slamgym.ros2.managed import ManagedNode
 from slamgym.ros2.map_run import Configure, KnownPlace, MapRun
-from slamgym.ros2.node import LATCHED, RosNode
+from slamgym.ros2.node import LATCHED
 from slamgym.ros2.parameters import MapParameters
 from slamgym.ros2.run_files import LOG, OF_A_DRIVE, OF_A_MAP, put_files_aside
 from slamgym.ros2.stamps import CLOCK_JUMP
@@ -44,7 +45,7 @@ SAVE_INTERVAL = 60.0
 """Time between two times that map, path and log are saved unasked [s]: so much is lost of a node that is killed."""
 
 
-class MapNode(RosNode):
+class MapNode(ManagedNode):
     """Maps, or localises on a finished map.
 
     Args:
@@ -86,6 +87,7 @@ class MapNode(RosNode):
         self.serve("pause_new_measurements", self._turn_pause, at_once=True)
         self.serve_switch("pause", self._pause)
         self.create_timer(1.0, self._look, clock=self.wall_clock)
+        self.begin_life()
 
     def _listen(self) -> None:
         self.need("scan")
@@ -119,7 +121,7 @@ class MapNode(RosNode):
     # --- callbacks, which return at once ---
 
     def _take_scan(self, message: Any) -> None:
-        if self._is_paused:
+        if self._is_paused or not self.is_active:
             return
         if self._options.odometry == "laser":
             self._hand_on(message, stamp_of(message.header, 0.0), None)
@@ -176,7 +178,7 @@ class MapNode(RosNode):
 
     def _send_transform(self) -> None:
         run = self._run
-        if run.map_from_odom is not None:
+        if run.map_from_odom is not None and self.is_active:
             # By the robot's clock, whatever this node's is.
             now = max(run.stamp, self._frames.odometry.newest)
             header = self._header(now + TRANSFORM_AHEAD)
@@ -220,6 +222,18 @@ class MapNode(RosNode):
     def _turn_pause(self) -> str:
         """Pause, or go on, as slam_toolbox's service of that name does."""
         return self._pause(not self._is_paused)
+
+    def sleep(self) -> None:
+        """Map nothing; the scans after it don't follow on those before."""
+        self._run.leave_out()
+
+    def forget(self) -> None:
+        """Put aside what was mapped."""
+
+        def begin_anew() -> None:
+            self._reset()
+
+        self.worker.order(begin_anew)
 
     def _begin_at(self, message: Any) -> None:
         """Localise from a pose that somebody has given."""

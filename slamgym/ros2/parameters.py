@@ -24,6 +24,8 @@ class FrameNames(Arguments):
     laser_mount: tuple[float, float, float] = (-0.064, 0.0, 0.0)
     """The laser on the robot (x, y [m], yaw [rad]) until /tf_static says it; TurtleBot3 Waffle Pi's."""
 
+    autostart: bool = True
+    """Begin active; false (a ROS parameter): a lifecycle manager configures and activates the node."""
     scan_time: Annotated[float, Within(ge=-1.0, le=10.0)] = -1.0
     """Time from the first beam of a scan to the last [s]; 0: all are measured at once; -1: as the messages say."""
 
