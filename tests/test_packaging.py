@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from source_tree import FOLDERS, modules
 
 import slamgym
@@ -45,7 +46,7 @@ DATA = (
 )
 BESIDE = (
     "setup.py", "pyproject.toml", "README.md", "LICENSE", "MANIFEST.in", "CITATION.cff", "CHANGELOG.md",
-    "CONTRIBUTING.md", "Makefile", "constraints.txt", "mkdocs.yml",
+    "CONTRIBUTING.md", "SECURITY.md", "Dockerfile", "Makefile", "constraints.txt", "mkdocs.yml",
 )  # fmt: skip
 
 # Programs see this interpreter's packages, but not by its .pth files: those of an installed slamgym may be among them.
@@ -159,6 +160,18 @@ def test_the_citation_has_the_version_of_the_package():
     (version,) = re.findall(r'^version = "(.*)"$', (ROOT / "pyproject.toml").read_text(), re.M)
     assert f"\nversion: {version}\n" in (ROOT / "CITATION.cff").read_text()
     assert version == slamgym.__version__
+
+
+def test_the_pythons_that_the_index_is_told_of_are_those_that_are_tested(about):
+    promised = re.findall(r"Python :: (3\.\d+)", "\n".join(about.get_all("Classifier")))
+    checks = yaml.safe_load((ROOT / ".github" / "workflows" / "checks.yml").read_text())
+    assert promised == checks["jobs"]["pythons"]["strategy"]["matrix"]["python"]
+    assert about["Requires-Python"] == f">={promised[0]}"
+
+
+def test_the_image_installs_extras_that_exist(about):
+    (extras,) = re.findall(r"^ARG EXTRAS=(.*)$", (ROOT / "Dockerfile").read_text(), re.M)
+    assert set(extras.split(",")) <= set(about.get_all("Provides-Extra"))
 
 
 def test_the_wheel_holds_nothing_at_the_top_but_slamgym(wheel):
