@@ -35,6 +35,8 @@ from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopCo
 from slamgym.planning.promise import SMALLEST_CALIBRATED, Promise
 from slamgym.planning.view_history import ViewHistory
 
+FRONTIER_POLICY = Path(__file__).parent / "pretrained" / "frontier_policy.safetensors"
+"""The policy that comes with the package."""
 _SPACE = {
     "env": "slamgym/ExploreFrontiers",
     "feature_version": FEATURE_VERSION,

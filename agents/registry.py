@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 from slamgym.agents.explorer import BatchedExplorer, FrontierExplorer, Rule
-from slamgym.agents.pretrained_policy import LearnedExplorer, policy_loop
+from slamgym.agents.pretrained_policy import FRONTIER_POLICY, LearnedExplorer, policy_loop
 from slamgym.agents.random_walk import RandomWalk
 from slamgym.agents.rules import (
     EXPLORE_LITE_LOOP,
@@ -58,6 +58,9 @@ EXPLORERS: Mapping[str, Make] = {
     **CLASSICAL,
     "rl": lambda context, seed, promise: SelectiveTour(  # noqa: ARG005 - it draws nothing
         context, replace(TOUR_LOOP, promise=promise)
+    ),
+    "frontier_policy": lambda context, seed, promise: LearnedExplorer(  # noqa: ARG005 - the best is chosen
+        context, FRONTIER_POLICY, policy_loop(promise)
     ),
     "wheels": lambda context, seed, promise: WheelsExplorer(context),  # noqa: ARG005 - the best action is taken
     "random": lambda context, seed, promise: RandomWalk(context, seed),  # noqa: ARG005 - it never ends

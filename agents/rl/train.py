@@ -110,7 +110,7 @@ class FrontierLearner(PolicyLearner[TrainConfig]):
 
     def export(self, model: OnPolicyAlgorithm, path: Path) -> None:
         """Write the weights as ``slamgym generate --explorer rl:FILE`` reads them."""
-        network: Any = model.policy.features_extractor.network  # type: ignore[union-attr]
+        network: Any = model.policy.features_extractor.network
         weights = {
             name: value.detach().cpu().numpy() for name, value in network.state_dict().items()
         }

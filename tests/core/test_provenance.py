@@ -35,6 +35,7 @@ def test_everything_that_is_loaded_from_the_package_is_listed():
         if path.suffix in suffixes
     }
     assert {
+        "agents/pretrained/frontier_policy.safetensors",
         "agents/pretrained/hidden_floor.safetensors",
         "gan/pretrained/model32.safetensors",
     } <= found
