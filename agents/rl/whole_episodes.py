@@ -105,6 +105,9 @@ class WholeEpisodeBuffer(DictRolloutBuffer):
         shares: Of the returns' variance that is left after the baseline of the copies, and after the critic.
     """
 
+    values: Any
+    generator_ready: bool
+
     def __init__(self, *args: Any, copies: int = 1, discount: float = 1.0, **kwargs: Any) -> None:
         self.copies = copies
         self.discount = discount
@@ -197,6 +200,8 @@ def copies_baseline(
 
 class WholeEpisodeRollouts(OnPolicyAlgorithm):
     """Mixin for an on-policy algorithm: each rollout begins with fresh episodes, each building in so many copies."""
+
+    num_timesteps: int
 
     def collect_rollouts(
         self, env: Any, callback: Any, rollout_buffer: Any, n_rollout_steps: int

@@ -173,7 +173,7 @@ class ExploreEnv(gym.Env[Any, Any]):
 
     def __init__(
         self,
-        plans: PlansArgument = "bundled",
+        plans: PlansArgument | PlanCache = "bundled",
         config: ExploreConfig | None = None,
         *,
         render_mode: str | None = None,
@@ -191,9 +191,8 @@ class ExploreEnv(gym.Env[Any, Any]):
         self._actions = Actions(self.config)
         self.action_space = self._actions.space
         self._reward = Reward(self.config.reward, reward_terms)
-        sites = plans
-        if not isinstance(plans, PlanCache):
-            sites = PlanCache(plans, self.config.robot, self.config.lidar.surfaces)
+        parts = self.config.robot, self.config.lidar.surfaces
+        sites = plans if isinstance(plans, PlanCache) else PlanCache(plans, *parts)
         self._explorations = Explorations(self.config, 1, sites, self._reward)
         self._robot: Simulation | None = None
         self.log: EpisodeLog | None = None

@@ -16,7 +16,7 @@ from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo
 from slamgym.envs.frontier_features import FrontierFeatures
 from slamgym.envs.path_drive import STRIDE, stride
-from slamgym.envs.plan_cache import PlansArgument
+from slamgym.envs.plan_cache import PlanCache, PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
 from slamgym.planning.exploration_loop import ExplorationLoop, ExplorationLoopConfig
 from slamgym.planning.promise import SMALLEST_CALIBRATED
@@ -105,7 +105,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def __init__(
         self,
-        plans: PlansArgument = "bundled",
+        plans: PlansArgument | PlanCache = "bundled",
         config: ExploreConfig | None = None,
         *,
         loop: ExplorationLoopConfig | Mapping[str, Any] | None = None,
@@ -140,7 +140,8 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         self.render_mode = render_mode
         num_rows = self.loop_config.max_candidates
         self.observation_space = FrontierFeatures(num_rows).space
-        self.action_space = spaces.Discrete(num_rows + (self.loop_config.promise is not None))
+        self._num_actions = num_rows + (self.loop_config.promise is not None)
+        self.action_space = spaces.Discrete(self._num_actions)
         self._context = self.inner.explorer_context()
         self._loop: ExplorationLoop | None = None
 
@@ -186,7 +187,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
 
     def action_masks(self) -> BoolArray:
         """Mask of the actions there are, shape (K,) or (K + 1,), as ``MaskablePPO`` of sb3-contrib asks for it."""
-        mask = np.arange(self.action_space.n) < len(self.loop.candidates)
+        mask = np.arange(self._num_actions) < len(self.loop.candidates)
         if self.loop_config.promise is not None:
             mask[-1] = self.loop.known_area >= SMALLEST_CALIBRATED
         return mask
@@ -210,7 +211,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         Raises:
             ActionError: If there is no such row.
         """
-        rows = int(self.action_space.n)
+        rows = self._num_actions
         try:
             index = int(action)
         except (TypeError, ValueError):
@@ -269,7 +270,7 @@ class ExploreFrontiersEnv(gym.Env[Observation, np.int64]):
         return self.loop.observe(observation)
 
     def _observe(self, info: dict[str, Any], duration: float) -> tuple[Observation, dict[str, Any]]:
-        self.order = self.np_random.permutation(len(self.loop.candidates))
+        self.order = self.np_random.permutation(len(self.loop.candidates)).tolist()
         observation = self._features.observe(self.loop, self.views, self.order)
         figures = {**info, "duration": duration, "time": self.loop.time}
         self._info = StepInfo(figures, self.inner.map_error)
