@@ -23,11 +23,11 @@ from slamgym.core.files import require_file, write_bytes, write_text
 from slamgym.core.limits import WEIGHT_BYTES
 from slamgym.core.provenance import check_origin
 from slamgym.core.types import Float32Array, Observation, Pose2D, Twist2D
-from slamgym.envs.explore_frontiers_env import MOST_FRONTIERS
 from slamgym.envs.frontier_features import (
     CANDIDATE_FEATURES,
     FEATURE_VERSION,
     GLOBAL_FEATURES,
+    MOST_FRONTIERS,
     FrontierFeatures,
 )
 from slamgym.planning.context import ExplorerContext

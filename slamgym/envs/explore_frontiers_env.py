@@ -14,7 +14,7 @@ from slamgym.core.geometry import compose
 from slamgym.core.types import BoolArray, Observation, Pose2D
 from slamgym.envs.config import ExploreConfig, resolve_config, resolve_part
 from slamgym.envs.explore_env import RENDER_MODES, ExploreEnv, StepInfo
-from slamgym.envs.frontier_features import FrontierFeatures
+from slamgym.envs.frontier_features import MOST_FRONTIERS, FrontierFeatures
 from slamgym.envs.path_drive import STRIDE, stride
 from slamgym.envs.plan_cache import PlanCache, PlansArgument
 from slamgym.envs.rewards import FRONTIER_REWARD, RewardTerms
@@ -24,8 +24,6 @@ from slamgym.planning.view_history import ViewHistory
 
 DRIVES = ("physics", "path")
 """How the robot gets to the frontier that is chosen."""
-MOST_FRONTIERS = 32
-"""So many frontiers are offered by default; homes of up to 260 m2 hardly ever have more."""
 DEFAULT_TIME_LIMIT = 1200.0
 """Most homes are explored within 600 s; the limit is there for those that go round in circles [s]."""
 

@@ -32,6 +32,8 @@ from slamgym.planning.view_history import ViewHistory
 
 FEATURE_VERSION = 4
 """Raised whenever a feature changes its meaning: weights trained on another version are refused."""
+MOST_FRONTIERS = 32
+"""So many frontiers are offered by default; homes of up to 260 m2 hardly ever have more."""
 
 _STRETCH = 0.7
 """The direction of a path is taken over so much of it [m]."""
