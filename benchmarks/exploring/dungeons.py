@@ -66,6 +66,7 @@ def read_dungeon(name: str) -> tuple[FloorPlan, Pose2D]:
             sides = PIXEL * np.array([left, row, right, row + 1])
             boxes.append(shapely.box(*sides.tolist()))
     space = shapely.union_all(boxes).simplify(1e-9)
+    assert isinstance(space, shapely.Polygon)
     y, x = PIXEL * (np.argwhere(pixels == START).mean(axis=0) + 0.5)
     return FloorPlan(Path(name).stem, space), Pose2D(float(x), float(y), 0.0)
 
