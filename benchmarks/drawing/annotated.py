@@ -1,5 +1,6 @@
 """Annotated maps of real robots: their boundaries, buildings and scorer, and drawings in the scorer's form."""
 
+import functools
 import importlib
 import json
 import sys
@@ -8,11 +9,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 from shapely import Polygon
 
-from slamgym.core.types import FloatArray, GridFrame, OccupancyGrid
+from slamgym.core.types import FloatArray, GridFrame, IntArray, OccupancyGrid
 from slamgym.drawing.boundaries import WIDEST
+from slamgym.drawing.evidence import filled_patch, values_at
 from slamgym.drawing.openings import Division
 from slamgym.interop import read_map
 
@@ -60,6 +63,27 @@ class AnnotatedMap:
     def grid(self) -> OccupancyGrid:
         """The map."""
         return read_map(self.folder / "map.yaml").grid
+
+    @functools.cached_property
+    def _labels(self) -> IntArray:
+        labels = cv2.imread(str(self.folder / "labels.png"), cv2.IMREAD_UNCHANGED)
+        return np.asarray(labels, np.int64)
+
+    def rooms_at(self, places: FloatArray) -> IntArray:
+        """Numbers of the rooms at places (..., 2) [m], 0 for none."""
+        return values_at(self._labels, self.grid.frame, places, 0)
+
+    def room_in(self, shape: Polygon) -> int:
+        """The number of the room of which most is in a polygon, 0 for none."""
+        patch = filled_patch(shape, self.grid.frame)
+        inside = self._labels[patch.place][patch.inside]
+        return int(np.bincount(inside[inside > 0], minlength=1).argmax())
+
+    @property
+    def pairs_by_taste(self) -> list[frozenset[int]]:
+        """Rooms that may be drawn as one."""
+        doors = self.about["doors"]
+        return [frozenset(door["rooms"]) for door in doors if door["kind"] == "ambiguous"]
 
     def boundaries(self) -> tuple[FloatArray, FloatArray]:
         """Those that a drawing must have, (N, 2, 2), and those that it may have, (M, 2, 2) [m]."""

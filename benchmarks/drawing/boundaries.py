@@ -6,7 +6,8 @@
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and their ``score.py``. A logistic function of the
 signs of all candidates is fitted to the maps whose licence allows it. Its constant is then raised to where the rooms
 that are drawn are best: fitted to lines, it draws too few, for a boundary missed spoils two rooms, one too many splits
-one. Every map of the output is drawn by what was fitted and chosen without its building, in five folds. Candidates and
+one. Every map of the output is drawn by what was fitted and chosen without its building, in five folds; once
+more, ``MODEL-asked``, after the questions that its report asks were answered as the annotation has it. Candidates and
 signs are kept in build/boundaries until the code changes.
 """
 
@@ -32,11 +33,13 @@ import slamgym
 from slamgym.core.types import BoolArray, FloatArray
 from slamgym.drawing import FloorModel, load_floor_model
 from slamgym.drawing.boundaries import PRETRAINED, BoundaryModel
-from slamgym.drawing.candidates import Candidates
-from slamgym.drawing.edits import Corrections
+from slamgym.drawing.candidates import Candidates, LikelyFloor
+from slamgym.drawing.drawing import Question
+from slamgym.drawing.edits import Correction, Corrections
 from slamgym.drawing.floor import NO_MODEL, cleaned_floor
 from slamgym.drawing.free_space import cross
-from slamgym.drawing.openings import Division
+from slamgym.drawing.openings import Division, Gap, joined_rooms
+from slamgym.drawing.questions import doubtful_boundaries
 from slamgym.drawing.revise import revise
 from slamgym.drawing.signs import DOOR_SIGNS
 from slamgym.drawing.vectorise import known_part
@@ -54,6 +57,8 @@ REGULARISATION = 0.03
 """Inverse strength, of standardised signs."""
 RAISED = 0.3 * np.arange(1, 5)
 """Constants that are tried, above the fitted one."""
+BESIDE_LINE = 0.4
+"""So far from a line one sees whether it parts two rooms [m]."""
 NETWORK = "slam2cad"
 MODELS = {NETWORK: "with_doors", NO_MODEL: "without_doors"}
 """Floor models, and whose weights each chooses."""
@@ -109,7 +114,11 @@ def main() -> None:
         raised = raised_by(examples, f1)
         odds = [own + by for own, by in zip(odds, raised, strict=True)]
         for one, own in zip(examples, odds, strict=True):
-            write_division(drawn(one, own), arguments.output / name / f"{one.map.name}.json")
+            likely = one.candidates.floor(own)
+            division = drawn(likely, ())
+            answers = answered(one.map, division, doubtful_boundaries(division, likely.others, ()))
+            for made, folder in ((division, name), (drawn(likely, answers), f"{name}-asked")):
+                write_division(made, arguments.output / folder / f"{one.map.name}.json")
         rows += figures(name, examples, odds, raised)
         shipped[key] = asdict(raise_constant(fit(examples), best_raise(f1)))
     shipped["about"] = about([one.map for one in by_network if one.map.may_be_used])
@@ -235,10 +244,33 @@ def best_raise(f1: FloatArray) -> float:
     return float(RAISED[int(np.argmax(smooth))])
 
 
-def drawn(one: Example, odds: FloatArray) -> Division:
+def drawn(likely: LikelyFloor, corrections: Sequence[Correction]) -> Division:
     """The rooms of a map as they are drawn."""
-    floor, gaps = one.candidates.floor(odds)
-    return revise(floor, gaps, Corrections(()))[1]
+    return revise(likely.floor, likely.gaps, Corrections(tuple(corrections))).division
+
+
+def answered(
+    one: AnnotatedMap, division: Division, questions: Sequence[Question]
+) -> list[Correction]:
+    """What a person says who sees the rooms as the annotation has them; nothing where they are a matter of taste.
+
+    A line that is drawn beside its place still parts the two rooms.
+    """
+    answers = []
+    for question in questions:
+        if question.is_drawn:
+            gap = Gap(question.start, question.end)
+            numbers = joined_rooms(division.rooms, [gap])[0].tolist()
+            sides = [one.room_in(division.rooms[number]) for number in numbers]
+        else:
+            ends = np.array([question.start, question.end])
+            along = (ends[1] - ends[0]) / question.length
+            aside = BESIDE_LINE * np.array([-along[1], along[0]])
+            sides = one.rooms_at(ends.mean(axis=0) + np.stack([aside, -aside])).tolist()
+        if 0 not in sides and frozenset(sides) not in one.pairs_by_taste:
+            kind = question.confirming if len(set(sides)) > 1 else "no_door"
+            answers.append(Correction(kind, line=(question.start, question.end)))
+    return answers
 
 
 class Rooms:

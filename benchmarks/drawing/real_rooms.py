@@ -3,6 +3,7 @@
     python benchmarks/drawing/boundaries.py real_rooms -o out/rooms     # each map drawn without its building
     python benchmarks/drawing/real_rooms.py real_rooms "slam2cad=out/rooms/slam2cad" "cleaning=out/rooms/none"
 
+``slam2cad-asked=out/rooms/slam2cad-asked --results drawing/questions`` is the same after a report's questions.
 The folder holds annotated maps, ``*/*/rooms.json`` and ``map.yaml``, and ``score.py``, which scores a drawing's JSON.
 Folders of drawings, by any program, are compared with a plain watershed: rooms are what is farther than 0.55 m from all
 that isn't free in the cleaned map, and what flows there. Intervals are those of resampled buildings.
@@ -63,6 +64,7 @@ def main() -> None:
         metavar="NAME=FOLDER",
         help="folders with MAP.json, or MAP/drawing.json",
     )
+    parser.add_argument("--results", default="drawing/rooms", help="name of the results file")
     arguments = parser.parse_args()
     score = scorer(arguments.rooms).score
     maps = read_annotated(arguments.rooms)
@@ -75,7 +77,7 @@ def main() -> None:
             found = [score(str(one.folder), drawing_of(one, Path(folder)), widest) for one in maps]
             rows += figures(name, boundaries, maps, found, rival)
     table = [[row[column] for column in COLUMNS] for row in rows]
-    print_and_save("drawing/rooms", "Drawn rooms of real maps", table, COLUMNS, MODULES)
+    print_and_save(arguments.results, "Drawn rooms of real maps", table, COLUMNS, MODULES)
 
 
 def drawing_of(one: AnnotatedMap, folder: Path) -> str:

@@ -1,6 +1,7 @@
 """A map with the lines that may part its rooms: from it and the lines' odds follow the floor and its doors."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from shapely import MultiPolygon
@@ -14,6 +15,16 @@ from slamgym.drawing.openings import Division, Gap, divide, likely_gaps, onto_fa
 from slamgym.drawing.polygons import straightened
 from slamgym.drawing.signs import Signs, Surroundings, boundary_signs, door_signs
 from slamgym.metrics.layers import MapLayers
+
+
+class LikelyFloor(NamedTuple):
+    """A floor with straight edges, and lines across it from face to face."""
+
+    floor: MultiPolygon
+    gaps: list[Gap]
+    """The likely boundaries of its rooms."""
+    others: list[Gap]
+    """Lines that may be some, too, and were not chosen."""
 
 
 @dataclass(frozen=True)
@@ -60,12 +71,13 @@ class Candidates:
         """The seen space cut into rooms by the lines with these log odds, (N,)."""
         return divide(self.space, likely_gaps(self.lines, odds))
 
-    def floor(self, odds: FloatArray) -> tuple[MultiPolygon, list[Gap]]:
+    def floor(self, odds: FloatArray) -> "LikelyFloor":
         """The floor with straight edges, and the boundaries of rooms that are likely, from face to face."""
         if self.space.is_empty:
-            return self.space, []
+            return LikelyFloor(self.space, [], [])
         frame = self.grid.frame
-        division = self.division(odds)
+        gaps = likely_gaps(self.lines, odds)
+        division = divide(self.space, gaps)
         rooms = np.zeros(frame.shape, np.int64)
         for number, room in enumerate(division.rooms, 1):
             patch = filled_patch(room, frame)
@@ -74,5 +86,7 @@ class Candidates:
         picture = floor_of_rooms(self.layers.free, self.seen, echoes, rooms, frame.resolution)
         floor = straightened(picture, frame, self.angle_deg)
         if floor.is_empty:
-            return floor, []
-        return floor, onto_faces(division.doors, floor)
+            return LikelyFloor(floor, [], [])
+        drawn = set(division.doors)
+        others = [gap for gap in gaps if gap not in drawn]
+        return LikelyFloor(floor, onto_faces(division.doors, floor), onto_faces(others, floor))

@@ -92,7 +92,7 @@ def _split(piece: WallPiece, seen: BoolArray) -> list[WallPiece]:
     """Split a wall into pieces that were seen or not, none shorter than :data:`SHORTEST_CHANGE`."""
     step = piece.length / len(seen)
     runs = _long_runs(seen, math.ceil(SHORTEST_CHANGE / step))
-    return [_part(piece, low, high, len(seen)) for low, high in runs]
+    return [part_of(piece, low / len(seen), high / len(seen)) for low, high in runs]
 
 
 def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
@@ -112,13 +112,13 @@ def _long_runs(seen: BoolArray, least: int) -> list[tuple[int, int]]:
     return runs
 
 
-def _part(piece: WallPiece, low: int, high: int, count: int) -> WallPiece:
-    """The piece of a wall from one of ``count`` places along it to another."""
+def part_of(piece: WallPiece, low: float, high: float) -> WallPiece:
+    """The piece of a wall between two shares of its length."""
     along = piece.end - piece.start
     return replace(
         piece,
-        start=piece.start + low / count * along,
-        end=piece.start + high / count * along,
-        before=piece.before if low == 0 else 0.0,
-        after=piece.after if high == count else 0.0,
+        start=piece.start + low * along,
+        end=piece.start + high * along,
+        before=piece.before if low == 0.0 else 0.0,
+        after=piece.after if high == 1.0 else 0.0,
     )

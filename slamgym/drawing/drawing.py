@@ -17,6 +17,7 @@ from slamgym.cad.floorplan import FloorPlan
 from slamgym.cad.floorplan import Room as PlanRoom
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.evidence import echo_outlines
+from slamgym.drawing.settings import DRAWN_DOORS
 
 Layer = Literal["SEEN", "INFERRED"]
 """SEEN: the map holds evidence of it. INFERRED: drawn because buildings are like that."""
@@ -58,6 +59,8 @@ class DrawnWall(Segment):
     share_seen: float
     """Share of its length along which the map has occupied cells."""
     layer: Layer
+    is_glass: bool = False
+    """A person says so; a laser goes through glass, or sees a mirror in it."""
 
 
 @dataclass(frozen=True)
@@ -110,6 +113,21 @@ class Dimension(Segment):
 
 
 @dataclass(frozen=True)
+class Question(Segment):
+    """A line across the floor of which a person says whether it is a boundary between two rooms."""
+
+    log_odds: float
+    """That it is one."""
+    is_drawn: bool
+    """Whether the drawing has it."""
+
+    @property
+    def confirming(self) -> Literal["add_door", "split"]:
+        """The kind of correction (:mod:`slamgym.drawing.edits`) that says it is one; ``no_door`` says that it isn't."""
+        return "add_door" if self.length <= DRAWN_DOORS[1] else "split"
+
+
+@dataclass(frozen=True)
 class Drawing:
     """Everything that is drawn of one map."""
 
@@ -126,12 +144,16 @@ class Drawing:
     inferred_floor: tuple[Polygon, ...] = ()
     """Floor that the robot never observed."""
     left_out: tuple[Polygon, ...] = ()
-    """Floor that the robot saw and the map doesn't bear out, the largest part first."""
+    """Floor that the robot saw and the map doesn't bear out, the largest part first, nothing narrow or small."""
+    left_out_area: float = 0.0
+    """All of it, what is narrow or small too [m2]."""
     seen_area: float = 0.0
     """All that the robot saw free [m2]."""
     dimensions: tuple[Dimension, ...] = ()
     doubts: tuple[str, ...] = ()
     """Points that a person should check, one sentence each."""
+    questions: tuple[Question, ...] = ()
+    """Boundaries between rooms that are as likely drawn wrongly, or wrongly left out, the most doubtful first."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Source, model, settings, version."""
 
@@ -152,11 +174,6 @@ class Drawing:
     def area(self) -> float:
         """Area of the floor [m2]."""
         return float(self.floor.area)
-
-    @property
-    def left_out_area(self) -> float:
-        """Area of the seen floor that isn't drawn [m2]."""
-        return float(sum(part.area for part in self.left_out))
 
     @property
     def is_half(self) -> bool:

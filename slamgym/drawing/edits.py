@@ -5,11 +5,14 @@ is left out, with a sentence that says why; all others are carried out. Coordina
 A file of corrections holds::
 
     {"map": {"name": "flat", "sha256": "..."},
+     "rooms": [{"id": "R01", "polygon": [[[0.0, 0.0], [4.0, 0.0], [4.0, 3.0], [0.0, 0.0]]]}],
      "corrections": [{"kind": "split", "line": [[1.0, 0.5], [1.0, 4.0]]},
                      {"kind": "join", "at": [4.1, 2.0]},
                      {"kind": "add_door", "line": [[4.0, 1.3], [4.0, 2.2]]},
+                     {"kind": "no_door", "line": [[2.0, 6.1], [2.9, 6.1]]},
                      {"kind": "add_wall", "line": [[0.0, 3.0], [2.0, 3.0]], "thickness": 0.1},
                      {"kind": "remove_wall", "line": [[6.0, 0.0], [6.0, 3.0]], "thickness": 0.12},
+                     {"kind": "glass_wall", "line": [[0.0, 0.0], [4.0, 0.0]]},
                      {"kind": "remove_room", "at": [9.0, 2.0]},
                      {"kind": "name_room", "at": [2.0, 1.0], "name": "Kitchen"}]}
 """
@@ -20,13 +23,14 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from shapely import LineString, Point, box
+import shapely
+from shapely import LineString, Point, Polygon, box
 from shapely.geometry.base import BaseGeometry
 
+from slamgym.cad.polygons import largest_part
 from slamgym.core.config import Within, from_dict
 from slamgym.core.documents import known_fields, read_json
 from slamgym.core.errors import ConfigError, InputFileError
-from slamgym.core.limits import shown
 from slamgym.core.names import Label
 from slamgym.core.types import OccupancyGrid
 from slamgym.drawing.settings import NARROWEST_CUT, OUTER_THICKNESS
@@ -45,11 +49,21 @@ class Correction:
     """A change of a drawing."""
 
     kind: Literal[
-        "split", "join", "add_door", "add_wall", "remove_wall", "name_room", "remove_room"
+        "split",
+        "join",
+        "add_door",
+        "no_door",
+        "add_wall",
+        "remove_wall",
+        "glass_wall",
+        "name_room",
+        "remove_room",
     ]
     line: tuple[tuple[_Metres, _Metres], ...] = ()
     """Two places, of all kinds but :data:`AT_PLACES` [m]. A split goes on to the next walls; a door lies
-    between its places, and where it stands on open floor the rest of the way to the next walls becomes wall."""
+    between its places, and where it stands on open floor the rest of the way to the next walls becomes wall. Where
+    there is no door no boundary lies whose ends are near the two places, now or in a later drawing. What stands along
+    a line of glass is glass."""
     at: tuple[_Metres, ...] = ()
     """A place on the boundary at which two rooms are joined, or in the room that is named or taken away [m]."""
     thickness: Annotated[float, Within(gt=0.0, le=THICKEST_ADDED_WALL)] = OUTER_THICKNESS
@@ -81,6 +95,25 @@ class Correction:
 
 
 @dataclass(frozen=True)
+class FormerRoom:
+    """A room of the drawing that corrections were made on."""
+
+    id: Label
+    polygon: tuple[tuple[tuple[_Metres, _Metres], ...], ...]
+    """Its outline and its holes [m]."""
+
+    def __post_init__(self) -> None:
+        if not self.polygon or min(map(len, self.polygon)) < 4:
+            raise ConfigError(f"the polygon of room {self.id} needs rings of three places or more")
+
+    @property
+    def shape(self) -> Polygon:
+        """The same for set operations."""
+        outline, *holes = self.polygon
+        return largest_part(shapely.make_valid(Polygon(outline, holes)))
+
+
+@dataclass(frozen=True)
 class Corrections:
     """All that a person says about the drawing of a map."""
 
@@ -91,21 +124,11 @@ class Corrections:
     """The file, for errors."""
     faults: tuple[str, ...] = ()
     """Of those that can't be carried out, a sentence each."""
+    rooms: tuple[FormerRoom, ...] = ()
+    """Of the drawing that they were made on: by them they carry over to another map of the building."""
 
     def on_map(self, grid: OccupancyGrid) -> "Corrections":
-        """Those that lie on the map whose known part this is.
-
-        Raises:
-            InputFileError: If they are of another map, or name none.
-        """
-        if not self.corrections:
-            return self
-        digest = map_digest(grid)
-        if self.map.get("sha256") != digest:
-            raise InputFileError(
-                self.where,
-                f"is of another map, {shown(self.map.get('name'))}; for this one, map.sha256 must be {digest}",
-            )
+        """Those that lie on the map whose known part this is."""
         around = box(*grid.frame.bounds).buffer(BEYOND_MAP)
         away = [entry for entry in self.corrections if not around.covers(entry.shape)]
         return self.without(dict.fromkeys(away, "it doesn't lie on the map"))

@@ -123,16 +123,15 @@ def unseen_floor(floor: MultiPolygon, grid: OccupancyGrid) -> list[Polygon]:
     return cell_polygons(wide, grid.frame, SMALLEST_HOLE)
 
 
-def left_out_floor(floor: MultiPolygon, seen: BoolArray, frame: GridFrame) -> list[Polygon]:
-    """Patches of seen floor that aren't drawn, the largest first; narrower ones are rays, or edges of what is drawn.
-
-    Args:
-        floor: What is drawn [m].
-        seen: The free space that the robot saw, (H, W).
-        frame: Where its cells lie.
-    """
-    half = 0.5 * NARROWEST_LEFT_OUT / frame.resolution
+def undrawn_cells(floor: MultiPolygon, seen: BoolArray, frame: GridFrame) -> BoolArray:
+    """Cells of the free space that the robot saw (H, W) farther than :data:`SEEN_WITHIN` from the floor [m]."""
     lost = seen & (distance_to(filled(floor, frame)) > SEEN_WITHIN / frame.resolution)
+    return np.asarray(lost, np.bool_)
+
+
+def left_out_floor(lost: BoolArray, frame: GridFrame) -> list[Polygon]:
+    """Patches of seen floor that isn't drawn, (H, W), the largest first; without what is narrow or small."""
+    half = 0.5 * NARROWEST_LEFT_OUT / frame.resolution
     wide = distance_to(distance_to(~np.pad(lost, 1)) > half) <= half
     patches = cell_polygons(wide[1:-1, 1:-1] & lost, frame, SMALLEST_ROOM)
     return sorted(patches, key=lambda patch: -patch.area)

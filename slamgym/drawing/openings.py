@@ -116,7 +116,7 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
         floor: With straight edges [m].
         gaps: Likely boundaries; one with infinite log odds is kept wherever it parts the floor.
     """
-    parts = _cut(floor, gaps)
+    parts = cut_floor(floor, gaps)
     sides = joined_rooms(parts, gaps)
     areas = np.array([part.area for part in parts])
     odds = np.array([gap.log_odds for gap in gaps])
@@ -125,7 +125,7 @@ def divide(floor: MultiPolygon, gaps: Sequence[Gap]) -> Division:
     for gap, (a, b) in zip(gaps, sides, strict=True):
         if min(a, b) >= 0 and room[a] != room[b]:
             kept.append(gap)
-    rooms = _cut(floor, kept)
+    rooms = cut_floor(floor, kept)
     rooms.sort(key=_from_top_left)
     doors = []
     joins = []
@@ -220,7 +220,7 @@ class _PartGraph:
         self._enqueue(a, self._odds[a] if was_niche else moved)
 
 
-def _cut(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
+def cut_floor(floor: MultiPolygon, gaps: Sequence[Gap]) -> list[Polygon]:
     """The parts of the floor between the lines of the gaps."""
     if not gaps:
         return polygon_parts(floor)

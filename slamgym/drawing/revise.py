@@ -103,6 +103,9 @@ class _Revision:
             if not len(nearest):
                 self.refused[entry] = "no door and no boundary between two rooms lies there"
             gone.update(nearest.tolist())
+        lines = _Lines(gaps)
+        for entry in self._of("no_door"):
+            gone.update(lines.same_as(Segment(*entry.line)))
         return [gap for number, gap in enumerate(gaps) if number not in gone]
 
     def without_rooms(

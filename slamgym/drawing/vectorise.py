@@ -18,6 +18,7 @@ from slamgym.core.text import printable
 from slamgym.core.types import FREE, OCCUPIED, UNKNOWN, FloatArray, GridFrame, OccupancyGrid
 from slamgym.drawing.boundaries import BoundaryModels
 from slamgym.drawing.candidates import Candidates
+from slamgym.drawing.carry_over import carried_over, room_ids
 from slamgym.drawing.confidence import judged_walls
 from slamgym.drawing.doubts import find_doubts
 from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Layer
@@ -27,10 +28,13 @@ from slamgym.drawing.evidence import (
     left_out_floor,
     share_known,
     share_seen_open,
+    undrawn_cells,
     unseen_floor,
 )
 from slamgym.drawing.floor import FloorModel, load_floor_model
+from slamgym.drawing.glass import cut_at_glass, with_glass
 from slamgym.drawing.openings import Division, Gap
+from slamgym.drawing.questions import doubtful_boundaries
 from slamgym.drawing.revise import revise
 from slamgym.drawing.settings import (
     DEFAULT_MODEL,
@@ -72,7 +76,7 @@ def make_drawing(
         The drawing, in the frame of the map.
 
     Raises:
-        InputFileError: If the map holds no floor or no walls, or the corrections are of another one.
+        InputFileError: If the map holds no floor or no walls, or the corrections are of another building.
     """
     corrections = corrections or Corrections(())
     provenance = provenance or {}
@@ -93,13 +97,18 @@ def make_drawing(
     direction = find_wall_direction(grid.cells)
     angle = direction.angle_deg if angle_deg is None else (angle_deg + 45.0) % 90.0 - 45.0
     found = Candidates.of(grid, used, angle)
-    drawn_floor, gaps = found.floor(found.log_odds(BoundaryModels.pretrained()))
-    floor, division, names, faults = revise(drawn_floor, gaps, corrections.on_map(grid))
+    likely = found.floor(found.log_odds(BoundaryModels.pretrained()))
+    made = carried_over(corrections, grid)
+    usable = made.on_map(grid)
+    floor, division, names, faults = revise(likely.floor, likely.gaps, usable)
     if floor.is_empty:
         raise no_floor
+    lost = undrawn_cells(likely.floor, found.seen, grid.frame)
+    cell = grid.frame.resolution**2
     evidence = Evidence(grid)
-    walls = judged_walls(find_walls(floor), evidence)
-    rooms = _rooms(division.rooms, grid, names)
+    pieces = cut_at_glass(find_walls(floor), usable)
+    walls, no_glass = with_glass(judged_walls(pieces, evidence), usable)
+    rooms = _rooms(division.rooms, room_ids(division.rooms, made), grid, names)
     doors = _doors(division, rooms, walls, grid)
     drawing = Drawing(
         name=printable(name),
@@ -110,13 +119,15 @@ def make_drawing(
         doors=doors,
         rooms=rooms,
         inferred_floor=tuple(unseen_floor(floor, grid)),
-        left_out=tuple(left_out_floor(drawn_floor, found.seen, grid.frame)),
-        seen_area=float(found.seen.sum()) * grid.frame.resolution**2,
+        left_out=tuple(left_out_floor(lost, grid.frame)),
+        left_out_area=float(lost.sum()) * cell,
+        seen_area=float(found.seen.sum()) * cell,
         dimensions=tuple(_dimensions(floor, rooms, doors, angle)),
-        provenance=_provenance(model, corrections, provenance),
+        questions=doubtful_boundaries(division, likely.others, made.corrections),
+        provenance=_provenance(model, made, provenance),
     )
     doubts = find_doubts(drawing, direction if angle_deg is None else None)
-    return replace(drawing, doubts=(*faults, *doubts))
+    return replace(drawing, doubts=(*faults, *no_glass, *doubts))
 
 
 def _provenance(
@@ -155,11 +166,10 @@ def known_part(grid: OccupancyGrid) -> OccupancyGrid:
 
 
 def _rooms(
-    polygons: Sequence[Polygon], grid: OccupancyGrid, names: Mapping[int, str]
+    polygons: Sequence[Polygon], ids: Sequence[str], grid: OccupancyGrid, names: Mapping[int, str]
 ) -> tuple[DrawnRoom, ...]:
     rooms = []
-    for number, polygon in enumerate(polygons):
-        name = f"R{number + 1:02d}"
+    for number, (polygon, name) in enumerate(zip(polygons, ids, strict=True)):
         seen = share_known(polygon, grid)
         layer: Layer = "SEEN" if seen >= SEEN_SHARE else "INFERRED"
         rooms.append(DrawnRoom(name, polygon, seen, layer, names.get(number, name)))

@@ -185,7 +185,7 @@ def _draw(name: str, path: Path, job: _Job) -> Drawing:
     total = sum(wall.length for wall in drawing.walls)
     inferred = sum(wall.length for wall in drawing.walls if wall.layer == "INFERRED")
     left_out = ""
-    if drawing.left_out:
+    if drawing.left_out_area >= 0.5:
         left_out = f", left out {drawing.left_out_area:.0f} m2 of seen floor"
         left_out += " (more than half)" * drawing.is_half
     tell(

@@ -3,15 +3,15 @@
 The model lies in the frame of the map; the sheet shows it upright.
 
 Layers are named as the US National CAD Standard has them: A-WALL (outlines of walls; A-WALL-INFR of those without
-evidence; A-WALL-PATT, their filling), A-DOOR and A-DOOR-OPNG (a block for each door and opening), A-AREA (outlines of
-rooms; A-AREA-IDEN, their names and areas), A-FLOR-INFR (floor never observed), A-ANNO-DIMS
-(dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes). How doors swing is on
-A-DOOR-SWING-ASSUMED: a map doesn't say it.
+evidence; A-WALL-PATT, their filling), A-GLAZ (outlines of walls of glass), A-DOOR and A-DOOR-OPNG (a block for each
+door and opening), A-AREA (outlines of rooms; A-AREA-IDEN, their names and areas), A-FLOR-INFR (floor never observed),
+A-ANNO-DIMS (dimension lines that measure themselves), A-ANNO-TTLB (the sheet), V-SURV (the map's echoes). How doors
+swing is on A-DOOR-SWING-ASSUMED: a map doesn't say it.
 """
 
 import io
 import itertools
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,7 +21,7 @@ from shapely import MultiPolygon, Polygon
 from slamgym.cad.polygons import polygon_parts
 from slamgym.core.geometry import unit_vectors
 from slamgym.core.types import FloatArray
-from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, Layer
+from slamgym.drawing.drawing import Drawing, DrawnDoor, DrawnPoint, DrawnWall
 from slamgym.drawing.formats.chains import CHAIN_OFFSET, dimension_chains
 from slamgym.drawing.formats.dxf_sheet import MM, add_sheet, add_text, fitting_paper
 from slamgym.drawing.formats.look import place_labels
@@ -35,6 +35,7 @@ LAYER_LOOKS = {
     "A-WALL": (7, 35),
     "A-WALL-INFR": (8, 25),
     "A-WALL-PATT": (9, 9),
+    "A-GLAZ": (4, 25),
     "A-DOOR": (5, 25),
     "A-DOOR-OPNG": (150, 18),
     "A-DOOR-SWING-ASSUMED": (9, 13),
@@ -125,15 +126,18 @@ def _add_dimension_style(document: Any, letters: float) -> None:
 
 def _draw(space: Any, drawing: Drawing, letters: float) -> None:
     """Everything, what lies on top last; letters of a height [m]."""
-    seen = _union_of_walls(drawing, "SEEN")
-    inferred = _union_of_walls(drawing, "INFERRED")
+    solid = [wall for wall in drawing.walls if not wall.is_glass]
+    seen = _union_of([wall for wall in solid if wall.layer == "SEEN"])
+    inferred = _union_of([wall for wall in solid if wall.layer == "INFERRED"])
     inferred = shapely.difference(inferred, seen, grid_size=CORNER_GRID)
+    glass = _union_of([wall for wall in drawing.walls if wall.is_glass])
     _add_hatch(space, drawing.inferred_floor, "A-FLOR-INFR", "ANSI31")
     _add_hatch(space, polygon_parts(seen), "A-WALL-PATT", "SOLID")
     _add_outlines(space, drawing.echoes, "V-SURV")
     _add_outlines(space, [room.polygon for room in drawing.rooms], "A-AREA")
     _add_outlines(space, polygon_parts(inferred), "A-WALL-INFR")
     _add_outlines(space, polygon_parts(seen), "A-WALL")
+    _add_outlines(space, polygon_parts(glass), "A-GLAZ")
     for door in drawing.doors:
         _add_door(space, door, drawing.floor)
     for line in drawing.dimensions:
@@ -157,10 +161,9 @@ def _add_dimension(space: Any, start: DrawnPoint, end: DrawnPoint, aside: float)
     dimension.render()
 
 
-def _union_of_walls(drawing: Drawing, layer: Layer) -> Any:
-    """The bodies of all walls in a layer as one shape."""
-    bodies = [wall.polygon for wall in drawing.walls if wall.layer == layer]
-    return shapely.union_all(bodies, grid_size=CORNER_GRID)
+def _union_of(walls: Sequence[DrawnWall]) -> Any:
+    """The bodies of walls as one shape."""
+    return shapely.union_all([wall.polygon for wall in walls], grid_size=CORNER_GRID)
 
 
 def _rings(shape: Polygon) -> list[list[list[float]]]:

@@ -27,6 +27,8 @@ SLAB = 0.2
 """Thickness of a slab, usual in homes [m]."""
 TYPE_STEP = 0.05
 """Thicknesses of wall types are whole multiples of this [m]: a map of 5 cm cells knows no finer ones."""
+GLASS = "glass"
+"""Name of the material of walls of glass, and of their style."""
 MEET = 0.05
 """Bodies of walls that meet are no farther apart [m]."""
 
@@ -106,9 +108,14 @@ class _Builder:
         return ifcopenshell.api.run(call, self.file, **values)
 
     def add_walls(self, walls: Sequence[DrawnWall]) -> list[Any]:
-        """An IfcWall each, its origin at the beginning of its centre line, and a type for each :data:`TYPE_STEP`."""
+        """An IfcWall each, its origin at the beginning of its centre line, and a type for each :data:`TYPE_STEP`.
+
+        Those of glass have types of their own, whose material is called so.
+        """
+        if any(wall.is_glass for wall in walls):
+            self.styles[GLASS] = self._style(GLASS, (0.6, 0.85, 0.95), 0.7)
         bodies = []
-        types: dict[int, list[Any]] = {}
+        types: dict[tuple[str, int], list[Any]] = {}
         for number, wall in enumerate(walls, 1):
             matrix = _placement(wall.start, wall.end)
             evidence = {
@@ -120,20 +127,25 @@ class _Builder:
             }
             base = _local(wall.polygon, matrix)
             name = f"W{number:03d}"
-            body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence)
+            look = GLASS if wall.is_glass else "IfcWall"
+            body = self._solid("IfcWall", name, matrix, base, WALL_HEIGHT, evidence, look)
             bodies.append(body)
             self._add_axis(body, wall.length)
-            steps = max(round(wall.thickness / TYPE_STEP), 1)
-            types.setdefault(round(100.0 * TYPE_STEP) * steps, []).append(body)
+            centimetres = round(100.0 * TYPE_STEP) * max(round(wall.thickness / TYPE_STEP), 1)
+            made_of = GLASS if wall.is_glass else "unknown"
+            types.setdefault((made_of, centimetres), []).append(body)
             common = self.run("pset.add_pset", product=body, name="Pset_WallCommon")
             facts = {
-                "Reference": f"Wall {round(100.0 * TYPE_STEP) * steps} cm",
+                "Reference": _type_name(made_of, centimetres),
                 "IsExternal": not wall.thickness_known,
             }
             self.run("pset.edit_pset", pset=common, properties=facts)
-        material = self.run("material.add_material", name="unknown")
-        for centimetres, alike in sorted(types.items()):
-            kind = self._add_wall_type(centimetres, material)
+        names = sorted({made_of for made_of, _ in types})
+        materials = {name: self.run("material.add_material", name=name) for name in names}
+        for (made_of, centimetres), alike in sorted(types.items(), reverse=True):
+            kind = self._add_wall_type(
+                _type_name(made_of, centimetres), centimetres, materials[made_of]
+            )
             self.run("type.assign_type", related_objects=alike, relating_type=kind)
         return bodies
 
@@ -162,9 +174,9 @@ class _Builder:
                     related_connection=second,
                 )
 
-    def _add_wall_type(self, centimetres: int, material: Any) -> Any:
+    def _add_wall_type(self, name: str, centimetres: int, material: Any) -> Any:
         """An IfcWallType of a thickness and of one layer."""
-        kind = self._create("IfcWallType", f"Wall {centimetres} cm", predefined_type="SOLIDWALL")
+        kind = self._create("IfcWallType", name, predefined_type="SOLIDWALL")
         layers = self.run(
             "material.add_material_set", name=kind.Name, set_type="IfcMaterialLayerSet"
         )
@@ -256,8 +268,9 @@ class _Builder:
         base: Polygon,
         height: float,
         evidence: dict[str, Any],
+        look: str = "",
     ) -> Any:
-        """A named thing with a body, its style and its evidence."""
+        """A named thing with a body, its style, that of its kind by default, and its evidence."""
         entity = self._create(kind, name)
         self.run("geometry.edit_object_placement", product=entity, matrix=matrix)
         lines = []
@@ -269,15 +282,19 @@ class _Builder:
         solid = self.shapes.extrude(profile, height)
         shape = self.shapes.get_representation(self.body, [solid])
         self.run("geometry.assign_representation", product=entity, representation=shape)
-        if kind in self.styles:
+        style = self.styles.get(look or kind)
+        if style is not None:
             self.run(
-                "style.assign_representation_styles",
-                shape_representation=shape,
-                styles=[self.styles[kind]],
+                "style.assign_representation_styles", shape_representation=shape, styles=[style]
             )
         described = self.run("pset.add_pset", product=entity, name="Slamgym_Evidence")
         self.run("pset.edit_pset", pset=described, properties=evidence)
         return entity
+
+
+def _type_name(made_of: str, centimetres: int) -> str:
+    """What a type of walls is called."""
+    return f"{'Glass wall' if made_of == GLASS else 'Wall'} {centimetres} cm"
 
 
 def _runs_through(wall: DrawnWall, door: DrawnDoor) -> tuple[float, float]:

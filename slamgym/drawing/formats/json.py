@@ -20,7 +20,7 @@ from shapely.geometry.base import BaseGeometry
 
 from slamgym.cad.houseexpo import MAX_ID, format_houseexpo
 from slamgym.cad.polygons import largest_part
-from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall
+from slamgym.drawing.drawing import Dimension, Drawing, DrawnDoor, DrawnRoom, DrawnWall, Question
 from slamgym.drawing.edits import map_digest
 
 LOCAL_METRES = (
@@ -53,6 +53,7 @@ def drawing_facts(drawing: Drawing) -> dict[str, Any]:
         "inferred_floor": [_rings(part) for part in drawing.inferred_floor],
         "dimensions": [_dimension(line) for line in drawing.dimensions],
         "doubts": list(drawing.doubts),
+        "questions": [_question(question) for question in drawing.questions],
         "provenance": drawing.provenance,
     }
 
@@ -100,6 +101,7 @@ def _wall(wall: DrawnWall) -> dict[str, Any]:
         "confidence": _plain(wall.confidence),
         "share_seen": _plain(wall.share_seen),
         "layer": wall.layer,
+        "glass": wall.is_glass,
     }
 
 
@@ -115,6 +117,16 @@ def _door(door: DrawnDoor) -> dict[str, Any]:
         "rooms": _plain(door.rooms),
         "confidence": _plain(door.confidence),
         "layer": door.layer,
+    }
+
+
+def _question(question: Question) -> dict[str, Any]:
+    """What is asked about a line, and the corrections that the answers are."""
+    return {
+        "line": [_plain(question.start), _plain(question.end)],
+        "drawn": question.is_drawn,
+        "yes": question.confirming,
+        "no": "no_door",
     }
 
 

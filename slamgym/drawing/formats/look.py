@@ -27,6 +27,7 @@ from slamgym.viz.canvas import (
 DRAWN_COLOURS: dict[str, tuple[Colour, str]] = {
     "wall": (WALL_TINT, "wall, seen"),
     "inferred": ((173, 181, 189), "wall, inferred"),
+    "glass": ((77, 171, 247), "glass, as a person says"),
     "unseen": (UNSEEN_TINT, "floor never observed"),
     "door": (TRUE_COLOUR, "door"),
     "opening": ((112, 72, 232), "opening"),
@@ -106,8 +107,9 @@ def drawn_shapes(drawing: Drawing) -> Iterator[DrawnShape]:
         sizes = (
             f"{wall.length:.3f} m, {wall.thickness:.3f} m thick, confidence {wall.confidence:.2f}"
         )
-        kind = "wall" if wall.layer == "SEEN" else "inferred"
-        yield DrawnShape("WALLS", kind, wall.polygon, f"W{number}: {sizes}")
+        kind = "glass" if wall.is_glass else "wall" if wall.layer == "SEEN" else "inferred"
+        layer = "GLASS" if wall.is_glass else "WALLS"
+        yield DrawnShape(layer, kind, wall.polygon, f"W{number}: {sizes}")
     for number, door in enumerate(drawing.doors, 1):
         title = f"D{number}: {door.kind}, {door.width:.3f} m"
         yield DrawnShape("DOORS", door.kind, door.line, title)

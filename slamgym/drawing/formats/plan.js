@@ -192,6 +192,9 @@ function revised(plan, entries) {
       if (wall) board.paint(line, (wall.thickness_m || wall.thickness || OUTER_THICKNESS) + 0.06, FLOOR);
     }
   }
+  for (const entry of of("glass_wall")) {
+    if (!pick([...plan.walls, ...of("add_wall")], middle(entry.line), 0.5)) refused.set(entry, "no wall stands along it");
+  }
   const gone = of("join").map((entry) => {
     const found = pick(plan.boundaries, entry.at, SAME_DOOR);
     if (!found) refused.set(entry, "no door and no boundary between two rooms lies there");
@@ -199,7 +202,8 @@ function revised(plan, entries) {
   });
   const added = of("split", "add_door");
   const isSame = (a, b) => [b, [b[1], b[0]]].some((other) => a.every((p, k) => length([p, other[k]]) < SAME_DOOR));
-  const kept = plan.boundaries.filter((one) => !gone.includes(one) && !added.some(({ line }) => isSame(line, one.line)));
+  const other = [...added, ...of("no_door")];
+  const kept = plan.boundaries.filter((one) => !gone.includes(one) && !other.some(({ line }) => isSame(line, one.line)));
   for (const { line } of kept) board.cut(line);
   const own = added.map((entry) => ({ entry, line: entry.kind === "split" ? board.ledOn(entry.line) : entry.line }));
   for (const { line } of own) board.cut(line);

@@ -14,17 +14,20 @@
     add_door: ["Add a door", "Click both jambs: in a wall, in a passage, or on the floor, where the wall around it is drawn too."],
     add_wall: ["Add a wall", "Click both ends."],
     remove_wall: ["Remove a wall", "Click the wall, or the thing that was drawn as walls."],
+    glass_wall: ["Glass wall", "Click a wall that is glass."],
     remove_room: ["Take away a room", "Click a room that isn't there: one in a mirror, or behind glass."],
     name_room: ["Name a room", "Click the room, then type its name."],
   };
-  const names = Object.keys(tools);
+  const names = Object.keys(tools), titles = { ...tools, no_door: ["No door here"] };
   const state = {
     tool: null, first: null, entries: data.provenance.corrections || [], past: [], future: [], saved: true, kept: false,
-    dragged: false, corrected: false, plan: null, picture: null,
+    dragged: false, corrected: false, plan: null, picture: null, question: null, passed: new Set(),
   };
   const { plan, walls, roomAt, bodyOf, meant } = drawnThings(data);
   // A place is enlarged before it is clicked where a metre takes fewer pixels.
   const CLEAR_PX = 40;
+  // A correction so near to the middle of a doubtful line answers it [m].
+  const ANSWERED = 0.5;
 
   // Corrections
 
@@ -51,8 +54,8 @@
 
   function add(entry) {
     const reason = revised(plan, [...state.entries, entry]).refused.get(entry);
-    if (reason) return say(`${tools[entry.kind][0]}: ${reason}.`);
-    return change([...state.entries, entry], `${tools[entry.kind][0]}: added to the list.`);
+    if (reason) return say(`${titles[entry.kind][0]}: ${reason}.`);
+    return change([...state.entries, entry], `${titles[entry.kind][0]}: added to the list.`);
   }
 
   /** Take back an own correction at a place rather than correct it; true if there was one. */
@@ -73,11 +76,18 @@
     if (tool === "join") return clickJoin(p);
     if (tool === "name_room") return clickRoom(p);
     if (tool === "remove_room") return takenBack(["remove_room"], p) || add({ kind: tool, at: rounded(p) });
+    if (tool === "glass_wall") return clickGlass(p);
     if (takenBack(["add_wall"], p)) return undefined;
     const wall = pick(walls, p, AT_LINE), body = wall && bodyOf(wall);
     if (!wall) return say("Click nearer to a wall.");
     if (!body) return say("Only one face of this wall was seen: nothing is known behind it.");
     return add({ kind: tool, ...body });
+  }
+
+  function clickGlass(p) {
+    if (takenBack(["glass_wall"], p)) return undefined;
+    const wall = pick([...walls, ...state.entries.filter((entry) => entry.kind === "add_wall")], p, AT_LINE);
+    return wall ? add({ kind: "glass_wall", line: wall.line.map(rounded) }) : say("Click nearer to a wall.");
   }
 
   function clickLine(tool, p) {
@@ -150,13 +160,42 @@
     return put(from.pop(), words);
   }
 
+  // Questions
+
+  /** The most doubtful line that no correction answers. */
+  function ask() {
+    const said = state.entries.filter((entry) => ["split", "join", "add_door", "no_door"].includes(entry.kind));
+    const isOpen = ({ line }) => !said.some((entry) => distance(entry.line || [entry.at, entry.at], middle(line)) <= ANSWERED);
+    const open = data.questions.filter((one) => !state.passed.has(one) && isOpen(one)), [question] = open;
+    state.question = question || null;
+    byId("asking").hidden = !question;
+    if (question) byId("question").textContent = `${open.length} to answer. Does the dotted orange line part two rooms? It is `
+      + `${length(question.line).toFixed(2)} m wide and ${question.drawn ? "" : "not "}drawn. `;
+  }
+
+  function answer(kind) {
+    const question = state.question;
+    if (!question) return undefined;
+    if (kind) add({ kind: question[kind], line: question.line.map(rounded) });
+    if (state.question === question) state.passed.add(question);
+    ask();
+    if (state.question) showQuestion();
+    return show();
+  }
+
+  function showQuestion() {
+    if (state.question && 1 / metresPerPx() < CLEAR_PX) look(middle(state.question.line), CLEAR_PX);
+    else if (state.question) look(middle(state.question.line), 1 / metresPerPx());
+  }
+
   // The page
 
   function say(words) { byId("said").textContent = words; }
 
   function text() {
     const entries = state.entries.map((entry) => "  " + JSON.stringify(entry)).join(",\n");
-    return `{"map": ${JSON.stringify(data.map)},\n "corrections": [\n${entries}\n]}\n`;
+    const former = data.rooms.map(({ id, polygon }) => JSON.stringify({ id, polygon })).join(",\n  ");
+    return `{"map": ${JSON.stringify(data.map)},\n "rooms": [\n  ${former}],\n "corrections": [\n${entries}\n]}\n`;
   }
 
   function save() {
@@ -196,7 +235,7 @@
   /** The plan with all corrections, in place of the drawing over its map. */
   function drawPlan() {
     const { board, rooms: found, refused, rests, doors: kept } = state.plan, [x, y] = onSheet([board.left, board.top]);
-    for (const wall of svg.querySelectorAll(".over .wall, .over .inferred")) if (wall.querySelector("title")) layer.append(wall.cloneNode(true));
+    for (const wall of svg.querySelectorAll(".over .wall, .over .inferred, .over .glass")) if (wall.querySelector("title")) layer.append(wall.cloneNode(true));
     const [width, height] = [board.width, board.height].map((count) => 1000 * count * board.cell);
     draw("image", { x, y, width, height, href: state.picture ||= roomPicture(state.plan) });
     const own = state.entries.filter((entry) => isLine(entry) && !refused.has(entry));
@@ -229,6 +268,7 @@
       const [cx, cy] = onSheet(state.first);
       draw("circle", { class: "edit first", cx, cy, r: 4000 * metresPerPx() });
     }
+    if (state.question) drawLine("edit question", state.question.line);
     if (preview) drawLine("edit " + state.tool, preview, state.tool === "add_wall" ? OUTER_THICKNESS : 0);
     if (document.activeElement === svg) {
       const [x, y] = onSheet(viewMiddle()), size = 8000 * metresPerPx();
@@ -241,12 +281,13 @@
     const items = state.entries.map((entry) => {
       const item = document.createElement("li"), reason = state.plan.refused.get(entry);
       const places = (entry.line || [entry.at]).map((p) => `(${p.map((value) => value.toFixed(2)).join(", ")})`);
-      item.append(`${tools[entry.kind][0]} ${places.join(" to ")} ${entry.name || ""} `);
+      item.append(`${titles[entry.kind][0]} ${places.join(" to ")} ${entry.name || ""} `);
       if (reason) item.append(Object.assign(document.createElement("b"), { textContent: `left out: ${reason} ` }));
       item.append(button("take back", () => change(state.entries.filter((one) => one !== entry), "Taken back.")));
       return item;
     });
     byId("corrections").replaceChildren(...items);
+    ask();
     byId("json").value = text();
     const found = state.plan.rooms;
     byId("sizes").textContent = `${found.length} rooms: ${found.map((room) => `${room.label} ${room.area.toFixed(1)} m²`).join(", ")}`;
@@ -328,7 +369,7 @@
   const keys = {
     "+": () => zoom(1.5), "-": () => zoom(1 / 1.5), 0: () => view(0, 0, full), p: toggle,
     ArrowLeft: () => pan(-1, 0), ArrowRight: () => pan(1, 0), ArrowUp: () => pan(0, -1), ArrowDown: () => pan(0, 1),
-    Enter: () => { click(viewMiddle()); show(); },
+    Enter: () => { click(viewMiddle()); show(); }, y: () => answer("yes"), n: () => answer("no"), q: showQuestion,
     ...Object.fromEntries(names.map((name, k) => [k + 1, () => choose(name)])),
   };
 
@@ -350,6 +391,10 @@
     button("Undo", undo, "undo", "Ctrl+Z"), button("Redo", redo, "redo", "Ctrl+Y"), button("+", () => zoom(1.5), "larger", "key +"),
     button("−", () => zoom(1 / 1.5), "smaller", "key -"), button("Whole", () => view(0, 0, full), "whole", "key 0"),
     button("Corrected plan", toggle, "corrected", "key p"),
+  );
+  byId("asking").append(
+    button("A door or border", () => answer("yes"), "yes", "key y"), button("No, one room", () => answer("no"), "no", "key n"),
+    button("Pass", () => answer(null), "pass"), button("Show it", showQuestion, "where", "key q"),
   );
   byId("files").append(button("Save " + file, save, "save"), " ", button("Copy the text", () => {
     byId("json").select();

@@ -41,6 +41,7 @@ def straight_walls(
     ends = np.array(pairs).reshape(-1, 2, 2)
     thickness = np.array([piece.thickness for piece in pieces])
     length = np.array([piece.length for piece in pieces])
+    is_glass = np.array([piece.is_glass for piece in pieces], np.bool_)
     beside = _pieces_beside(pieces, doors)
     wall_of = np.full(len(pieces), -1)
     walls = list[DrawnWall]()
@@ -53,7 +54,7 @@ def straight_walls(
         away = np.abs((ends - start) @ normal).max(axis=1)
         thicker = np.abs(thickness - thickness[first])
         is_along = np.maximum(away, thicker) <= ASTRAY
-        may_join = (is_along | (length < SHORT)) & (wall_of < 0)
+        may_join = (is_along | (length < SHORT)) & (wall_of < 0) & (is_glass == is_glass[first])
         members = _connected(first, beside, may_join)
         wall_of[members] = len(walls)
         walls.append(pieces[first])
