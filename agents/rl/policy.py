@@ -71,9 +71,6 @@ class FrontierNetwork(nn.Module):
             nn.init.orthogonal_(layer.weight, 0.01)
             nn.init.zeros_(layer.bias)
         nn.init.constant_(self.done.bias, FIRST_DONE)
-        # Two biases that a softmax doesn't see.
-        self.score.bias.requires_grad_(False)
-        self.direct.bias.requires_grad_(False)
 
     def follow_the_tour(self) -> None:
         """Begin as the rule ``tour`` (residual policy learning, Silver et al. 2018)."""
@@ -149,13 +146,14 @@ class _NetworkExtractor(BaseFeaturesExtractor):
         super().__init__(observation_space, count + 2)
         self.network = FrontierNetwork()
         truth = observation_space.spaces.get("truth")
-        self.critic = FrontierCritic(0 if truth is None else int(np.prod(truth.shape or ())))
+        # By this name TRPO knows what isn't the actor's.
+        self.value = FrontierCritic(0 if truth is None else int(np.prod(truth.shape or ())))
 
     def forward(self, observation: dict[str, Tensor]) -> Tensor:
         scores, done = self.network(observation)
         # So that the chance of done is the logistic of its log-odds, whatever the number of frontiers.
         done = done + torch.logsumexp(scores, dim=1)
-        values = self.critic(observation)
+        values = self.value(observation)
         return torch.cat([scores, done[:, None], values[:, None]], dim=1)
 
 

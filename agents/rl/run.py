@@ -10,6 +10,7 @@ import io
 import json
 import math
 import time
+import warnings
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -90,9 +91,12 @@ class PolicyLearner(ABC, Generic[ConfigT]):
         if mixin is not None:
             kind = type(kind.__name__, (mixin, kind), {})
         hyperparameters = arguments_of(config.learner)
-        model: OnPolicyAlgorithm = kind(
-            policy, envs, seed=config.seed, device="cpu", **hyperparameters, **arguments
-        )
+        with warnings.catch_warnings():
+            # Of whole explorations, which end as they end, no size of minibatches is a factor.
+            warnings.filterwarnings("ignore", "You have specified a mini-batch size")
+            model: OnPolicyAlgorithm = kind(
+                policy, envs, seed=config.seed, device="cpu", **hyperparameters, **arguments
+            )
         return model
 
 

@@ -113,6 +113,13 @@ def test_a_resumed_run_draws_other_plans_than_at_its_beginning(tmp_path, monkeyp
     assert seeds == [0, 0, done]
 
 
+@pytest.mark.parametrize("algorithm", ["a2c", "trpo"])
+def test_other_algorithms_learn_too(tmp_path, algorithm):
+    learner = TINY.learner.changed(algorithm, {"n_steps": 6})
+    train(dataclasses.replace(TINY, learner=learner, time_limit=20.0), tmp_path)
+    assert (tmp_path / "policy.safetensors").is_file()
+
+
 def test_half_of_the_environments_are_furnished(tmp_path):
     run = dataclasses.replace(
         TINY, furnished=0.5, evaluate_every=100, evaluate_plans=2, time_limit=20.0
