@@ -1,7 +1,7 @@
 """Symmetric sparse systems of 3 x 3 blocks, factorised in the same order of operations on every processor.
 
 An up-looking L D L^T (Davis 2005, *Algorithm 849*) in plain loops. Nodes between two anchors are eliminated first, in
-the order of time: each has few neighbours. The anchors follow by minimum degree, the wheels' errors last.
+the order of time: each has few neighbours. The anchors follow by minimum degree.
 """
 
 from typing import NamedTuple
@@ -114,19 +114,18 @@ def rank_anchors(first: IntArray, second: IntArray, anchors: BoolArray) -> IntAr
 
 
 def elimination_order(anchors: BoolArray, ranks: IntArray) -> IntArray:
-    """Place of each node, and of one more block after them, in the order of elimination, (N + 1,).
+    """Place of each node in the order of elimination, (N,).
 
     Args:
         anchors: (N,) true for nodes that are eliminated after the others ...
         ranks: (A,) ... in this order; those without a rank come last.
     """
-    places = np.arange(len(anchors) + 1)
+    places = np.arange(len(anchors))
     count = int(anchors.sum())
     first = len(anchors) - count
     every_rank = np.append(ranks, np.arange(len(ranks), count))
-    nodes = places[:-1]
-    nodes -= np.cumsum(anchors)
-    nodes[anchors] = first + every_rank
+    places -= np.cumsum(anchors)
+    places[anchors] = first + every_rank
     return places
 
 

@@ -8,10 +8,10 @@ from slamgym.core.jit import plain
 from slamgym.core.portable import inverted
 from slamgym.core.types import FloatArray, IntArray
 from slamgym.slam.columns import Columns
-from slamgym.slam.graph.factor import Factor, elimination_order, rank_anchors
+from slamgym.slam.graph.factor import elimination_order, rank_anchors
 from slamgym.slam.graph.relative import Match, relative_covariance, step_covariance
 from slamgym.slam.graph.solver import Edges, Solution, edge_errors, optimise
-from slamgym.slam.graph.wheels import WheelCalibration, WheelStep
+from slamgym.slam.graph.wheels import SPREADS, WheelCalibration, WheelStep
 
 TIE_LENGTH = 0.1
 """Length of a match with an old submap in the graph [m]: the uncertainty that remains after it."""
@@ -41,11 +41,13 @@ GRADUATION = (1000.0, 100.0, 10.0)
 
 
 class PoseGraph:
-    """Nodes and edges, the wheels' errors, and the latest factor of the normal equations."""
+    """Nodes and edges, the wheels' errors, and the latest solution."""
 
     def __init__(self) -> None:
         self.wheels = WheelCalibration()
-        self._nodes = Columns(poses=(3,), moved=(3,), design=(3, 3), slips=(2,), driven=())
+        self._nodes = Columns(
+            poses=(3,), moved=(3,), design=(3, len(SPREADS)), slips=(2,), driven=()
+        )
         self._matches = Columns(
             {"old": np.int64, "new": np.int64},
             old=(),
@@ -57,7 +59,7 @@ class PoseGraph:
         self.optimisations = 0
         """How often the graph was optimised."""
         self._ranks = np.zeros(0, dtype=np.int64)  # of the anchors in the order of elimination
-        self._factor: Factor | None = None
+        self._solution: Solution | None = None  # of the latest optimisation
         self._of_newest = np.zeros((3, 3))  # covariance of its newest node
         self._distances = np.zeros(0)  # of all nodes from the newest one of the factor
         self._relative: dict[int, FloatArray] = {}  # its covariances seen from old nodes
@@ -89,7 +91,7 @@ class PoseGraph:
     @property
     def covariance(self) -> FloatArray:
         """Covariance (3, 3) of the newest pose relative to the first."""
-        if self._factor is None:
+        if self._solution is None:
             return self._added.copy()
         node = self.optimised - 1
         motion = self.poses[-1, :2] - self.poses[node, :2]
@@ -139,20 +141,22 @@ class PoseGraph:
         if is_closing:
             for factor in GRADUATION:
                 wide = edges._replace(width=edges.width * factor)
-                poses, wheels, _ = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
+                rough = optimise(poses, wheels, wide, places, prior, 4, 1e-3)
+                poses = rough.poses
+                wheels = rough.wheels
         solution = optimise(poses, wheels, edges, places, prior, iterations)
         self._nodes["poses"][:] = solution.poses
         self.optimisations += 1
         self._learn_wheels(edges, solution)
         newest = len(self) - 1
-        self._factor = solution.factor
-        self._of_newest = solution.factor.covariance(newest, newest)
+        self._solution = solution
+        self._of_newest = solution.covariance(newest, newest)
         self._distances = self._distances_from(newest)
         self._relative = {}
         self._added = np.zeros((3, 3))
 
     def _elimination_order(self, edges: Edges, anchors: list[int], is_closing: bool) -> IntArray:
-        """Place of each node and of the wheels in the order of elimination; anchors are ranked anew where it pays."""
+        """Place of each node in the order of elimination; anchors are ranked anew where it pays."""
         is_anchor = np.zeros(len(self), dtype=bool)
         is_anchor[anchors] = True
         ranked = len(self._ranks)
@@ -164,7 +168,6 @@ class PoseGraph:
     def _learn_wheels(self, edges: Edges, solution: Solution) -> None:
         """Take the wheels' errors from a solution."""
         nodes = np.arange(len(self))
-        covariance = solution.factor.covariance(len(self), len(self))
         # Where the laser said nothing, nothing is left of the odometry's edge.
         is_matched = np.isin(nodes, self._matches["new"])
         is_placed = is_matched | (nodes == 0)
@@ -172,7 +175,7 @@ class PoseGraph:
         errors = np.empty((len(seen), 3))
         edge_errors(solution.poses, solution.wheels, plain(edges), errors)
         slips = self._nodes["slips"][1:]
-        self.wheels.learn(solution.wheels, covariance, errors, slips, seen)
+        self.wheels.learn(solution.wheels, solution.wheels_covariance, errors, slips, seen)
 
     def _distances_from(self, node: int) -> FloatArray:
         """Length of the shortest way from a node to every node (N,) [m]."""
@@ -200,24 +203,24 @@ class PoseGraph:
 
     def deviation(self, old: int, new: int) -> float:
         """Standard deviation of a node's place seen from an older one, in the worse direction [m]; 0 if not known."""
-        if self._factor is None or new >= self.optimised:
+        if self._solution is None or new >= self.optimised:
             return 0.0
-        known = self._seen_from(old, new, self._factor.covariance(new, new))
+        known = self._seen_from(old, new, self._solution.covariance(new, new))
         variance = max(known[0, 0], known[1, 1], 0.0)  # rounding may leave it below zero
         return float(np.sqrt(variance))
 
     def _seen_from(self, old: int, new: int, of_new: FloatArray) -> FloatArray:
         """Covariance (3, 3) of a node, whose own is given, seen from an old one."""
-        assert self._factor is not None, "the graph was optimised"
-        of_old = self._factor.covariance(old, old)
-        mixed = self._factor.covariance(old, new)
+        assert self._solution is not None, "the graph was optimised"
+        of_old = self._solution.covariance(old, old)
+        mixed = self._solution.covariance(old, new)
         return relative_covariance(self.poses[old], self.poses[new], of_old, of_new, mixed)
 
     def corrected_edges(self) -> Edges:
         """The edges without the wheels' systematic errors."""
         edges = self._edges()
         measured = edges.measured + edges.design @ self.wheels.systematic
-        return edges._replace(measured=measured, design=np.zeros_like(edges.design))
+        return edges._replace(measured=measured, design=np.zeros_like(edges.information))
 
     def _edges(self) -> Edges:
         """The odometry's edges, in the order of the path, and the laser's."""
@@ -228,7 +231,7 @@ class PoseGraph:
         variances = self.wheels.variances(nodes["slips"][1:])
         information = np.zeros((len(steps), 3, 3))
         information[:, axes, axes] = 1.0 / variances[:, [0, 0, 1]]
-        no_design = np.zeros((len(matches), 3, 3))
+        no_design = np.zeros((len(matches), 3, len(SPREADS)))
         width = np.full(len(steps), ODOMETRY_WIDTH)
         return Edges(
             first=np.concatenate([steps, matches["old"]]),

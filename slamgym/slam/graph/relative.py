@@ -116,11 +116,11 @@ def placed_points(frames: FloatArray, points: FloatArray) -> tuple[FloatArray, F
 
 @kernel
 def sandwich(jacobian: FloatArray, matrix: FloatArray, out: FloatArray) -> None:
-    """Add J M J^T to ``out``, all (3, 3)."""
+    """Add J M J^T, J (3, K) and M (K, K), to ``out`` (3, 3)."""
     for row in range(3):
         for col in range(3):
-            for i in range(3):
-                for j in range(3):
+            for i in range(len(matrix)):
+                for j in range(len(matrix)):
                     out[row, col] += jacobian[row, i] * matrix[i, j] * jacobian[col, j]
 
 

@@ -1,10 +1,10 @@
 """Least squares over a graph of planar poses and the systematic errors of the wheels: Levenberg-Marquardt.
 
 The error of an edge is the relative pose it measured, compared with the one the graph implies (Grisetti et al. 2010,
-*A Tutorial on Graph-Based SLAM*, eq. 30-33). What the odometry measured is corrected by the wheels' systematic errors,
-which are three more unknowns (Censi et al. 2013, *Simultaneous calibration of odometry and sensor parameters*). Edges
-that may be false are scaled by dynamic covariance scaling (Agarwal et al. 2013), so that they lose their pull instead
-of bending the map.
+*A Tutorial on Graph-Based SLAM*, eq. 30-33). What the odometry measured is corrected by its systematic errors, which
+are ``K`` more unknowns (Censi et al. 2013, *Simultaneous calibration of odometry and sensor parameters*); they border
+the sparse matrix of the poses. Edges that may be false are scaled by dynamic covariance scaling (Agarwal et al. 2013),
+so that they lose their pull instead of bending the map.
 """
 
 from typing import NamedTuple
@@ -13,8 +13,9 @@ import numpy as np
 
 from slamgym.core.geometry import wrap_angle
 from slamgym.core.jit import kernel, plain
+from slamgym.core.portable import inverted, product
 from slamgym.core.types import FloatArray, IntArray
-from slamgym.slam.graph.factor import BlockLayout, Factor, add_product, make_layout
+from slamgym.slam.graph.factor import Factor, add_product, make_layout
 from slamgym.slam.graph.relative import nearest_turn
 
 FIXED = 1e12
@@ -36,7 +37,7 @@ class Edges(NamedTuple):
     second: IntArray  # (E,) node that was measured
     measured: FloatArray  # (E, 3) pose of the second node seen from the first [m, m, rad]
     information: FloatArray  # (E, 3, 3) inverse covariance, in the frame of the first node
-    design: FloatArray  # (E, 3, 3) change of the measurement by the wheels' errors; zero where the laser measured
+    design: FloatArray  # (E, 3, K) change of the measurement by the odometry's errors; zero where the laser measured
     width: FloatArray  # (E,) chi-squared beyond which the edge loses its pull; infinite where it is sure
 
 
@@ -44,8 +45,16 @@ class Solution(NamedTuple):
     """A minimum, and the factor of the normal equations there."""
 
     poses: FloatArray  # (N, 3)
-    wheels: FloatArray  # (3,)
-    factor: Factor  # of N + 1 blocks: the nodes, and the wheels
+    wheels: FloatArray  # (K,)
+    factor: Factor  # of the nodes, as if the wheels' errors were known
+    levers: FloatArray  # (N, 3, K) how each node would move with those errors, with the sign turned
+    wheels_covariance: FloatArray  # (K, K)
+
+    def covariance(self, node: int, other: int) -> FloatArray:
+        """Covariance (3, 3) of a node with another one."""
+        known = self.factor.covariance(node, other)
+        by_wheels = product(self.levers[node], self.wheels_covariance)
+        return known + product(by_wheels, self.levers[other].T)
 
 
 def optimise(
@@ -61,37 +70,45 @@ def optimise(
 
     Args:
         poses: Initial values, shape (N, 3).
-        wheels: (3,) initial values.
+        wheels: (K,) initial values.
         edges: At least one path of edges must lead from node 0 to every node.
         places: From :func:`slamgym.slam.graph.factor.elimination_order`.
-        prior: (3,) information of the wheels' errors being zero.
+        prior: (K,) information of the wheels' errors being zero.
         iterations: Most Levenberg-Marquardt steps.
         tolerance: Stop when no pose moves further than this [m, rad].
     """
-    layout = _layout_of(edges, places, len(poses))
+    layout = make_layout(places, edges.first, edges.second)
     count = len(edges.first)
     size = len(places)
+    systematic = len(wheels)
     axes = np.arange(3)
     damping = LEAST_DAMPING
     cost = total_cost(poses, wheels, plain(edges), prior)
     for _ in range(iterations):
-        blocks = np.zeros((3 * count + size, 3, 3))
-        gradient = np.zeros((size, 3))
-        linearise(poses, wheels, plain(edges), prior, blocks, gradient)
-        on_diagonal = blocks[3 * count :]
+        blocks = np.zeros((count + size, 3, 3))
+        right = np.zeros((size, 3, 1 + systematic))
+        corner = np.zeros((systematic, 1 + systematic))
+        linearise(poses, wheels, plain(edges), prior, blocks, right, corner)
+        on_diagonal = blocks[count:]
         diagonal = on_diagonal[:, axes, axes]
         undamped = layout.factorise(blocks)
+        solved = undamped.solve(right)
+        known = inverted(_reduced(corner, right, solved)[:, 1:])
+        levers = solved[..., 1:]
         while True:
-            on_diagonal[:, axes, axes] = diagonal * (1.0 + damping)
-            factor = undamped
             if damping > LEAST_DAMPING:
-                factor = layout.factorise(blocks)
-            step = factor.solve(gradient[..., None])[..., 0]
-            moved = poses - step[:-1]
+                on_diagonal[:, axes, axes] = diagonal * (1.0 + damping)
+                solved = layout.factorise(blocks).solve(right)
+            reduced = _reduced(corner, right, solved)
+            wheel_step = product(inverted(reduced[:, 1:]), reduced[:, :1])
+            step = solved[..., 0] - product(
+                solved[..., 1:].reshape(-1, systematic), wheel_step
+            ).reshape(-1, 3)
+            moved = poses - step
             headings = wrap_angle(moved[:, 2])
             moved[0] = poses[0]
             moved[:, 2] = headings
-            changed = wheels - step[-1]
+            changed = wheels - wheel_step[:, 0]
             new = total_cost(moved, changed, plain(edges), prior)
             if new <= cost or damping > MOST_DAMPING:
                 break
@@ -102,17 +119,16 @@ def optimise(
         poses = moved
         wheels = changed
         cost = new
-        if float(np.abs(step[:-1]).max()) < tolerance:
+        if float(np.abs(step).max()) < tolerance:
             break
-    return Solution(poses, wheels, undamped)
+    return Solution(poses, wheels, undamped, levers, known)
 
 
-def _layout_of(edges: Edges, places: IntArray, wheels: int) -> BlockLayout:
-    """Lay out the blocks of :func:`linearise`: between the ends of each edge, and between each end and the wheels."""
-    last = np.full(len(edges.first), wheels)
-    rows = np.concatenate([edges.first, edges.first, edges.second])
-    cols = np.concatenate([edges.second, last, last])
-    return make_layout(places, rows, cols)
+def _reduced(corner: FloatArray, right: FloatArray, solved: FloatArray) -> FloatArray:
+    """Gradient and normal matrix (K, 1 + K) of the wheels' errors once the poses are eliminated."""
+    columns = right.shape[2]
+    border = right[..., 1:].reshape(-1, columns - 1)
+    return corner - product(border.T, solved.reshape(-1, columns))
 
 
 @kernel
@@ -121,7 +137,7 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
 
     Args:
         poses: (N, 3)
-        wheels: (3,) systematic errors.
+        wheels: (K,) systematic errors.
         edges: The graph's.
         errors: (count, 3) receives them; as many as it has rows.
     """
@@ -139,7 +155,7 @@ def edge_errors(poses: FloatArray, wheels: FloatArray, edges: Edges, errors: Flo
         error[2] = poses[b, 2] - poses[a, 2]
         for row in range(3):
             error[row] -= edges.measured[edge, row]
-            for col in range(3):
+            for col in range(len(wheels)):
                 error[row] -= edges.design[edge, row, col] * wheels[col]
         error[2] = nearest_turn(error[2])
 
@@ -168,7 +184,7 @@ def total_cost(poses: FloatArray, wheels: FloatArray, edges: Edges, prior: Float
         total += scale * scale * chi2
         if scale < 1.0:
             total += edges.width[edge] * (1.0 - scale) ** 2
-    for axis in range(3):
+    for axis in range(len(wheels)):
         total += prior[axis] * wheels[axis] * wheels[axis]
     return total
 
@@ -180,37 +196,38 @@ def linearise(
     edges: Edges,
     prior: FloatArray,
     blocks: FloatArray,
-    gradient: FloatArray,
+    right: FloatArray,
+    corner: FloatArray,
 ) -> None:
-    """Compute the normal equations of ``E`` edges and ``M`` unknown blocks.
+    """Compute the normal equations of ``E`` edges, ``N`` nodes and ``K`` errors of the wheels.
 
     Args:
         poses: (N, 3)
-        wheels: (3,)
+        wheels: (K,)
         edges: The graph's.
-        prior: (3,) information of the wheels' errors being zero.
-        blocks: (3 E + M, 3, 3) receives those of each edge's ends, of the first ends with the wheels, of the second
-            ends with the wheels, and the diagonal.
-        gradient: (M, 3) receives the gradient.
+        prior: (K,) information of the wheels' errors being zero.
+        blocks: (E + N, 3, 3) receives those of each edge's ends, and the diagonal.
+        right: (N, 3, 1 + K) receives the gradient, and the blocks of the nodes with the wheels.
+        corner: (K, 1 + K) receives the gradient of the wheels' errors, and their block.
     """
     errors = np.empty((len(edges[0]), 3))
     edge_errors(poses, wheels, edges, errors)
     edges = Edges(*edges)
     count = len(errors)
-    last = len(gradient) - 1
-    jacobians = np.zeros((3, 3, 3))
-    weighted = np.empty((3, 3, 3))
-    to_a = jacobians[0]
-    to_b = jacobians[1]
-    to_wheels = jacobians[2]
+    systematic = len(wheels)
+    to_a = np.zeros((3, 3))
+    to_b = np.zeros((3, 3))
+    by_a = np.empty((3, 3))
+    by_b = np.empty((3, 3))
+    # The error, and its change by the wheels.
+    change = np.empty((3, 1 + systematic))
     to_a[2, 2] = -1.0
     to_b[2, 2] = 1.0
     for edge in range(count):
         a = edges.first[edge]
         b = edges.second[edge]
-        error = errors[edge]
         information = edges.information[edge]
-        _, scale = _scale(error, information, edges.width[edge])
+        _, scale = _scale(errors[edge], information, edges.width[edge])
         cos = np.cos(poses[a, 2])
         sin = np.sin(poses[a, 2])
         dx = poses[b, 0] - poses[a, 0]
@@ -225,20 +242,32 @@ def linearise(
         to_a[1, 0] = sin
         to_a[1, 1] = -cos
         to_a[1, 2] = -cos * dx - sin * dy
-        to_wheels[:] = -edges.design[edge]
-        ends = (a, b, last)
-        for k in range(3):
-            weighted[k] = 0.0
-            add_product(information, jacobians[k], weighted[k])
-            weighted[k] *= scale * scale
-            for row in range(3):
-                for i in range(3):
-                    gradient[ends[k], row] += weighted[k, i, row] * error[i]
-            add_product(jacobians[k], weighted[k], blocks[3 * count + ends[k]])
-        add_product(to_a, weighted[1], blocks[edge])
-        add_product(to_a, weighted[2], blocks[count + edge])
-        add_product(to_b, weighted[2], blocks[2 * count + edge])
+        by_a[:] = 0.0
+        by_b[:] = 0.0
+        add_product(information, to_a, by_a)
+        add_product(information, to_b, by_b)
+        by_a *= scale * scale
+        by_b *= scale * scale
+        add_product(to_a, by_a, blocks[count + a])
+        add_product(to_b, by_b, blocks[count + b])
+        add_product(to_a, by_b, blocks[edge])
+        columns = 1
+        change[:, 0] = errors[edge]
+        if edges.design[edge].any():
+            columns += systematic
+            change[:, 1:] = -edges.design[edge]
+        for col in range(columns):
+            for i in range(3):
+                pulled = 0.0
+                for row in range(3):
+                    right[a, row, col] += by_a[i, row] * change[i, col]
+                    right[b, row, col] += by_b[i, row] * change[i, col]
+                    pulled += information[i, row] * change[row, col]
+                pulled *= scale * scale
+                for k in range(1, columns):
+                    corner[k - 1, col] += change[i, k] * pulled
     for axis in range(3):
-        blocks[3 * count, axis, axis] += FIXED
-        blocks[3 * count + last, axis, axis] += prior[axis]
-        gradient[last, axis] += prior[axis] * wheels[axis]
+        blocks[count, axis, axis] += FIXED
+    for axis in range(systematic):
+        corner[axis, 0] += prior[axis] * wheels[axis]
+        corner[axis, 1 + axis] += prior[axis]

@@ -42,7 +42,7 @@ class Hypothesis:
     """A place, and how well it has explained the scans."""
 
     pose: FloatArray  # (3,)
-    covariance: FloatArray  # (6, 6) of the pose and the odometry's systematic errors
+    covariance: FloatArray  # (7, 7) of the pose and the odometry's systematic errors
     log_weight: float = 0.0  # relative to the others
     fit: float = 1.0
     """Share of the beams explained, a mean over the latest scans."""
@@ -54,7 +54,7 @@ class Hypothesis:
     """So many times the usual distance it must lead: twice as far after each place that was believed and given up."""
     was_sure: bool = False
     """True if the robot was localised there."""
-    systematic: FloatArray = field(default_factory=lambda: np.zeros(3))
+    systematic: FloatArray = field(default_factory=lambda: np.zeros(len(SPREADS)))
     """Of the odometry, see :mod:`slamgym.slam.graph.wheels`."""
 
     @staticmethod
@@ -76,7 +76,7 @@ class Hypothesis:
         cos = math.cos(heading)
         sin = math.sin(heading)
         rotation = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-        jacobian = np.eye(6)
+        jacobian = np.eye(len(self.covariance))
         jacobian[0, 2] = y - self.pose[1]
         jacobian[1, 2] = self.pose[0] - x
         jacobian[:3, 3:] = rotation @ step.design
