@@ -58,8 +58,9 @@ def route_graph(drawing: Drawing) -> RouteGraph:
 
 
 def drivable(drawing: Drawing) -> MultiPolygon:
-    """Where the robot's centre may be: the floor without what the map shows standing on it, less the radius."""
-    floor = drawing.floor.difference(shapely.union_all(drawing.echoes))
+    """Where the robot's centre may be: seen floor without what the map shows standing on it, less the radius."""
+    closed = shapely.union_all([*drawing.echoes, *drawing.inferred_floor])
+    floor = drawing.floor.difference(closed)
     return MultiPolygon(polygon_parts(floor.simplify(DETAIL).buffer(-RADIUS, quad_segs=2)))
 
 
